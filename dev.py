@@ -1,0 +1,62 @@
+"""Everything a developer runs, on a fresh machine with Python 3.11 or newer: see README.md.
+
+    python3 dev.py reproduce [ARGUMENT ...]   the main job: `skystack reproduce` (default: quick)
+    python3 dev.py test [ARGUMENT ...]        the tests (arguments go to pytest)
+    python3 dev.py check                      lint, format and types
+
+Each first makes the virtual environment `.venv` with all that it needs.
+"""
+
+import hashlib
+import os
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent
+ENVIRONMENT = ROOT / ".venv"
+PYTHON = ENVIRONMENT / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+
+
+def prepare() -> None:
+    """Make the environment, or bring it up to date when the requirements have changed."""
+    wanted = [ROOT / "pyproject.toml", ROOT / "constraints.txt"]
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in wanted)).hexdigest()
+    stamp = ENVIRONMENT / "requirements.sha256"
+    if stamp.exists() and stamp.read_text() == digest:
+        return
+    venv.create(ENVIRONMENT, with_pip=True, clear=stamp.exists() is False)
+    install = [str(PYTHON), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    requirements = ["--constraint", "constraints.txt", "--editable", ".[test]"]
+    subprocess.run([*install, *requirements], cwd=ROOT, check=True)
+    stamp.write_text(digest)
+
+
+def run(*command: str) -> int:
+    """Run a module of the environment in the project's folder; returns its exit code."""
+    return subprocess.run([str(PYTHON), "-m", *command], cwd=ROOT, check=False).returncode
+
+
+def main(arguments: list[str]) -> int:
+    verbs = ("reproduce", "test", "check")
+    if not arguments or arguments[0] not in verbs:
+        sys.stderr.write(__doc__ or "")
+        return 2
+    verb, *rest = arguments
+    prepare()
+    if verb == "reproduce":
+        return run("skystack", "reproduce", *rest)
+    if verb == "test":
+        return run("pytest", *rest)
+    checks = (["ruff", "check"], ["ruff", "format", "--check"], ["mypy"])
+    return max(run(*check) for check in checks)
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main(sys.argv[1:]))
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except subprocess.CalledProcessError as error:
+        sys.exit(f"dev.py: installation failed: {error}")

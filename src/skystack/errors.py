@@ -1,0 +1,20 @@
+"""The one exception that a user's mistake becomes: one line, exit code 2."""
+
+import difflib
+from collections.abc import Iterable
+
+
+class InputError(ValueError):
+    """Bad input from the user: the message says what, where and what is allowed, in one line."""
+
+
+class TrainingError(RuntimeError):
+    """Training cannot go on (a loss that is no number): the message names where; exit code 1."""
+
+
+def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> InputError:
+    """The error for a name that does not exist, with the nearest one that does."""
+    names = sorted(allowed)
+    near = difflib.get_close_matches(name, names, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return InputError(f"unknown {kind} {name!r}{hint} (allowed: {', '.join(names)})")
