@@ -1,0 +1,1 @@
+"""Where aircraft fly: geometry on arrays, projection, fixes, routes and sectors."""

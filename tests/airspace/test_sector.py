@@ -1,0 +1,92 @@
+"""A sector made by hand: a square of 60 NM with one route straight through and one bent."""
+
+import numpy as np
+import pytest
+
+from skystack.airspace.sector import Sector, turns_deg
+from skystack.errors import InputError
+
+SQUARE = Sector(
+    name="square",
+    origin=(0.0, 0.0),
+    area=((-0.5, -0.5), (-0.5, 0.5), (0.5, 0.5), (0.5, -0.5)),
+    levels_fl=(100, 200),
+    fixes={
+        "SOUTH": (-0.6, 0.0),
+        "SDOOR": (-0.5, 0.0),
+        "MIDDLE": (0.0, 0.0),
+        "NDOOR": (0.5, 0.0),
+        "NORTH": (0.6, 0.0),
+        "EDOOR": (0.0, 0.5),
+        "EAST": (0.0, 0.6),
+    },
+    routes=(
+        ("SOUTH", "SDOOR", "MIDDLE", "NDOOR", "NORTH"),
+        ("SOUTH", "MIDDLE", "EDOOR", "EAST"),
+    ),
+)
+LON_NM, LAT_NM = 60.107716411, 59.705332517
+
+
+def test_positions_in_the_plane():
+    assert SQUARE.fixes_nm["EAST"] == pytest.approx((0.6 * LON_NM, 0.0), abs=1e-6)
+    assert SQUARE.fixes_nm["SOUTH"] == pytest.approx((0.0, -0.6 * LAT_NM), abs=1e-6)
+    assert SQUARE.area_nm[1] == pytest.approx((0.5 * LON_NM, -0.5 * LAT_NM), abs=1e-6)
+
+
+def test_origin_is_where_the_plane_begins():
+    moved = Sector("moved", (10.0, 20.0), (), (0, 1), {"HERE": (10.0, 20.0)}, ())
+    assert moved.fixes_nm["HERE"] == pytest.approx((0.0, 0.0))
+
+
+def test_shorter_routes_repeat_their_last_fix():
+    table = SQUARE.route_table
+    assert table.fixes_nm.shape == (2, 5, 2)
+    assert table.last_fix.tolist() == [4, 3]
+    assert table.fixes_nm[1, 3].tolist() == table.fixes_nm[1, 4].tolist()
+    assert table.fixes_nm[1, 4] == pytest.approx(SQUARE.fixes_nm["EAST"], abs=1e-5)
+
+
+def test_bisectors_halve_the_angle_of_the_legs():
+    bisector = SQUARE.route_table.bisector
+    assert bisector[0, 0] == pytest.approx((0.0, 1.0))
+    assert bisector[0, 1:4] == pytest.approx(np.array([[0.0, 2.0]] * 3))
+    assert bisector[0, 4] == pytest.approx((0.0, 1.0))
+    assert bisector[1, 1] == pytest.approx((1.0, 1.0), abs=1e-6)
+    assert bisector[1, 3] == pytest.approx((1.0, 0.0), abs=1e-6)
+
+
+def test_first_headings_are_geodesic_bearings():
+    assert SQUARE.route_table.first_heading_deg.tolist() == [0.0, 0.0]
+    assert SQUARE.first_heading_deg(("MIDDLE", "EAST")) == pytest.approx(90.0)
+
+
+def test_exit_edges_hold_the_last_but_one_fix():
+    north, east = SQUARE.route_table.exit_edge_nm
+    corner = np.array([0.5 * LON_NM, 0.5 * LAT_NM])
+    assert north == pytest.approx(np.array([corner, corner * (-1, 1)]), abs=1e-5)
+    assert east == pytest.approx(np.array([corner * (1, -1), corner]), abs=1e-5)
+
+
+def test_turns_are_positive_to_the_right():
+    fixes = {"A": (0.0, 0.0), "B": (0.1, 0.0), "C": (0.1, 0.1), "D": (0.2, 0.1), "E": (0.1, 0.1)}
+    assert turns_deg(("A", "B", "C", "D"), fixes) == pytest.approx([90.0, -90.0], abs=0.01)
+    assert np.abs(turns_deg(("C", "D", "E"), fixes)) == pytest.approx([180.0], abs=1e-6)
+
+
+@pytest.mark.parametrize("index", [0, 1])
+def test_route_index(index):
+    assert SQUARE.route_index(SQUARE.routes[index]) == index
+
+
+def test_an_unknown_fix_is_named_with_the_nearest_one():
+    with pytest.raises(InputError, match=r"fix 'MIDLE'.*did you mean 'MIDDLE'\?") as error:
+        SQUARE.route_index(("SOUTH", "MIDLE", "EDOOR", "EAST"))
+    assert "\n" not in str(error.value)
+
+
+def test_an_unknown_route_is_refused_with_those_that_exist():
+    with pytest.raises(InputError, match="SOUTH MIDDLE EDOOR EAST") as error:
+        SQUARE.route_index(("SOUTH", "MIDDLE", "NDOOR", "NORTH"))
+    assert "square" in str(error.value)
+    assert "\n" not in str(error.value)
