@@ -1,0 +1,85 @@
+"""Clearances in words: the phraseology of ICAO Doc 4444 (section 12.3) and Annex 10, Volume II.
+
+Headings have three digits, each spoken, and north is 360. Levels have no leading zeros; whole
+hundreds are spoken as such. Instructions hold absolute values, never a change.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from skystack.errors import InputError
+
+DIGITS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "niner")
+
+
+@dataclass(frozen=True)
+class Instruction:
+    """What one aircraft is told in one transmission. Raises InputError if it cannot be said."""
+
+    callsign: str
+    heading_deg: int | None = None
+    """Whole degrees in [0, 360]; 0 and 360 are the same."""
+    turn: Literal["left", "right"] | None = None
+    """The way to turn, where it is said."""
+    level_fl: int | None = None
+    vertical: Literal["climb", "descend"] | None = None
+    """Which way the level lies; None where it is the one being flown."""
+
+    def __post_init__(self) -> None:
+        if self.heading_deg is None and self.level_fl is None:
+            raise InputError(f"an instruction to {self.callsign} needs heading_deg or level_fl")
+        if self.heading_deg is not None and not 0 <= self.heading_deg <= 360:
+            raise InputError(f"heading_deg is {self.heading_deg} (allowed: 0 to 360)")
+        if self.level_fl is not None and self.level_fl < 0:
+            raise InputError(f"level_fl is {self.level_fl} (allowed: 0 and more)")
+        if self.turn is not None and self.heading_deg is None:
+            raise InputError(f"turn is {self.turn!r} (allowed: only together with heading_deg)")
+        if self.vertical is not None and self.level_fl is None:
+            raise InputError(
+                f"vertical is {self.vertical!r} (allowed: only together with level_fl)"
+            )
+
+
+def written(instruction: Instruction) -> str:
+    """The instruction as it is written down: "AC1 turn left heading 215, climb FL340"."""
+    return _phrase(instruction, _three_digits, lambda level_fl: f"FL{level_fl}")
+
+
+def spoken(instruction: Instruction) -> str:
+    """As it is said: "AC1 turn left heading two one five, climb flight level three four zero".
+
+    The callsign is left as it is.
+    """
+    return _phrase(instruction, _spoken_heading, _spoken_level)
+
+
+def _phrase(
+    instruction: Instruction, heading: Callable[[int], str], level: Callable[[int], str]
+) -> str:
+    parts = []
+    if instruction.heading_deg is not None:
+        way = f"turn {instruction.turn}" if instruction.turn else "fly"
+        parts.append(f"{way} heading {heading(instruction.heading_deg)}")
+    if instruction.level_fl is not None:
+        parts.append(f"{instruction.vertical or 'maintain'} {level(instruction.level_fl)}")
+    return f"{instruction.callsign} {', '.join(parts)}"
+
+
+def _three_digits(heading_deg: int) -> str:
+    return f"{heading_deg % 360 or 360:03d}"
+
+
+def _digit_by_digit(number: str) -> str:
+    return " ".join(DIGITS[int(digit)] for digit in number)
+
+
+def _spoken_heading(heading_deg: int) -> str:
+    return _digit_by_digit(_three_digits(heading_deg))
+
+
+def _spoken_level(level_fl: int) -> str:
+    hundreds, rest = divmod(level_fl, 100)
+    if hundreds and not rest:
+        return f"flight level {_digit_by_digit(str(hundreds))} hundred"
+    return f"flight level {_digit_by_digit(str(level_fl))}"

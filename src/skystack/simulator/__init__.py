@@ -1,0 +1,1 @@
+"""What flies: aircraft state, performance models, instruct and advance, scenarios."""

@@ -1,0 +1,158 @@
+"""How fast aircraft fly and climb.
+
+A performance model answers two questions for arrays of levels and flight phases; both models agree
+with one of BluebirdDT's predictors. Speeds change at once with the phase: neither accelerates.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol, runtime_checkable
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from skystack.errors import unknown_name
+
+TICKS_PER_FL = 6000.0
+"""One tick is what 1 ft/min gains in one second: rates are whole ticks, so levels stay exact in
+float32 (up to FL2796) and cannot drift."""
+
+
+@runtime_checkable
+class Performance(Protocol):
+    """Speeds and rates as functions of the level [ticks] and the phase (1 climb, 0, -1 descent)."""
+
+    @property
+    def route_end_nm(self) -> float:
+        """Own navigation ends this close to a route's last fix [NM]."""
+
+    def true_airspeed_kt(
+        self, level: Float[Array, "*n"], phase: Float[Array, "*n"]
+    ) -> Float[Array, "*n"]: ...
+
+    def vertical_speed_ft_min(
+        self, level: Float[Array, "*n"], phase: Float[Array, "*n"]
+    ) -> Float[Array, "*n"]:
+        """Signed rate: the ticks gained per second."""
+
+
+@dataclass(frozen=True)
+class ConstantPerformance:
+    """One true airspeed at every level and one rate of climb and descent."""
+
+    airspeed_kt: float = 400.0
+    rate_ft_min: float = 2000.0
+    route_end_nm: float = 2.0
+
+    def true_airspeed_kt(
+        self, level: Float[Array, "*n"], phase: Float[Array, "*n"]
+    ) -> Float[Array, "*n"]:
+        return jnp.full_like(level, self.airspeed_kt)
+
+    def vertical_speed_ft_min(
+        self, level: Float[Array, "*n"], phase: Float[Array, "*n"]
+    ) -> Float[Array, "*n"]:
+        return phase * self.rate_ft_min
+
+
+@dataclass(frozen=True)
+class TablePerformance:
+    """Calibrated airspeeds and Mach numbers by level and phase in the standard atmosphere.
+
+    The default is BluebirdDT's MEDIUM class (which holds the B753): 465.94 kt in cruise at FL300.
+    Tuples are (climb, cruise, descent); calibrated airspeed is interpolated in the level.
+    """
+
+    low_cas_kt: tuple[float, float, float] = (250.0, 250.0, 250.0)
+    """Up to FL100."""
+    high_cas_kt: tuple[float, float, float] = (290.0, 300.0, 280.0)
+    """From FL150."""
+    mach: tuple[float, float, float] = (0.79, 0.80, 0.78)
+    rate_ft_min: float = 2500.0
+    ceiling_fl: float = 400.0
+    """At or above it nothing climbs."""
+    route_end_nm: float = 0.5
+
+    @cached_property
+    def airspeeds_kt(self) -> Float[np.ndarray, "3 levels"]:
+        """True airspeed at every flight level from 0 to 600 for climb, cruise and descent."""
+        fl = np.arange(601.0)
+        rows = []
+        for low, high, mach in zip(self.low_cas_kt, self.high_cas_kt, self.mach, strict=True):
+            cas = np.interp(fl, [100.0, 150.0], [low, high])
+            rows.append(np.minimum(tas_from_cas(fl, cas), tas_from_mach(fl, mach)))
+        return np.array(rows)
+
+    def true_airspeed_kt(
+        self, level: Float[Array, "*n"], phase: Float[Array, "*n"]
+    ) -> Float[Array, "*n"]:
+        table = jnp.asarray(self.airspeeds_kt.reshape(-1), dtype=jnp.float32)
+        levels = self.airspeeds_kt.shape[1]
+        fl = jnp.clip(level / TICKS_PER_FL, 0.0, levels - 1.001)
+        below = jnp.floor(fl)
+        row = (below + levels * (1.0 - phase)).astype(jnp.int32)
+        return table[row] + (fl - below) * (table[row + 1] - table[row])
+
+    def vertical_speed_ft_min(
+        self, level: Float[Array, "*n"], phase: Float[Array, "*n"]
+    ) -> Float[Array, "*n"]:
+        at_ceiling = (phase > 0.0) & (level >= self.ceiling_fl * TICKS_PER_FL)
+        return jnp.where(at_ceiling, 0.0, phase * self.rate_ft_min)
+
+
+PERFORMANCE: dict[str, Performance] = {
+    "table": TablePerformance(),
+    "constant": ConstantPerformance(),
+}
+
+
+def performance(name: str) -> Performance:
+    """The performance model of a name. Raises InputError for an unknown one."""
+    if name not in PERFORMANCE:
+        raise unknown_name("performance model", name, PERFORMANCE)
+    return PERFORMANCE[name]
+
+
+# The ICAO standard atmosphere (Doc 7488): troposphere and lower stratosphere.
+_SEA_LEVEL_K, _SEA_LEVEL_PA, _SEA_LEVEL_KG_M3 = 288.15, 101325.0, 1.225
+_LAPSE_K_M, _TROPOPAUSE_M, _G_M_S2, _GAS_J_KG_K, _HEAT_RATIO = (
+    0.0065,
+    11000.0,
+    9.80665,
+    287.05287,
+    1.4,
+)
+_M_PER_FL, _KT_PER_M_S = 30.48, 3600.0 / 1852.0
+
+
+def _atmosphere(
+    fl: Float[np.ndarray, "*n"],
+) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
+    """Temperature [K] and pressure [Pa] of the standard atmosphere."""
+    height = fl * _M_PER_FL
+    temperature = _SEA_LEVEL_K - _LAPSE_K_M * np.minimum(height, _TROPOPAUSE_M)
+    pressure = _SEA_LEVEL_PA * (temperature / _SEA_LEVEL_K) ** (
+        _G_M_S2 / (_LAPSE_K_M * _GAS_J_KG_K)
+    )
+    above = np.maximum(height - _TROPOPAUSE_M, 0.0)
+    return temperature, pressure * np.exp(-_G_M_S2 * above / (_GAS_J_KG_K * temperature))
+
+
+def tas_from_cas(
+    fl: Float[np.ndarray, "*n"], cas_kt: Float[np.ndarray, "*n"]
+) -> Float[np.ndarray, "*n"]:
+    """True airspeed [kt] for a calibrated airspeed [kt]: compressible flow, standard atmosphere."""
+    temperature, pressure = _atmosphere(fl)
+    power = (_HEAT_RATIO - 1.0) / _HEAT_RATIO
+    cas = cas_kt / _KT_PER_M_S
+    impact = (1.0 + 0.5 * power * _SEA_LEVEL_KG_M3 / _SEA_LEVEL_PA * cas**2) ** (1.0 / power) - 1.0
+    density = pressure / (_GAS_J_KG_K * temperature)
+    ratio = (1.0 + _SEA_LEVEL_PA / pressure * impact) ** power - 1.0
+    return np.sqrt(2.0 / power * pressure / density * ratio) * _KT_PER_M_S
+
+
+def tas_from_mach(fl: Float[np.ndarray, "*n"], mach: float) -> Float[np.ndarray, "*n"]:
+    """True airspeed [kt] for a Mach number in the standard atmosphere."""
+    temperature, _ = _atmosphere(fl)
+    return mach * np.sqrt(_HEAT_RATIO * _GAS_J_KG_K * temperature) * _KT_PER_M_S

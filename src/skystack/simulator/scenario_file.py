@@ -1,0 +1,402 @@
+"""Scenario files: traffic and clearances as JSON, checked before they reach an array, and flown.
+
+`docs/formats.md` (section "Scenario file") describes the fields.
+"""
+
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import jax
+import jax.numpy as jnp
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from skystack.airspace.sector import Sector
+from skystack.errors import InputError, unknown_name
+from skystack.simulator.performance import TICKS_PER_FL
+from skystack.simulator.performance import performance as performance_named
+from skystack.simulator.simulator import CYCLE_S, Simulator, instruct
+from skystack.simulator.traffic import (
+    LEFT,
+    NO_TURN,
+    RIGHT,
+    SHORTEST,
+    Clearance,
+    Traffic,
+    start,
+    ticks,
+)
+
+MAX_BYTES = 10_000_000
+MAX_DISTANCE_NM = 250.0
+"""Aircraft further from the sector's origin are refused: the plane is no map of the world."""
+AIRCRAFT_TYPES = ("B753",)
+"""The types whose speeds are known: the table is that of BluebirdDT's MEDIUM class."""
+TURNS = {"shortest": SHORTEST, "left": LEFT, "right": RIGHT}
+
+Name = Annotated[str, Meta(max_length=40)]
+Level = Annotated[int, Meta(ge=0, le=600, multiple_of=10)]
+
+
+class GivenClearance(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An entry of `clearances`: what one aircraft is told before cycle `cycle` + 1 is flown."""
+
+    cycle: int
+    callsign: Name
+    heading_deg: Annotated[int, Meta(ge=0, le=360)] | None = None
+    turn: Name | None = None
+    """A name in `TURNS`; "shortest" where none is given."""
+    fl: int | None = None
+
+
+class _AircraftEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An entry of `aircraft` as it stands in the file."""
+
+    callsign: Name
+    route: Annotated[tuple[Name, ...], Meta(min_length=2)]
+    lat: Annotated[float, Meta(ge=-90.0, le=90.0)]
+    lon: Annotated[float, Meta(ge=-180.0, le=180.0)]
+    fl: float
+    type: Name = AIRCRAFT_TYPES[0]
+    heading_deg: Annotated[float, Meta(ge=0.0, le=360.0)] | None = None
+    exit_fl: int | None = None
+    own_navigation: bool = False
+
+
+class _FileEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The whole file as it stands."""
+
+    sector: Name
+    cycles: Annotated[int, Meta(ge=1, le=10_000)]
+    aircraft: Annotated[tuple[_AircraftEntry, ...], Meta(min_length=1, max_length=200)]
+    levels_fl: tuple[Level, Level] | None = None
+    performance: Name = "table"
+    clearances: tuple[GivenClearance, ...] = ()
+
+
+@dataclass(frozen=True)
+class Aircraft:
+    """An aircraft at cycle 0."""
+
+    callsign: str
+    type: str
+    route: tuple[str, ...]
+    lat: float
+    lon: float
+    fl: float
+    heading_deg: float
+    exit_fl: int
+    own_navigation: bool
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A checked scenario: who flies where, and what they are told when."""
+
+    sector: Sector
+    """With the scenario's levels."""
+    performance: str
+    cycles: int
+    aircraft: tuple[Aircraft, ...]
+    clearances: tuple[GivenClearance, ...]
+    """In the order of the file: of two in one cycle the later one wins."""
+
+    def simulator(self) -> Simulator:
+        """The simulator that flies it."""
+        own_navigation = any(aircraft.own_navigation for aircraft in self.aircraft)
+        return Simulator(self.sector, performance_named(self.performance), own_navigation)
+
+    def initial_traffic(self, simulator: Simulator) -> Traffic:
+        """The aircraft at cycle 0, in level flight."""
+        aircraft = self.aircraft
+        level = jnp.array([ticks(one.fl) for one in aircraft], dtype=jnp.float32)
+        position = self.sector.plane.to_plane(
+            [one.lat for one in aircraft], [one.lon for one in aircraft]
+        )
+        return start(
+            position_nm=jnp.asarray(position, dtype=jnp.float32),
+            heading_deg=jnp.array([one.heading_deg for one in aircraft], dtype=jnp.float32),
+            level=level,
+            route=jnp.array(
+                [self.sector.route_index(one.route) for one in aircraft], dtype=jnp.int32
+            ),
+            ground_speed_kt=simulator.level_ground_speed_kt(level),
+            own_navigation=jnp.array([one.own_navigation for one in aircraft]),
+        )
+
+    def clearances_by_cycle(self) -> Clearance:
+        """What is told to whom: arrays `[cycles, aircraft]`, row k given before cycle k+1."""
+        shape = (self.cycles, len(self.aircraft))
+        turn, heading = np.full(shape, NO_TURN, dtype=np.int32), np.zeros(shape, dtype=np.float32)
+        changes, level = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=np.float32)
+        column = {aircraft.callsign: index for index, aircraft in enumerate(self.aircraft)}
+        for given in self.clearances:
+            at = given.cycle, column[given.callsign]
+            if given.heading_deg is not None:
+                turn[at], heading[at] = TURNS[given.turn or "shortest"], given.heading_deg % 360
+            if given.fl is not None:
+                changes[at], level[at] = True, ticks(float(given.fl))
+        return Clearance(
+            jnp.asarray(turn), jnp.asarray(heading), jnp.asarray(changes), jnp.asarray(level)
+        )
+
+
+def fly(scenario: Scenario) -> Traffic:
+    """The traffic at every cycle: arrays `[cycles + 1, aircraft, ...]`, row 0 the start.
+
+    A clearance of cycle k shows as cleared in row k+1; row k+2 shows the aircraft moving on it.
+    """
+    simulator = scenario.simulator()
+
+    def cycle(traffic: Traffic, clearance: Clearance) -> tuple[Traffic, Traffic]:
+        traffic = simulator.advance(instruct(traffic, clearance))
+        return traffic, traffic
+
+    first = scenario.initial_traffic(simulator)
+    _, flown = jax.jit(partial(jax.lax.scan, cycle))(first, scenario.clearances_by_cycle())
+    with_start: Traffic = jax.tree.map(
+        lambda row, rows: jnp.concatenate([row[None], rows]), first, flown
+    )
+    return with_start
+
+
+def rows(scenario: Scenario, flown: Traffic) -> dict[str, np.ndarray]:
+    """Flown traffic as columns of one length, one row per cycle and aircraft in this order.
+
+    Takes what `fly` returns. Numbers are float64; `cycle` and `time_s` are int32.
+    """
+    cycles, aircraft = flown.heading_deg.shape
+    cycle = np.repeat(np.arange(cycles, dtype=np.int32), aircraft)
+    position = scenario.sector.plane.to_degrees(flown.position_nm).reshape(-1, 2)
+    return {
+        "callsign": np.tile([one.callsign for one in scenario.aircraft], cycles),
+        "cycle": cycle,
+        "time_s": cycle * np.int32(CYCLE_S),
+        "lat": position[:, 0],
+        "lon": position[:, 1],
+        "fl": _column(flown.level) / TICKS_PER_FL,
+        "heading_deg": _column(flown.heading_deg),
+        "cleared_heading_deg": _column(flown.cleared_heading_deg),
+        "cleared_fl": _column(flown.cleared_level) / TICKS_PER_FL,
+        "ground_speed_kt": _column(flown.ground_speed_kt),
+        "vertical_speed_ft_min": _column(flown.vertical_speed_ft_min),
+    }
+
+
+def _column(values: jax.Array) -> np.ndarray:
+    return np.asarray(values, dtype=np.float64).reshape(-1)
+
+
+def load_scenario(path: Path, sectors: Mapping[str, Callable[[], Sector]]) -> Scenario:
+    """The scenario of a JSON file, checked.
+
+    `sectors` are the sectors that a file may name. Raises InputError for a file that cannot be
+    read or flown: one line with the file, the field, its value and what is allowed.
+    """
+    with _inside(str(path)):
+        return _checked(_decode(_read(path)), sectors)
+
+
+@contextmanager
+def _inside(where: str) -> Iterator[None]:
+    """Input errors raised inside say where."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def _read(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})") from None
+    if len(data) > MAX_BYTES:
+        raise InputError(f"is too large (allowed: {MAX_BYTES // 1_000_000} MB)")
+    return data
+
+
+def _decode(data: bytes) -> _FileEntry:
+    """From bytes to fields of the right types."""
+    try:
+        raw = json.loads(
+            data.decode("utf-8-sig"),
+            object_pairs_hook=_object,
+            parse_constant=_refuse_constant,
+        )
+    except UnicodeDecodeError as error:
+        raise InputError(f"is not UTF-8 (byte {error.start})") from None
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"is not JSON ({error})") from None
+    try:
+        return msgspec.convert(raw, _FileEntry)
+    except msgspec.ValidationError as error:
+        raise _refusal(str(error), raw) from None
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of the file; `json` itself would silently let the last of two fields win."""
+    found: dict[str, Any] = {}
+    for name, value in pairs:
+        if not name.isprintable() or "`" in name:
+            # msgspec cannot name these in its message, which `_refusal` reads.
+            fields = {field for entry in _ENTRIES.values() for field in entry.__struct_fields__}
+            raise unknown_name("field", name, fields)
+        if name in found:
+            raise InputError(f"field {name!r} stands twice in one object (allowed: once)")
+        found[name] = value
+    return found
+
+
+def _refuse_constant(name: str) -> float:
+    raise InputError(f"{name} is no number of JSON (allowed: finite numbers)")
+
+
+_REFUSAL = re.compile(r"(?P<what>.*?)(?: - at `\$\.(?P<where>.*)`)?", re.DOTALL)
+_JSON_WORDS = {
+    "int": "whole number",
+    "float": "number",
+    "str": "text",
+    "bool": "true or false",
+    "array": "list",
+}
+_ENTRIES: dict[str, type[msgspec.Struct]] = {
+    "": _FileEntry,
+    "aircraft": _AircraftEntry,
+    "clearances": GivenClearance,
+}
+
+
+def _refusal(message: str, raw: Any) -> InputError:
+    """What msgspec refused in the words of a scenario file, with the value."""
+    found = _REFUSAL.fullmatch(message)
+    what, where = (found["what"], found["where"] or "") if found else (message, "")
+    value = raw
+    for step in re.findall(r"\w+", where):
+        value = value[int(step)] if isinstance(value, list) else value[step]
+    if what.startswith("Object contains unknown field"):
+        fields = _ENTRIES[where.partition("[")[0]].__struct_fields__
+        unknown = unknown_name("field", next(name for name in value if name not in fields), fields)
+        return InputError(f"{where}: {unknown}".removeprefix(": "))
+    if what.startswith("Object missing required field"):
+        missing = what.split("`")[1]
+        return InputError(f"{where}.{missing} is missing".removeprefix("."))
+    if what.startswith("Number out of range"):
+        return _not_allowed(where, value, "finite number")
+    allowed = what.partition(", got")[0].removeprefix("Expected ")
+    allowed = allowed.replace("`", "").replace(" | null", "")
+    allowed = re.sub(r"\w+", lambda word: _JSON_WORDS.get(word[0], word[0]), allowed)
+    return _not_allowed(where or "the file", value, allowed)
+
+
+def _not_allowed(where: str, value: object, allowed: str) -> InputError:
+    """The error for a value, shown as JSON and cut where it is long."""
+    shown = json.dumps(value)
+    shown = shown if len(shown) <= 60 else f"{shown[:60]}..."
+    return InputError(f"{where} is {shown} (allowed: {allowed})")
+
+
+def _checked(file: _FileEntry, sectors: Mapping[str, Callable[[], Sector]]) -> Scenario:
+    """What the types alone do not tell."""
+    if file.sector not in sectors:
+        with _inside("sector"):
+            raise unknown_name("sector", file.sector, sectors)
+    sector = sectors[file.sector]()
+    low, high = file.levels_fl or sector.levels_fl
+    if low >= high:
+        raise _not_allowed("levels_fl", [low, high], "the lowest level, then a higher one")
+    sector = replace(sector, levels_fl=(low, high))
+    with _inside("performance"):
+        performance_named(file.performance)
+    _check_callsigns(file.aircraft)
+    aircraft = tuple(
+        _checked_aircraft(f"aircraft[{index}]", entry, sector)
+        for index, entry in enumerate(file.aircraft)
+    )
+    callsigns = {entry.callsign for entry in file.aircraft}
+    for index, given in enumerate(file.clearances):
+        where = f"clearances[{index}]"
+        if given.callsign not in callsigns:
+            with _inside(f"{where}.callsign"):
+                raise unknown_name("callsign", given.callsign, callsigns)
+        if not 0 <= given.cycle < file.cycles:
+            allowed = f"0 to {file.cycles - 1}, which is cycles - 1"
+            raise _not_allowed(f"{where}.cycle", given.cycle, allowed)
+        _check_clearance(where, given, sector)
+    return Scenario(sector, file.performance, file.cycles, aircraft, file.clearances)
+
+
+def _check_callsigns(aircraft: tuple[_AircraftEntry, ...]) -> None:
+    seen: dict[str, int] = {}
+    for index, entry in enumerate(aircraft):
+        callsign, where = entry.callsign, f"aircraft[{index}].callsign"
+        if not callsign.isprintable() or not callsign or callsign != callsign.strip():
+            allowed = "printable characters, none of them a blank at either end"
+            raise _not_allowed(where, callsign, allowed)
+        if callsign in seen:
+            other = f"aircraft[{seen[callsign]}]"
+            raise _not_allowed(where, callsign, f"a callsign of its own, {other} has this one")
+        seen[callsign] = index
+
+
+def _checked_aircraft(where: str, entry: _AircraftEntry, sector: Sector) -> Aircraft:
+    if entry.type not in AIRCRAFT_TYPES:
+        raise _not_allowed(f"{where}.type", entry.type, ", ".join(AIRCRAFT_TYPES))
+    for index, fix in enumerate(entry.route):
+        if fix not in sector.fixes:
+            with _inside(f"{where}.route[{index}]"):
+                raise unknown_name("fix", fix, sector.fixes)
+    with _inside(f"{where}.route"):
+        sector.route_index(entry.route)
+    distance_nm = float(np.hypot(*sector.plane.to_plane(entry.lat, entry.lon)))
+    if distance_nm > MAX_DISTANCE_NM:
+        raise InputError(
+            f"{where} is {distance_nm:.0f} NM from the origin of {sector.name} "
+            f"at lat {entry.lat}, lon {entry.lon} (allowed: at most {MAX_DISTANCE_NM:.0f} NM)"
+        )
+    low, high = sector.levels_fl
+    if not low <= entry.fl <= high:
+        raise _not_allowed(f"{where}.fl", entry.fl, f"{low} to {high}")
+    exit_fl = entry.fl if entry.exit_fl is None else entry.exit_fl
+    given = "" if entry.exit_fl is not None else " (not given, so fl)"
+    _check_level(f"{where}.exit_fl{given}", exit_fl, sector)
+    heading = entry.heading_deg
+    return Aircraft(
+        callsign=entry.callsign,
+        type=entry.type,
+        route=entry.route,
+        lat=entry.lat,
+        lon=entry.lon,
+        fl=entry.fl,
+        heading_deg=sector.first_heading_deg(entry.route) if heading is None else heading % 360.0,
+        exit_fl=int(exit_fl),
+        own_navigation=entry.own_navigation,
+    )
+
+
+def _check_clearance(where: str, given: GivenClearance, sector: Sector) -> None:
+    if given.heading_deg is None and given.fl is None:
+        raise InputError(f"{where} clears nothing (allowed: heading_deg, fl or both)")
+    if given.turn is not None and given.turn not in TURNS:
+        with _inside(f"{where}.turn"):
+            raise unknown_name("turn", given.turn, TURNS)
+    if given.turn is not None and given.heading_deg is None:
+        raise _not_allowed(f"{where}.turn", given.turn, "only together with heading_deg")
+    if given.fl is not None:
+        _check_level(f"{where}.fl", given.fl, sector)
+
+
+def _check_level(where: str, fl: int | float, sector: Sector) -> None:
+    low, high = sector.levels_fl
+    if fl % 10 != 0 or not low <= fl <= high:
+        raise _not_allowed(where, fl, f"multiples of 10 from {low} to {high}")

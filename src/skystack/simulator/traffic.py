@@ -1,0 +1,93 @@
+"""The state of the traffic: all that any simulator reports, one row per aircraft."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from skystack.simulator.performance import TICKS_PER_FL
+
+NO_TURN, SHORTEST, LEFT, RIGHT = range(4)
+"""How a newly cleared heading is to be turned to; NO_TURN where no heading was cleared."""
+
+
+class Traffic(NamedTuple):
+    """Aircraft in the air. Levels are in ticks (6000 per flight level), see `performance`."""
+
+    position_nm: Float[Array, "aircraft 2"]
+    """East and north of the sector's origin."""
+    heading_deg: Float[Array, " aircraft"]
+    level: Float[Array, " aircraft"]
+    ground_speed_kt: Float[Array, " aircraft"]
+    """Over the last second."""
+    vertical_speed_ft_min: Float[Array, " aircraft"]
+    """Over the last second."""
+    flown_heading_deg: Float[Array, " aircraft"]
+    """The heading being turned to or held."""
+    turn_deg: Float[Array, " aircraft"]
+    """What is left of the turn, positive to the right."""
+    flown_level: Float[Array, " aircraft"]
+    """The level being climbed or descended to or held."""
+    cleared_heading_deg: Float[Array, " aircraft"]
+    """The heading told to the pilot, flown or not yet."""
+    cleared_level: Float[Array, " aircraft"]
+    pending_turn: Int[Array, " aircraft"]
+    """How to turn to a heading cleared since the last cycle, NO_TURN if none was."""
+    own_navigation: Bool[Array, " aircraft"]
+    """Following the route without instructions."""
+    route: Int[Array, " aircraft"]
+    """Index in the sector's routes."""
+    next_fix: Int[Array, " aircraft"]
+    """Index in the route that own navigation flies to."""
+    turn_radius_nm: Float[Array, " aircraft"]
+    """Radius of a fly-by turn under way, 0 if none."""
+    active: Bool[Array, " aircraft"]
+    """Inactive aircraft have left, or never were: they do not move."""
+
+
+class Clearance(NamedTuple):
+    """What aircraft are told at one moment; rows without a turn or a level leave it as it is."""
+
+    turn: Int[Array, " aircraft"]
+    """NO_TURN, SHORTEST, LEFT or RIGHT."""
+    heading_deg: Float[Array, " aircraft"]
+    """Absolute, whole degrees in [0, 360); counts where there is a turn."""
+    changes_level: Bool[Array, " aircraft"]
+    level: Float[Array, " aircraft"]
+    """Absolute, in ticks; counts where the level changes."""
+
+
+def start(
+    position_nm: Float[Array, "aircraft 2"],
+    heading_deg: Float[Array, " aircraft"],
+    level: Float[Array, " aircraft"],
+    route: Int[Array, " aircraft"],
+    ground_speed_kt: Float[Array, " aircraft"],
+    own_navigation: Bool[Array, " aircraft"],
+) -> Traffic:
+    """Aircraft in level flight, cleared to what they fly."""
+    zero = jnp.zeros_like(heading_deg)
+    return Traffic(
+        position_nm=position_nm,
+        heading_deg=heading_deg,
+        level=level,
+        ground_speed_kt=ground_speed_kt,
+        vertical_speed_ft_min=zero,
+        flown_heading_deg=heading_deg,
+        turn_deg=zero,
+        flown_level=level,
+        cleared_heading_deg=heading_deg,
+        cleared_level=level,
+        pending_turn=jnp.zeros_like(route),
+        own_navigation=own_navigation,
+        route=route,
+        next_fix=jnp.ones_like(route),
+        turn_radius_nm=zero,
+        active=jnp.ones_like(own_navigation),
+    )
+
+
+def ticks(fl: float) -> float:
+    """Ticks of a flight level, rounded to a whole one."""
+    return float(np.round(fl * TICKS_PER_FL))
