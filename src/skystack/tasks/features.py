@@ -1,0 +1,150 @@
+"""What a policy can be shown of each aircraft: named features, each scaled to [0, 1].
+
+A task lists names; the paper's state is `("theta_f", "theta_sf", "d_c", "delta_t")`. The others are
+ours. Angles are turns to the right, in degrees.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from skystack.airspace.geometry import bearing, cross, direction, distance_right_of_route, wrap_180
+from skystack.airspace.sector import Sector
+from skystack.simulator.simulator import CYCLE_S
+from skystack.simulator.traffic import Traffic
+from skystack.tasks.tracking import Memory
+
+PerAircraft = Float[Array, " aircraft"]
+
+
+class Feature(NamedTuple):
+    """How to compute a value, the range that maps to [0, 1], and what an exited aircraft shows."""
+
+    value: Callable[[Sector, Traffic, Memory], PerAircraft]
+    low: float
+    high: float
+    exited: float
+    meaning: str
+
+
+def next_fix_turn(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
+    return _turn_to_fix(sector, traffic, memory, ahead=0)
+
+
+def subsequent_fix_turn(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
+    return _turn_to_fix(sector, traffic, memory, ahead=1)
+
+
+def centreline_distance(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
+    fixes = jnp.asarray(sector.route_table.fixes_nm)[traffic.route]
+    return distance_right_of_route(traffic.position_nm, fixes)
+
+
+def time_since_instruction(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
+    return CYCLE_S * memory.cycles_since_instruction
+
+
+def turn_under_way(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
+    return wrap_180(traffic.cleared_heading_deg - traffic.heading_deg)
+
+
+def next_fix_distance(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
+    offset = _fix(sector, traffic, memory, ahead=0) - traffic.position_nm
+    return jnp.sqrt(jnp.sum(offset**2, axis=-1))
+
+
+def exit_left_turn(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
+    return _turn_to_exit_corner(sector, traffic, corner=1)
+
+
+def exit_right_turn(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
+    return _turn_to_exit_corner(sector, traffic, corner=0)
+
+
+def exit_distance(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
+    middle = jnp.mean(jnp.asarray(sector.route_table.exit_edge_nm)[traffic.route], axis=1)
+    return jnp.sqrt(jnp.sum((middle - traffic.position_nm) ** 2, axis=-1))
+
+
+def room_ahead(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
+    """How much nearer the area's edge is than the exit edge, on the cleared heading [NM].
+
+    Zero: flying on leaves through the exit. From outside (before entry) the near edge is skipped.
+    """
+    corners = jnp.asarray(sector.area_nm, dtype=jnp.float32)
+    edges = jnp.stack([corners, jnp.roll(corners, -1, axis=0)], axis=1)
+    hits = _distance_ahead(traffic, edges[None])
+    own_exit = jnp.asarray(sector.route_table.exit_edge_nm)[traffic.route]
+    exit_hit = _distance_ahead(traffic, own_exit[:, None])[:, 0]
+    leaving = jnp.min(hits, axis=1)
+    return jnp.minimum(exit_hit, 100.0) - jnp.minimum(leaving, 100.0)
+
+
+FEATURES: dict[str, Feature] = {
+    "theta_f": Feature(
+        next_fix_turn, -180.0, 180.0, 0.0, "turn to the next fix from the cleared heading"
+    ),
+    "theta_sf": Feature(subsequent_fix_turn, -180.0, 180.0, 0.0, "turn to the fix after it"),
+    "d_c": Feature(centreline_distance, -100.0, 100.0, 0.0, "distance right of the route, NM"),
+    "delta_t": Feature(
+        time_since_instruction, 0.0, 60.0, 60.0, "time since the last instruction, s"
+    ),
+    "theta_turn": Feature(turn_under_way, -180.0, 180.0, 0.0, "cleared minus actual heading"),
+    "d_f": Feature(next_fix_distance, 0.0, 100.0, 0.0, "distance to the next fix, NM"),
+    "theta_xl": Feature(exit_left_turn, -180.0, 180.0, 0.0, "turn to the exit edge's left end"),
+    "theta_xr": Feature(exit_right_turn, -180.0, 180.0, 0.0, "turn to the exit edge's right end"),
+    "d_x": Feature(exit_distance, 0.0, 150.0, 0.0, "distance to the exit edge's middle, NM"),
+    "room": Feature(
+        room_ahead, 0.0, 100.0, 0.0, "0 if the cleared heading leads out through the exit"
+    ),
+}
+
+
+def observe(
+    names: tuple[str, ...], sector: Sector, traffic: Traffic, memory: Memory
+) -> Float[Array, " observation"]:
+    """The named features, aircraft by aircraft, in [0, 1]."""
+    rows = []
+    for name in names:
+        feature = FEATURES[name]
+        value = feature.value(sector, traffic, memory)
+        shown = jnp.where(traffic.active, value, feature.exited)
+        rows.append((shown - feature.low) / (feature.high - feature.low))
+    return jnp.clip(jnp.stack(rows, axis=1), 0.0, 1.0).reshape(-1)
+
+
+def _fix(
+    sector: Sector, traffic: Traffic, memory: Memory, ahead: int
+) -> Float[Array, "aircraft 2"]:
+    table = sector.route_table
+    index = jnp.minimum(memory.next_fix + ahead, jnp.asarray(table.last_fix)[traffic.route])
+    return jnp.asarray(table.fixes_nm)[traffic.route, index]
+
+
+def _turn_to_fix(sector: Sector, traffic: Traffic, memory: Memory, ahead: int) -> PerAircraft:
+    offset = _fix(sector, traffic, memory, ahead) - traffic.position_nm
+    return wrap_180(bearing(offset) - traffic.cleared_heading_deg)
+
+
+def _turn_to_exit_corner(sector: Sector, traffic: Traffic, corner: int) -> PerAircraft:
+    offset = (
+        jnp.asarray(sector.route_table.exit_edge_nm)[traffic.route, corner] - traffic.position_nm
+    )
+    return wrap_180(bearing(offset) - traffic.cleared_heading_deg)
+
+
+def _distance_ahead(
+    traffic: Traffic, edges_nm: Float[Array, "one_or_aircraft edges 2 2"]
+) -> Float[Array, "aircraft edges"]:
+    """Distance to where the cleared heading crosses each edge outwards; infinite if it does not."""
+    ray = direction(traffic.cleared_heading_deg)[:, None, :]
+    edge = edges_nm[:, :, 1] - edges_nm[:, :, 0]
+    offset = edges_nm[:, :, 0] - traffic.position_nm[:, None, :]
+    ray, edge = jnp.broadcast_arrays(ray, edge)
+    facing = cross(ray, edge)
+    safe = jnp.where(facing == 0.0, 1.0, facing)
+    along_ray, along_edge = cross(offset, edge) / safe, cross(offset, ray) / safe
+    hit = (facing > 0.0) & (along_ray > 0.0) & (along_edge >= 0.0) & (along_edge <= 1.0)
+    return jnp.where(hit, along_ray, jnp.inf)

@@ -1,0 +1,36 @@
+"""The rewards of the paper's section "Reward", each a function of arrays over aircraft.
+
+Weights and the sum are in `lateral.py`; a term of our own says so.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+CENTRELINE_SCALE_NM = 6.0
+DAMPING_CYCLES = 10.0
+"""n_max: cycles after an instruction in which damping still costs."""
+CRITERION_BONUS = 5.0
+SUCCESS_BONUS = 20.0
+MAX_INSTRUCTIONS = 30.0
+"""Fewer than this per aircraft satisfies the count criterion."""
+
+
+def centreline(distance_nm: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """Equation (centreline): exp(-(d_c / 6)^2) - 1."""
+    return jnp.exp(-((distance_nm / CENTRELINE_SCALE_NM) ** 2)) - 1.0
+
+
+def damping(cycles_since_instruction: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """Equation (sparse_action): n_s / n_max - 1 below n_max = 10, else 0."""
+    return jnp.minimum(cycles_since_instruction / DAMPING_CYCLES - 1.0, 0.0)
+
+
+def outside_band(distance_nm: Float[Array, "*n"], band_nm: float) -> Float[Array, "*n"]:
+    """How far from the centreline beyond a band in which deviating costs nothing (ours) [NM]."""
+    return jnp.maximum(jnp.abs(distance_nm) - band_nm, 0.0)
+
+
+def terminal(criteria: Bool[Array, "criteria aircraft"]) -> Float[Array, ""]:
+    """The terminal reward set: 5 a criterion, averaged over aircraft; 20 if all are satisfied."""
+    each = CRITERION_BONUS * jnp.sum(jnp.mean(criteria.astype(jnp.float32), axis=1))
+    return each + jnp.where(jnp.all(criteria), SUCCESS_BONUS, 0.0)

@@ -1,0 +1,48 @@
+"""The settings of a task: the `[task]` tables of an experiment's TOML. Data only."""
+
+from typing import Annotated, Literal
+
+import msgspec
+
+PAPER_FEATURES = ("theta_f", "theta_sf", "d_c", "delta_t")
+
+Weight = Annotated[float, msgspec.Meta(ge=0.0, le=1000.0)]
+
+
+class RewardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Weights of the reward's terms: the paper's table of weightings, and ours."""
+
+    centreline: Weight = 1.0
+    damping: Weight = 0.25
+    terminal: Weight = 1.0
+    count_criterion: bool = True
+    """Whether fewer than 30 instructions per aircraft is one of the criteria."""
+    burst: Weight = 0.0
+    """Ours: the price of every burst, which stacking makes one clearance."""
+    outside_band: Weight = 0.0
+    """Ours: the cost per NM further from the centreline than the band."""
+    band_nm: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 0.0
+    stray: Weight = 0.0
+    """Ours: the price of an excursion, paid when it happens."""
+
+
+class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Which scenarios, what the policy sees and says, and what it is rewarded for."""
+
+    name: Literal["lateral"] = "lateral"
+    sector: str = "x-plus"
+    performance: str = "table"
+    aircraft: Annotated[int, msgspec.Meta(ge=1, le=200)] = 2
+    level_fl: int = 300
+    disc_nm: Annotated[float, msgspec.Meta(ge=0.0, le=50.0)] = 4.0
+    """Radius of the disc round the first fix in which aircraft start."""
+    cycles: Annotated[int, msgspec.Meta(ge=1, le=100_000)] = 300
+    actions: Literal["small", "large"] = "small"
+    """`small`: turns of 10 degrees; `large`: turns of 10 to 90 degrees."""
+    features: tuple[str, ...] = PAPER_FEATURES
+    """What is shown of each aircraft; names in `skystack.tasks.features`."""
+    timing: Literal["cycle", "stack"] = "cycle"
+    """What one training step is. `cycle`: an instruction and a radar cycle, as in the paper.
+    `stack` (ours): an instruction takes no time, as it will be when stacked; only what would
+    end the stack lets the traffic fly."""
+    reward: RewardSettings = RewardSettings()

@@ -1,0 +1,79 @@
+"""Training with time frozen (ours): a step is an instruction or a radar cycle, never both.
+
+Online action-stacking queries a policy several times within a cycle. A policy trained with one
+instruction a cycle meets that only when it is used; with these steps it is trained on it.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from skystack.tasks.contract import NO_ACTION, Outcome
+from skystack.tasks.lateral import LateralState, LateralTask
+
+
+class StackedState(NamedTuple):
+    """A scenario and the instruction being stacked, NO_ACTION when none is."""
+
+    inner: LateralState
+    stacking: Int[Array, ""]
+
+
+@dataclass(frozen=True)
+class StackedSteps:
+    """A task whose step gives one more instruction, or else flies one cycle.
+
+    An instruction that would stop the stack (another one than the first of the cycle) is not
+    executed, and time goes on, as in `skystack.stacking`.
+    """
+
+    task: LateralTask
+
+    @property
+    def name(self) -> str:
+        return self.task.name
+
+    @property
+    def version(self) -> int:
+        return self.task.version
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        return self.task.action_names
+
+    @property
+    def observation_names(self) -> tuple[str, ...]:
+        return self.task.observation_names
+
+    def reset(self, key: PRNGKeyArray) -> StackedState:
+        return StackedState(self.task.reset(key), jnp.zeros((), dtype=jnp.int32))
+
+    def observe(self, state: StackedState) -> Float[Array, " observation"]:
+        return self.task.observe(state.inner)
+
+    def may_stack(self, state: StackedState, action: Int[Array, ""]) -> Bool[Array, ""]:
+        same = (state.stacking == NO_ACTION) | (state.stacking == action)
+        return (action != NO_ACTION) & same & self.task.may_stack(state.inner, action)
+
+    def instruct(self, state: StackedState, action: Int[Array, ""]) -> StackedState:
+        return StackedState(self.task.instruct(state.inner, action), action)
+
+    def advance(self, state: StackedState) -> tuple[StackedState, Outcome]:
+        inner, outcome = self.task.advance(state.inner)
+        # A burst ends with the cycle: in the next one the same instruction is a new clearance.
+        memory = inner.memory._replace(burst_action=jnp.zeros_like(state.stacking))
+        return StackedState(inner._replace(memory=memory), jnp.zeros_like(state.stacking)), outcome
+
+    def step(self, state: StackedState, action: Int[Array, ""]) -> tuple[StackedState, Outcome]:
+        flown, outcome = self.advance(state)
+        told = self.instruct(state, action)
+        frozen = self.may_stack(state, action)
+        chosen = jax.tree.map(lambda a, b: jnp.where(frozen, a, b), told, flown)
+        return chosen, outcome._replace(
+            reward=jnp.where(frozen, 0.0, outcome.reward),
+            terminated=outcome.terminated & ~frozen,
+            truncated=outcome.truncated & ~frozen,
+        )

@@ -1,0 +1,46 @@
+"""Lateral tasks and hand-made scenarios for them."""
+
+from collections.abc import Callable
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from skystack.simulator.traffic import Traffic, start, ticks
+from skystack.tasks.build import build_task
+from skystack.tasks.lateral import LateralTask
+from skystack.tasks.settings import TaskSettings
+
+STRAIGHT = ("HERON", "CRANE", "EGL", "MACAW", "QUAIL", "SWIFT")
+BACK = STRAIGHT[::-1]
+TURNING = ("HERON", "CRANE", "EGL", "FINCH", "ROBIN")
+
+Builder = Callable[..., Traffic]
+
+
+@pytest.fixture(scope="session")
+def task() -> LateralTask:
+    return build_task(TaskSettings())
+
+
+@pytest.fixture(scope="session")
+def traffic_on(task: LateralTask) -> Builder:
+    """Aircraft on given routes at their first fixes, or at given positions and headings."""
+
+    def build(*routes, positions=None, headings=None, fl=300.0) -> Traffic:
+        sector = task.simulator.sector
+        if positions is None:
+            positions = [sector.fixes_nm[route[0]] for route in routes]
+        if headings is None:
+            headings = [sector.first_heading_deg(route) for route in routes]
+        level = jnp.full(len(routes), ticks(fl), dtype=jnp.float32)
+        return start(
+            position_nm=jnp.asarray(np.array(positions), dtype=jnp.float32),
+            heading_deg=jnp.asarray(headings, dtype=jnp.float32),
+            level=level,
+            route=jnp.asarray([sector.routes.index(route) for route in routes], dtype=jnp.int32),
+            ground_speed_kt=task.simulator.level_ground_speed_kt(level),
+            own_navigation=jnp.zeros(len(routes), dtype=bool),
+        )
+
+    return build

@@ -1,0 +1,219 @@
+"""The lateral task: observation, instructions, reward of a cycle, end of a scenario."""
+
+import jax
+import jax.numpy as jnp
+import msgspec
+import numpy as np
+import pytest
+
+from skystack.simulator.traffic import ticks
+from skystack.tasks.build import build_task, build_training_task
+from skystack.tasks.conformance import check_task
+from skystack.tasks.settings import RewardSettings, TaskSettings
+
+from .conftest import BACK, STRAIGHT, TURNING
+
+NONE, LEFT_1, RIGHT_1, LEFT_2, RIGHT_2 = range(5)
+
+
+def action(number):
+    return jnp.asarray(number, dtype=jnp.int32)
+
+
+@pytest.mark.parametrize("timing", ["cycle", "stack"])
+@pytest.mark.parametrize("actions", ["small", "large"])
+def test_tasks_conform_to_the_contract(timing, actions):
+    check_task(build_training_task(TaskSettings(timing=timing, actions=actions)))
+
+
+def test_action_tables_have_the_papers_sizes():
+    assert len(build_task(TaskSettings()).action_names) == 5
+    large = build_task(TaskSettings(actions="large"))
+    assert len(large.action_names) == 37
+    assert [turn for _, turn in large.actions.turns[:9]] == [-10 * k for k in range(1, 10)]
+    assert [turn for _, turn in large.actions.turns[9:18]] == [10 * k for k in range(1, 10)]
+    assert {who for who, _ in large.actions.turns[18:]} == {1}
+
+
+def test_observation_on_the_centreline(task, traffic_on):
+    """Straight ahead: no turn to either fix, no deviation, no recent instruction."""
+    seen = task.observe(task.begin(traffic_on(STRAIGHT, BACK)))
+    assert task.observation_names[:4] == ("theta_f_1", "theta_sf_1", "d_c_1", "delta_t_1")
+    np.testing.assert_allclose(seen, [0.5, 0.5, 0.5, 1.0] * 2, atol=2e-5)
+
+
+def test_observation_of_a_deviation_to_the_right(task, traffic_on):
+    """10 NM right of a north-easterly track: d_c = +10, the next fix lies to the left."""
+    sector = task.simulator.sector
+    heading = np.radians(sector.first_heading_deg(STRAIGHT))
+    right = 10.0 * np.array([np.cos(heading), -np.sin(heading)])
+    position = sector.fixes_nm["HERON"] + right
+    seen = task.observe(task.begin(traffic_on(STRAIGHT, BACK, positions=[position, [40.0, 40.0]])))
+    assert float(seen[2]) == pytest.approx((10.0 + 100.0) / 200.0, abs=1e-4)
+    leg = np.linalg.norm(sector.fixes_nm["CRANE"] - sector.fixes_nm["HERON"])
+    assert float(seen[0]) == pytest.approx(
+        0.5 - np.degrees(np.arctan2(10.0, leg)) / 360.0, abs=1e-4
+    )
+
+
+def test_cleared_heading_moves_the_observation_at_once(task, traffic_on):
+    state = task.begin(traffic_on(STRAIGHT, BACK))
+    told = task.instruct(state, action(RIGHT_1))
+    before, after = task.observe(state), task.observe(told)
+    # 45.19 + 10 is rounded to 55: the fix now lies 9.81 degrees to the left.
+    assert float(told.traffic.cleared_heading_deg[0]) == 55.0
+    assert float(after[0] - before[0]) * 360.0 == pytest.approx(-(55.0 - 45.19198), abs=1e-2)
+    assert float(after[3]) == 0.0
+    np.testing.assert_array_equal(after[4:], before[4:])
+
+
+def test_instructions_count_for_one_aircraft_only(task, traffic_on):
+    state = task.begin(traffic_on(STRAIGHT, BACK))
+    state = task.instruct(state, action(LEFT_2))
+    np.testing.assert_array_equal(state.memory.instructions, [0.0, 1.0])
+    np.testing.assert_array_equal(state.memory.cycles_since_instruction, [10.0, 0.0])
+    state, _ = task.advance(state)
+    np.testing.assert_array_equal(state.memory.cycles_since_instruction, [10.0, 0.0])
+    state, _ = task.advance(state)
+    np.testing.assert_array_equal(state.memory.cycles_since_instruction, [10.0, 1.0])
+
+
+def test_reward_of_a_quiet_cycle_on_the_centreline_is_zero(task, traffic_on):
+    _, outcome = task.step(task.begin(traffic_on(STRAIGHT, BACK)), action(NONE))
+    assert float(outcome.reward) == pytest.approx(0.0, abs=1e-4)
+
+
+def test_reward_of_an_instruction_is_damping_over_two_aircraft(task, traffic_on):
+    """Weight 0.25, r_a = -1 for one of two aircraft; nobody has moved off the centreline yet."""
+    _, outcome = task.step(task.begin(traffic_on(STRAIGHT, BACK)), action(LEFT_1))
+    assert float(outcome.reward) == pytest.approx(-0.25 / 2, abs=1e-4)
+
+
+def test_undamped_weights_price_no_instruction(traffic_on):
+    undamped = build_task(TaskSettings(reward=RewardSettings(damping=0.0, count_criterion=False)))
+    _, outcome = undamped.step(undamped.begin(traffic_on(STRAIGHT, BACK)), action(LEFT_1))
+    assert float(outcome.reward) == pytest.approx(0.0, abs=1e-4)
+
+
+def test_a_burst_is_priced_once(traffic_on):
+    """Ours: the same instruction in consecutive cycles is one burst, another one begins anew."""
+    prices = RewardSettings(centreline=0.0, damping=0.0, burst=1.0)
+    priced = build_task(TaskSettings(reward=prices))
+    state, paid = priced.begin(traffic_on(STRAIGHT, BACK)), []
+    for number in (LEFT_1, LEFT_1, RIGHT_2, NONE, RIGHT_2):
+        state, outcome = priced.step(state, action(number))
+        paid.append(float(outcome.reward))
+    assert paid == [-1.0, 0.0, -1.0, 0.0, -1.0]
+    assert float(outcome.metrics.bursts) == 3.0
+
+
+def fly(task, traffic, cycles=300):
+    """Uninstructed flight; states after each cycle."""
+
+    def cycle(state, _):
+        state, outcome = task.advance(state)
+        return state, (state.memory, outcome)
+
+    return jax.jit(lambda s: jax.lax.scan(cycle, s, None, length=cycles))(task.begin(traffic))[1]
+
+
+def test_straight_routes_succeed_uninstructed(task, traffic_on):
+    """As in the real simulator: HERON-SWIFT and SWIFT-HERON pass without an instruction."""
+    memory, outcome = fly(task, traffic_on(STRAIGHT, BACK))
+    over = int(np.argmax(outcome.terminated))
+    assert bool(outcome.metrics.success[over])
+    assert not bool(outcome.metrics.excursion[over])
+    np.testing.assert_array_equal(memory.exited_correctly[over], [True, True])
+    # 15 + 20 for the terminal set: both aircraft satisfy everything; the last cycle is quiet.
+    assert float(outcome.reward[over]) == pytest.approx(35.0, abs=1e-3)
+    # They cross head-on near the middle.
+    assert float(outcome.metrics.min_separation_nm[over]) < 0.5
+
+
+def test_entry_exit_and_excursion_cycles_agree_with_geometry(task, traffic_on):
+    """465.94 kt is 0.77657 NM a cycle; the arm end is 4.9922 NM ahead, the exit 93.9 NM on."""
+    memory, outcome = fly(task, traffic_on(STRAIGHT, TURNING, positions=None))
+    per_cycle = 465.940793 / 600.0
+    entered = np.argmax(np.asarray(memory.entered)[:, 0]) + 1
+    exited = np.argmax(np.asarray(memory.exited)[:, 0]) + 1
+    assert entered == int(np.ceil(4.9922 / per_cycle))
+    assert exited == int(np.ceil((4.9922 + 29.9533 + 20.8255 + 39.0807) / per_cycle))
+    # Straight on at EGL leaves through the northern arm: no exit of the turning route.
+    assert bool(memory.strayed[-1, 1])
+    assert not bool(memory.exited[-1, 1])
+    assert int(np.argmax(outcome.terminated)) == 299
+
+
+def test_strayed_aircraft_go_on_costing(task, traffic_on):
+    memory, outcome = fly(task, traffic_on(TURNING, BACK))
+    strayed = int(np.argmax(np.asarray(memory.strayed)[:, 0]))
+    assert bool(memory.exited[-1, 1])
+    # Far from the route each cycle costs 1 / 2 (averaged over both aircraft).
+    assert float(outcome.reward[290]) == pytest.approx(-0.5, abs=1e-3)
+    assert strayed < 290
+
+
+def test_who_never_enters_has_strayed_at_the_end(task, traffic_on):
+    outwards = traffic_on(STRAIGHT, BACK, headings=[225.0, 45.0])
+    memory, outcome = fly(task, outwards)
+    assert not np.any(memory.strayed[:-1])
+    np.testing.assert_array_equal(memory.strayed[-1], [True, True])
+    # Only the count criterion holds: 5, and both are as far from the route as can be: -1.
+    assert float(outcome.reward[-1]) == pytest.approx(5.0 - 1.0, abs=1e-3)
+
+
+def test_a_wrong_level_fails_the_exit_but_not_the_bounds(task, traffic_on):
+    traffic = traffic_on(STRAIGHT, BACK)
+    state = task.begin(traffic)
+    wanted = state.memory.exit_level.at[0].set(ticks(310))
+    state = state._replace(memory=state.memory._replace(exit_level=wanted))
+    advance = jax.jit(task.advance)
+    for _ in range(123):
+        state, outcome = advance(state)
+    assert bool(outcome.terminated)
+    np.testing.assert_array_equal(state.memory.exited_correctly, [False, True])
+    assert not bool(outcome.metrics.excursion)
+    assert not bool(outcome.metrics.correct_exit)
+    assert float(outcome.reward) == pytest.approx(2.5 + 5.0 + 5.0, abs=1e-3)
+
+
+def test_exited_aircraft_are_silent_and_deaf(task, traffic_on):
+    state = task.begin(traffic_on(STRAIGHT, BACK))
+    gone = state._replace(traffic=state.traffic._replace(active=jnp.asarray([False, True])))
+    np.testing.assert_allclose(task.observe(gone)[:4], [0.5, 0.5, 0.5, 1.0])
+    told = task.instruct(gone, action(LEFT_1))
+    jax.tree.map(np.testing.assert_array_equal, told, gone)
+    assert not bool(task.may_stack(gone, action(LEFT_1)))
+    assert bool(task.may_stack(gone, action(LEFT_2)))
+
+
+def test_thirty_instructions_are_not_few(task, traffic_on):
+    state = task.begin(traffic_on(STRAIGHT, BACK))
+    for count, few in ((29.0, True), (30.0, False)):
+        memory = state.memory._replace(instructions=jnp.asarray([count, 0.0]))
+        _, outcome = task.advance(state._replace(memory=memory))
+        assert bool(outcome.metrics.few_instructions) is few
+
+
+def test_stacks_stop_before_the_turn_would_go_the_other_way(task, traffic_on):
+    """From 45.19 to the right: 55, 65, ... 225 is 179.81 degrees away, 235 is beyond."""
+    state, count = task.begin(traffic_on(STRAIGHT, BACK)), 0
+    while bool(task.may_stack(state, action(RIGHT_1))):
+        state, count = task.instruct(state, action(RIGHT_1)), count + 1
+    assert float(state.traffic.cleared_heading_deg[0]) == 225.0
+    assert count == 18
+
+
+def test_settings_that_cannot_be_are_refused():
+    from skystack.errors import InputError
+
+    for change, message in (
+        ({"features": ("theta_g",)}, "did you mean"),
+        ({"features": ()}, "empty"),
+        ({"aircraft": 5}, "first fix"),
+        ({"level_fl": 305}, "multiples of 10"),
+        ({"sector": "x-minus"}, "x-plus"),
+        ({"performance": "tables"}, "table"),
+    ):
+        with pytest.raises(InputError, match=message):
+            build_task(msgspec.structs.replace(TaskSettings(), **change))

@@ -1,0 +1,56 @@
+"""Every reward at its limits, from the paper's formulas."""
+
+import math
+
+import jax.numpy as jnp
+import pytest
+
+from skystack.tasks import rewards
+
+
+@pytest.mark.parametrize(
+    ("distance_nm", "expected"),
+    [(0.0, 0.0), (6.0, math.exp(-1) - 1), (-6.0, math.exp(-1) - 1), (10.0, math.exp(-25 / 9) - 1)],
+)
+def test_centreline(distance_nm, expected):
+    assert float(rewards.centreline(jnp.asarray(distance_nm))) == pytest.approx(expected, abs=1e-6)
+
+
+def test_centreline_far_away_costs_one():
+    assert float(rewards.centreline(jnp.asarray(100.0))) == -1.0
+
+
+@pytest.mark.parametrize(
+    ("cycles", "expected"), [(0.0, -1.0), (1.0, -0.9), (9.0, -0.1), (10.0, 0.0), (11.0, 0.0)]
+)
+def test_damping(cycles, expected):
+    assert float(rewards.damping(jnp.asarray(cycles))) == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize(("distance_nm", "expected"), [(4.9, 0.0), (-5.0, 0.0), (-7.5, 2.5)])
+def test_outside_band(distance_nm, expected):
+    assert float(rewards.outside_band(jnp.asarray(distance_nm), 5.0)) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("satisfied", [0, 1, 2])
+def test_each_criterion_alone_is_worth_five(satisfied):
+    criteria = jnp.zeros((3, 2), dtype=bool).at[satisfied].set(True)
+    assert float(rewards.terminal(criteria)) == 5.0
+
+
+def test_a_criterion_of_one_aircraft_of_two_is_worth_half():
+    criteria = jnp.zeros((3, 2), dtype=bool).at[0, 1].set(True)
+    assert float(rewards.terminal(criteria)) == 2.5
+
+
+def test_all_criteria_are_worth_fifteen_and_twenty():
+    assert float(rewards.terminal(jnp.ones((3, 2), dtype=bool))) == 35.0
+
+
+def test_without_the_count_criterion_ten_and_twenty():
+    assert float(rewards.terminal(jnp.ones((2, 2), dtype=bool))) == 30.0
+
+
+def test_all_but_one_aircraft_of_one_criterion_gets_no_bonus():
+    criteria = jnp.ones((3, 2), dtype=bool).at[2, 0].set(False)
+    assert float(rewards.terminal(criteria)) == 12.5
