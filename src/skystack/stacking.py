@@ -1,0 +1,127 @@
+"""Online action-stacking: compile a policy's burst of equal instructions into one clearance.
+
+While physical time stands still the policy is asked again and again, each time seeing the cleared
+value that its last instruction led to, for as long as it answers with the same instruction. What it
+asked for is issued as one clearance; then one cycle is flown. (Section "Online Action-Stacking" of
+the paper.) Not to be confused with stacking past actions into an observation.
+
+This module knows policies and two-phase environments and nothing else. `stack` works with anything
+that computes; `stack_traced` does the same inside `jax.jit`.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
+
+State = TypeVar("State")
+Carry = TypeVar("Carry")
+
+NO_ACTION = 0
+"""The action that instructs nobody."""
+
+
+@runtime_checkable
+class TwoPhase(Protocol[State]):
+    """An environment in which telling takes no time.
+
+    `instruct` must leave everything physical as it is. `may_stack` says whether an instruction can
+    be given in a state: not to somebody who is gone, nor beyond a limit of the clearance.
+    """
+
+    def observe(self, state: State) -> Any: ...
+
+    def instruct(self, state: State, action: Any) -> State: ...
+
+    def may_stack(self, state: State, action: Any) -> Any: ...
+
+
+class Stack(NamedTuple):
+    """What one clearance was compiled from."""
+
+    action: Any
+    """The instruction asked for first."""
+    instructions: Any
+    """How often it was given in this cycle; 0: nothing is issued."""
+
+
+class _Asked(NamedTuple):
+    state: Any
+    wanted: Any
+    instructions: Any
+
+
+WhileLoop = Callable[[Callable[[Carry], Any], Callable[[Carry], Carry], Carry], Carry]
+
+
+def python_while(
+    condition: Callable[[Carry], Any], body: Callable[[Carry], Carry], carry: Carry
+) -> Carry:
+    """`jax.lax.while_loop` in plain Python."""
+    while condition(carry):
+        carry = body(carry)
+    return carry
+
+
+def stack(
+    environment: TwoPhase[State],
+    policy: Callable[[Any], Any],
+    state: State,
+    limit: int | None = None,
+) -> tuple[State, Stack]:
+    """Instruct as long as the policy asks for the same thing; no time passes.
+
+    `policy` maps an observation to an action: a function of any library. `limit` is the most
+    instructions of one clearance, 1 to issue each by itself.
+
+    Returns the instructed state, ready to be advanced one cycle, and what was issued.
+    """
+
+    def ask(state: State, _: Any) -> Any:
+        return policy(environment.observe(state))
+
+    return _stack(environment, ask, state, limit, python_while, zero=0)
+
+
+def stack_traced(
+    environment: TwoPhase[State],
+    policy: Callable[[Any, Any], Any],
+    state: State,
+    key: Any,
+    limit: int | None = None,
+) -> tuple[State, Stack]:
+    """`stack` for compiled programs: `policy` maps an observation and a random key to an action.
+
+    Every query has a key of its own, so that a policy that samples samples anew.
+    """
+    import jax  # noqa: PLC0415  (plain callables need no JAX)
+    import jax.numpy as jnp  # noqa: PLC0415
+
+    def ask(state: State, query: Any) -> Any:
+        return policy(environment.observe(state), jax.random.fold_in(key, query))
+
+    zero = jnp.zeros((), dtype=jnp.int32)
+    return _stack(environment, ask, state, limit, jax.lax.while_loop, zero)
+
+
+def _stack(
+    environment: TwoPhase[State],
+    ask: Callable[[State, Any], Any],
+    state: State,
+    limit: int | None,
+    while_loop: WhileLoop[Any],
+    zero: Any,
+) -> tuple[State, Stack]:
+    """The algorithm: query, and while the same instruction is wanted, give it and query again."""
+    action = ask(state, zero)
+
+    def goes_on(asked: _Asked) -> Any:
+        same = (asked.wanted == action) & (action != NO_ACTION)
+        room = True if limit is None else asked.instructions < limit
+        return same & room & environment.may_stack(asked.state, action)
+
+    def give(asked: _Asked) -> _Asked:
+        told = environment.instruct(asked.state, action)
+        given = asked.instructions + 1
+        return _Asked(told, ask(told, given), given)
+
+    asked = while_loop(goes_on, give, _Asked(state, action, zero))
+    return asked.state, Stack(action, asked.instructions)

@@ -1,0 +1,230 @@
+"""Online action-stacking: what it means, in Python and inside jit, and what it leaves alone."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skystack.catalogue import find_policy
+from skystack.evaluation.rollout import Controller, fly, network_controller
+from skystack.seeds import scenario_key
+from skystack.stacking import TwoPhase, stack, stack_traced
+from skystack.tasks.build import build_task
+from skystack.tasks.settings import TaskSettings
+
+LEFT_1, RIGHT_1, LEFT_2, RIGHT_2 = 1, 2, 3, 4
+
+
+class Counter:
+    """The smallest two-phase environment: a number per action, at most seven times each."""
+
+    def observe(self, state):
+        return state
+
+    def instruct(self, state, action):
+        return (*state, action)
+
+    def may_stack(self, state, action):
+        return len(state) < 7
+
+
+def script(*answers):
+    """A policy that reads its answers from a list, whatever it sees."""
+    given = iter(answers)
+    return lambda observation: next(given)
+
+
+@pytest.mark.parametrize(
+    ("answers", "issued"),
+    [
+        ((0,), ()),
+        ((1, 0), (1,)),
+        ((1, 1, 1, 0), (1, 1, 1)),
+        ((1, 1, 2), (1, 1)),
+        ((2, 2, 2, 1), (2, 2, 2)),
+        ((3, 3, 1, 3), (3, 3)),
+        ((1,) * 9, (1,) * 7),
+    ],
+    ids=["nothing", "one", "three", "opposite", "other way", "other aircraft", "cap"],
+)
+def test_a_stack_is_the_run_of_the_first_answer(answers, issued):
+    state, result = stack(Counter(), script(*answers), ())
+    assert state == issued
+    assert result.instructions == len(issued)
+    assert result.action == answers[0]
+
+
+@given(st.lists(st.integers(0, 3), min_size=9, max_size=9), st.integers(1, 9))
+def test_a_stack_is_the_longest_equal_prefix(answers, limit):
+    expected = 0
+    while answers[0] != 0 and expected < min(limit, 7) and answers[expected] == answers[0]:
+        expected += 1
+    state, result = stack(Counter(), script(*answers), (), limit=limit)
+    assert state == (answers[0],) * expected
+    assert result.instructions == expected
+
+
+def test_every_query_sees_what_the_last_instruction_cleared():
+    seen = []
+
+    def policy(observation):
+        seen.append(observation)
+        return 1 if len(observation) < 3 else 0
+
+    stack(Counter(), policy, ())
+    assert seen == [(), (1,), (1, 1), (1, 1, 1)]
+
+
+def test_the_lateral_task_is_a_two_phase_environment(lateral):
+    assert isinstance(lateral, TwoPhase)
+
+
+@pytest.fixture(scope="module")
+def lateral():
+    return build_task(TaskSettings())
+
+
+def lookup(observation):
+    """A policy by table: steer whoever points more than 5 degrees off the next fix."""
+    off_1, off_2 = observation[0] - 0.5, observation[4] - 0.5
+    threshold = 5.0 / 360.0
+    return (
+        LEFT_1 * (off_1 < -threshold)
+        + RIGHT_1 * (off_1 > threshold)
+        + LEFT_2 * ((abs(off_1) <= threshold) & (off_2 < -threshold))
+        + RIGHT_2 * ((abs(off_1) <= threshold) & (off_2 > threshold))
+    )
+
+
+def states_on_the_way(task, count, cycles):
+    """States of scenarios after some cycles without instructions."""
+
+    def one(key):
+        return jax.lax.fori_loop(0, cycles, lambda _, s: task.advance(s)[0], task.reset(key))
+
+    return jax.vmap(one)(jnp.stack([scenario_key(0, number) for number in range(count)]))
+
+
+def traced_lookup(observation, key):
+    threshold = 5.0 / 360.0
+    off_1, off_2 = observation[0] - 0.5, observation[4] - 0.5
+    first = jnp.where(off_1 < -threshold, LEFT_1, jnp.where(off_1 > threshold, RIGHT_1, 0))
+    second = jnp.where(off_2 < -threshold, LEFT_2, jnp.where(off_2 > threshold, RIGHT_2, 0))
+    return jnp.where(first != 0, first, second).astype(jnp.int32)
+
+
+def row(states, index):
+    return jax.tree.map(lambda values: values[index], states)
+
+
+PHYSICAL = ("position_nm", "heading_deg", "level", "ground_speed_kt", "vertical_speed_ft_min")
+
+
+def test_nothing_physical_moves_during_a_stack(lateral):
+    """Bitwise: position, heading, speeds, level, and time; what is being flown too."""
+    before = states_on_the_way(lateral, 500, 60)
+    after, stacks = jax.jit(
+        jax.vmap(lambda s: stack_traced(lateral, traced_lookup, s, jax.random.key(0)))
+    )(before)
+    assert int(jnp.max(stacks.instructions)) >= 3
+    for name in (*PHYSICAL, "flown_heading_deg", "turn_deg", "flown_level", "next_fix", "active"):
+        old, new = getattr(before.traffic, name), getattr(after.traffic, name)
+        assert np.asarray(old).tobytes() == np.asarray(new).tobytes(), name
+    for name in ("cycles", "previous_nm", "next_fix", "entered", "exited", "strayed"):
+        old, new = getattr(before.memory, name), getattr(after.memory, name)
+        assert np.asarray(old).tobytes() == np.asarray(new).tobytes(), name
+
+
+def test_the_cap_of_the_lateral_task(lateral):
+    """A policy that never stops is stopped before the turn would go the other way."""
+    state = lateral.reset(jax.random.key(3))
+    told, result = stack_traced(
+        lateral, lambda o, k: jnp.asarray(RIGHT_2, dtype=jnp.int32), state, jax.random.key(0)
+    )
+    start, cleared = state.traffic.heading_deg[1], told.traffic.cleared_heading_deg[1]
+    assert 170.0 <= float(cleared - start) % 360.0 < 180.0
+    assert int(result.instructions) in (17, 18)
+
+
+class Phases(NamedTuple):
+    """The lateral task compiled in pieces for a plain Python loop; the observation comes along."""
+
+    reset: Any
+    observe: Any
+    instruct: Any
+    may_stack: Any
+    advance: Any
+
+
+@pytest.fixture(scope="module")
+def phases(lateral):
+    def seen(state):
+        return state, lateral.observe(state)
+
+    def advance(state):
+        state, outcome = lateral.advance(state[0])
+        return seen(state), outcome.terminated
+
+    return Phases(
+        reset=jax.jit(lambda key: seen(lateral.reset(key))),
+        observe=lambda state: np.asarray(state[1]),
+        instruct=jax.jit(lambda state, action: seen(lateral.instruct(state[0], action))),
+        may_stack=jax.jit(lambda state, action: lateral.may_stack(state[0], action)),
+        advance=jax.jit(advance),
+    )
+
+
+def fly_in_python(phases, policy, number):
+    """One scenario with `stack` in a Python loop: cycle, action and count of each clearance."""
+    state, issued = phases.reset(scenario_key(0, number)), []
+    for cycle in range(300):
+        state, result = stack(phases, policy, state)
+        if result.instructions:
+            issued.append((cycle, result.action, result.instructions))
+        state, over = phases.advance(state)
+        if over:
+            break
+    return issued
+
+
+def clearances(recording, number):
+    given = recording.instructions[number]
+    return [(int(c), int(recording.action[number, c]), int(given[c])) for c in np.nonzero(given)[0]]
+
+
+SCENARIOS = 1000
+
+
+def test_python_and_jit_issue_the_same_clearances_with_a_table_policy(lateral, phases):
+    recording = fly(
+        lateral, Controller(lambda _, seen, key: traced_lookup(seen, key)), 0, SCENARIOS, True
+    )
+    assert recording.instructions.max() >= 3
+    for number in range(SCENARIOS):
+        in_python = fly_in_python(phases, lambda seen: int(lookup(seen)), number)
+        assert in_python == clearances(recording, number), number
+
+
+def test_python_and_jit_issue_the_same_clearances_with_the_network(lateral, phases):
+    """numpy and XLA add in another order: they may differ where two logits nearly tie."""
+    policy = find_policy("lateral")
+    controller = network_controller(policy.actor, policy.normaliser, greedy=True)
+    recording = fly(lateral, controller, 0, SCENARIOS, True)
+    different = 0
+    for number in range(SCENARIOS):
+        margins = []
+
+        def ask(seen, margins=margins):
+            logits = np.sort(policy.logits(seen))
+            margins.append(float(logits[-1] - logits[-2]))
+            return policy(seen)
+
+        in_python, in_jit = fly_in_python(phases, ask, number), clearances(recording, number)
+        if in_python != in_jit:
+            different += 1
+            assert min(margins) < 1e-3, f"scenario {number} differs without a near-tie"
+    assert different <= 5
