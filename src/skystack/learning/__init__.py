@@ -1,0 +1,1 @@
+"""How policies are learned and kept: networks, PPO, training runs, policy files."""

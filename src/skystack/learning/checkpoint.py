@@ -1,0 +1,67 @@
+"""Checkpoints: the whole learner in one safetensors file, enough to go on bit for bit."""
+
+import json
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
+
+from skystack.errors import InputError
+from skystack.files import write_aside
+from skystack.learning.ppo import Learner
+
+
+def save_checkpoint(path: Path, learner: Learner, fingerprint: str) -> None:
+    """Write the learner; `fingerprint` tells which experiment and seed it belongs to."""
+    leaves = {
+        f"{index:03d}": np.asarray(_plain(leaf), order="C")
+        for index, leaf in enumerate(jax.tree.leaves(learner))
+    }
+    metadata = {"fingerprint": fingerprint, "shapes": _shapes(learner)}
+    write_aside(path, save(leaves, metadata=metadata))
+
+
+def load_checkpoint(path: Path, like: Learner, fingerprint: str) -> Learner:
+    """Read a learner of the same structure as `like`.
+
+    Raises InputError for a damaged file or one of another experiment, seed or configuration.
+    """
+    leaves, structure = jax.tree.flatten(like)
+    try:
+        with safe_open(path, framework="numpy") as file:
+            metadata = file.metadata() or {}
+            if metadata.get("fingerprint") != fingerprint or metadata.get("shapes") != _shapes(
+                like
+            ):
+                raise InputError(
+                    f"{path}: belongs to another experiment, seed or configuration; "
+                    "train into another folder, or without --resume"
+                )
+            loaded = [file.get_tensor(f"{index:03d}") for index in range(len(leaves))]
+    except (OSError, SafetensorError) as error:
+        raise InputError(f"{path}: not a checkpoint: {error}") from None
+    restored = [_like(old, new) for old, new in zip(leaves, loaded, strict=True)]
+    result: Learner = jax.tree.unflatten(structure, restored)
+    return result
+
+
+def _plain(leaf: jax.Array) -> np.ndarray:
+    data = jax.random.key_data(leaf) if _is_key(leaf) else leaf
+    return np.asarray(data)
+
+
+def _like(old: jax.Array, new: np.ndarray) -> jax.Array:
+    array = jnp.asarray(new)
+    return jax.random.wrap_key_data(array) if _is_key(old) else array
+
+
+def _is_key(leaf: jax.Array) -> bool:
+    return bool(jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key))
+
+
+def _shapes(learner: Learner) -> str:
+    plain = (_plain(leaf) for leaf in jax.tree.leaves(learner))
+    return json.dumps([[str(array.dtype), *array.shape] for array in plain])

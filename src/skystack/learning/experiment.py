@@ -1,0 +1,125 @@
+"""Reading experiments: by name or from a file, with single values changed, every key checked."""
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import tomli_w
+
+from skystack.errors import InputError, unknown_name
+from skystack.learning.settings import PPOSettings, Pretraining
+from skystack.tasks.build import build_task
+from skystack.tasks.settings import TaskSettings
+
+_FOLDER = files("skystack").joinpath("experiments")
+
+
+class Experiment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A whole experiment: a task and how it is learned."""
+
+    name: str
+    description: str
+    task: TaskSettings = TaskSettings()
+    ppo: PPOSettings = PPOSettings()
+    pretraining: Pretraining | None = None
+
+
+def experiment_names() -> list[str]:
+    """The experiments that come with the package."""
+    names = (entry.name for entry in _FOLDER.iterdir())
+    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
+
+
+def load_experiment(name: str, changes: Iterable[str] = ()) -> Experiment:
+    """The experiment of a name or in a `.toml` file, with `key=value` changes.
+
+    Raises InputError for an unknown name or key, or a value of the wrong type or range.
+    """
+    if name.endswith(".toml"):
+        where = name
+        try:
+            text = Path(name).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"{name}: cannot be read: {error}") from None
+    elif name in experiment_names():
+        where = f"experiment {name}"
+        text = _FOLDER.joinpath(f"{name}.toml").read_text("utf-8")
+    else:
+        raise unknown_name("experiment", name, experiment_names())
+    try:
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{where}: not TOML: {error}") from None
+    for change in changes:
+        _set(values, change)
+    return experiment_from(values, where)
+
+
+def experiment_from(values: Mapping[str, Any], where: str) -> Experiment:
+    """Check plain values (from TOML or from a policy) and make an experiment of them."""
+    _check_keys(values, Experiment, where, "")
+    try:
+        experiment = msgspec.convert(values, Experiment, strict=True)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{where}: {_readable(str(error))}") from None
+    build_task(experiment.task)
+    ppo = experiment.ppo
+    if ppo.minibatch > ppo.samples:
+        raise InputError(
+            f"{where}: ppo.minibatch is {ppo.minibatch} (allowed: at most ppo.environments * "
+            f"ppo.steps, {ppo.samples})"
+        )
+    return experiment
+
+
+def to_toml(experiment: Experiment) -> bytes:
+    """The experiment fully resolved."""
+    values = msgspec.to_builtins(experiment)
+    # TOML has no null: what is not there is left out.
+    return tomli_w.dumps(
+        {key: value for key, value in values.items() if value is not None}
+    ).encode()
+
+
+def _set(values: dict[str, Any], change: str) -> None:
+    """Apply one `table.key=value`; the value is TOML, or a bare word."""
+    key, equals, text = change.partition("=")
+    if not equals or not key.strip():
+        raise InputError(
+            f"--set {change!r} is not of the form key=value (as ppo.total_steps=500000)"
+        )
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text.strip()
+    *tables, last = key.strip().split(".")
+    for table in tables:
+        inner = values.setdefault(table, {})
+        if not isinstance(inner, dict):
+            raise InputError(f"--set {change!r}: {table!r} is a value, not a table")
+        values = inner
+    values[last] = value
+
+
+def _check_keys(values: Mapping[str, Any], kind: type, where: str, path: str) -> None:
+    """Name an unknown key with the nearest one, before anything is converted."""
+    fields = {field.name: field.type for field in msgspec.structs.fields(kind)}
+    for key, value in values.items():
+        full = f"{path}{key}"
+        if key not in fields:
+            error = unknown_name("key", full, [path + name for name in fields])
+            raise InputError(f"{where}: {error}")
+        inner = Pretraining if key == "pretraining" else fields[key]
+        if isinstance(inner, type) and issubclass(inner, msgspec.Struct):
+            if not isinstance(value, Mapping):
+                raise InputError(f"{where}: {full} is a value (allowed: a table)")
+            _check_keys(value, inner, where, f"{full}.")
+
+
+def _readable(error: str) -> str:
+    """`Expected int - at `$.ppo.steps`` becomes `ppo.steps: expected int`."""
+    message, _, place = error.partition(" - at `$.")
+    return f"{place.rstrip('`')}: {message[0].lower()}{message[1:]}" if place else error

@@ -1,0 +1,65 @@
+"""Actor and critic, their first weights, and the observation normaliser as it learns.
+
+Two fully-connected networks (section "Agent Training Configuration").
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from skystack.learning.inference import Layers, Normaliser
+
+
+class Parameters(NamedTuple):
+    """Weights of both networks."""
+
+    actor: Layers
+    critic: Layers
+
+
+def init(
+    key: PRNGKeyArray, observation_size: int, hidden: tuple[int, ...], actions: int
+) -> Parameters:
+    """Orthogonal weights, zero biases: a nearly uniform first policy."""
+    actor_key, critic_key = jax.random.split(key)
+    return Parameters(
+        _init_layers(actor_key, (observation_size, *hidden, actions), last_gain=0.01),
+        _init_layers(critic_key, (observation_size, *hidden, 1), last_gain=1.0),
+    )
+
+
+def _init_layers(key: PRNGKeyArray, sizes: tuple[int, ...], last_gain: float) -> Layers:
+    layers = []
+    for index, layer_key in enumerate(jax.random.split(key, len(sizes) - 1)):
+        gain = last_gain if index == len(sizes) - 2 else 2.0**0.5
+        weights = jax.nn.initializers.orthogonal(gain)(
+            layer_key, (sizes[index], sizes[index + 1]), jnp.float32
+        )
+        layers.append((weights, jnp.zeros(sizes[index + 1])))
+    return tuple(layers)
+
+
+def initial_normaliser(observation_size: int) -> Normaliser:
+    """As if observations were uniform on [0, 1], forgotten with the first data."""
+    return Normaliser(
+        jnp.full(observation_size, 0.5),
+        jnp.full(observation_size, 1.0 / 12.0),
+        jnp.asarray(1e-3, dtype=jnp.float32),
+    )
+
+
+def update_normaliser(
+    normaliser: Normaliser, observations: Float[Array, "samples observation"]
+) -> Normaliser:
+    """Mean and variance of everything seen so far (Chan et al. 1979)."""
+    samples = float(observations.shape[0])
+    count = normaliser.count + samples
+    delta = jnp.mean(observations, axis=0) - normaliser.mean
+    spread = (
+        normaliser.variance * normaliser.count
+        + jnp.var(observations, axis=0) * samples
+        + delta**2 * normaliser.count * samples / count
+    )
+    return Normaliser(normaliser.mean + delta * samples / count, spread / count, count)

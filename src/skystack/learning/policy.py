@@ -1,0 +1,149 @@
+"""Policies on disk: `policy.safetensors` and `policy.json`. Loading and asking need numpy alone."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from jaxtyping import Float
+from safetensors.numpy import load, save
+
+from skystack.errors import InputError
+from skystack.files import write_aside
+from skystack.learning.inference import Layers, Normaliser, forward, normalise
+
+FORMAT = 1
+LARGEST_FILE_BYTES = 64_000_000
+
+
+class PolicyDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """`policy.json`: all that is needed to rebuild and to judge a policy, beside its weights."""
+
+    format: int
+    experiment: str
+    seed: int
+    task_name: str
+    task_version: int
+    observation: tuple[str, ...]
+    actions: tuple[str, ...]
+    hidden: tuple[int, ...]
+    config: dict[str, Any]
+    """The experiment, fully resolved."""
+    packages: dict[str, str]
+    sha256: str
+    """Of `policy.safetensors`."""
+    git_revision: str | None = None
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A trained policy: a callable from an observation to the most probable action."""
+
+    description: PolicyDescription
+    actor: Layers
+    normaliser: Normaliser
+
+    def logits(self, observation: Float[np.ndarray, "*n observation"]) -> np.ndarray:
+        """Unnormalised log probabilities of the actions, float32."""
+        result: np.ndarray = forward(self.actor, normalise(self.normaliser, observation))
+        return result
+
+    def __call__(self, observation: Float[np.ndarray, " observation"]) -> int:
+        return int(np.argmax(self.logits(np.asarray(observation, dtype=np.float32))))
+
+
+def save_policy(folder: Path, policy: Policy) -> None:
+    """Write both files; the hash in the description is made to fit."""
+    tensors = {
+        "normaliser.mean": policy.normaliser.mean,
+        "normaliser.variance": policy.normaliser.variance,
+    }
+    for index, (weights, biases) in enumerate(policy.actor):
+        tensors[f"actor.{index}.weights"] = weights
+        tensors[f"actor.{index}.biases"] = biases
+    data = save(
+        {name: np.ascontiguousarray(value, dtype=np.float32) for name, value in tensors.items()}
+    )
+    description = msgspec.structs.replace(
+        policy.description, sha256=hashlib.sha256(data).hexdigest()
+    )
+    text = json.dumps(msgspec.to_builtins(description), indent=2)
+    write_aside(folder / "policy.safetensors", data)
+    write_aside(folder / "policy.json", (text + "\n").encode())
+
+
+def load_policy(folder: Path) -> Policy:
+    """Read a policy back.
+
+    Raises InputError, naming the file, for anything missing, damaged or of another version.
+    """
+    described, weights = folder / "policy.json", folder / "policy.safetensors"
+    try:
+        description = msgspec.json.decode(_read(described), type=PolicyDescription)
+    except msgspec.DecodeError as error:
+        raise InputError(f"{described}: not a policy description: {error}") from None
+    if description.format != FORMAT:
+        raise InputError(f"{described}: format {description.format} (allowed: {FORMAT})")
+    data = _read(weights)
+    if hashlib.sha256(data).hexdigest() != description.sha256:
+        raise InputError(f"{weights}: contents do not fit the sha256 in {described.name}")
+    try:
+        tensors = load(data)
+    except Exception as error:  # safetensors raises its own kinds for each kind of damage
+        raise InputError(f"{weights}: not a safetensors file: {error}") from None
+    return _assemble(description, tensors, weights)
+
+
+def _assemble(
+    description: PolicyDescription, tensors: Mapping[str, np.ndarray], where: Path
+) -> Policy:
+    sizes = (len(description.observation), *description.hidden, len(description.actions))
+    shapes: dict[str, tuple[int, ...]] = {
+        "normaliser.mean": sizes[:1],
+        "normaliser.variance": sizes[:1],
+    }
+    for index in range(len(sizes) - 1):
+        shapes[f"actor.{index}.weights"] = sizes[index : index + 2]
+        shapes[f"actor.{index}.biases"] = sizes[index + 1 : index + 2]
+    for name, shape in shapes.items():
+        tensor = tensors.get(name)
+        if tensor is None or tensor.shape != shape or tensor.dtype != np.float32:
+            found = "missing" if tensor is None else f"{tensor.dtype} {tensor.shape}"
+            raise InputError(f"{where}: tensor {name!r} is {found} (allowed: float32 {shape})")
+        if not np.all(np.isfinite(tensor)):
+            raise InputError(f"{where}: tensor {name!r} holds a non-finite number")
+    actor = tuple(
+        (tensors[f"actor.{index}.weights"], tensors[f"actor.{index}.biases"])
+        for index in range(len(sizes) - 1)
+    )
+    count = np.float32(0.0)
+    return Policy(
+        description,
+        actor,
+        Normaliser(tensors["normaliser.mean"], tensors["normaliser.variance"], count),
+    )
+
+
+def package_versions() -> dict[str, str]:
+    """Versions of what a policy's training depends on."""
+    found = {}
+    for name in ("skystack", "jax", "jaxlib", "optax", "numpy"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "unknown"
+    return found
+
+
+def _read(path: Path) -> bytes:
+    try:
+        if path.stat().st_size > LARGEST_FILE_BYTES:
+            raise InputError(f"{path}: larger than {LARGEST_FILE_BYTES} bytes")
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None

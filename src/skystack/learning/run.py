@@ -1,0 +1,188 @@
+"""A training run: the loop round the compiled update, its files, progress and interruption."""
+
+import hashlib
+import json
+import math
+import subprocess
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import msgspec
+import numpy as np
+
+from skystack.errors import TrainingError
+from skystack.files import make_folder, write_aside
+from skystack.learning import ppo
+from skystack.learning.checkpoint import load_checkpoint, save_checkpoint
+from skystack.learning.experiment import Experiment, to_toml
+from skystack.learning.policy import (
+    FORMAT,
+    Policy,
+    PolicyDescription,
+    package_versions,
+    save_policy,
+)
+from skystack.seeds import training_key
+from skystack.tasks.build import build_training_task
+from skystack.tasks.contract import Task
+
+CHECKPOINT_EVERY_S = 60.0
+
+
+class Progress(NamedTuple):
+    """How far a run is, after each update."""
+
+    steps: int
+    total_steps: int
+    steps_per_s: float
+    """Since the first update, which compiles."""
+    measured: dict[str, float | None]
+
+
+class Trained(NamedTuple):
+    """A finished run."""
+
+    policy: Policy
+    steps: int
+    wall_s: float
+    """Of this process, compilation included; what was resumed is not counted."""
+
+    @property
+    def steps_per_s(self) -> float:
+        return self.steps / self.wall_s
+
+
+def train_experiment(
+    experiment: Experiment,
+    seed: int,
+    folder: Path,
+    resume: bool = False,
+    on_update: Callable[[Progress], None] = lambda progress: None,
+) -> Trained:
+    """Train one seed of an experiment into a folder.
+
+    Writes `config.toml`, `metrics.jsonl` (a line an update), `checkpoint/` (once a minute and when
+    interrupted) and, at the end, the policy. With `resume`, goes on from the checkpoint if there
+    is one. Raises TrainingError when a loss is no number, InputError for a folder or checkpoint
+    that cannot be used; on KeyboardInterrupt the checkpoint is written first.
+    """
+    begun = time.monotonic()
+    task, settings = build_training_task(experiment.task), experiment.ppo
+    checkpoint = make_folder(folder / "checkpoint") / "learner.safetensors"
+    fingerprint = hashlib.sha256(to_toml(experiment) + str(seed).encode()).hexdigest()
+    learner = jax.jit(partial(ppo.init, task, settings))(training_key(seed))
+    if resume and checkpoint.exists():
+        learner = load_checkpoint(checkpoint, learner, fingerprint)
+    first = int(learner.updates)
+    phases = _phases(experiment, first)
+    metrics = _Metrics(folder / "metrics.jsonl", first)
+    write_aside(folder / "config.toml", to_toml(experiment))
+    saved = warm = time.monotonic()
+    try:
+        for number in range(first, settings.updates):
+            if number in phases:
+                phase = partial(ppo.update, phases[number], settings)
+                update = jax.jit(phase, donate_argnums=0)
+            learner, measured = update(learner)
+            values = {name: _number(value) for name, value in jax.device_get(measured).items()}
+            steps = (number + 1) * settings.samples
+            _check(values, experiment.name, seed, steps)
+            now = time.monotonic()
+            metrics.append({"update": number + 1, "steps": steps, "wall_s": now - begun} | values)
+            warm = now if number == first else warm
+            done = (number - first) * settings.samples
+            rate = done / (now - warm) if done else math.nan
+            on_update(Progress(steps, settings.updates * settings.samples, rate, values))
+            if now - saved > CHECKPOINT_EVERY_S:
+                save_checkpoint(checkpoint, learner, fingerprint)
+                saved = now
+    except KeyboardInterrupt:
+        save_checkpoint(checkpoint, learner, fingerprint)
+        raise
+    finally:
+        metrics.close()
+    save_checkpoint(checkpoint, learner, fingerprint)
+    policy = _policy(experiment, seed, task, learner)
+    save_policy(folder, policy)
+    trained = (settings.updates - first) * settings.samples
+    return Trained(policy, trained, time.monotonic() - begun)
+
+
+def _phases(experiment: Experiment, first: int) -> dict[int, Task]:
+    """The task to train on from an update on: pre-training's until its steps are done."""
+    task = build_training_task(experiment.task)
+    before = experiment.pretraining
+    if before is None:
+        return {first: task}
+    reward = msgspec.structs.replace(experiment.task, reward=before.reward)
+    change = -(-before.steps // experiment.ppo.samples)
+    return {first: build_training_task(reward), max(first, change): task}
+
+
+class _Metrics:
+    """`metrics.jsonl`, cut back to the lines of the updates already made."""
+
+    def __init__(self, path: Path, updates: int) -> None:
+        lines = path.read_text().splitlines(keepends=True)[:updates] if updates else []
+        write_aside(path, "".join(lines).encode())
+        self._file = path.open("a", encoding="utf-8")
+
+    def append(self, line: dict[str, Any]) -> None:
+        self._file.write(json.dumps(line) + "\n")
+        self._file.flush()
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def _check(values: dict[str, float | None], name: str, seed: int, steps: int) -> None:
+    for term in ("policy_loss", "value_loss", "entropy"):
+        if values[term] is None:
+            raise TrainingError(f"{name}, seed {seed}: {term} is not finite after {steps} steps")
+
+
+def _number(value: Any) -> float | None:
+    """JSON has no NaN: what was not measured (no scenario ended) is null."""
+    number = float(value)
+    return number if math.isfinite(number) else None
+
+
+def _policy(experiment: Experiment, seed: int, task: Task, learner: ppo.Learner) -> Policy:
+    actor, normaliser = jax.device_get((learner.parameters.actor, learner.normaliser))
+    description = PolicyDescription(
+        format=FORMAT,
+        experiment=experiment.name,
+        seed=seed,
+        task_name=task.name,
+        task_version=task.version,
+        observation=task.observation_names,
+        actions=task.action_names,
+        hidden=experiment.ppo.hidden,
+        config=msgspec.to_builtins(experiment),
+        packages=package_versions(),
+        sha256="",
+        git_revision=_git_revision(),
+    )
+    as_float32 = jax.tree.map(
+        lambda array: np.asarray(array, dtype=np.float32), (actor, normaliser)
+    )
+    return Policy(description, *as_float32)
+
+
+def _git_revision() -> str | None:
+    """Of the working tree that this package lies in, if it does."""
+    try:
+        found = subprocess.run(
+            ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"],
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=10,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return found.stdout.strip()

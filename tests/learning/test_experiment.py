@@ -1,0 +1,90 @@
+"""Experiments: those that ship, changes to them, and what is refused."""
+
+import tomllib
+
+import pytest
+
+from skystack.errors import InputError
+from skystack.learning.experiment import experiment_names, load_experiment, to_toml
+from skystack.tasks.settings import PAPER_FEATURES
+
+
+@pytest.mark.parametrize("name", experiment_names())
+def test_shipped_experiments_load_under_their_names(name):
+    experiment = load_experiment(name)
+    assert experiment.name == name
+    assert experiment.description
+
+
+@pytest.mark.parametrize("name", ["lateral", "lateral-undamped", "lateral-large"])
+def test_plainly_named_experiments_keep_every_value_of_the_paper(name):
+    experiment = load_experiment(name)
+    ppo, task = experiment.ppo, experiment.task
+    assert (ppo.learning_rate, ppo.gamma, ppo.entropy) == (1e-4, 0.99, 0.01)
+    assert ppo.final_learning_rate == 1.0
+    assert (ppo.total_steps, ppo.hidden) == (2_000_000, (64, 64))
+    assert (task.aircraft, task.level_fl, task.disc_nm, task.cycles) == (2, 300, 4.0, 300)
+    assert (task.features, task.timing) == (PAPER_FEATURES, "cycle")
+    assert task.actions == ("large" if name == "lateral-large" else "small")
+    undamped = name == "lateral-undamped"
+    reward = task.reward
+    assert (reward.centreline, reward.terminal) == (1.0, 1.0)
+    assert (reward.damping, reward.count_criterion) == ((0.0, False) if undamped else (0.25, True))
+    assert (reward.burst, reward.outside_band, reward.stray) == (0.0, 0.0, 0.0)
+    assert experiment.pretraining is None
+
+
+def test_changes_are_typed_as_in_toml():
+    experiment = load_experiment(
+        "lateral", ["ppo.total_steps=500000", "ppo.learning_rate=3e-4", "task.actions=large"]
+    )
+    assert experiment.ppo.total_steps == 500_000
+    assert experiment.ppo.learning_rate == 3e-4
+    assert experiment.task.actions == "large"
+
+
+def test_a_resolved_experiment_reads_back(tmp_path):
+    path = tmp_path / "mine.toml"
+    experiment = load_experiment("lateral", ["ppo.gamma=0.95"])
+    path.write_bytes(to_toml(experiment))
+    assert load_experiment(str(path)) == experiment
+    assert tomllib.loads(path.read_text())["ppo"]["entropy"] == 0.01
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("ppo.learning_rat=1", r"ppo\.learning_rat.*did you mean 'ppo\.learning_rate'"),
+        ("pop.gamma=1", r"'pop'.*did you mean 'ppo'"),
+        ("ppo=3", "ppo is a value"),
+        ("ppo.gamma=1.5", r"ppo\.gamma.*1"),
+        ("ppo.total_steps=0", r"ppo\.total_steps"),
+        ("ppo.total_steps=-5", r"ppo\.total_steps"),
+        ("ppo.total_steps=many", r"ppo\.total_steps: expected `int`"),
+        ("ppo.gamma=nan", r"ppo\.gamma"),
+        ("ppo.learning_rate=inf", r"ppo\.learning_rate"),
+        ("task.reward.damping=nan", r"task\.reward\.damping"),
+        ("ppo.minibatch=100000", r"ppo\.minibatch"),
+        ("task.actions=huge", r"task\.actions"),
+        ("gamma", "key=value"),
+        ("name.first=1", "value, not a table"),
+    ],
+)
+def test_changes_that_are_refused_in_one_line(change, message):
+    with pytest.raises(InputError, match=message) as error:
+        load_experiment("lateral", [change])
+    assert "\n" not in str(error.value)
+
+
+def test_unknown_experiments_name_the_nearest():
+    with pytest.raises(InputError, match="did you mean 'lateral-large'"):
+        load_experiment("lateral-lrage")
+
+
+def test_files_that_are_no_experiments(tmp_path):
+    path = tmp_path / "broken.toml"
+    path.write_text("name = ")
+    with pytest.raises(InputError, match="not TOML"):
+        load_experiment(str(path))
+    with pytest.raises(InputError, match="cannot be read"):
+        load_experiment(str(tmp_path / "missing.toml"))

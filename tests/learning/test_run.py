@@ -1,0 +1,113 @@
+"""Training runs: their files, repetition, resumption, interruption, curriculum."""
+
+import json
+
+import numpy as np
+import pytest
+
+from skystack.errors import InputError, TrainingError
+from skystack.learning.experiment import load_experiment
+from skystack.learning.policy import load_policy
+from skystack.learning.run import train_experiment
+
+SMALL = (
+    "ppo.total_steps=1024",
+    "ppo.environments=8",
+    "ppo.steps=32",
+    "ppo.epochs=2",
+    "ppo.minibatch=64",
+)
+
+
+def small(*changes, name="lateral"):
+    return load_experiment(name, SMALL + changes)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("trained")
+    return folder, train_experiment(small(), 3, folder)
+
+
+def weights(folder):
+    return (folder / "policy.safetensors").read_bytes()
+
+
+def test_a_run_leaves_its_files(trained):
+    folder, run = trained
+    lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+    assert [line["steps"] for line in lines] == [256, 512, 768, 1024]
+    assert run.steps == 1024
+    assert load_policy(folder).description.seed == 3
+    assert (folder / "config.toml").read_text().startswith('name = "lateral"')
+    assert (folder / "checkpoint" / "learner.safetensors").exists()
+
+
+def test_the_config_file_trains_the_same_policy_bit_for_bit(trained, tmp_path):
+    again = load_experiment(str(trained[0] / "config.toml"))
+    train_experiment(again, 3, tmp_path)
+    assert weights(tmp_path) == weights(trained[0])
+
+
+def test_another_seed_trains_another_policy(trained, tmp_path):
+    train_experiment(small(), 4, tmp_path)
+    assert weights(tmp_path) != weights(trained[0])
+
+
+def test_an_interrupted_run_goes_on_to_the_same_policy(trained, tmp_path):
+    def interrupt(progress):
+        if progress.steps == 512:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train_experiment(small(), 3, tmp_path, on_update=interrupt)
+    assert not (tmp_path / "policy.json").exists()
+    run = train_experiment(small(), 3, tmp_path, resume=True)
+    assert run.steps == 512
+    assert weights(tmp_path) == weights(trained[0])
+    lines = (tmp_path / "metrics.jsonl").read_text().splitlines()
+    assert [json.loads(line)["update"] for line in lines] == [1, 2, 3, 4]
+
+
+def test_a_checkpoint_of_another_configuration_is_refused(trained):
+    with pytest.raises(InputError, match="another experiment, seed or configuration"):
+        train_experiment(small("ppo.gamma=0.9"), 3, trained[0], resume=True)
+
+
+def test_a_damaged_checkpoint_is_refused(trained, tmp_path):
+    (tmp_path / "checkpoint").mkdir()
+    (tmp_path / "checkpoint" / "learner.safetensors").write_bytes(b"not a checkpoint")
+    with pytest.raises(InputError, match="not a checkpoint"):
+        train_experiment(small(), 3, tmp_path, resume=True)
+
+
+def test_a_loss_that_is_no_number_stops_training(tmp_path):
+    with pytest.raises(TrainingError, match="lateral, seed 0: value_loss is not finite"):
+        train_experiment(
+            small(
+                "ppo.learning_rate=1e6",
+                "ppo.reward_scale=1e6",
+                "ppo.max_gradient_norm=1e6",
+                "ppo.adam_epsilon=1e-30",
+                "ppo.total_steps=20000",
+            ),
+            0,
+            tmp_path,
+        )
+    assert not (tmp_path / "policy.json").exists()
+
+
+def test_pretraining_changes_what_is_learned_first(trained, tmp_path):
+    """The same rewards before and after are no pre-training at all; others are."""
+    same = small("pretraining.steps=512")
+    train_experiment(same, 3, tmp_path / "same")
+    assert weights(tmp_path / "same") == weights(trained[0])
+    other = small("pretraining.steps=512", "pretraining.reward.damping=5.0")
+    train_experiment(other, 3, tmp_path / "other")
+    assert weights(tmp_path / "other") != weights(trained[0])
+
+
+def test_the_policy_on_disk_is_the_policy_trained(trained):
+    folder, run = trained
+    seen = np.random.default_rng(0).uniform(size=(50, 8)).astype(np.float32)
+    np.testing.assert_array_equal(load_policy(folder).logits(seen), run.policy.logits(seen))
