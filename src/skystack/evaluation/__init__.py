@@ -1,0 +1,1 @@
+"""How controllers are judged: rollouts, tables, statistics, comparison with the paper."""

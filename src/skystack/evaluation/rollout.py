@@ -1,0 +1,132 @@
+"""Fly many scenarios under a policy, inside one compiled program, and keep what happened."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from skystack.learning.inference import Layers, Normaliser, forward, normalise
+from skystack.seeds import scenario_key
+from skystack.simulator.traffic import Traffic
+from skystack.stacking import stack_traced
+from skystack.tasks.contract import NO_ACTION, Metrics
+from skystack.tasks.lateral import LateralState, LateralTask
+
+SCENARIOS_AT_ONCE = 1000
+_POLICY = 0x90_11C7
+"""Folded into a scenario's key for a policy that samples."""
+
+
+class Controller(NamedTuple):
+    """What decides: a traceable function of (weights, observation, key), and its weights."""
+
+    decide: Callable[[Any, Float[Array, " observation"], PRNGKeyArray], Int[Array, ""]]
+    weights: Any = ()
+
+
+def network_controller(actor: Layers, normaliser: Normaliser, greedy: bool) -> Controller:
+    """A policy's network: the most probable action, or one drawn by its probability."""
+
+    def decide(
+        weights: tuple[Layers, Normaliser], observation: Array, key: PRNGKeyArray
+    ) -> Int[Array, ""]:
+        actor, normaliser = weights
+        logits: Array = forward(actor, normalise(normaliser, observation))
+        chosen = jnp.argmax(logits) if greedy else jax.random.categorical(key, logits)
+        return chosen.astype(jnp.int32)
+
+    return Controller(decide, (actor, normaliser))
+
+
+def _say_nothing(weights: Any, observation: Array, key: PRNGKeyArray) -> Int[Array, ""]:
+    return jnp.full((), NO_ACTION, dtype=jnp.int32)
+
+
+NOBODY = Controller(_say_nothing)
+"""Instructs nobody, ever."""
+
+
+class Recording(NamedTuple):
+    """Scenarios flown: `[scenarios, cycles, ...]`, numpy. Row k of a scenario is its cycle k+1."""
+
+    start: Traffic
+    """Cycle 0, `[scenarios, aircraft]`."""
+    traffic: Traffic
+    """After each cycle."""
+    entered: Bool[np.ndarray, "scenarios cycles aircraft"]
+    exited: Bool[np.ndarray, "scenarios cycles aircraft"]
+    strayed: Bool[np.ndarray, "scenarios cycles aircraft"]
+    action: Int[np.ndarray, "scenarios cycles"]
+    """The instruction that was stacked before the cycle was flown."""
+    instructions: Int[np.ndarray, "scenarios cycles"]
+    """How many of them: 0, and nothing was issued."""
+    heading_when_cleared_deg: Float[np.ndarray, "scenarios cycles aircraft"]
+    """The actual headings when the clearance was given."""
+    ran: Bool[np.ndarray, "scenarios cycles"]
+    """Whether the scenario was still going on in the cycle."""
+    reward: Float[np.ndarray, "scenarios cycles"]
+    """Of the task, unscaled; 0 after the end."""
+    metrics: Metrics
+    """At the end, `[scenarios]`."""
+
+
+def fly(
+    task: LateralTask,
+    controller: Controller,
+    seed: int,
+    scenarios: int,
+    stacking: bool,
+) -> Recording:
+    """Fly scenarios 0, 1, ... of an evaluation seed, stacked or one instruction a cycle."""
+    limit = None if stacking else 1
+    flown = jax.jit(jax.vmap(partial(_fly_one, task, controller.decide, limit), in_axes=(None, 0)))
+    parts = []
+    for first in range(0, scenarios, SCENARIOS_AT_ONCE):
+        numbers = range(first, min(first + SCENARIOS_AT_ONCE, scenarios))
+        keys = jnp.stack([scenario_key(seed, number) for number in numbers])
+        parts.append(jax.device_get(flown(controller.weights, keys)))
+    whole: Recording = jax.tree.map(lambda *arrays: np.concatenate(arrays), *parts)
+    return whole
+
+
+def _fly_one(
+    task: LateralTask,
+    decide: Callable[[Any, Array, PRNGKeyArray], Array],
+    limit: int | None,
+    weights: Any,
+    key: PRNGKeyArray,
+) -> Recording:
+    """One scenario to its end; cycles after it repeat its last state."""
+    start: LateralState = task.reset(key)
+    policy = partial(decide, weights)
+
+    def cycle(
+        carry: tuple[LateralState, Bool[Array, ""]], key: PRNGKeyArray
+    ) -> tuple[tuple[LateralState, Bool[Array, ""]], tuple[Array | Traffic | Metrics, ...]]:
+        state, over = carry
+        told, stack = stack_traced(task, policy, state, key, limit)
+        flown, outcome = task.advance(told)
+        state = jax.tree.map(lambda new, old: jnp.where(over, old, new), flown, state)
+        kept = (
+            state.traffic,
+            state.memory.entered,
+            state.memory.exited,
+            state.memory.strayed,
+            stack.action,
+            jnp.where(over, 0, stack.instructions),
+            told.traffic.heading_deg,
+            ~over,
+            jnp.where(over, 0.0, outcome.reward),
+            outcome.metrics,
+        )
+        return (state, over | outcome.terminated), kept
+
+    keys = jax.random.split(jax.random.fold_in(key, _POLICY), task.settings.cycles)
+    _, kept = jax.lax.scan(cycle, (start, jnp.zeros((), dtype=bool)), keys)
+    recording = Recording(start.traffic, *kept)  # type: ignore[arg-type]
+    last = jnp.sum(recording.ran) - 1
+    return recording._replace(metrics=jax.tree.map(lambda values: values[last], recording.metrics))

@@ -1,0 +1,58 @@
+"""Rows of the comparison: the tables of an evaluation reduced to the numbers that are reported."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from skystack.evaluation.paper import paper_row
+
+Row = dict[str, Any]
+
+
+def summarise(
+    experiment: str, seed: int, platform: str, stacking: bool, greedy: bool, episodes: pa.Table
+) -> Row:
+    """The row of one policy on its scenarios."""
+    return {"seed": seed} | _row(experiment, 1, platform, stacking, greedy, episodes)
+
+
+def aggregate(rows: Sequence[Row], episodes: Sequence[pa.Table]) -> Row:
+    """One row for all training seeds: the statistics of their scenarios put together."""
+    first = rows[0]
+    return _row(
+        first["experiment"],
+        len(rows),
+        first["platform"],
+        first["stacking"],
+        first["greedy"],
+        pa.concat_tables(episodes),
+    )
+
+
+def _row(
+    experiment: str, seeds: int, platform: str, stacking: bool, greedy: bool, episodes: pa.Table
+) -> Row:
+    column = {name: episodes[name].to_numpy() for name in episodes.column_names}
+    separation = column["min_separation_nm"]
+    finite = separation[np.isfinite(separation)]
+    return {
+        "experiment": experiment,
+        "seeds": seeds,
+        "platform": platform,
+        "stacking": stacking,
+        "greedy": greedy,
+        "episodes": episodes.num_rows,
+        "clearances_mean": float(np.mean(column["clearances"])),
+        "clearances_std": float(np.std(column["clearances"])),
+        "instructions_mean": float(np.mean(column["instructions"])),
+        "success_rate": float(np.mean(column["success"])),
+        "correct_exit_rate": float(np.mean(column["correct_exit"])),
+        "excursion_rate": float(np.mean(column["excursion"])),
+        "few_clearances_rate": float(np.mean(column["few_clearances"])),
+        "loss_of_separation_count": int(np.sum(column["loss_of_separation"])),
+        "min_separation_nm_min": float(np.min(finite)) if finite.size else None,
+        "min_separation_nm_mean": float(np.mean(finite)) if finite.size else None,
+        "paper": paper_row(experiment, stacking),
+    }

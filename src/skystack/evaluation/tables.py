@@ -1,0 +1,206 @@
+"""What happened, as four tables: episodes, aircraft, trajectories, clearances (Parquet)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax
+import msgspec
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from jaxtyping import Bool, Float, Int
+
+from skystack.airspace.projection import TangentPlane
+from skystack.airspace.sector import Sector
+from skystack.evaluation.rollout import Recording
+from skystack.files import make_folder, write_aside
+from skystack.platforms.phraseology import Instruction, written
+from skystack.simulator.performance import TICKS_PER_FL
+from skystack.simulator.simulator import CYCLE_S
+from skystack.simulator.traffic import Traffic
+from skystack.tasks.lateral import LateralTask
+from skystack.tasks.rewards import MAX_INSTRUCTIONS
+from skystack.tasks.tracking import SEPARATION_NM
+
+STATUS = ("before_entry", "in_sector", "exited", "strayed")
+
+
+@dataclass(frozen=True)
+class Tables:
+    """The four tables of an evaluation."""
+
+    episodes: pa.Table
+    aircraft: pa.Table
+    trajectories: pa.Table
+    clearances: pa.Table
+
+    def write(self, folder: Path, sector: Sector) -> None:
+        """Write `<name>.parquet` each; the sector goes along, so that a folder replays alone."""
+        make_folder(folder)
+        metadata = {b"sector": msgspec.json.encode(sector)}
+        for name, table in vars(self).items():
+            sink = pa.BufferOutputStream()
+            pq.write_table(table.replace_schema_metadata(metadata), sink, compression="zstd")
+            write_aside(folder / f"{name}.parquet", sink.getvalue().to_pybytes())
+
+
+def make_tables(task: LateralTask, recording: Recording) -> Tables:
+    """All four tables of what was flown."""
+    return Tables(
+        episodes=episode_table(task, recording),
+        aircraft=_aircraft_table(task, recording),
+        trajectories=_trajectory_table(task, recording),
+        clearances=_clearance_table(task, recording),
+    )
+
+
+def callsigns(task: LateralTask) -> list[str]:
+    """AC1, AC2, ..."""
+    return [f"AC{number + 1}" for number in range(task.scenarios.aircraft)]
+
+
+def episode_table(task: LateralTask, recording: Recording) -> pa.Table:
+    """One row a scenario. The count criterion counts clearances here, not instructions."""
+    metrics = recording.metrics
+    issued = clearances_by_aircraft(task, recording)
+    few = np.all(issued < MAX_INSTRUCTIONS, axis=1)
+    success = metrics.correct_exit & ~metrics.excursion
+    if task.settings.reward.count_criterion:
+        success = success & few
+    return pa.table(
+        {
+            "scenario": np.arange(len(few), dtype=np.int32),
+            "clearances": issued.sum(axis=1).astype(np.int32),
+            "instructions": recording.instructions.sum(axis=1).astype(np.int32),
+            "return": recording.reward.sum(axis=1),
+            "success": success,
+            "correct_exit": metrics.correct_exit,
+            "excursion": metrics.excursion,
+            "few_clearances": few,
+            "min_separation_nm": metrics.min_separation_nm,
+            "loss_of_separation": metrics.min_separation_nm < SEPARATION_NM,
+            "cycles": recording.ran.sum(axis=1).astype(np.int32),
+        }
+    )
+
+
+def clearances_by_aircraft(
+    task: LateralTask, recording: Recording
+) -> Int[np.ndarray, "scenarios aircraft"]:
+    """How many clearances each aircraft was given."""
+    addressed = np.array([-1, *(aircraft for aircraft, _ in task.actions.turns)])
+    who = np.where(recording.instructions > 0, addressed[recording.action], -1)
+    numbers = np.arange(task.scenarios.aircraft)
+    return (who[:, :, None] == numbers).sum(axis=1)
+
+
+def _aircraft_table(task: LateralTask, recording: Recording) -> pa.Table:
+    scenarios, count = recording.start.level.shape
+    routes = [" ".join(route) for route in task.simulator.sector.routes]
+    level = np.rint(recording.start.level / TICKS_PER_FL).astype(np.int32).reshape(-1)
+    return pa.table(
+        {
+            "scenario": np.repeat(np.arange(scenarios, dtype=np.int32), count),
+            "callsign": _repeated(callsigns(task), scenarios),
+            "type": _repeated(["B753"] * count, scenarios),
+            "route": pa.array(np.array(routes)[recording.start.route.reshape(-1)]),
+            "entry_fl": level,
+            "exit_fl": level,
+        }
+    )
+
+
+def _trajectory_table(task: LateralTask, recording: Recording) -> pa.Table:
+    """One row per aircraft and cycle until the scenario's end; row 0 is the start."""
+    traffic: Traffic = jax.tree.map(
+        lambda start, later: np.concatenate([start[:, None], later], axis=1),
+        recording.start,
+        recording.traffic,
+    )
+    status = _status(recording)
+    scenarios = status.shape[0]
+    shown = np.concatenate([np.ones((scenarios, 1), dtype=bool), recording.ran], axis=1)
+    keep = np.broadcast_to(shown[:, :, None], status.shape).reshape(-1)
+    scenario, cycle, who = (index.reshape(-1)[keep] for index in np.indices(status.shape))
+    columns = trajectory_columns(traffic, task.simulator.sector.plane)
+    return pa.table(
+        {
+            "scenario": scenario.astype(np.int32),
+            "cycle": cycle.astype(np.int32),
+            "time_s": (cycle * CYCLE_S).astype(np.int32),
+            "callsign": pa.DictionaryArray.from_arrays(who.astype(np.int32), callsigns(task)),
+            **{name: values.reshape(-1)[keep] for name, values in columns.items()},
+            "status": pa.DictionaryArray.from_arrays(status.reshape(-1)[keep], list(STATUS)),
+        }
+    )
+
+
+def trajectory_columns(traffic: Traffic, plane: TangentPlane) -> dict[str, np.ndarray]:
+    """The physical and the cleared values of traffic in the units of the tables, any shape."""
+    degrees = plane.to_degrees(traffic.position_nm)
+    return {
+        "lat": degrees[..., 0].astype(np.float32),
+        "lon": degrees[..., 1].astype(np.float32),
+        "fl": np.asarray(traffic.level) / np.float32(TICKS_PER_FL),
+        "heading_deg": np.asarray(traffic.heading_deg),
+        "cleared_heading_deg": np.asarray(traffic.cleared_heading_deg),
+        "cleared_fl": np.asarray(traffic.cleared_level) / np.float32(TICKS_PER_FL),
+        "ground_speed_kt": np.asarray(traffic.ground_speed_kt),
+        "vertical_speed_ft_min": np.asarray(traffic.vertical_speed_ft_min),
+    }
+
+
+def _status(recording: Recording) -> Int[np.ndarray, "scenarios rows aircraft"]:
+    """Index in STATUS; whoever strayed and came out right has exited."""
+    status = np.where(recording.entered, 1, 0)
+    status = np.where(recording.strayed, 3, status)
+    status = np.where(recording.exited, 2, status)
+    start = np.zeros_like(status[:, :1])
+    return np.concatenate([start, status], axis=1).astype(np.int8)
+
+
+def _clearance_table(task: LateralTask, recording: Recording) -> pa.Table:
+    """One row a clearance, in the order issued."""
+    scenario, cycle = np.nonzero(recording.instructions > 0)
+    turns = np.array([(-1, 0), *task.actions.turns])[recording.action[scenario, cycle]]
+    who = turns[:, 0]
+    cleared = np.asarray(recording.traffic.cleared_heading_deg)[scenario, cycle, who]
+    actual = recording.heading_when_cleared_deg[scenario, cycle, who]
+    right = _turns_right(actual, cleared)
+    signs = callsigns(task)
+    heading = np.rint(cleared).astype(np.int32)
+    texts = [
+        written(Instruction(signs[a], heading_deg=int(h), turn="right" if r else "left"))
+        for a, h, r in zip(who, heading, right, strict=True)
+    ]
+    return pa.table(
+        {
+            "scenario": scenario.astype(np.int32),
+            "cycle": cycle.astype(np.int32),
+            "transmission": _running_number(scenario),
+            "callsign": pa.DictionaryArray.from_arrays(who.astype(np.int32), signs),
+            "kind": pa.array(["heading"] * len(who), type=pa.string()),
+            "value": heading,
+            "direction": pa.array(np.where(right, "right", "left").tolist(), type=pa.string()),
+            "instructions": recording.instructions[scenario, cycle].astype(np.int32),
+            "text": pa.array(texts, type=pa.string()),
+        }
+    )
+
+
+def _turns_right(
+    actual_deg: Float[np.ndarray, " n"], cleared_deg: Float[np.ndarray, " n"]
+) -> Bool[np.ndarray, " n"]:
+    """The way the shorter turn goes."""
+    return (cleared_deg - actual_deg) % 360.0 < 180.0
+
+
+def _running_number(scenario: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    """0, 1, 2, ... within each scenario (sorted by it)."""
+    first = np.searchsorted(scenario, scenario, side="left")
+    return (np.arange(len(scenario)) - first).astype(np.int32)
+
+
+def _repeated(values: Sequence[str], times: int) -> pa.Array:
+    return pa.array(list(values) * times)

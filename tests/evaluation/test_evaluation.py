@@ -1,0 +1,172 @@
+"""Evaluation: the scenarios, the tables, the rows; judged against what is known of the sector."""
+
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from skystack.catalogue import find_policy
+from skystack.errors import InputError
+from skystack.evaluation.judge import evaluation_folder, judge, judge_nobody, task_of
+from skystack.evaluation.paper import paper_row
+from skystack.evaluation.rollout import NOBODY, fly
+from skystack.evaluation.summary import aggregate
+from skystack.learning.experiment import load_experiment
+from skystack.learning.policy import Policy
+from skystack.seeds import scenario_key, training_key
+from skystack.tasks.build import build_task
+from skystack.tasks.settings import TaskSettings
+
+TABLES = ("episodes", "aircraft", "trajectories", "clearances")
+EPISODES = 60
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("evaluation")
+
+
+@pytest.fixture(scope="module")
+def judged(folder):
+    return judge(find_policy("lateral"), 0, EPISODES, True, True, folder)
+
+
+@pytest.fixture(scope="module")
+def tables(judged, folder):
+    where = evaluation_folder(folder, "lateral", judged.row["seed"], stacking=True)
+    return {name: pq.read_table(where / f"{name}.parquet") for name in TABLES}
+
+
+def column(table, name):
+    return np.array(table[name].to_pylist())
+
+
+def test_scenarios_depend_on_seed_and_number_only():
+    task = build_task(TaskSettings())
+    few, many = (fly(task, NOBODY, 0, count, False).start for count in (3, 7))
+    other = fly(task, NOBODY, 1, 3, False).start
+    np.testing.assert_array_equal(few.position_nm, many.position_nm[:3])
+    assert not np.array_equal(few.position_nm, other.position_nm)
+
+
+def test_training_and_evaluation_never_share_a_key():
+    import jax
+
+    evaluation = {
+        tuple(jax.random.key_data(scenario_key(s, i))) for s in range(5) for i in range(50)
+    }
+    training = {tuple(jax.random.key_data(training_key(s))) for s in range(50)}
+    assert len(evaluation) == 250
+    assert not evaluation & training
+
+
+def test_doing_nothing_succeeds_where_both_routes_are_straight():
+    """Known of the sector: HERON-SWIFT and SWIFT-HERON need no instruction, all others one."""
+    experiment = load_experiment("lateral")
+    flight = fly(build_task(experiment.task), NOBODY, 0, 300, False)
+    routes = build_task(experiment.task).simulator.sector.routes
+    straight = np.array([{"HERON", "SWIFT"} == {route[0], route[-1]} for route in routes])
+    expected = straight[flight.start.route].all(axis=1)
+    assert expected.sum() > 0
+    result = judge_nobody(experiment, 0, 300, None)
+    np.testing.assert_array_equal(column(result.episodes, "success"), expected)
+    assert result.row["clearances_mean"] == result.row["instructions_mean"] == 0.0
+    assert result.row["experiment"] == "do-nothing"
+
+
+def test_tables_tell_one_story(tables, judged):
+    episodes, clearances = tables["episodes"], tables["clearances"]
+    assert episodes.num_rows == EPISODES
+    counts = np.bincount(column(clearances, "scenario"), minlength=EPISODES)
+    np.testing.assert_array_equal(counts, column(episodes, "clearances"))
+    stacked = np.bincount(
+        column(clearances, "scenario"), column(clearances, "instructions"), minlength=EPISODES
+    )
+    np.testing.assert_array_equal(stacked, column(episodes, "instructions"))
+    assert judged.row["clearances_mean"] == pytest.approx(counts.mean())
+    assert judged.row["success_rate"] == pytest.approx(column(episodes, "success").mean())
+
+
+def test_trajectories_have_a_row_per_aircraft_and_cycle(tables):
+    trajectories = tables["trajectories"]
+    cycles = column(tables["episodes"], "cycles")
+    assert trajectories.num_rows == 2 * np.sum(cycles + 1)
+    first = trajectories.slice(0, 2).to_pylist()
+    assert [row["callsign"] for row in first] == ["AC1", "AC2"]
+    assert [(row["cycle"], row["time_s"], row["status"]) for row in first] == [
+        (0, 0, "before_entry")
+    ] * 2
+    assert first[0]["ground_speed_kt"] == pytest.approx(465.940793, abs=1e-3)
+    last = [row for row in trajectories.to_pylist() if row["scenario"] == 0][-2:]
+    assert last[0]["cycle"] == cycles[0]
+
+
+def test_a_clearance_is_seen_in_the_next_row_and_flown_after_it(tables):
+    """Section 10 of the design: row k+1 shows it as cleared, row k+2 the aircraft moving on it."""
+    rows = {
+        (row["scenario"], row["callsign"], row["cycle"]): row
+        for row in tables["trajectories"].to_pylist()
+        if row["scenario"] < 10
+    }
+    checked = 0
+    for clearance in tables["clearances"].to_pylist():
+        where, cycle = (clearance["scenario"], clearance["callsign"]), clearance["cycle"]
+        if clearance["scenario"] >= 10 or (*where, cycle + 2) not in rows:
+            continue
+        row = rows[*where, cycle + 1]
+        assert row["cleared_heading_deg"] == clearance["value"] % 360
+        turn = (clearance["value"] - row["heading_deg"] + 180) % 360 - 180
+        if abs(turn) > 15 and row["status"] != "exited":
+            assert (turn > 0) == (clearance["direction"] == "right")
+        verb = f"{clearance['callsign']} turn {clearance['direction']} heading"
+        assert clearance["text"] == f"{verb} {clearance['value'] or 360:03d}"
+        checked += 1
+    assert checked > 10
+
+
+def test_tables_carry_their_sector(tables):
+    sector = json.loads(tables["trajectories"].schema.metadata[b"sector"])
+    assert sector["name"] == "x-plus"
+    assert len(sector["area"]) == 14
+    assert len(sector["routes"]) == 10
+
+
+def test_plain_flight_issues_every_instruction_by_itself():
+    plain = judge(find_policy("lateral"), 0, EPISODES, False, True, None)
+    assert plain.row["clearances_mean"] == plain.row["instructions_mean"]
+    assert plain.row["paper"] == {"clearances_mean": 14.5, "clearances_std": 6.6}
+
+
+def test_sampling_differs_from_greedy_and_repeats():
+    first, second = (judge(find_policy("lateral"), 0, 20, True, False, None) for _ in range(2))
+    greedy = judge(find_policy("lateral"), 0, 20, True, True, None)
+    assert first.episodes.equals(second.episodes)
+    assert not first.episodes.equals(greedy.episodes)
+
+
+def test_rows_of_several_seeds_are_put_together(judged):
+    other = judge(find_policy("lateral"), 1, EPISODES, True, True, None)
+    row = aggregate([judged.row, other.row], [judged.episodes, other.episodes])
+    assert (row["seeds"], row["episodes"]) == (2, 2 * EPISODES)
+    both = (judged.row["clearances_mean"] + other.row["clearances_mean"]) / 2
+    assert row["clearances_mean"] == pytest.approx(both)
+
+
+def test_the_papers_numbers():
+    assert paper_row("lateral-undamped", False) == {
+        "clearances_mean": 113.0,
+        "clearances_std": 15.9,
+    }
+    assert paper_row("lateral", True) == {"clearances_mean": 7.2, "clearances_std": 3.5}
+    assert paper_row("lateral-large", False) == {"clearances_mean": 6.3, "clearances_std": 3.0}
+    assert paper_row("lateral-large", True) is None
+
+
+def test_a_policy_for_another_version_of_its_task_is_refused():
+    import msgspec
+
+    policy = find_policy("lateral")
+    newer = msgspec.structs.replace(policy.description, task_version=99)
+    with pytest.raises(InputError, match="version 99"):
+        task_of(Policy(newer, policy.actor, policy.normaliser))
