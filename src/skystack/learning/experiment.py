@@ -75,13 +75,15 @@ def experiment_from(values: Mapping[str, Any], where: str) -> Experiment:
     return experiment
 
 
+def resolved(experiment: Experiment) -> dict[str, Any]:
+    """The experiment with every default as plain values; what is absent is left out."""
+    values = msgspec.to_builtins(experiment)
+    return {key: value for key, value in values.items() if value is not None}
+
+
 def to_toml(experiment: Experiment) -> bytes:
     """The experiment fully resolved."""
-    values = msgspec.to_builtins(experiment)
-    # TOML has no null: what is not there is left out.
-    return tomli_w.dumps(
-        {key: value for key, value in values.items() if value is not None}
-    ).encode()
+    return tomli_w.dumps(resolved(experiment)).encode()
 
 
 def _set(values: dict[str, Any], change: str) -> None:

@@ -18,7 +18,7 @@ from skystack.errors import TrainingError
 from skystack.files import make_folder, write_aside
 from skystack.learning import ppo
 from skystack.learning.checkpoint import load_checkpoint, save_checkpoint
-from skystack.learning.experiment import Experiment, to_toml
+from skystack.learning.experiment import Experiment, resolved, to_toml
 from skystack.learning.policy import (
     FORMAT,
     Policy,
@@ -162,7 +162,7 @@ def _policy(experiment: Experiment, seed: int, task: Task, learner: ppo.Learner)
         observation=task.observation_names,
         actions=task.action_names,
         hidden=experiment.ppo.hidden,
-        config=msgspec.to_builtins(experiment),
+        config=resolved(experiment),
         packages=package_versions(),
         sha256="",
         git_revision=_git_revision(),

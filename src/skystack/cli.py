@@ -1,0 +1,276 @@
+"""The command line: `skystack <verb>`. Thin: parses, calls, prints.
+
+Results go to standard output, progress and prose to standard error. Exit code 0: done; 1: failed
+while running; 2: wrong usage or input, told in one line. Heavy imports wait until they are needed.
+"""
+
+import argparse
+import difflib
+import json
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+import skystack
+from skystack.errors import InputError, TrainingError
+
+DONE, FAILED, WRONG, INTERRUPTED = 0, 1, 2, 130
+
+
+class _Parser(argparse.ArgumentParser):
+    """An argument parser that complains in one line, with the nearest option."""
+
+    def error(self, message: str) -> NoReturn:
+        message = " ".join(message.split())
+        if message.startswith("unrecognized arguments: "):
+            word = message.split()[2].split("=")[0]
+            near = difflib.get_close_matches(word, self._option_string_actions, n=1)
+            message += f" (did you mean {near[0]}?)" if near else f" (see {self.prog} --help)"
+        raise InputError(f"{self.prog}: {message}")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code."""
+    try:
+        options = _parse(list(sys.argv[1:] if arguments is None else arguments))
+        run: Callable[[argparse.Namespace], int] = options.run
+        return run(options)
+    except InputError as error:
+        return _complain(str(error), WRONG)
+    except TrainingError as error:
+        return _complain(str(error), FAILED)
+    except BrokenPipeError:
+        return FAILED
+    except KeyboardInterrupt:
+        return _complain("interrupted", INTERRUPTED)
+
+
+def _complain(message: str, code: int) -> int:
+    sys.stderr.write(f"skystack: {message}\n")
+    return code
+
+
+def _parse(arguments: list[str]) -> argparse.Namespace:
+    parser = _build_parser()
+    verbs = _verbs(parser)
+    # argparse would list all verbs but name no near one.
+    verb = next((word for word in arguments if not word.startswith("-")), None)
+    if verb is not None and verb not in verbs:
+        near = difflib.get_close_matches(verb, verbs, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise InputError(f"unknown verb {verb!r}{hint} (allowed: {', '.join(verbs)})")
+    options, unknown = parser.parse_known_args(arguments)
+    if unknown:
+        verbs[options.verb].error(f"unrecognized arguments: {' '.join(unknown)}")
+    return options
+
+
+def _verbs(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            return dict(action.choices)
+    return {}
+
+
+def _build_parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="skystack",
+        description="Online action-stacking for air traffic control.",
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action="version", version=f"skystack {skystack.__version__}")
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
+
+    def verb(name: str, does: str, run: Callable[[argparse.Namespace], int]) -> _Parser:
+        sub: _Parser = verbs.add_parser(name, help=does, description=does, allow_abbrev=False)
+        sub.set_defaults(run=run)
+        sub.add_argument("--json", action="store_true", help="print one JSON object")
+        return sub
+
+    verb("list", "experiments, tasks, sectors, shipped policies", _list)
+
+    sub = verb("reproduce", "train, evaluate, compare with the paper, write the report", _reproduce)
+    sub.add_argument(
+        "families", nargs="*", metavar="FAMILY", help="lateral, all (default: lateral --quick)"
+    )
+    sub.add_argument("--seeds", type=_positive, default=1, help="training seeds (default 1)")
+    sub.add_argument("--episodes", type=_positive, help="scenarios to judge on (default 1000)")
+    sub.add_argument("--out", type=Path, metavar="DIR", help="folder for everything written")
+    sub.add_argument("--quick", action="store_true", help="a short training, to see it work")
+
+    sub = verb("train", "train a policy", _train)
+    sub.add_argument("experiment", metavar="EXPERIMENT", help="a name (see list) or a .toml file")
+    sub.add_argument("--seed", type=_seed, default=0, help="default 0")
+    sub.add_argument("--out", type=Path, metavar="DIR", help="default runs/EXPERIMENT-sSEED")
+    sub.add_argument("--resume", action="store_true", help="go on from the folder's checkpoint")
+    sub.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        dest="changes",
+        help="change a setting, as ppo.total_steps=500000; may be repeated",
+    )
+
+    sub = verb("evaluate", "judge a policy on held-out scenarios", _evaluate)
+    sub.add_argument("policy", metavar="POLICY", help="a shipped policy's name or a run folder")
+    sub.add_argument("--episodes", type=_positive, default=1000, help="default 1000")
+    sub.add_argument("--seed", type=_seed, default=0, help="of the scenarios, default 0")
+    sub.add_argument(
+        "--stacking",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="compile bursts into single clearances (default) or not",
+    )
+    how = sub.add_mutually_exclusive_group()
+    how.add_argument("--greedy", action="store_true", help="the most probable action (default)")
+    how.add_argument("--sample", action="store_true", help="an action drawn by its probability")
+    sub.add_argument("--out", type=Path, metavar="DIR", help="folder for the tables (Parquet)")
+
+    sub = verb("simulate", "fly a scenario file", _simulate)
+    sub.add_argument("scenario", type=Path, metavar="SCENARIO.json")
+    sub.add_argument("-o", dest="output", type=Path, metavar="FILE", help="trajectories (Parquet)")
+    return parser
+
+
+def _integer(text: str, least: int) -> int:
+    try:
+        number = int(text)
+    except ValueError:
+        number = least - 1
+    if not least <= number < 2**31:
+        raise argparse.ArgumentTypeError(f"{text!r} (allowed: whole numbers from {least})")
+    return number
+
+
+def _positive(text: str) -> int:
+    return _integer(text, least=1)
+
+
+def _seed(text: str) -> int:
+    return _integer(text, least=0)
+
+
+def _print_json(value: Any) -> None:
+    sys.stdout.write(json.dumps(value, indent=1) + "\n")
+
+
+def _list(options: argparse.Namespace) -> int:
+    from skystack.catalogue import catalogue, catalogue_table
+    from skystack.console import output
+
+    found = catalogue()
+    if options.json:
+        _print_json(found)
+    else:
+        for table in catalogue_table(found):
+            output().print(table)
+    return DONE
+
+
+def _reproduce(options: argparse.Namespace) -> int:
+    from skystack.console import output, prose, show_progress
+    from skystack.reporting.report import write_report
+    from skystack.reporting.tables import comparison_of
+    from skystack.reproduce import QUICK_EPISODES, plan_families, run_plan
+
+    quick = options.quick or not options.families
+    families = options.families or ["lateral"]
+    default = Path("runs") / ("-".join(families) + ("-quick" if quick else ""))
+    out = options.out or default
+    episodes = options.episodes or (QUICK_EPISODES if quick else 1000)
+    words = ["skystack", "reproduce", *families]
+    words += ["--seeds", str(options.seeds), "--episodes", str(episodes)]
+    command = " ".join(words + (["--quick"] if quick else []))
+    plan = plan_families(families, options.seeds, episodes, out, quick, command)
+    with show_progress() as report:
+        results = run_plan(plan, report)
+    prose().print("writing figures and report ...")
+    path = write_report(out)
+    if options.json:
+        _print_json({key: results[key] for key in ("rows", "rows_by_seed", "train", "wall_s")})
+    else:
+        output().print(comparison_of(results["rows"]).as_rich())
+    prose().print(f"{results['wall_s']:.0f} s; report: {path}", highlight=False, soft_wrap=True)
+    return DONE
+
+
+def _train(options: argparse.Namespace) -> int:
+    from skystack.console import prose, show_progress
+    from skystack.learning.experiment import load_experiment
+    from skystack.learning.run import train_experiment
+
+    experiment = load_experiment(options.experiment, options.changes)
+    name = f"{experiment.name}-s{options.seed}"
+    out = options.out or Path("runs") / name
+    try:
+        with show_progress() as report:
+            trained = train_experiment(
+                experiment, options.seed, out, options.resume, lambda step: report(name, step)
+            )
+    except KeyboardInterrupt:
+        return _complain(
+            f"interrupted; to go on: skystack train {options.experiment} --seed {options.seed} "
+            f"--out {out} --resume" + "".join(f" --set {change}" for change in options.changes),
+            INTERRUPTED,
+        )
+    prose().print(f"{trained.wall_s:.0f} s; policy: {out / 'policy.json'}", soft_wrap=True)
+    if options.json:
+        _print_json(
+            {
+                "rows": [],
+                "rows_by_seed": [],
+                "train": [
+                    {
+                        "experiment": experiment.name,
+                        "seed": options.seed,
+                        "steps": trained.steps,
+                        "wall_s": trained.wall_s,
+                        "steps_per_s": trained.steps_per_s,
+                    }
+                ],
+                "wall_s": trained.wall_s,
+            }
+        )
+    return DONE
+
+
+def _evaluate(options: argparse.Namespace) -> int:
+    from skystack.catalogue import find_policy
+    from skystack.console import output
+    from skystack.evaluation.judge import judge
+    from skystack.evaluation.summary import aggregate
+    from skystack.reporting.tables import comparison_of
+
+    begun = time.monotonic()
+    judged = judge(
+        find_policy(options.policy),
+        options.seed,
+        options.episodes,
+        options.stacking,
+        not options.sample,
+        options.out,
+    )
+    rows = [aggregate([judged.row], [judged.episodes])]
+    if options.json:
+        wall_s = time.monotonic() - begun
+        _print_json({"rows": rows, "rows_by_seed": [judged.row], "train": [], "wall_s": wall_s})
+    else:
+        output().print(comparison_of(rows).as_rich())
+    return DONE
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    from skystack.simulate import simulate_file
+
+    summary = simulate_file(options.scenario, options.output)
+    if options.json:
+        _print_json(summary)
+    else:
+        from skystack.console import output
+        from skystack.simulate import summary_table
+
+        output().print(summary_table(summary))
+    return DONE

@@ -1,0 +1,83 @@
+"""What a person at a terminal sees: results on standard output, progress on standard error."""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn
+
+from skystack.learning.run import Progress as Step
+
+PLAIN_EVERY_S = 10.0
+"""Without a terminal, a line this often in place of a moving bar."""
+
+
+def output() -> Console:
+    """For results. Wide enough for the tables when it is no terminal."""
+    console = Console()
+    return console if console.is_terminal else Console(width=160)
+
+
+def prose() -> Console:
+    """For everything else."""
+    return Console(stderr=True)
+
+
+@contextmanager
+def show_progress() -> Iterator[Callable[[str, Step], None]]:
+    """Show the progress of named trainings: steps, speed, time left, return and success."""
+    console = prose()
+    if not console.is_terminal:
+        yield _PlainProgress(console).report
+        return
+    columns = (
+        TextColumn("{task.description:<22}"),
+        BarColumn(bar_width=24),
+        TextColumn("{task.completed:>11,.0f}/{task.total:,.0f} steps"),
+        TextColumn("{task.fields[speed]}"),
+        TextColumn("{task.fields[score]}"),
+    )
+    with Progress(*columns, console=console) as bars:
+        tasks: dict[str, TaskID] = {}
+
+        def report(name: str, step: Step) -> None:
+            if name not in tasks:
+                tasks[name] = bars.add_task(name, total=step.total_steps, speed="", score="")
+            bars.update(tasks[name], completed=step.steps, speed=_speed(step), score=_score(step))
+
+        yield report
+
+
+class _PlainProgress:
+    """Lines for a log file."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._shown: dict[str, float] = {}
+
+    def report(self, name: str, step: Step) -> None:
+        now = time.monotonic()
+        due = now - self._shown.get(name, -PLAIN_EVERY_S) >= PLAIN_EVERY_S
+        if due or step.steps >= step.total_steps:
+            self._shown[name] = now
+            self._console.print(
+                f"{name} {step.steps:,}/{step.total_steps:,} steps {_speed(step)} {_score(step)}",
+                highlight=False,
+                soft_wrap=True,
+            )
+
+
+def _speed(step: Step) -> str:
+    if math.isnan(step.steps_per_s):
+        return "compiled"
+    left = (step.total_steps - step.steps) / step.steps_per_s
+    return f"{step.steps_per_s:,.0f} steps/s, {left:.0f} s left"
+
+
+def _score(step: Step) -> str:
+    success, earned = step.measured.get("success"), step.measured.get("return")
+    if success is None or earned is None:
+        return ""
+    return f"return {earned:.1f} success {success:.2f}"

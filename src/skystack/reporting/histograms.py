@@ -1,0 +1,74 @@
+"""How many clearances scenarios take: histograms beside the paper's mean."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from skystack.reporting.style import BLUE, FAINT, INK, MUTED, PAPER, grid_of_axes
+
+SCENARIOS = 100
+"""As many as the paper's histograms show."""
+MOST_BINS = 80
+
+
+class Panel(NamedTuple):
+    """What one histogram shows."""
+
+    title: str
+    clearances: Int[np.ndarray, " scenarios"]
+    paper_mean: float | None
+
+
+def histogram(panel: Panel) -> Figure:
+    """One row's clearances per scenario."""
+    figure, (axes,) = grid_of_axes(1, 1, (5.0, 3.1))
+    _draw(axes, panel, bin_edges([panel]))
+    axes.set_xlabel("clearances in a scenario")
+    axes.set_ylabel("scenarios")
+    return figure
+
+
+def histograms(panels: Sequence[Panel]) -> Figure:
+    """All rows below each other on the same axes."""
+    size_in = (7.2, 1.05 * len(panels) + 0.5)
+    figure, axes = grid_of_axes(len(panels), 1, size_in, sharex=True, sharey=True)
+    edges = bin_edges(panels)
+    for place, panel in zip(axes, panels, strict=True):
+        _draw(place, panel, edges)
+    figure.supylabel("scenarios", color=MUTED, fontsize=8.5)
+    axes[-1].set_xlabel("clearances in a scenario")
+    return figure
+
+
+def bin_edges(panels: Sequence[Panel]) -> Float[np.ndarray, " edges"]:
+    """Edges half-way between whole numbers, for every panel's values and the paper's means."""
+    most = max(
+        max(int(panel.clearances.max(initial=0)), int(panel.paper_mean or 0)) for panel in panels
+    )
+    width = most // MOST_BINS + 1
+    return np.arange(0, max(most, 4) + width + 1, width) - 0.5
+
+
+def _draw(axes: Axes, panel: Panel, edges: Float[np.ndarray, " edges"]) -> None:
+    mean, std = panel.clearances.mean(), panel.clearances.std()
+    axes.hist(panel.clearances, bins=list(edges), color=BLUE, edgecolor=PAPER, linewidth=0.6)
+    axes.set_title(f"{panel.title}: {mean:.1f} ± {std:.1f}")
+    axes.set_xlim(edges[0] - 0.4, edges[-1])
+    axes.yaxis.set_major_locator(MaxNLocator(nbins=3, integer=True))
+    axes.xaxis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10], integer=True))
+    axes.grid(axis="y", color=FAINT, linewidth=0.5)
+    axes.set_axisbelow(True)
+    if panel.paper_mean is not None:
+        axes.axvline(panel.paper_mean, color=INK, linewidth=1.2, linestyle=(0, (4, 2)))
+        axes.set_title(
+            f"dashed: the paper's mean, {panel.paper_mean:.1f}",
+            loc="right",
+            color=MUTED,
+            fontsize=8.0,
+            fontweight="normal",
+        )

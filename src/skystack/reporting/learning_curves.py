@@ -1,0 +1,146 @@
+"""Learning curves: return, success and its criteria, instructions and bursts against steps."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+
+from skystack.reporting.results import Update
+from skystack.reporting.style import (
+    BLUE,
+    FAINT,
+    GREEN,
+    INK,
+    LINES,
+    MUTED,
+    ORANGE,
+    SERIES,
+    VERMILION,
+    grid_of_axes,
+)
+
+WINDOW = 0.03
+"""The thick lines are running means over this part of the training."""
+
+Curves = Sequence[Sequence[Update]]
+"""The updates of one experiment, a sequence a seed."""
+
+
+def learning_curves(title: str, seeds: Curves) -> Figure:
+    """One experiment, all seeds: return; success and criteria; instructions and bursts."""
+    figure, (returns, rates, counts) = grid_of_axes(3, 1, (5.0, 6.0), sharex=True)
+    returns.set_title(title)
+    _draw(returns, seeds, "episode_return", INK)
+    returns.set_ylabel("return")
+    _draw(rates, seeds, "success", BLUE, label="success")
+    _draw(rates, seeds, "correct_exit", GREEN, style=1, label="correct exit", thin=False)
+    _draw(rates, seeds, "excursion", VERMILION, style=2, label="no excursion", thin=False)
+    _draw(rates, seeds, "few_instructions", ORANGE, style=3, label="few instructions", thin=False)
+    _rates(rates)
+    _legend(rates)
+    _draw(counts, seeds, "instructions", INK, label="instructions")
+    _draw(counts, seeds, "bursts", BLUE, style=1, label="bursts")
+    counts.set_ylabel("in a scenario")
+    counts.set_ylim(bottom=0.0)
+    _legend(counts)
+    _steps(counts)
+    return figure
+
+
+def success_curves(experiments: Mapping[str, Curves]) -> Figure:
+    """Success of all experiments on one pair of axes."""
+    figure, (axes,) = grid_of_axes(1, 1, (5.0, 3.4))
+    axes.set_title("Success during training")
+    for number, (name, seeds) in enumerate(experiments.items()):
+        colour = SERIES[number % len(SERIES)]
+        _draw(axes, seeds, "success", colour, style=number % len(LINES), label=name)
+    _rates(axes)
+    _steps(axes)
+    if axes.get_legend_handles_labels()[0]:
+        figure.legend(loc="outside lower center", ncols=3, labelcolor=MUTED, handlelength=2.4)
+    return figure
+
+
+def running_mean(
+    values: Float[np.ndarray, " n"], weights: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """Weighted mean over a window around each value, smaller at the ends; NaN is left out."""
+    window = np.ones(2 * round(WINDOW * len(values) / 2.0) + 1)
+    known = np.isfinite(values) & (weights > 0.0)
+    total = np.convolve(np.where(known, values * weights, 0.0), window, mode="same")
+    weight = np.convolve(np.where(known, weights, 0.0), window, mode="same")
+    # Where nothing is known itself, its neighbours say nothing either.
+    return np.where(known, total / np.where(known, weight, 1.0), np.nan)
+
+
+def mean_over_seeds(
+    curves: Sequence[tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"]]],
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+    """Steps and mean of (steps, value) curves, at the first one's steps as far as all go."""
+    steps = curves[0][0]
+    steps = steps[steps <= min(at[-1] for at, _ in curves)]
+    return steps, np.mean([np.interp(steps, at, value) for at, value in curves], axis=0)
+
+
+def _draw(
+    axes: Axes,
+    seeds: Curves,
+    field: str,
+    colour: str,
+    style: int = 0,
+    label: str | None = None,
+    thin: bool = True,
+) -> None:
+    """A thick mean over the seeds and, if wanted, a thin line for each."""
+    axes.grid(axis="y", color=FAINT, linewidth=0.5)
+    smooth = []
+    for updates in seeds:
+        steps = np.array([update.steps for update in updates], dtype=float)
+        values = np.array([getattr(update, field) for update in updates], dtype=float)
+        if field == "excursion":
+            values = 1.0 - values
+        if thin:
+            axes.plot(steps, values, color=colour, linewidth=0.5, alpha=0.35)
+        mean = running_mean(values, np.array([update.episodes for update in updates]))
+        known = np.isfinite(mean)
+        if known.any():
+            smooth.append((steps[known], mean[known]))
+    if smooth:
+        axes.plot(
+            *mean_over_seeds(smooth),
+            color=colour,
+            linewidth=1.8,
+            linestyle=LINES[style],
+            label=label,
+        )
+
+
+def _rates(axes: Axes) -> None:
+    axes.set_ylim(-0.03, 1.03)
+    axes.set_ylabel("part of scenarios")
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.0%}"))
+
+
+def _legend(axes: Axes) -> None:
+    """Above the axes: inside, some curve would run through it."""
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            ncols=4,
+            borderaxespad=0.2,
+            handlelength=2.0,
+            handletextpad=0.5,
+            labelcolor=MUTED,
+            columnspacing=0.9,
+            fontsize=7.5,
+        )
+
+
+def _steps(axes: Axes) -> None:
+    axes.set_xlabel("steps of training [million]")
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / 1e6:g}"))
+    axes.margins(x=0.01)

@@ -1,0 +1,134 @@
+"""`report.html`: one file that holds everything a reader wants to know about a run."""
+
+import base64
+from importlib.resources import files
+from pathlib import Path
+from typing import NamedTuple
+
+import jinja2
+
+from skystack.files import write_aside
+from skystack.reporting import tables
+from skystack.reporting.figures import (
+    OVERVIEW,
+    experiment_title,
+    typical_scenario,
+    write_figures,
+)
+from skystack.reporting.flights import Clearance, Scenario, read_scenario
+from skystack.reporting.histograms import SCENARIOS
+from skystack.reporting.results import Row, Run, read_run
+from skystack.reporting.style import follow_the_page
+from skystack.reporting.trajectories import clearances_text
+
+
+class Picture(NamedTuple):
+    """An image inside the page, and what it shows in words."""
+
+    source: str
+    """A data address: the page needs no other file."""
+    words: str
+
+
+class Section(NamedTuple):
+    """What the report shows of one row."""
+
+    title: str
+    flights: Picture
+    histogram: Picture
+    clearances: str
+    issued: tuple[Clearance, ...]
+    """In the order issued, all aircraft together."""
+
+
+class Tile(NamedTuple):
+    """One of the few figures at the top."""
+
+    name: str
+    value: str
+    paper: str | None
+
+
+def write_report(run: Path) -> Path:
+    """Write `figures/` and `report.html`, and return the report's path.
+
+    Raises InputError that names a missing or damaged file.
+    """
+    drawn = {path.stem for path in write_figures(run)}
+    path = run / "report.html"
+    write_aside(path, _page(read_run(run), drawn).encode())
+    return path
+
+
+def _page(run: Run, drawn: set[str]) -> str:
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    source = files("skystack.reporting").joinpath("report.html.jinja").read_text("utf-8")
+    results, scenario = run.results, typical_scenario(run)
+    return environment.from_string(source).render(
+        results=results,
+        bound=run.bound,
+        tiles=_tiles(run),
+        comparison=tables.comparison(results.rows, run.bound),
+        by_seed=tables.by_seed(results),
+        trainings=tables.trainings(results),
+        took=tables.duration(results.wall_s),
+        scenario=scenario,
+        histogram_scenarios=SCENARIOS,
+        sections=[_section(run, row, scenario) for row in results.rows],
+        histograms="histograms" in drawn
+        and _picture(run, "histograms", "Clearances per scenario of every row"),
+        learning="learning" in drawn
+        and _picture(run, "learning", "Success of every experiment during training"),
+        curves=[
+            _picture(run, f"learning-{name}", f"Learning curves: {experiment_title(name)}")
+            for name in results.experiments
+        ],
+    )
+
+
+def _tiles(run: Run) -> list[Tile]:
+    """The rows of the combined picture, and the least that anybody needs."""
+    chosen = [row for row in run.results.rows if row.slug in OVERVIEW]
+    tiles = [
+        Tile(
+            row.title,
+            tables.decimal(row.clearances_mean),
+            tables.decimal(row.paper.clearances_mean) if row.paper else None,
+        )
+        for row in chosen
+    ]
+    if run.bound is not None:
+        tiles.append(Tile("Fewest possible", tables.decimal(run.bound.clearances_mean), None))
+    return tiles
+
+
+def _section(run: Run, row: Row, number: int) -> Section:
+    scenario = read_scenario(run.evaluation(row), number)
+    issued = [clearance for track in scenario.tracks for clearance in track.clearances]
+    return Section(
+        title=row.title,
+        flights=_picture(run, f"trajectory-{row.slug}", _in_words(scenario)),
+        histogram=_picture(
+            run, f"histogram-{row.slug}", f"Histogram of clearances per scenario: {row.name}"
+        ),
+        clearances=clearances_text(scenario.clearances),
+        issued=tuple(sorted(issued, key=lambda clearance: clearance.cycle)),
+    )
+
+
+def _in_words(scenario: Scenario) -> str:
+    """For those who do not see the picture."""
+    flights = "; ".join(
+        f"{track.callsign} {'strayed' if track.strayed_cycle is not None else 'flew'} with "
+        f"{clearances_text(len(track.clearances))}"
+        for track in scenario.tracks
+    )
+    return f"Scenario {scenario.number} from above: {flights}"
+
+
+def _picture(run: Run, name: str, words: str) -> Picture:
+    drawing = (run.folder / "figures" / f"{name}.svg").read_text("utf-8")
+    data = base64.b64encode(follow_the_page(drawing).encode()).decode()
+    return Picture(f"data:image/svg+xml;base64,{data}", words)

@@ -1,0 +1,218 @@
+"""What a run folder says about itself: `results.json`, `bound.json` and the curves of training."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import msgspec
+
+from skystack.errors import InputError
+
+Name = Annotated[str, msgspec.Meta(pattern=r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*\Z")]
+"""Names become parts of file names: none leads into another folder."""
+Number = float | None
+"""JSON has no NaN: what could not be measured is null."""
+
+READABLE_NAMES = {
+    ("lateral-undamped", False): "undamped",
+    ("lateral-undamped", True): "undamped, stacked",
+    ("lateral", False): "damped",
+    ("lateral", True): "damped and stacked",
+    ("lateral-large", False): "37 actions",
+    ("lateral-large", True): "37 actions, stacked",
+    ("lateral-tuned", False): "tuned",
+    ("lateral-tuned", True): "tuned and stacked",
+    ("lateral-best", False): "ours, unstacked",
+    ("lateral-best", True): "ours, stacked",
+    ("do-nothing", False): "do nothing",
+}
+"""Names of (experiment, stacking), in the order in which tables and figures show them."""
+
+
+class Paper(msgspec.Struct, frozen=True):
+    """What the paper states for a row."""
+
+    clearances_mean: float
+    clearances_std: Number = None
+
+
+class Row(msgspec.Struct, frozen=True, kw_only=True):
+    """One line of the comparison: a policy with or without online action-stacking.
+
+    Clearances and instructions are per scenario, all aircraft together; rates are fractions of
+    scenarios. In `rows` it covers all training seeds, in `rows_by_seed` one.
+    """
+
+    experiment: Name
+    platform: Name
+    stacking: bool
+    seeds: int
+    """How many trainings."""
+    seed: int | None = None
+    """Which training; only in `rows_by_seed`."""
+    episodes: int
+    clearances_mean: Number
+    clearances_std: Number
+    instructions_mean: Number
+    success_rate: Number
+    correct_exit_rate: Number
+    excursion_rate: Number
+    few_clearances_rate: Number
+    loss_of_separation_count: int
+    paper: Paper | None = None
+
+    @property
+    def name(self) -> str:
+        """As readers know it: `damped and stacked`."""
+        way = "stacked" if self.stacking else "plain"
+        name = READABLE_NAMES.get((self.experiment, self.stacking), f"{self.experiment}, {way}")
+        return name if self.platform == "skystack" else f"{name} ({self.platform})"
+
+    @property
+    def title(self) -> str:
+        """The name at the head of something."""
+        return self.name[:1].upper() + self.name[1:]
+
+    @property
+    def slug(self) -> str:
+        """Its part of file names: `lateral-stacked`."""
+        way = "stacked" if self.stacking else "plain"
+        platform = "" if self.platform == "skystack" else f"-{self.platform}"
+        return f"{self.experiment}{platform}-{way}"
+
+
+class Training(msgspec.Struct, frozen=True):
+    """One training: how long it was and how long it took."""
+
+    experiment: Name
+    seed: int
+    steps: int
+    wall_s: float
+    steps_per_s: float
+
+
+class Results(msgspec.Struct, frozen=True, kw_only=True):
+    """The object of `results.json`."""
+
+    rows: list[Row]
+    rows_by_seed: list[Row]
+    train: list[Training]
+    wall_s: float
+    machine: str
+    version: str
+    command: str
+    quick: bool
+
+    @property
+    def experiments(self) -> list[str]:
+        """The trained ones, in the order of the tables."""
+        return sorted({training.experiment for training in self.train}, key=_experiment_order)
+
+
+class Bound(msgspec.Struct, frozen=True):
+    """The fewest clearances that any controller needs, on average over some scenarios."""
+
+    clearances_mean: float
+    scenarios: int
+
+
+class Update(msgspec.Struct, frozen=True):
+    """One update of a training: means over the scenarios that ended in it; null where none did."""
+
+    steps: int
+    episode_return: Number = msgspec.field(default=None, name="return")
+    success: Number = None
+    correct_exit: Number = None
+    excursion: Number = None
+    few_instructions: Number = None
+    instructions: Number = None
+    bursts: Number = None
+    episodes: float = 0.0
+    """How many scenarios ended."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run folder and what its JSON files say; rows are in the order of the tables."""
+
+    folder: Path
+    results: Results
+    bound: Bound | None
+
+    def first_seed(self, row: Row) -> int:
+        """The training whose flights stand for a row in pictures and histograms: the lowest."""
+        key = (row.experiment, row.platform, row.stacking)
+        seeds = [
+            one.seed
+            for one in self.results.rows_by_seed
+            if (one.experiment, one.platform, one.stacking) == key and one.seed is not None
+        ]
+        return min(seeds, default=0)
+
+    def evaluation(self, row: Row) -> Path:
+        """The folder with the flights of a row's first seed."""
+        way = "stacked" if row.stacking else "plain"
+        name = f"{row.experiment}-s{self.first_seed(row)}-{row.platform}-{way}"
+        return self.folder / "evaluation" / name
+
+    def updates(self, training: Training) -> list[Update]:
+        """The learning curve of a training. Raises InputError for a missing or damaged file."""
+        folder = self.folder / "train" / f"{training.experiment}-s{training.seed}"
+        path = folder / "metrics.jsonl"
+        lines = _read(path).splitlines()
+        if not lines:
+            raise InputError(f"{path}: empty (allowed: one JSON object a line)")
+        return [
+            _decode(line, Update, f"{path}: line {number}")
+            for number, line in enumerate(lines, start=1)
+        ]
+
+
+def read_run(folder: Path) -> Run:
+    """Read what is small. Raises InputError that names a missing or damaged file."""
+    path = folder / "results.json"
+    results = _decode(_read(path), Results, str(path))
+    ordered = msgspec.structs.replace(
+        results,
+        rows=in_order(results.rows),
+        rows_by_seed=sorted(results.rows_by_seed, key=lambda row: (_row_order(row), row.seed or 0)),
+        train=sorted(results.train, key=lambda run: (_experiment_order(run.experiment), run.seed)),
+    )
+    path = folder / "bound.json"
+    bound = _decode(_read(path), Bound, str(path)) if path.exists() else None
+    return Run(folder, ordered, bound)
+
+
+def in_order(rows: Iterable[Row]) -> list[Row]:
+    """Known rows as listed above, unknown ones after them by name."""
+    return sorted(rows, key=_row_order)
+
+
+def _row_order(row: Row) -> tuple[int, str, str, bool]:
+    known = list(READABLE_NAMES)
+    key = (row.experiment, row.stacking)
+    place = known.index(key) if key in known else len(known)
+    return place, row.experiment, row.platform, row.stacking
+
+
+def _experiment_order(experiment: str) -> tuple[int, str]:
+    known = [name for name, _ in READABLE_NAMES]
+    return (known.index(experiment) if experiment in known else len(known)), experiment
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+Decoded = TypeVar("Decoded")
+
+
+def _decode(data: bytes, kind: type[Decoded], where: str) -> Decoded:
+    try:
+        return msgspec.json.decode(data, type=kind)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{where}: damaged: {error}") from None

@@ -1,0 +1,126 @@
+"""How figures look: colours that colour-blind readers tell apart, type, and the file formats."""
+
+import io
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from skystack.files import write_aside
+
+INK, MUTED, FAINT = "#1b2026", "#5b6670", "#c3cad1"
+AREA, PAPER = "#eef2f5", "#ffffff"
+BLUE, VERMILION, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
+ORANGE, SKY = "#e69f00", "#56b4e9"
+SERIES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+"""Okabe and Ito's palette."""
+LINES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (6, 1.5, 1.5, 1.5)))
+"""Dash patterns: what colour says, they say too."""
+
+IN_THE_DARK = {
+    INK: "#e8edf2",
+    MUTED: "#9aa6b2",
+    FAINT: "#46515c",
+    AREA: "#202830",
+    PAPER: "#161b20",
+    BLUE: "#4aa8e0",
+    VERMILION: "#ff8a3d",
+    GREEN: "#2fc79a",
+}
+"""What the colours become on a dark page."""
+
+PIXELS_PER_INCH = 200
+
+_SETTINGS: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "text.color": INK,
+    "text.parse_math": False,  # a callsign may contain dollars
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": MUTED,
+    "axes.labelsize": 8.5,
+    "axes.linewidth": 0.7,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "axes.titlepad": 9.0,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "figure.facecolor": PAPER,
+    "axes.facecolor": PAPER,
+    "savefig.facecolor": PAPER,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "skystack",  # the same figure is the same file
+}
+
+
+@contextmanager
+def house_style() -> Iterator[None]:
+    """Draw and save in here; the caller's own settings come back afterwards."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_SETTINGS)
+        yield
+
+
+def grid_of_axes(
+    rows: int, columns: int, size_in: tuple[float, float], **shared: Any
+) -> tuple[Figure, list[Axes]]:
+    """A figure with axes row by row, laid out without overlaps."""
+    figure = Figure(figsize=size_in, layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False, **shared)
+    return figure, list(grid.flat)
+
+
+def settle(figure: Figure) -> None:
+    """Lay the figure out once and for all: texts can be placed, and saving need not do it again."""
+    if figure.get_layout_engine() is not None:
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
+
+
+def save(figure: Figure, stem: Path) -> list[Path]:
+    """Write `<stem>.png` and `<stem>.svg`; the same figure gives the same bytes."""
+    settle(figure)
+    plain: dict[str, Any] = {
+        "png": {"dpi": PIXELS_PER_INCH, "metadata": {"Software": None}},
+        "svg": {"metadata": {"Date": None, "Creator": None}},
+    }
+    paths = []
+    for kind, options in plain.items():
+        drawn = io.BytesIO()
+        figure.savefig(drawn, format=kind, **options)
+        data = drawn.getvalue() if kind == "png" else _shortened(drawn.getvalue().decode()).encode()
+        paths.append(stem.with_name(f"{stem.name}.{kind}"))
+        write_aside(paths[-1], data)
+    return paths
+
+
+def _shortened(svg: str) -> str:
+    """Hundredths of a point are enough for outlines: half the size."""
+    return re.sub(
+        r' d="[^"]*"', lambda outline: re.sub(r"(\.\d\d)\d+", r"\1", outline.group()), svg
+    )
+
+
+def follow_the_page(svg: str) -> str:
+    """The same drawing with colours that change where the reader's screen is dark."""
+    names = {light: f"--c{number}" for number, light in enumerate(IN_THE_DARK)}
+    dark = "".join(f"{name}:{IN_THE_DARK[light]};" for light, name in names.items())
+    sheet = f"<style>@media screen and (prefers-color-scheme:dark){{:root{{{dark}}}}}</style>"
+    for light, name in names.items():
+        svg = svg.replace(light, f"var({name},{light})")
+    return re.sub(r"(<svg[^>]*>)", rf"\1{sheet}", svg, count=1)

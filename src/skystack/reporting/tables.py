@@ -1,0 +1,179 @@
+"""The comparison with the paper as a table: for the terminal, for Markdown, for the report."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import msgspec
+import rich.box
+import rich.markup
+import rich.table
+from rich.console import Console, ConsoleOptions, JustifyMethod
+
+from skystack.reporting.results import Bound, Number, Results, Row, in_order
+
+NOTHING = "\N{EN DASH}"
+
+
+class Table(NamedTuple):
+    """Cells as text; the first column is names, the others are figures."""
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    def as_markdown(self) -> str:
+        """A Markdown table, columns padded to equal width."""
+        lines = [self.header, *(_without_bars(row) for row in self.rows)]
+        widths = [max(len(line[column]) for line in lines) for column in range(len(self.header))]
+
+        def line(cells: tuple[str, ...]) -> str:
+            first = cells[0].ljust(widths[0])
+            others = [cell.rjust(width) for cell, width in zip(cells[1:], widths[1:], strict=True)]
+            return f"| {' | '.join([first, *others])} |"
+
+        rule = "|".join(["-" * (widths[0] + 2), *("-" * (width + 1) + ":" for width in widths[1:])])
+        return "\n".join([line(self.header), f"|{rule}|", *(line(row) for row in lines[1:])]) + "\n"
+
+    def as_rich(self) -> "ForTerminal":
+        """A table for the terminal."""
+        return ForTerminal(self)
+
+
+class ForTerminal:
+    """A table that is not squeezed by a narrow terminal but goes on below itself."""
+
+    def __init__(self, table: Table) -> None:
+        self._table = table
+
+    def __rich_console__(
+        self, console: Console, options: ConsoleOptions
+    ) -> Iterator[rich.table.Table | str]:
+        """One table, or several that each begin with the names."""
+        names, *others = zip(self._table.header, *self._table.rows, strict=True)
+        for part in _parts(others, options.max_width - _width(names)):
+            shown = rich.table.Table(box=rich.box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
+            for column in (names, *part):
+                justify: JustifyMethod = "left" if column is names else "right"
+                shown.add_column(column[0], justify=justify, width=_width(column) - GAP)
+            for cells in zip(*(column[1:] for column in (names, *part)), strict=True):
+                shown.add_row(*map(rich.markup.escape, cells))
+            yield shown
+            yield ""
+
+
+def _parts(columns: Sequence[tuple[str, ...]], width: int) -> list[list[tuple[str, ...]]]:
+    """The columns in groups that are no wider, if a single one is not."""
+    parts: list[list[tuple[str, ...]]] = []
+    free = 0
+    for column in columns:
+        if not parts or _width(column) > free:
+            parts.append([])
+            free = width
+        parts[-1].append(column)
+        free -= _width(column)
+    return parts
+
+
+GAP = 3
+"""Between two columns in the terminal."""
+
+
+def _width(column: tuple[str, ...]) -> int:
+    """Of a column in the terminal: its header may be broken between words, its cells may not."""
+    return max(len(text) for text in (*column[0].split(), *column[1:])) + GAP
+
+
+def comparison_of(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """The comparison of rows that evaluation has just made."""
+    return comparison(in_order(msgspec.convert(rows, list[Row])))
+
+
+def comparison(rows: Sequence[Row], bound: Bound | None = None) -> Table:
+    """One line a row, beside the paper's clearances; last, the fewest that anybody needs."""
+    header = ("row", "paper", *_MEASURED, "seeds")
+    lines = [(row.name, _paper(row), *_measured(row), str(row.seeds)) for row in rows]
+    if bound is not None:
+        blank = [NOTHING] * (len(header) - 3)
+        lines.append(("fewest possible", NOTHING, f"{bound.clearances_mean:.1f}", *blank))
+    return Table(header, tuple(lines))
+
+
+def by_seed(results: Results) -> Table:
+    """One line a training."""
+    header = ("row", "seed", *_MEASURED)
+    rows = [
+        (row.name, NOTHING if row.seed is None else str(row.seed), *_measured(row))
+        for row in results.rows_by_seed
+    ]
+    return Table(header, tuple(rows))
+
+
+def trainings(results: Results) -> Table:
+    """How long the policies were trained."""
+    rows = [
+        (
+            training.experiment,
+            str(training.seed),
+            f"{training.steps:,}",
+            duration(training.wall_s),
+            f"{training.steps_per_s:,.0f}",
+        )
+        for training in results.train
+    ]
+    return Table(("experiment", "seed", "steps", "time", "steps per second"), tuple(rows))
+
+
+def duration(seconds: float) -> str:
+    """`48 s`, `3 min 05 s`, `2 h 05 min`."""
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes >= 60:
+        return f"{minutes // 60} h {minutes % 60:02d} min"
+    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
+
+
+def _without_bars(cells: tuple[str, ...]) -> tuple[str, ...]:
+    """A bar would start another cell of a Markdown table."""
+    return tuple(cell.replace("|", "\\|") for cell in cells)
+
+
+_MEASURED = (
+    "clearances",
+    "instructions",
+    "success",
+    "correct exit",
+    "excursion",
+    "few clearances",
+    "losses of separation",
+)
+
+
+def _measured(row: Row) -> tuple[str, ...]:
+    return (
+        mean_and_std(row.clearances_mean, row.clearances_std),
+        decimal(row.instructions_mean),
+        percent(row.success_rate),
+        percent(row.correct_exit_rate),
+        percent(row.excursion_rate),
+        percent(row.few_clearances_rate),
+        f"{row.loss_of_separation_count} of {row.episodes}",
+    )
+
+
+def _paper(row: Row) -> str:
+    if row.paper is None:
+        return NOTHING
+    return mean_and_std(row.paper.clearances_mean, row.paper.clearances_std)
+
+
+def mean_and_std(mean: Number, std: Number) -> str:
+    """`7.2 ± 3.5`."""
+    return decimal(mean) if mean is None or std is None else f"{mean:.1f} ± {std:.1f}"
+
+
+def decimal(value: Number) -> str:
+    """`7.2`."""
+    return NOTHING if value is None else f"{value:.1f}"
+
+
+def percent(rate: Number) -> str:
+    """`98.3 %`."""
+    return NOTHING if rate is None else f"{100.0 * rate:.1f} %"

@@ -1,0 +1,204 @@
+"""Pictures of one scenario seen from above: the sector, the flights, and what was cleared where."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from skystack.airspace.sector import Sector
+from skystack.reporting.flights import Clearance, Scenario, Track
+from skystack.reporting.labels import Label, place_labels
+from skystack.reporting.style import (
+    AREA,
+    FAINT,
+    INK,
+    LINES,
+    MUTED,
+    PAPER,
+    SERIES,
+    grid_of_axes,
+    settle,
+)
+
+MARGIN_NM = 7.0
+MOST_TEXTS = 20
+"""With more bursts than this only marks are drawn: texts would hide the flights."""
+
+
+def picture(title: str, scenario: Scenario) -> Figure:
+    """One scenario."""
+    figure, (axes,) = grid_of_axes(1, 1, (5.0, 4.4))
+    _draw(axes, title, scenario)
+    _legend(figure, [scenario])
+    settle(figure)
+    _write_texts(axes, scenario)
+    return figure
+
+
+def pictures(panels: Sequence[tuple[str, Scenario]]) -> Figure:
+    """Several flights of one scenario side by side, two in a row."""
+    columns = min(len(panels), 2)
+    rows = -(-len(panels) // columns)
+    figure, axes = grid_of_axes(
+        rows, columns, (5.0 * columns, 4.5 * rows + 0.3), sharex=True, sharey=True
+    )
+    for place, (title, scenario) in zip(axes, panels, strict=False):
+        _draw(place, title, scenario)
+        place.label_outer()
+    for empty in axes[len(panels) :]:
+        empty.set_axis_off()
+    _legend(figure, [scenario for _, scenario in panels])
+    settle(figure)
+    for place, (_, scenario) in zip(axes, panels, strict=False):
+        _write_texts(place, scenario)
+    return figure
+
+
+def clearances_text(count: int) -> str:
+    """`7 clearances`, `1 clearance`."""
+    return f"{count} clearance" if count == 1 else f"{count} clearances"
+
+
+def _draw(axes: Axes, title: str, scenario: Scenario) -> None:
+    _draw_sector(axes, scenario.sector)
+    crowded = _is_crowded(scenario)
+    for number, track in enumerate(scenario.tracks):
+        _draw_track(axes, track, number, crowded)
+    axes.set_title(f"{title}: {clearances_text(scenario.clearances)}")
+    axes.set_xlabel("NM east of the origin")
+    axes.set_ylabel("NM north of the origin")
+
+
+def _draw_sector(axes: Axes, sector: Sector) -> None:
+    axes.fill(*sector.area_nm.T, facecolor=AREA, edgecolor=FAINT, linewidth=0.8, zorder=1)
+    for route in sector.routes:
+        points = np.array([sector.fixes_nm[name] for name in route])
+        axes.plot(*points.T, color=FAINT, linewidth=0.8, zorder=2)
+    fixes = np.array(list(sector.fixes_nm.values()))
+    axes.plot(*fixes.T, "^", markersize=5.0, markerfacecolor=PAPER, markeredgecolor=MUTED, zorder=3)
+    everything = np.concatenate([fixes, sector.area_nm])
+    low, high = everything.min(axis=0) - MARGIN_NM, everything.max(axis=0) + MARGIN_NM
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+
+
+def _draw_track(axes: Axes, track: Track, number: int, crowded: bool) -> None:
+    colour = SERIES[number % len(SERIES)]
+    path = track.position_nm
+    # The planned route lies under the flight as a broad band: the eye sees the deviation.
+    axes.plot(
+        *track.route_nm.T,
+        color=colour,
+        linewidth=7.0,
+        alpha=0.13,
+        zorder=2.5,
+        solid_capstyle="butt",
+    )
+    axes.plot(*path.T, color=colour, linewidth=1.6, linestyle=LINES[number % len(LINES)], zorder=4)
+    axes.plot(
+        *path[0],
+        "o",
+        markersize=7.0,
+        markerfacecolor=PAPER,
+        markeredgecolor=colour,
+        markeredgewidth=1.6,
+        zorder=5,
+    )
+    east, north = path[-1] - path[max(len(path) - 3, 0)]
+    heading_deg = np.degrees(np.arctan2(east, north))
+    axes.plot(*path[-1], marker=(3, 0, -heading_deg), markersize=8.0, color=colour, zorder=5)
+    axes.plot(
+        *_points(track, track.clearances).T,
+        "o",
+        markersize=3.6 if crowded else 5.2,
+        markerfacecolor=colour,
+        markeredgecolor=PAPER,
+        markeredgewidth=0.5 if crowded else 0.8,
+        zorder=6,
+    )
+    if track.strayed_cycle is not None:
+        axes.plot(
+            *path[track.strayed_cycle],
+            "X",
+            markersize=9.0,
+            markerfacecolor=INK,
+            markeredgecolor=PAPER,
+            zorder=7,
+        )
+
+
+def _write_texts(axes: Axes, scenario: Scenario) -> None:
+    """Texts come last: they go where nothing is."""
+    labels = [
+        Label(name, _pair(point), MUTED, size_pt=7.0, distances_pt=(4.0, 7.0, 11.0, 16.0, 24.0))
+        for name, point in scenario.sector.fixes_nm.items()
+    ]
+    labels += [
+        Label(
+            track.callsign,
+            _pair(track.position_nm[0]),
+            SERIES[number % len(SERIES)],
+            size_pt=8.5,
+            weight="bold",
+        )
+        for number, track in enumerate(scenario.tracks)
+    ]
+    if not _is_crowded(scenario):
+        for number, track in enumerate(scenario.tracks):
+            colour = SERIES[number % len(SERIES)]
+            for burst in track.bursts:
+                # The middle of the burst: its marks lie on both sides of the text.
+                point = _points(track, burst[len(burst) // 2 : len(burst) // 2 + 1])[0]
+                labels.append(Label(burst_text(burst), _pair(point), colour))
+    drawn = [track.position_nm for track in scenario.tracks]
+    # Marks are bigger than lines and weigh more.
+    drawn += [_points(track, track.clearances).repeat(3, axis=0) for track in scenario.tracks]
+    drawn += [np.array(list(scenario.sector.fixes_nm.values())).repeat(3, axis=0)]
+    place_labels(axes, labels, np.concatenate(drawn))
+
+
+def burst_text(burst: Sequence[Clearance]) -> str:
+    """`right 285`, or `7 × right to 285` for clearances given one after the other."""
+    last = burst[-1]
+    if len(burst) == 1:
+        return last.short
+    return f"{len(burst)} \N{MULTIPLICATION SIGN} {last.direction} to {last.target}"
+
+
+def _is_crowded(scenario: Scenario) -> bool:
+    return sum(len(track.bursts) for track in scenario.tracks) > MOST_TEXTS
+
+
+def _points(track: Track, clearances: Sequence[Clearance]) -> Float[np.ndarray, "clearances 2"]:
+    """Where the aircraft was when they were issued."""
+    last = len(track.position_nm) - 1
+    return track.position_nm[[min(clearance.cycle, last) for clearance in clearances]]
+
+
+def _pair(point: Float[np.ndarray, "2"]) -> tuple[float, float]:
+    return float(point[0]), float(point[1])
+
+
+def _legend(figure: Figure, scenarios: Sequence[Scenario]) -> None:
+    tracks = [track for scenario in scenarios for track in scenario.tracks]
+    handles = [
+        Line2D([], [], marker="o", ls="", mfc=PAPER, mec=INK, mew=1.4, ms=6.5, label="start"),
+        Line2D([], [], marker="o", ls="", mfc=INK, mec=PAPER, ms=5.5, label="clearance"),
+        Line2D([], [], marker=(3, 0, -90), ls="", color=INK, ms=7.0, label="end"),
+        Line2D(
+            [], [], color=MUTED, lw=7.0, alpha=0.3, solid_capstyle="butt", label="planned route"
+        ),
+    ]
+    if any(track.strayed_cycle is not None for track in tracks):
+        handles.append(
+            Line2D([], [], marker="X", ls="", mfc=INK, mec=PAPER, ms=8.5, label="left the sector")
+        )
+    figure.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=len(handles),
+        handletextpad=0.6,
+        columnspacing=1.6,
+    )

@@ -1,0 +1,197 @@
+"""Reproduce the paper: train, evaluate with and without stacking, compare, report.
+
+One job is one seed of one experiment; jobs run in processes of their own, one a core.
+"""
+
+import json
+import multiprocessing
+import os
+import platform
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from queue import Queue
+from threading import Thread
+from typing import Any, NamedTuple
+
+import msgspec
+import pyarrow as pa
+
+import skystack
+from skystack.errors import unknown_name
+from skystack.evaluation.judge import Judged, judge, judge_nobody
+from skystack.evaluation.summary import Row, aggregate
+from skystack.files import make_folder, write_aside
+from skystack.learning.experiment import Experiment, load_experiment
+from skystack.learning.run import Progress, train_experiment
+
+FAMILIES = {
+    "lateral": ("lateral-best", "lateral-large", "lateral-tuned", "lateral", "lateral-undamped"),
+}
+"""Experiments of each family; longest training first keeps all cores busy to the end."""
+
+QUICK_STEPS = 500_000
+QUICK_EPISODES = 200
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be reproduced."""
+
+    experiments: tuple[Experiment, ...]
+    seeds: int
+    episodes: int
+    out: Path
+    quick: bool
+    command: str
+
+
+class Done(NamedTuple):
+    """What a job came to."""
+
+    train: dict[str, Any]
+    judged: tuple[Judged, ...]
+
+
+Report = Callable[[str, Progress], None]
+
+
+def plan_families(
+    families: Sequence[str], seeds: int, episodes: int, out: Path, quick: bool, command: str
+) -> Plan:
+    """The experiments of some families. Raises InputError for an unknown one."""
+    names: list[str] = []
+    for family in families:
+        if family != "all" and family not in FAMILIES:
+            raise unknown_name("family", family, [*FAMILIES, "all"])
+        chosen = list(FAMILIES) if family == "all" else [family]
+        names += [name for key in chosen for name in FAMILIES[key] if name not in names]
+    experiments = tuple(load_experiment(name) for name in names)
+    if quick:
+        experiments = tuple(_quick(experiment) for experiment in experiments)
+    return Plan(experiments, seeds, episodes, out, quick, command)
+
+
+def run_plan(plan: Plan, report: Report) -> dict[str, Any]:
+    """Run all jobs and write `results.json`; returns its contents (see docs/formats.md)."""
+    begun = time.monotonic()
+    make_folder(plan.out)
+    nobody = judge_nobody(plan.experiments[0], 0, plan.episodes, plan.out / "evaluation")
+    done = _run_jobs(plan, report)
+    by_seed: dict[tuple[str, bool], list[Judged]] = {}
+    for job in done:
+        for judged in job.judged:
+            key = (judged.row["experiment"], judged.row["stacking"])
+            by_seed.setdefault(key, []).append(judged)
+    by_seed[nobody.row["experiment"], False] = [nobody]
+    results = {
+        "rows": [_aggregate(group) for group in by_seed.values()],
+        "rows_by_seed": [judged.row for group in by_seed.values() for judged in group],
+        "train": [job.train for job in done],
+        "wall_s": time.monotonic() - begun,
+        "machine": machine(),
+        "version": skystack.__version__,
+        "command": plan.command,
+        "quick": plan.quick,
+    }
+    write_aside(plan.out / "bound.json", fewest_clearances())
+    write_aside(plan.out / "results.json", (json.dumps(results, indent=1) + "\n").encode())
+    return results
+
+
+def fewest_clearances() -> bytes:
+    """What `benchmarks/fewest_clearances.py` found for the evaluation scenarios, as JSON."""
+    return files("skystack").joinpath("evaluation", "fewest_clearances.json").read_bytes()
+
+
+def machine() -> str:
+    """What the figures were measured on."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    python = platform.python_version()
+    return f"{platform.machine()}, {cores} cores, {platform.system()}, Python {python}"
+
+
+def _quick(experiment: Experiment) -> Experiment:
+    """The same experiment with fewer steps, its first phase shortened alike."""
+    whole, before = experiment.ppo.total_steps, experiment.pretraining
+    steps = min(whole, QUICK_STEPS)
+    if before is not None:
+        shorter = max(before.steps * steps // whole, 1)
+        before = msgspec.structs.replace(before, steps=shorter)
+    ppo = msgspec.structs.replace(experiment.ppo, total_steps=steps)
+    return msgspec.structs.replace(experiment, ppo=ppo, pretraining=before)
+
+
+def _aggregate(group: Sequence[Judged]) -> Row:
+    tables: list[pa.Table] = [judged.episodes for judged in group]
+    return aggregate([judged.row for judged in group], tables)
+
+
+def _run_jobs(plan: Plan, report: Report) -> list[Done]:
+    """All (experiment, seed) pairs, in order of the plan; their progress goes to `report`."""
+    jobs = [(experiment, seed) for seed in range(plan.seeds) for experiment in plan.experiments]
+    cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [None]
+    context = multiprocessing.get_context("spawn")
+    with context.Manager() as manager:
+        messages: Queue[tuple[str, Progress] | None] = manager.Queue()
+        free_cores = manager.Queue()
+        for core in cores:
+            free_cores.put(core)
+        listener = Thread(target=_listen, args=(messages, report), daemon=True)
+        listener.start()
+        pool = ProcessPoolExecutor(
+            min(len(cores), len(jobs)), context, initializer=_pin, initargs=(free_cores,)
+        )
+        try:
+            futures = [
+                pool.submit(_run_job, experiment, seed, plan.episodes, plan.out, messages)
+                for experiment, seed in jobs
+            ]
+            return [future.result() for future in futures]
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+            messages.put(None)
+            listener.join(timeout=5.0)
+
+
+def _pin(free_cores: "Queue[int | None]") -> None:
+    """One process, one core: two learners on the same cores slow each other down."""
+    core = free_cores.get()
+    if core is not None:
+        os.sched_setaffinity(0, {core})
+
+
+def _listen(messages: "Queue[tuple[str, Progress] | None]", report: Report) -> None:
+    while (message := messages.get()) is not None:
+        report(*message)
+
+
+def _run_job(
+    experiment: Experiment,
+    seed: int,
+    episodes: int,
+    out: Path,
+    messages: "Queue[tuple[str, Progress] | None]",
+) -> Done:
+    """Train one policy and judge it, plain and stacked."""
+    name = f"{experiment.name}-s{seed}"
+
+    def send(progress: Progress) -> None:
+        messages.put((name, progress))
+
+    trained = train_experiment(experiment, seed, out / "train" / name, on_update=send)
+    judged = tuple(
+        judge(trained.policy, 0, episodes, stacking, True, out / "evaluation")
+        for stacking in (False, True)
+    )
+    numbers = {
+        "experiment": experiment.name,
+        "seed": seed,
+        "steps": trained.steps,
+        "wall_s": trained.wall_s,
+        "steps_per_s": trained.steps_per_s,
+    }
+    return Done(numbers, judged)

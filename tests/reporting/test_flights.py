@@ -1,0 +1,126 @@
+"""Reading the Parquet tables, and what belongs together in them."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skystack.airspace.xplus import x_plus
+from skystack.errors import InputError
+from skystack.reporting.flights import Clearance, Track, read_outcomes, read_scenario
+
+FOLDER = "evaluation/lateral-s0-skystack-stacked"
+
+
+def clearance(cycle, direction="right", kind="heading", value=90):
+    return Clearance(cycle, 6 * cycle, kind, value, direction, 1, "")
+
+
+def track(*clearances):
+    return Track("AC1", np.zeros((2, 2)), np.zeros((3, 2)), None, clearances)
+
+
+def test_a_scenario_is_what_the_tables_say(run):
+    folder = run / FOLDER
+    scenario = read_scenario(folder, 1)
+    assert scenario.sector == x_plus()
+    assert [one.callsign for one in scenario.tracks] == ["AC1", "AC2"]
+    assert sum(len(one.clearances) for one in scenario.tracks) == scenario.clearances
+    rows = pq.read_table(folder / "trajectories.parquet").to_pylist()
+    flown = [row for row in rows if row["scenario"] == 1 and row["callsign"] == "AC2"]
+    start = scenario.sector.plane.to_plane(flown[0]["lat"], flown[0]["lon"])
+    np.testing.assert_allclose(scenario.tracks[1].position_nm[0], start)
+
+
+def test_a_track_ends_with_its_exit(run):
+    path = run / FOLDER / "trajectories.parquet"
+    table = pq.read_table(path)
+    cycle = table["cycle"].to_numpy()
+    status = pa.array(np.where(cycle >= 7, "exited", np.where(cycle >= 4, "strayed", "in_sector")))
+    changed = table.set_column(table.column_names.index("status"), "status", status)
+    pq.write_table(changed.replace_schema_metadata(table.schema.metadata), path)
+    for one in read_scenario(run / FOLDER, 0).tracks:
+        assert len(one.position_nm) == 8
+        assert one.strayed_cycle == 4
+
+
+def test_outcomes_are_the_first_ones(run):
+    outcomes = read_outcomes(run / FOLDER, 1)
+    assert outcomes.scenario.tolist() == [0]
+    assert outcomes.success.dtype == bool
+
+
+def test_bursts_end_with_a_pause_or_another_direction():
+    clearances = [
+        clearance(1, "right", value=350),
+        clearance(2, "right", value=0),
+        clearance(4, "right", value=10),
+        clearance(7, "right", value=20),
+        clearance(8, "left", value=10),
+        clearance(9, "left", value=0),
+        clearance(10, "left", value=350),
+    ]
+    bursts = track(*clearances).bursts
+    assert [[one.cycle for one in burst] for burst in bursts] == [[1, 2, 4], [7], [8, 9, 10]]
+
+
+def test_a_turn_that_is_taken_back_is_no_burst():
+    """Both are right turns for the aircraft, which has not come round yet."""
+    there_and_back = [clearance(1, value=90), clearance(2, value=80), clearance(3, value=90)]
+    bursts = track(*there_and_back).bursts
+    assert [[one.cycle for one in burst] for burst in bursts] == [[1], [2, 3]]
+
+
+def test_levels_make_bursts_too():
+    climb = [clearance(n, "climb", "level", 200 + 10 * n) for n in range(4)]
+    descent = [clearance(4 + n, "descend", "level", 230 - 10 * n) for n in range(1, 3)]
+    assert [len(burst) for burst in track(*climb, *descent).bursts] == [4, 2]
+
+
+@given(st.lists(st.tuples(st.integers(0, 300), st.sampled_from(["left", "right"]))))
+def test_bursts_keep_every_clearance_in_order(cycles):
+    given_ = tuple(clearance(*one) for one in sorted(cycles))
+    bursts = track(*given_).bursts
+    assert tuple(one for burst in bursts for one in burst) == given_
+    assert all(len({one.direction for one in burst}) == 1 for burst in bursts)
+
+
+@pytest.mark.parametrize(
+    ("one", "short"),
+    [
+        (clearance(0, "left", "heading", 35), "left 035"),
+        (clearance(0, "climb", "level", 340), "climb FL340"),
+    ],
+)
+def test_short_texts(one, short):
+    assert one.short == short
+
+
+@pytest.mark.parametrize("name", ["episodes", "aircraft", "trajectories", "clearances"])
+@pytest.mark.parametrize("damage", ["missing", "cut", "other columns"])
+def test_missing_and_damaged_tables_are_named_in_one_line(run, name, damage):
+    path = run / FOLDER / f"{name}.parquet"
+    if damage == "missing":
+        path.unlink()
+    elif damage == "cut":
+        path.write_bytes(path.read_bytes()[:-100])
+    else:
+        pq.write_table(pa.table({"scenario": [0]}), path)
+    with pytest.raises(InputError, match=rf"{name}\.parquet") as error:
+        read_scenario(run / FOLDER, 0)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("metadata", [None, {b"sector": b"{}"}])
+def test_a_table_without_its_sector_is_refused(run, metadata):
+    path = run / FOLDER / "trajectories.parquet"
+    pq.write_table(pq.read_table(path).replace_schema_metadata(metadata), path)
+    with pytest.raises(InputError, match=r"trajectories\.parquet.*sector"):
+        read_scenario(run / FOLDER, 0)
+
+
+def test_a_scenario_that_was_not_flown_is_refused(run):
+    with pytest.raises(InputError, match="no scenario 17"):
+        read_scenario(run / FOLDER, 17)

@@ -1,0 +1,46 @@
+"""Bins of whole numbers, the paper's mean, common axes."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from skystack.reporting.histograms import MOST_BINS, Panel, bin_edges, histogram, histograms
+from skystack.reporting.style import house_style
+
+COUNTS = arrays(np.int32, st.integers(1, 30), elements=st.integers(0, 600))
+
+
+@given(COUNTS, st.none() | st.floats(0.0, 600.0))
+def test_bins_hold_every_count_and_the_papers_mean(counts, paper_mean):
+    edges = bin_edges([Panel("", counts, paper_mean)])
+    assert np.histogram(counts, edges)[0].sum() == len(counts)
+    assert np.all(edges % 1.0 == 0.5)
+    assert len(set(np.diff(edges))) == 1
+    assert len(edges) <= MOST_BINS + 2
+    assert edges[0] < (paper_mean or 0.0) < edges[-1]
+
+
+def test_titles_and_the_papers_line():
+    panel = Panel("Damped", np.array([6, 8], dtype=np.int32), 14.5)
+    with house_style():
+        axes = histogram(panel).axes[0]
+    assert axes.get_title(loc="left") == "Damped: 7.0 ± 1.0"
+    assert axes.get_title(loc="right") == "dashed: the paper's mean, 14.5"
+    assert axes.lines[0].get_xdata() == [14.5, 14.5]
+
+
+def test_a_row_that_the_paper_lacks_has_no_line():
+    with house_style():
+        axes = histogram(Panel("Ours", np.array([1], dtype=np.int32), None)).axes[0]
+    assert not axes.lines
+    assert not axes.get_title(loc="right")
+
+
+def test_panels_share_axes_and_bins():
+    panels = [Panel(str(most), np.array([0, most], dtype=np.int32), None) for most in (3, 120)]
+    with house_style():
+        first, second = histograms(panels).axes
+    assert first.get_xlim() == second.get_xlim()
+    assert first.get_ylim() == second.get_ylim()
+    assert len(first.patches) == len(second.patches)

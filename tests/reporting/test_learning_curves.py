@@ -1,0 +1,79 @@
+"""Learning curves: smoothing, means over seeds, what is drawn."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skystack.reporting.learning_curves import (
+    learning_curves,
+    mean_over_seeds,
+    running_mean,
+    success_curves,
+)
+from skystack.reporting.results import Update
+from skystack.reporting.style import house_style
+
+
+@given(st.integers(1, 400), st.floats(-1e3, 1e3))
+def test_running_mean_keeps_a_constant(length, value):
+    np.testing.assert_allclose(
+        running_mean(np.full(length, value), np.ones(length)), value, atol=1e-9
+    )
+
+
+def test_running_mean_keeps_a_line_away_from_its_ends_and_leaves_out_nan():
+    line, ones = np.arange(200.0), np.ones(200)
+    np.testing.assert_allclose(running_mean(line, ones)[10:-10], line[10:-10])
+    holes = np.where(line % 5 == 0, np.nan, 7.0)
+    np.testing.assert_allclose(running_mean(holes, ones), holes)
+
+
+def test_running_mean_goes_by_scenarios_not_by_updates():
+    values, weights = np.zeros(60), np.ones(60)
+    values[30], weights[30] = 1.0, 8.0
+    np.testing.assert_allclose(running_mean(values, weights)[28:33], [0.0, 0.8, 0.8, 0.8, 0.0])
+    weights[30] = 0.0
+    assert np.nansum(running_mean(values, weights)) == 0.0
+
+
+def test_mean_over_seeds_goes_as_far_as_all_go():
+    long, short = np.array([1.0, 2.0, 3.0, 4.0]), np.array([1.0, 3.0])
+    steps, mean = mean_over_seeds([(long, long), (short, 3.0 * short)])
+    np.testing.assert_allclose(steps, [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(mean, 2.0 * steps)
+
+
+def updates(success, excursion):
+    return [
+        Update(
+            steps=100 * number,
+            episode_return=1.0,
+            success=success,
+            excursion=excursion,
+            episodes=9.0,
+        )
+        for number in range(1, 5)
+    ]
+
+
+def curve(axes, label):
+    return next(line for line in axes.lines if line.get_label() == label).get_ydata()
+
+
+def test_every_seed_is_a_thin_line_and_excursion_is_shown_as_its_absence():
+    seeds = [updates(0.25, 0.1), updates(0.75, 0.3)]
+    with house_style():
+        returns, rates, counts = learning_curves("Damped", seeds).axes
+    assert len(returns.lines) == 3
+    np.testing.assert_allclose(curve(rates, "success"), 0.5)
+    np.testing.assert_allclose(curve(rates, "no excursion"), 0.8)
+    # Nothing is known of instructions: no curve, and no failure.
+    assert "instructions" not in [line.get_label() for line in counts.lines]
+
+
+def test_experiments_share_one_picture():
+    curves = {"Damped": [updates(0.2, None)], "Ours": [updates(0.9, None)]}
+    with house_style():
+        (axes,) = success_curves(curves).axes
+    np.testing.assert_allclose(curve(axes, "Damped"), 0.2)
+    np.testing.assert_allclose(curve(axes, "Ours"), 0.9)

@@ -1,0 +1,122 @@
+"""Cells and layouts of the tables."""
+
+import io
+
+import msgspec
+import pytest
+from rich.console import Console
+
+from skystack.reporting.results import Bound, Paper, Results, Row, Training
+from skystack.reporting.tables import by_seed, comparison, comparison_of, duration, trainings
+
+
+def row(**changes):
+    values = {"experiment": "lateral", "platform": "skystack", "stacking": True, "seeds": 3}
+    values |= {"episodes": 3000, "clearances_mean": 7.16, "clearances_std": 3.45}
+    values |= {"instructions_mean": 14.5, "success_rate": 0.9876, "correct_exit_rate": 1.0}
+    values |= {"excursion_rate": 0.0124, "few_clearances_rate": None}
+    values |= {"loss_of_separation_count": 2, "paper": Paper(7.2, 3.5)}
+    return Row(**(values | changes))
+
+
+def results(seeds=()):
+    train = [Training("lateral", 0, 2_007_040, 62.0, 32371.6)]
+    return Results(
+        rows=[],
+        rows_by_seed=list(seeds),
+        train=train,
+        wall_s=1.0,
+        machine="",
+        version="",
+        command="",
+        quick=False,
+    )
+
+
+def test_a_row_beside_the_paper():
+    table = comparison([row()])
+    assert dict(zip(table.header, table.rows[0], strict=True)) == {
+        "row": "damped and stacked",
+        "paper": "7.2 ± 3.5",
+        "clearances": "7.2 ± 3.5",
+        "instructions": "14.5",
+        "success": "98.8 %",
+        "correct exit": "100.0 %",
+        "excursion": "1.2 %",
+        "few clearances": "\N{EN DASH}",
+        "losses of separation": "2 of 3000",
+        "seeds": "3",
+    }
+
+
+def test_rows_fresh_from_evaluation():
+    rows = [row(), row(stacking=False), row(experiment="lateral-undamped")]
+    fresh = [msgspec.to_builtins(one) | {"greedy": True} for one in rows]
+    assert comparison_of(fresh) == comparison([rows[2], rows[1], rows[0]])
+
+
+def test_the_bound_is_the_last_line():
+    table = comparison([row(paper=None)], Bound(1.62, 100))
+    assert table.rows[0][1] == "\N{EN DASH}"
+    assert table.rows[-1][:3] == ("fewest possible", "\N{EN DASH}", "1.6")
+    assert len(table.rows[-1]) == len(table.header)
+
+
+def test_seeds_have_lines_of_their_own():
+    table = by_seed(results([row(seed=0, seeds=1), row(seed=1, seeds=1)]))
+    assert [cells[:2] for cells in table.rows] == [
+        ("damped and stacked", "0"),
+        ("damped and stacked", "1"),
+    ]
+
+
+def test_trainings():
+    assert trainings(results()).rows == (("lateral", "0", "2,007,040", "1 min 02 s", "32,372"),)
+
+
+def test_markdown_is_aligned():
+    lines = comparison([row(), row(stacking=False)]).as_markdown().splitlines()
+    assert len({len(line) for line in lines}) == 1
+    assert lines[1].startswith("|---")
+    assert lines[1].count("-:|") == lines[0].count("|") - 2
+    assert lines[3].startswith("| damped ")
+
+
+def test_names_are_taken_literally():
+    table = comparison([row(experiment="[red]a|b")])
+    assert table.as_markdown().splitlines()[2].startswith(r"| [red]a\|b, stacked |")
+    console = Console(file=io.StringIO(), width=200)
+    console.print(table.as_rich())
+    assert "[red]a|b, stacked" in console.file.getvalue()
+
+
+def test_the_terminal_shows_every_cell():
+    table = comparison([row()])
+    console = Console(file=io.StringIO(), width=200)
+    console.print(table.as_rich())
+    shown = console.file.getvalue()
+    assert all(cell in shown for cell in table.rows[0])
+    assert all(word in shown for name in table.header for word in name.split())
+
+
+@pytest.mark.parametrize("width", [40, 80, 100, 120, 200])
+def test_a_narrow_terminal_folds_the_table_and_cuts_nothing(width):
+    table = comparison([row(), row(stacking=False)])
+    console = Console(file=io.StringIO(), width=width)
+    console.print(table.as_rich())
+    lines = console.file.getvalue().splitlines()
+    assert all(len(line) <= width for line in lines)
+    for name, *cells in table.rows:
+        shown = [line for line in lines if line.startswith(f"{name}   ")]
+        assert sum(line.count(cell) for cell in set(cells) for line in shown) >= len(set(cells))
+        assert all(any(cell in line for line in shown) for cell in cells)
+    headers = [line for line in lines if line.startswith("row")]
+    assert (len(headers) > 1) == (width < 130)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.2, "0 s"), (59.6, "1 min 00 s"), (185, "3 min 05 s"), (3599.9, "1 h 00 min")],
+)
+def test_durations(seconds, text):
+    assert duration(seconds) == text

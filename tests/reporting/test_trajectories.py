@@ -1,0 +1,84 @@
+"""Pictures of a scenario from above."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from skystack.airspace.xplus import x_plus
+from skystack.reporting.flights import Clearance, Scenario, Track
+from skystack.reporting.style import house_style
+from skystack.reporting.trajectories import (
+    MOST_TEXTS,
+    burst_text,
+    clearances_text,
+    picture,
+    pictures,
+)
+
+
+def scenario_of(count, every=10, aircraft=2):
+    """Straight flights to the north-east, with clearances to alternate sides."""
+    sector = x_plus()
+    route = np.array([sector.fixes_nm[name] for name in sector.routes[0]])
+    path = np.linspace([-20.0, -20.0], [40.0, 40.0], 60)
+    clearances = tuple(
+        Clearance(every * number % 60, 0, "heading", 45, ("left", "right")[number % 2], 1, "")
+        for number in range(count)
+    )
+    tracks = [Track(f"AC{n}", route, path + n, None, clearances) for n in range(aircraft)]
+    return Scenario(sector, 3, aircraft * count, tuple(tracks))
+
+
+def texts_of(figure):
+    return [text.get_text() for axes in figure.axes for text in axes.texts]
+
+
+@pytest.mark.parametrize(("count", "text"), [(0, "0 clearances"), (1, "1 clearance")])
+def test_counts_in_words(count, text):
+    assert clearances_text(count) == text
+
+
+def test_bursts_in_words():
+    one = Clearance(0, 0, "heading", 285, "right", 1, "")
+    assert burst_text([one]) == "right 285"
+    assert burst_text([one._replace(value=275), one]) == "2 \N{MULTIPLICATION SIGN} right to 285"
+
+
+def test_a_picture_says_what_was_cleared_where():
+    with house_style():
+        figure = picture("Damped", scenario_of(2))
+    axes = figure.axes[0]
+    assert axes.get_title(loc="left") == "Damped: 4 clearances"
+    texts = texts_of(figure)
+    assert texts.count("left 045") == texts.count("right 045") == 2
+    assert {"AC0", "AC1", *x_plus().fixes} <= set(texts)
+    assert axes.get_aspect() == 1.0
+
+
+def test_a_crowded_picture_has_marks_but_no_texts():
+    scenario = scenario_of(MOST_TEXTS, every=1)
+    with house_style():
+        figure = picture("Undamped", scenario)
+    assert "left 045" not in texts_of(figure)
+    marks = [line for line in figure.axes[0].lines if len(line.get_xdata()) == MOST_TEXTS]
+    assert len(marks) == len(scenario.tracks)
+
+
+def test_leaving_the_sector_is_marked_and_explained():
+    scenario = scenario_of(1)
+    strayed = dataclasses.replace(scenario.tracks[0], strayed_cycle=5)
+    with house_style():
+        plain = picture("Damped", scenario)
+        marked = picture("Damped", dataclasses.replace(scenario, tracks=(strayed,)))
+    assert "left the sector" not in [text.get_text() for text in plain.legends[0].get_texts()]
+    assert "left the sector" in [text.get_text() for text in marked.legends[0].get_texts()]
+
+
+def test_panels_share_their_limits():
+    panels = [(name, scenario_of(1)) for name in ("a", "b", "c")]
+    with house_style():
+        figure = pictures(panels)
+    shown = [axes for axes in figure.axes if axes.axison]
+    assert len(shown) == 3
+    assert len({(axes.get_xlim(), axes.get_ylim()) for axes in shown}) == 1

@@ -1,0 +1,219 @@
+"""The command line, as a newcomer would use and misuse it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from skystack.cli import main
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+SMALL = [
+    "--set", "ppo.total_steps=512", "--set", "ppo.environments=8", "--set", "ppo.steps=32",
+    "--set", "ppo.minibatch=64", "--set", "ppo.epochs=1",
+]  # fmt: skip
+
+
+def run(capsys, *arguments):
+    code = main(list(arguments))
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def test_list_names_everything(capsys):
+    code, out, _ = run(capsys, "list", "--json")
+    found = json.loads(out)
+    assert code == 0
+    assert {"lateral", "lateral-undamped", "lateral-large", "lateral-best"} <= set(
+        found["experiments"]
+    )
+    assert set(found["policies"]) <= set(found["experiments"])
+    assert found["sectors"] == ["x-plus"]
+    code, out, _ = run(capsys, "list")
+    assert "lateral-undamped" in out
+
+
+def test_evaluate_a_shipped_policy(capsys, tmp_path):
+    code, out, _ = run(
+        capsys, "evaluate", "lateral", "--episodes", "5", "--json", "--out", str(tmp_path / "e")
+    )
+    result = json.loads(out)
+    assert code == 0
+    assert set(result) == {"rows", "rows_by_seed", "train", "wall_s"}
+    row = result["rows"][0]
+    assert (row["experiment"], row["episodes"], row["stacking"], row["greedy"]) == (
+        "lateral",
+        5,
+        True,
+        True,
+    )
+    assert len(list((tmp_path / "e").glob("*/episodes.parquet"))) == 1
+    code, out, _ = run(
+        capsys, "evaluate", "lateral", "--episodes", "5", "--no-stacking", "--sample"
+    )
+    assert code == 0
+    assert "7.2" not in out
+    assert "14.5" in out
+
+
+def test_train_then_evaluate_the_run(capsys, tmp_path):
+    out_folder = str(tmp_path / "run")
+    code, out, err = run(capsys, "train", "lateral-large", "--json", "--out", out_folder, *SMALL)
+    assert code == 0
+    assert json.loads(out)["train"][0]["steps"] == 512
+    assert "steps/s" in err
+    code, out, _ = run(capsys, "evaluate", out_folder, "--episodes", "3", "--json")
+    assert json.loads(out)["rows"][0]["experiment"] == "lateral-large"
+
+
+def test_simulate_the_examples(capsys, tmp_path):
+    for example in sorted(EXAMPLES.glob("*.json")):
+        target = tmp_path / "trajectories.parquet"
+        code, out, _ = run(capsys, "simulate", str(example), "-o", str(target), "--json")
+        assert code == 0
+        assert json.loads(out)["rows"] > 0
+        assert target.exists()
+    code, out, _ = run(capsys, "simulate", str(EXAMPLES / "reference.json"))
+    assert "AC1" in out
+
+
+def test_reproduce_quick_from_end_to_end(capsys, tmp_path, monkeypatch):
+    """Tiny trainings in real worker processes; every file of the run folder."""
+    from skystack import reproduce
+
+    monkeypatch.setattr(reproduce, "QUICK_STEPS", 8192)
+    out_folder = tmp_path / "run"
+    code, out, err = run(
+        capsys, "reproduce", "--episodes", "12", "--json", "--out", str(out_folder)
+    )
+    assert code == 0, err
+    result = json.loads(out)
+    rows = {(row["experiment"], row["stacking"]) for row in result["rows"]}
+    names = ("lateral-undamped", "lateral", "lateral-large", "lateral-tuned", "lateral-best")
+    assert rows == {(name, way) for name in names for way in (False, True)} | {
+        ("do-nothing", False)
+    }
+    assert {training["experiment"] for training in result["train"]} == set(names)
+    page = (out_folder / "report.html").read_text()
+    assert "online action-stacking" in page.lower()
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    assert len(list((out_folder / "figures").glob("*.svg"))) > 5
+    assert json.loads((out_folder / "results.json").read_text())["quick"] is True
+
+
+MISTAKES = [
+    (["trian", "lateral"], "did you mean 'train'"),
+    (["train", "laterla"], "did you mean 'lateral'"),
+    (["train", "lateral", "--set", "ppo.learning_rat=1"], "did you mean 'ppo.learning_rate'"),
+    (["train", "lateral", "--set", "ppo.total_steps=0"], "ppo.total_steps"),
+    (["train", "lateral", "--seed", "-1"], "--seed"),
+    (["train", "lateral", "--outt", "x"], "did you mean --out"),
+    (["train"], "EXPERIMENT"),
+    (["reproduce", "latreal"], "did you mean 'lateral'"),
+    (["reproduce", "--seeds", "0"], "--seeds"),
+    (["reproduce", "--episodes", "-3"], "--episodes"),
+    (["evaluate", "lateral", "--episodes", "0"], "--episodes"),
+    (["evaluate", "lateral", "--episodes", "many"], "whole numbers"),
+    (["evaluate", "lateral", "--greedy", "--sample"], "not allowed with"),
+    (["evaluate", "nowhere"], "no shipped one"),
+    (["simulate", "nowhere.json"], "nowhere.json"),
+    ([], "VERB"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "message"), MISTAKES, ids=lambda value: " ".join(value)[:40])
+def test_mistakes_get_one_line_and_exit_code_2(capsys, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, *arguments)
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert message in err
+    assert list(tmp_path.iterdir()) == []
+
+
+SCENARIO = json.loads((EXAMPLES / "reference.json").read_text())
+
+
+def broken(**changes):
+    scenario = json.loads(json.dumps(SCENARIO))
+    for path, value in changes.items():
+        *parents, last = path.split("__")
+        inner = scenario
+        for step in parents:
+            inner = inner[int(step)] if step.isdigit() else inner[step]
+        inner[last] = value
+    return scenario
+
+
+@pytest.mark.parametrize(
+    ("scenario", "message"),
+    [
+        (broken(aircraft__0__route=["HERON", "CRAN"]), "did you mean 'CRANE'"),
+        (broken(aircraft__1__callsign="AC1"), "AC1"),
+        (broken(aircraft__0__fl=500), "500"),
+        (broken(aircraft__0__lat=float("inf")), "lat"),
+        (broken(clearances__0__fl=450), "450"),
+    ],
+)
+def test_broken_scenarios_leave_nothing_behind(capsys, tmp_path, scenario, message):
+    path = tmp_path / "scenario.json"
+    path.write_text(json.dumps(scenario))
+    code, out, err = run(capsys, "simulate", str(path), "-o", str(tmp_path / "out.parquet"))
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert message in err
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_folders_that_cannot_be_written(capsys, tmp_path):
+    file = tmp_path / "file"
+    file.write_text("")
+    for arguments in (
+        ["train", "lateral", "--out", str(file / "run"), *SMALL],
+        ["reproduce", "--quick", "--out", str(file / "run")],
+        ["evaluate", "lateral", "--episodes", "1", "--out", str(file / "e")],
+        ["simulate", str(EXAMPLES / "reference.json"), "-o", str(tmp_path / "no" / "out.parquet")],
+    ):
+        code, _, err = run(capsys, *arguments)
+        assert code == 2, arguments
+        assert len(err.strip().splitlines()) == 1, err
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_interrupting_training_ends_cleanly_and_can_be_resumed(tmp_path):
+    out_folder = tmp_path / "run"
+    command = [sys.executable, "-m", "skystack", "train", "lateral", "--out", str(out_folder)]
+    small = ["--set", "ppo.environments=8", "--set", "ppo.steps=32", "--set", "ppo.minibatch=64"]
+    process = subprocess.Popen([*command, *small], stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 120
+    metrics = out_folder / "metrics.jsonl"
+    while time.monotonic() < deadline and not (metrics.exists() and metrics.read_text()):
+        time.sleep(0.1)
+    os.kill(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert "--resume" in err.splitlines()[-1]
+    assert (out_folder / "checkpoint" / "learner.safetensors").exists()
+    assert not (out_folder / "policy.json").exists()
+
+
+def test_help_needs_no_jax():
+    program = """
+import sys
+from skystack.cli import main
+try:
+    main(["--help"])
+except SystemExit:
+    print("jax" in sys.modules)
+"""
+    command = [sys.executable, "-c", program]
+    found = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "reproduce" in found.stdout
+    assert found.stdout.split()[-1] == "False"
