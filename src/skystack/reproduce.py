@@ -7,6 +7,7 @@ import json
 import multiprocessing
 import os
 import platform
+import signal
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -151,14 +152,25 @@ def _run_jobs(plan: Plan, report: Report) -> list[Done]:
                 for experiment, seed in jobs
             ]
             return [future.result() for future in futures]
+        except BaseException:
+            _stop_workers()
+            raise
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
             messages.put(None)
             listener.join(timeout=5.0)
 
 
+def _stop_workers() -> None:
+    """Do not wait for trainings whose results nobody will read."""
+    for child in multiprocessing.active_children():
+        if not child.name.startswith("SyncManager"):
+            child.terminate()
+
+
 def _pin(free_cores: "Queue[int | None]") -> None:
     """One process, one core: two learners on the same cores slow each other down."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # the parent tells of an interruption
     core = free_cores.get()
     if core is not None:
         os.sched_setaffinity(0, {core})
