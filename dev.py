@@ -26,7 +26,7 @@ def prepare() -> None:
     stamp = ENVIRONMENT / "requirements.sha256"
     if stamp.exists() and stamp.read_text() == digest:
         return
-    venv.create(ENVIRONMENT, with_pip=True, clear=stamp.exists() is False)
+    venv.create(ENVIRONMENT, with_pip=True, clear=not stamp.exists())
     install = [str(PYTHON), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     requirements = ["--constraint", "constraints.txt", "--editable", ".[test]"]
     subprocess.run([*install, *requirements], cwd=ROOT, check=True)

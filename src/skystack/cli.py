@@ -28,7 +28,8 @@ class _Parser(argparse.ArgumentParser):
             word = message.split()[2].split("=")[0]
             near = difflib.get_close_matches(word, self._option_string_actions, n=1)
             message += f" (did you mean {near[0]}?)" if near else f" (see {self.prog} --help)"
-        raise InputError(f"{self.prog}: {message}")
+        verb = self.prog.partition(" ")[2]
+        raise InputError(f"{verb}: {message}" if verb else message)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

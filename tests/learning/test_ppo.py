@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 
 from skystack.learning import inference, network, ppo
 from skystack.learning.settings import PPOSettings
+from skystack.tasks.build import build_task
 from skystack.tasks.contract import Metrics, Outcome
+from skystack.tasks.settings import TaskSettings
 
 GAMMA, LAMBDA, STEPS = 0.9, 0.8, 12
 SETTINGS = PPOSettings(gamma=GAMMA, gae_lambda=LAMBDA, steps=STEPS, environments=1, minibatch=1)
@@ -178,3 +180,16 @@ def test_the_same_seed_twice_gives_the_same_policy_bit_for_bit():
     ):
         assert np.asarray(a).tobytes() == np.asarray(b).tobytes()
     assert not np.array_equal(first.parameters.actor[0][0], other.parameters.actor[0][0])
+
+
+def test_an_update_is_compiled_once():
+    """What comes out has the types of what went in, weak ones too, or JAX compiles again."""
+    settings, task = PPOSettings(environments=4, steps=8, minibatch=8), build_task(TaskSettings())
+    before = ppo.init(task, settings, jax.random.key(0))
+    after, _ = jax.eval_shape(lambda learner: ppo.update(task, settings, learner), before)
+
+    def types(learner):
+        leaves = jax.tree.leaves(learner._replace(key=None))
+        return [(leaf.shape, leaf.dtype, leaf.weak_type) for leaf in leaves]
+
+    assert types(before) == types(after)

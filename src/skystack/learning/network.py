@@ -44,8 +44,8 @@ def _init_layers(key: PRNGKeyArray, sizes: tuple[int, ...], last_gain: float) ->
 def initial_normaliser(observation_size: int) -> Normaliser:
     """As if observations were uniform on [0, 1], forgotten with the first data."""
     return Normaliser(
-        jnp.full(observation_size, 0.5),
-        jnp.full(observation_size, 1.0 / 12.0),
+        jnp.full(observation_size, 0.5, dtype=jnp.float32),
+        jnp.full(observation_size, 1.0 / 12.0, dtype=jnp.float32),
         jnp.asarray(1e-3, dtype=jnp.float32),
     )
 
