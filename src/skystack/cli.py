@@ -7,6 +7,7 @@ while running; 2: wrong usage or input, told in one line. Heavy imports wait unt
 import argparse
 import difflib
 import json
+import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -185,6 +186,8 @@ def _reproduce(options: argparse.Namespace) -> int:
     words = ["skystack", "reproduce", *families]
     words += ["--seeds", str(options.seeds), "--episodes", str(episodes)]
     command = " ".join(words + (["--quick"] if quick else []))
+    # Terminated like interrupted: the workers are stopped on the way out.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     plan = plan_families(families, options.seeds, episodes, out, quick, command)
     with show_progress() as report:
         results = run_plan(plan, report)

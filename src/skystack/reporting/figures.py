@@ -14,7 +14,14 @@ from skystack.reporting.results import Row, Run, read_run
 from skystack.reporting.style import house_style, save
 from skystack.reporting.trajectories import picture, pictures
 
-OVERVIEW = ("lateral-undamped-plain", "lateral-plain", "lateral-stacked", "lateral-best-stacked")
+OVERVIEW = (
+    "lateral-undamped-plain",
+    "lateral-plain",
+    "lateral-stacked",
+    "lateral-tuned-plain",
+    "lateral-tuned-stacked",
+    "lateral-best-stacked",
+)
 """The rows of the combined picture."""
 NOBODY = "do-nothing"
 

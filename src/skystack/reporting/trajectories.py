@@ -40,7 +40,7 @@ def picture(title: str, scenario: Scenario) -> Figure:
 
 def pictures(panels: Sequence[tuple[str, Scenario]]) -> Figure:
     """Several flights of one scenario side by side, two in a row."""
-    columns = min(len(panels), 2)
+    columns = min(len(panels), 2 if len(panels) <= 4 else 3)
     rows = -(-len(panels) // columns)
     figure, axes = grid_of_axes(
         rows, columns, (5.0 * columns, 4.5 * rows + 0.3), sharex=True, sharey=True
