@@ -151,7 +151,10 @@ def test_the_cap_of_the_lateral_task(lateral):
 
 
 class Phases(NamedTuple):
-    """The lateral task compiled in pieces for a plain Python loop; the observation comes along."""
+    """The lateral task compiled in pieces for a plain Python loop.
+
+    Its state is the task's with what can be asked of it: the observation, and what may be stacked.
+    """
 
     reset: Any
     observe: Any
@@ -162,19 +165,24 @@ class Phases(NamedTuple):
 
 @pytest.fixture(scope="module")
 def phases(lateral):
-    def seen(state):
-        return state, lateral.observe(state)
+    actions = jnp.arange(len(lateral.action_names), dtype=jnp.int32)
+
+    def asked(state):
+        allowed = jax.vmap(lambda action: lateral.may_stack(state, action))(actions)
+        return state, lateral.observe(state), allowed
 
     def advance(state):
-        state, outcome = lateral.advance(state[0])
-        return seen(state), outcome.terminated
+        state, outcome = lateral.advance(state)
+        return asked(state), outcome.terminated
 
+    told = jax.jit(lambda state, action: asked(lateral.instruct(state, action)))
+    flown = jax.jit(advance)
     return Phases(
-        reset=jax.jit(lambda key: seen(lateral.reset(key))),
+        reset=jax.jit(lambda key: asked(lateral.reset(key))),
         observe=lambda state: np.asarray(state[1]),
-        instruct=jax.jit(lambda state, action: seen(lateral.instruct(state[0], action))),
-        may_stack=jax.jit(lambda state, action: lateral.may_stack(state[0], action)),
-        advance=jax.jit(advance),
+        instruct=lambda state, action: told(state[0], action),
+        may_stack=lambda state, action: bool(np.asarray(state[2])[action]),
+        advance=lambda state: flown(state[0]),
     )
 
 

@@ -43,12 +43,6 @@ class Stack(NamedTuple):
     """How often it was given in this cycle; 0: nothing is issued."""
 
 
-class _Asked(NamedTuple):
-    state: Any
-    wanted: Any
-    instructions: Any
-
-
 WhileLoop = Callable[[Callable[[Carry], Any], Callable[[Carry], Carry], Carry], Carry]
 
 
@@ -74,11 +68,8 @@ def stack(
 
     Returns the instructed state, ready to be advanced one cycle, and what was issued.
     """
-
-    def ask(state: State, _: Any) -> Any:
-        return policy(environment.observe(state))
-
-    return _stack(environment, ask, state, limit, python_while, zero=0)
+    burst = _Burst(environment, lambda state, _: policy(environment.observe(state)), limit)
+    return burst.compile(state, python_while, zero=0)
 
 
 def stack_traced(
@@ -99,29 +90,35 @@ def stack_traced(
         return policy(environment.observe(state), jax.random.fold_in(key, query))
 
     zero = jnp.zeros((), dtype=jnp.int32)
-    return _stack(environment, ask, state, limit, jax.lax.while_loop, zero)
+    return _Burst(environment, ask, limit).compile(state, jax.lax.while_loop, zero)
 
 
-def _stack(
-    environment: TwoPhase[State],
-    ask: Callable[[State, Any], Any],
-    state: State,
-    limit: int | None,
-    while_loop: WhileLoop[Any],
-    zero: Any,
-) -> tuple[State, Stack]:
+class _Asked(NamedTuple):
+    state: Any
+    action: Any
+    wanted: Any
+    instructions: Any
+
+
+class _Burst(NamedTuple):
     """The algorithm: query, and while the same instruction is wanted, give it and query again."""
-    action = ask(state, zero)
 
-    def goes_on(asked: _Asked) -> Any:
-        same = (asked.wanted == action) & (action != NO_ACTION)
-        room = True if limit is None else asked.instructions < limit
-        return same & room & environment.may_stack(asked.state, action)
+    environment: Any
+    ask: Callable[[Any, Any], Any]
+    """From a state and the number of the query to an action."""
+    limit: int | None
 
-    def give(asked: _Asked) -> _Asked:
-        told = environment.instruct(asked.state, action)
+    def compile(self, state: Any, while_loop: WhileLoop[Any], zero: Any) -> tuple[Any, Stack]:
+        action = self.ask(state, zero)
+        asked = while_loop(self.goes_on, self.give, _Asked(state, action, action, zero))
+        return asked.state, Stack(asked.action, asked.instructions)
+
+    def goes_on(self, asked: _Asked) -> Any:
+        same = (asked.wanted == asked.action) & (asked.action != NO_ACTION)
+        room = True if self.limit is None else asked.instructions < self.limit
+        return same & room & self.environment.may_stack(asked.state, asked.action)
+
+    def give(self, asked: _Asked) -> _Asked:
+        told = self.environment.instruct(asked.state, asked.action)
         given = asked.instructions + 1
-        return _Asked(told, ask(told, given), given)
-
-    asked = while_loop(goes_on, give, _Asked(state, action, zero))
-    return asked.state, Stack(action, asked.instructions)
+        return _Asked(told, asked.action, self.ask(told, given), given)

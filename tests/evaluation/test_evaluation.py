@@ -2,6 +2,7 @@
 
 import json
 
+import jax
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -51,14 +52,13 @@ def test_scenarios_depend_on_seed_and_number_only():
 
 
 def test_training_and_evaluation_never_share_a_key():
-    import jax
+    def words(key):
+        return tuple(np.asarray(jax.random.key_data(key)).tolist())
 
-    evaluation = {
-        tuple(jax.random.key_data(scenario_key(s, i))) for s in range(5) for i in range(50)
-    }
-    training = {tuple(jax.random.key_data(training_key(s))) for s in range(50)}
-    assert len(evaluation) == 250
-    assert not evaluation & training
+    judged = {words(scenario_key(seed, number)) for seed in range(5) for number in range(50)}
+    trained = {words(training_key(seed)) for seed in range(50)}
+    assert (len(judged), len(trained)) == (250, 50)
+    assert not judged & trained
 
 
 def test_doing_nothing_succeeds_where_both_routes_are_straight():

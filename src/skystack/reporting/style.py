@@ -102,7 +102,8 @@ def save(figure: Figure, stem: Path) -> list[Path]:
     paths = []
     for kind, options in plain.items():
         drawn = io.BytesIO()
-        figure.savefig(drawn, format=kind, **options)
+        # Cut to what is drawn: titles may stand out of the laid-out area.
+        figure.savefig(drawn, format=kind, bbox_inches="tight", pad_inches=0.12, **options)
         data = drawn.getvalue() if kind == "png" else _shortened(drawn.getvalue().decode()).encode()
         paths.append(stem.with_name(f"{stem.name}.{kind}"))
         write_aside(paths[-1], data)
