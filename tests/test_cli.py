@@ -157,7 +157,7 @@ def broken(**changes):
         (broken(aircraft__0__route=["HERON", "CRAN"]), "did you mean 'CRANE'"),
         (broken(aircraft__1__callsign="AC1"), "AC1"),
         (broken(aircraft__0__fl=500), "500"),
-        (broken(aircraft__0__lat=float("inf")), "lat"),
+        (broken(aircraft__0__lat=float("inf")), "Infinity"),
         (broken(clearances__0__fl=450), "450"),
     ],
 )
@@ -188,7 +188,12 @@ def test_folders_that_cannot_be_written(capsys, tmp_path):
 
 def test_interrupting_training_ends_cleanly_and_can_be_resumed(tmp_path):
     out_folder = tmp_path / "run"
-    command = [sys.executable, "-m", "skystack", "train", "lateral", "--out", str(out_folder)]
+    # A process started in the background ignores SIGINT: ask for what a terminal gives.
+    program = (
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from skystack.cli import main; sys.exit(main())"
+    )
+    command = [sys.executable, "-c", program, "train", "lateral", "--out", str(out_folder)]
     small = ["--set", "ppo.environments=8", "--set", "ppo.steps=32", "--set", "ppo.minibatch=64"]
     process = subprocess.Popen([*command, *small], stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 120

@@ -116,7 +116,7 @@ class LateralTask:
         if weights.outside_band:
             each -= weights.outside_band * rewards.outside_band(distance, weights.band_nm)
         if weights.stray:
-            each -= weights.stray * (memory.strayed & ~before.strayed)
+            each -= jnp.where(memory.strayed & ~before.strayed, weights.stray, 0.0)
         shared = -weights.burst * before.new_bursts
         return jnp.mean(jnp.where(flown.active, each, 0.0)) + shared
 
