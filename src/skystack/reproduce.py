@@ -14,7 +14,6 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from queue import Queue
 from threading import Thread
 from typing import Any, NamedTuple
 
@@ -58,6 +57,8 @@ class Done(NamedTuple):
 
 
 Report = Callable[[str, Progress], None]
+Messages = Any
+"""A queue of `multiprocessing.Manager` (its proxy is no `Queue`): names with their progress."""
 
 
 def plan_families(
@@ -137,7 +138,7 @@ def _run_jobs(plan: Plan, report: Report) -> list[Done]:
     cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [None]
     context = multiprocessing.get_context("spawn")
     with context.Manager() as manager:
-        messages: Queue[tuple[str, Progress] | None] = manager.Queue()
+        messages: Messages = manager.Queue()
         free_cores = manager.Queue()
         for core in cores:
             free_cores.put(core)
@@ -168,7 +169,7 @@ def _stop_workers() -> None:
             child.terminate()
 
 
-def _pin(free_cores: "Queue[int | None]") -> None:
+def _pin(free_cores: Any) -> None:
     """One process, one core: two learners on the same cores slow each other down."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # the parent tells of an interruption
     core = free_cores.get()
@@ -176,7 +177,7 @@ def _pin(free_cores: "Queue[int | None]") -> None:
         os.sched_setaffinity(0, {core})
 
 
-def _listen(messages: "Queue[tuple[str, Progress] | None]", report: Report) -> None:
+def _listen(messages: Messages, report: Report) -> None:
     while (message := messages.get()) is not None:
         report(*message)
 
@@ -186,7 +187,7 @@ def _run_job(
     seed: int,
     episodes: int,
     out: Path,
-    messages: "Queue[tuple[str, Progress] | None]",
+    messages: Messages,
 ) -> Done:
     """Train one policy and judge it, plain and stacked."""
     name = f"{experiment.name}-s{seed}"
