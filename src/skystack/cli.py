@@ -222,22 +222,8 @@ def _train(options: argparse.Namespace) -> int:
         )
     prose().print(f"{trained.wall_s:.0f} s; policy: {out / 'policy.json'}", soft_wrap=True)
     if options.json:
-        _print_json(
-            {
-                "rows": [],
-                "rows_by_seed": [],
-                "train": [
-                    {
-                        "experiment": experiment.name,
-                        "seed": options.seed,
-                        "steps": trained.steps,
-                        "wall_s": trained.wall_s,
-                        "steps_per_s": trained.steps_per_s,
-                    }
-                ],
-                "wall_s": trained.wall_s,
-            }
-        )
+        summary = [trained.summary]
+        _print_json({"rows": [], "rows_by_seed": [], "train": summary, "wall_s": trained.wall_s})
     return DONE
 
 

@@ -200,11 +200,4 @@ def _run_job(
         judge(trained.policy, 0, episodes, stacking, True, out / "evaluation")
         for stacking in (False, True)
     )
-    numbers = {
-        "experiment": experiment.name,
-        "seed": seed,
-        "steps": trained.steps,
-        "wall_s": trained.wall_s,
-        "steps_per_s": trained.steps_per_s,
-    }
-    return Done(numbers, judged)
+    return Done(trained.summary, judged)

@@ -3,13 +3,11 @@
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pyarrow as pa
-import pyarrow.parquet as pq
 from rich.table import Table
 
 from skystack.errors import InputError
-from skystack.files import write_aside
+from skystack.evaluation.tables import write_table
 from skystack.simulator.scenario_file import fly, load_scenario, rows
 from skystack.tasks.build import SECTORS
 
@@ -26,10 +24,7 @@ def simulate_file(path: Path, output: Path | None) -> dict[str, Any]:
     columns = rows(scenario, fly(scenario))
     table = pa.table(columns)
     if output is not None:
-        metadata = {b"sector": msgspec.json.encode(scenario.sector)}
-        sink = pa.BufferOutputStream()
-        pq.write_table(table.replace_schema_metadata(metadata), sink, compression="zstd")
-        write_aside(output, sink.getvalue().to_pybytes())
+        write_table(output, table, scenario.sector)
     last = table.slice(table.num_rows - len(scenario.aircraft)).to_pylist()
     return {
         "scenario": str(path),

@@ -48,12 +48,10 @@ def judge(
     policy: Policy, seed: int, episodes: int, stacking: bool, greedy: bool, out: Path | None
 ) -> Judged:
     """Fly a policy on the scenarios of an evaluation seed; `out` is the folder for evaluations."""
-    described = policy.description
+    described, task = policy.description, task_of(policy)
     controller = network_controller(policy.actor, policy.normaliser, greedy)
-    flight = fly(task_of(policy), controller, seed, episodes, stacking)
-    return _reduce(
-        described.experiment, described.seed, task_of(policy), flight, stacking, greedy, out
-    )
+    flight = fly(task, controller, seed, episodes, stacking)
+    return _reduce(described.experiment, described.seed, task, flight, stacking, greedy, out)
 
 
 def judge_nobody(experiment: Experiment, seed: int, episodes: int, out: Path | None) -> Judged:

@@ -11,14 +11,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from jaxtyping import Bool, Float, Int
 
-from skystack.airspace.projection import TangentPlane
 from skystack.airspace.sector import Sector
 from skystack.evaluation.rollout import Recording
 from skystack.files import make_folder, write_aside
 from skystack.platforms.phraseology import Instruction, written
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
-from skystack.simulator.traffic import Traffic
+from skystack.simulator.traffic import Traffic, trajectory_columns
 from skystack.tasks.lateral import LateralTask
 from skystack.tasks.rewards import MAX_INSTRUCTIONS
 from skystack.tasks.tracking import SEPARATION_NM
@@ -38,11 +37,16 @@ class Tables:
     def write(self, folder: Path, sector: Sector) -> None:
         """Write `<name>.parquet` each; the sector goes along, so that a folder replays alone."""
         make_folder(folder)
-        metadata = {b"sector": msgspec.json.encode(sector)}
         for name, table in vars(self).items():
-            sink = pa.BufferOutputStream()
-            pq.write_table(table.replace_schema_metadata(metadata), sink, compression="zstd")
-            write_aside(folder / f"{name}.parquet", sink.getvalue().to_pybytes())
+            write_table(folder / f"{name}.parquet", table, sector)
+
+
+def write_table(path: Path, table: pa.Table, sector: Sector) -> None:
+    """Write one table as Parquet, its sector in the metadata. Raises InputError if it cannot be."""
+    sink = pa.BufferOutputStream()
+    metadata = {b"sector": msgspec.json.encode(sector)}
+    pq.write_table(table.replace_schema_metadata(metadata), sink, compression="zstd")
+    write_aside(path, sink.getvalue().to_pybytes())
 
 
 def make_tables(task: LateralTask, recording: Recording) -> Tables:
@@ -130,25 +134,13 @@ def _trajectory_table(task: LateralTask, recording: Recording) -> pa.Table:
             "cycle": cycle.astype(np.int32),
             "time_s": (cycle * CYCLE_S).astype(np.int32),
             "callsign": pa.DictionaryArray.from_arrays(who.astype(np.int32), callsigns(task)),
-            **{name: values.reshape(-1)[keep] for name, values in columns.items()},
+            **{
+                name: values.reshape(-1)[keep].astype(np.float32)
+                for name, values in columns.items()
+            },
             "status": pa.DictionaryArray.from_arrays(status.reshape(-1)[keep], list(STATUS)),
         }
     )
-
-
-def trajectory_columns(traffic: Traffic, plane: TangentPlane) -> dict[str, np.ndarray]:
-    """The physical and the cleared values of traffic in the units of the tables, any shape."""
-    degrees = plane.to_degrees(traffic.position_nm)
-    return {
-        "lat": degrees[..., 0].astype(np.float32),
-        "lon": degrees[..., 1].astype(np.float32),
-        "fl": np.asarray(traffic.level) / np.float32(TICKS_PER_FL),
-        "heading_deg": np.asarray(traffic.heading_deg),
-        "cleared_heading_deg": np.asarray(traffic.cleared_heading_deg),
-        "cleared_fl": np.asarray(traffic.cleared_level) / np.float32(TICKS_PER_FL),
-        "ground_speed_kt": np.asarray(traffic.ground_speed_kt),
-        "vertical_speed_ft_min": np.asarray(traffic.vertical_speed_ft_min),
-    }
 
 
 def _status(recording: Recording) -> Int[np.ndarray, "scenarios rows aircraft"]:

@@ -52,8 +52,15 @@ class Trained(NamedTuple):
     """Of this process, compilation included; what was resumed is not counted."""
 
     @property
-    def steps_per_s(self) -> float:
-        return self.steps / self.wall_s
+    def summary(self) -> dict[str, Any]:
+        """The entry of `train` in the JSON of the command line."""
+        return {
+            "experiment": self.policy.description.experiment,
+            "seed": self.policy.description.seed,
+            "steps": self.steps,
+            "wall_s": self.wall_s,
+            "steps_per_s": self.steps / self.wall_s,
+        }
 
 
 def train_experiment(
@@ -78,7 +85,7 @@ def train_experiment(
     if resume and checkpoint.exists():
         learner = load_checkpoint(checkpoint, learner, fingerprint)
     first = int(learner.updates)
-    phases = _phases(experiment, first)
+    phases = _phases(experiment, task, first)
     metrics = _Metrics(folder / "metrics.jsonl", first)
     write_aside(folder / "config.toml", to_toml(experiment))
     saved = warm = time.monotonic()
@@ -112,9 +119,8 @@ def train_experiment(
     return Trained(policy, trained, time.monotonic() - begun)
 
 
-def _phases(experiment: Experiment, first: int) -> dict[int, Task]:
+def _phases(experiment: Experiment, task: Task, first: int) -> dict[int, Task]:
     """The task to train on from an update on: pre-training's until its steps are done."""
-    task = build_training_task(experiment.task)
     before = experiment.pretraining
     if before is None:
         return {first: task}

@@ -20,7 +20,6 @@ from msgspec import Meta
 
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError, unknown_name
-from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.performance import performance as performance_named
 from skystack.simulator.simulator import CYCLE_S, Simulator, instruct
 from skystack.simulator.traffic import (
@@ -32,6 +31,7 @@ from skystack.simulator.traffic import (
     Traffic,
     start,
     ticks,
+    trajectory_columns,
 )
 
 MAX_BYTES = 10_000_000
@@ -174,24 +174,13 @@ def rows(scenario: Scenario, flown: Traffic) -> dict[str, np.ndarray]:
     """
     cycles, aircraft = flown.heading_deg.shape
     cycle = np.repeat(np.arange(cycles, dtype=np.int32), aircraft)
-    position = scenario.sector.plane.to_degrees(flown.position_nm).reshape(-1, 2)
+    columns = trajectory_columns(flown, scenario.sector.plane)
     return {
         "callsign": np.tile([one.callsign for one in scenario.aircraft], cycles),
         "cycle": cycle,
         "time_s": cycle * np.int32(CYCLE_S),
-        "lat": position[:, 0],
-        "lon": position[:, 1],
-        "fl": _column(flown.level) / TICKS_PER_FL,
-        "heading_deg": _column(flown.heading_deg),
-        "cleared_heading_deg": _column(flown.cleared_heading_deg),
-        "cleared_fl": _column(flown.cleared_level) / TICKS_PER_FL,
-        "ground_speed_kt": _column(flown.ground_speed_kt),
-        "vertical_speed_ft_min": _column(flown.vertical_speed_ft_min),
+        **{name: values.reshape(-1) for name, values in columns.items()},
     }
-
-
-def _column(values: jax.Array) -> np.ndarray:
-    return np.asarray(values, dtype=np.float64).reshape(-1)
 
 
 def load_scenario(path: Path, sectors: Mapping[str, Callable[[], Sector]]) -> Scenario:

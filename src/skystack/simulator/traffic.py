@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from skystack.airspace.projection import TangentPlane
 from skystack.simulator.performance import TICKS_PER_FL
 
 NO_TURN, SHORTEST, LEFT, RIGHT = range(4)
@@ -91,3 +92,22 @@ def start(
 def ticks(fl: float) -> float:
     """Ticks of a flight level, rounded to a whole one."""
     return float(np.round(fl * TICKS_PER_FL))
+
+
+def trajectory_columns(traffic: Traffic, plane: TangentPlane) -> dict[str, np.ndarray]:
+    """The physical and the cleared values of traffic in the units of the tables.
+
+    Arrays of the shape of the traffic's, whatever it is; float64.
+    """
+    degrees = plane.to_degrees(traffic.position_nm)
+    columns = {
+        "lat": degrees[..., 0],
+        "lon": degrees[..., 1],
+        "fl": np.asarray(traffic.level, dtype=np.float64) / TICKS_PER_FL,
+        "heading_deg": traffic.heading_deg,
+        "cleared_heading_deg": traffic.cleared_heading_deg,
+        "cleared_fl": np.asarray(traffic.cleared_level, dtype=np.float64) / TICKS_PER_FL,
+        "ground_speed_kt": traffic.ground_speed_kt,
+        "vertical_speed_ft_min": traffic.vertical_speed_ft_min,
+    }
+    return {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}
