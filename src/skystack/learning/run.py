@@ -93,13 +93,15 @@ def train_experiment(
         for number in range(first, settings.updates):
             if number in phases:
                 phase = partial(ppo.update, phases[number], settings)
-                update = jax.jit(phase, donate_argnums=0)
-            learner, measured = update(learner)
+                update = jax.jit(phase)
+            # Nothing is donated, so that the old learner is whole whenever an interruption comes.
+            updated, measured = update(learner)
             values = {name: _number(value) for name, value in jax.device_get(measured).items()}
             steps = (number + 1) * settings.samples
             _check(values, experiment.name, seed, steps)
             now = time.monotonic()
             metrics.append({"update": number + 1, "steps": steps, "wall_s": now - begun} | values)
+            learner = updated  # after its line, which is cut off if it is to be written again
             warm = now if number == first else warm
             done = (number - first) * settings.samples
             rate = done / (now - warm) if done else math.nan
