@@ -17,20 +17,28 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent
 ENVIRONMENT = ROOT / ".venv"
 PYTHON = ENVIRONMENT / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+EXTRAS = {
+    "reproduce": (),
+    "test": ("test", "bluebird", "bluesky"),
+    "check": ("test", "bluebird", "bluesky"),
+}
+"""What each verb needs beside the package itself."""
 
 
-def prepare() -> None:
+def prepare(*extras: str) -> None:
     """Make the environment, or bring it up to date when the requirements have changed."""
     wanted = [ROOT / "pyproject.toml", ROOT / "constraints.txt"]
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in wanted)).hexdigest()
-    stamp = ENVIRONMENT / "requirements.sha256"
-    if stamp.exists() and stamp.read_text() == digest:
+    stamp = ENVIRONMENT / "requirements.txt"
+    before, *installed = stamp.read_text().split() if stamp.exists() else [""]
+    if before == digest and set(extras) <= set(installed):
         return
     venv.create(ENVIRONMENT, with_pip=True, clear=not stamp.exists())
     install = [str(PYTHON), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    requirements = ["--constraint", "constraints.txt", "--editable", ".[test]"]
+    package = f".[{','.join(extras)}]" if extras else "."
+    requirements = ["--constraint", "constraints.txt", "--editable", package]
     subprocess.run([*install, *requirements], cwd=ROOT, check=True)
-    stamp.write_text(digest)
+    stamp.write_text(" ".join([digest, *extras]))
 
 
 def run(*command: str) -> int:
@@ -39,12 +47,11 @@ def run(*command: str) -> int:
 
 
 def main(arguments: list[str]) -> int:
-    verbs = ("reproduce", "test", "check")
-    if not arguments or arguments[0] not in verbs:
+    if not arguments or arguments[0] not in EXTRAS:
         sys.stderr.write(__doc__ or "")
         return 2
     verb, *rest = arguments
-    prepare()
+    prepare(*EXTRAS[verb])
     if verb == "reproduce":
         return run("skystack", "reproduce", *rest)
     if verb == "test":

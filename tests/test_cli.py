@@ -83,6 +83,44 @@ def test_simulate_the_examples(capsys, tmp_path):
     assert "AC1" in out
 
 
+@pytest.mark.parametrize(
+    ("platform", "module", "types"),
+    [("bluebird", "bluebird_dt", "B753"), ("bluesky", "bluesky", "B752")],
+)
+def test_other_platforms_from_the_command_line(capsys, tmp_path, platform, module, types):
+    pytest.importorskip(module)
+    target = tmp_path / "trajectories.parquet"
+    arguments = ["simulate", str(EXAMPLES / "climb.json"), "--platform", platform]
+    code, out, err = run(capsys, *arguments, "-o", str(target), "--json")
+    result = json.loads(out)
+    assert (code, result["platform"], result["types"]) == (0, platform, {"AC1": types})
+    assert result["clearances"] == [{"cycle": 2, "callsign": "AC1", "text": "AC1 climb FL300"}]
+    assert result["final"][0]["fl"] == pytest.approx(300.0, abs=1e-6)
+    assert ("flown as B752" in err) == (platform == "bluesky")
+    arguments = ["evaluate", "lateral-best", "--platform", platform, "--episodes", "2"]
+    code, out, err = run(capsys, *arguments, "--json")
+    row = json.loads(out)["rows"][0]
+    assert (code, row["platform"], row["episodes"]) == (0, platform, 2)
+    assert ("flown as B752" in err) == (platform == "bluesky")
+
+
+def test_a_platform_that_is_not_installed_names_its_extra(capsys, monkeypatch):
+    from skystack.platforms import registry
+
+    monkeypatch.setattr(registry, "find_spec", lambda name: None)
+    code, _, err = run(capsys, "evaluate", "lateral", "--platform", "bluesky")
+    assert code == 2
+    assert "pip install 'skystack[bluesky]'" in err
+    assert err.count("\n") == 1
+
+
+def test_a_scenario_is_exported(capsys, tmp_path):
+    target = tmp_path / "climb.scn"
+    code, out, _ = run(capsys, "export", str(EXAMPLES / "climb.json"), "-o", str(target), "--json")
+    assert (code, json.loads(out)["output"]) == (0, str(target))
+    assert "00:00:12.00>ALT AC1 FL300" in target.read_text().splitlines()
+
+
 def test_reproduce_quick_from_end_to_end(capsys, tmp_path, monkeypatch):
     """Tiny trainings in real worker processes; every file of the run folder."""
     from skystack import reproduce
@@ -123,6 +161,16 @@ MISTAKES = [
     (["evaluate", "lateral", "--greedy", "--sample"], "not allowed with"),
     (["evaluate", "nowhere"], "no shipped one"),
     (["simulate", "nowhere.json"], "nowhere.json"),
+    (
+        ["simulate", str(EXAMPLES / "climb.json"), "--platform", "bluebrid"],
+        "did you mean 'bluebird'",
+    ),
+    (["evaluate", "lateral", "--platform", "x"], "allowed: bluebird, bluesky, skystack"),
+    (["evaluate", "lateral", "--time-limit", "0"], "--time-limit"),
+    (["reproduce", "--platform", "bleusky"], "did you mean 'bluesky'"),
+    (["export", str(EXAMPLES / "climb.json")], "-o"),
+    (["export", "nowhere", "-o", "x.scn"], "nowhere"),
+    (["export", str(EXAMPLES / "climb.json"), "-o", "x.scn", "--format", "xml"], "scn"),
     ([], "VERB"),
 ]
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import skystack
-from skystack.errors import InputError, TrainingError
+from skystack.errors import InputError, PlatformError, TrainingError
 
 DONE, FAILED, WRONG, INTERRUPTED = 0, 1, 2, 130
 
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return run(options)
     except InputError as error:
         return _complain(str(error), WRONG)
-    except TrainingError as error:
+    except (TrainingError, PlatformError) as error:
         return _complain(str(error), FAILED)
     except BrokenPipeError:
         return FAILED
@@ -91,6 +91,14 @@ def _build_parser() -> argparse.ArgumentParser:
         sub.add_argument("--json", action="store_true", help="print one JSON object")
         return sub
 
+    def platform(sub: _Parser) -> None:
+        sub.add_argument(
+            "--platform",
+            default="skystack",
+            metavar="NAME",
+            help="skystack (default), bluebird or bluesky",
+        )
+
     verb("list", "experiments, tasks, sectors, shipped policies", _list)
 
     sub = verb("reproduce", "train, evaluate, compare with the paper, write the report", _reproduce)
@@ -101,6 +109,14 @@ def _build_parser() -> argparse.ArgumentParser:
     sub.add_argument("--episodes", type=_positive, help="scenarios to judge on (default 1000)")
     sub.add_argument("--out", type=Path, metavar="DIR", help="folder for everything written")
     sub.add_argument("--quick", action="store_true", help="a short training, to see it work")
+    sub.add_argument(
+        "--platform",
+        action="append",
+        default=[],
+        metavar="NAME",
+        dest="platforms",
+        help="fly the policies in another simulator too: bluebird, bluesky; may be repeated",
+    )
 
     sub = verb("train", "train a policy", _train)
     sub.add_argument("experiment", metavar="EXPERIMENT", help="a name (see list) or a .toml file")
@@ -130,10 +146,30 @@ def _build_parser() -> argparse.ArgumentParser:
     how.add_argument("--greedy", action="store_true", help="the most probable action (default)")
     how.add_argument("--sample", action="store_true", help="an action drawn by its probability")
     sub.add_argument("--out", type=Path, metavar="DIR", help="folder for the tables (Parquet)")
+    platform(sub)
+    sub.add_argument(
+        "--time-limit",
+        type=_positive,
+        default=120,
+        metavar="S",
+        help="seconds for one scenario on another platform (default 120)",
+    )
 
     sub = verb("simulate", "fly a scenario file", _simulate)
     sub.add_argument("scenario", type=Path, metavar="SCENARIO.json")
     sub.add_argument("-o", dest="output", type=Path, metavar="FILE", help="trajectories (Parquet)")
+    platform(sub)
+
+    sub = verb("export", "write a flown scenario as a file of another simulator", _export)
+    sub.add_argument(
+        "source",
+        type=Path,
+        metavar="SOURCE",
+        help="a scenario file, or the folder of an evaluation",
+    )
+    sub.add_argument("--format", choices=["scn"], default="scn", help="scn: BlueSky (default)")
+    sub.add_argument("--scenario", type=_seed, metavar="N", help="which of the folder, default 0")
+    sub.add_argument("-o", dest="output", type=Path, required=True, metavar="FILE")
     return parser
 
 
@@ -173,10 +209,10 @@ def _list(options: argparse.Namespace) -> int:
 
 
 def _reproduce(options: argparse.Namespace) -> int:
-    from skystack.console import output, prose, show_progress
+    from skystack.console import count_scenarios, output, prose, show_progress
     from skystack.reporting.report import write_report
-    from skystack.reporting.tables import comparison_of
-    from skystack.reproduce import QUICK_EPISODES, plan_families, run_plan
+    from skystack.reporting.tables import comparison_of, platforms_of
+    from skystack.reproduce import QUICK_EPISODES, fly_elsewhere, plan_families, run_plan
 
     quick = options.quick or not options.families
     families = options.families or ["lateral"]
@@ -185,20 +221,28 @@ def _reproduce(options: argparse.Namespace) -> int:
     episodes = options.episodes or (QUICK_EPISODES if quick else 1000)
     words = ["skystack", "reproduce", *families]
     words += ["--seeds", str(options.seeds), "--episodes", str(episodes)]
-    command = " ".join(words + (["--quick"] if quick else []))
+    words += ["--quick"] * quick + [f"--platform {name}" for name in options.platforms]
+    command = " ".join(words)
     # Terminated like interrupted: the workers are stopped on the way out.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    plan = plan_families(families, options.seeds, episodes, out, quick, command)
+    seeds, platforms = options.seeds, options.platforms
+    plan = plan_families(families, seeds, episodes, out, quick, command, platforms)
     with show_progress() as report:
         results = run_plan(plan, report)
+    failed = fly_elsewhere(plan, results, count_scenarios) if plan.platforms else []
     prose().print("writing figures and report ...")
     path = write_report(out)
     if options.json:
-        _print_json({key: results[key] for key in ("rows", "rows_by_seed", "train", "wall_s")})
+        kept = ["rows", "rows_by_seed", "train", "wall_s"] + ["platforms"] * bool(plan.platforms)
+        _print_json({key: results[key] for key in kept})
     else:
         output().print(comparison_of(results["rows"]).as_rich())
+        if plan.platforms:
+            output().print(platforms_of(results["platforms"]).as_rich())
     prose().print(f"{results['wall_s']:.0f} s; report: {path}", highlight=False, soft_wrap=True)
-    return DONE
+    for line in failed:
+        _complain(line, FAILED)
+    return FAILED if failed else DONE
 
 
 def _train(options: argparse.Namespace) -> int:
@@ -229,38 +273,56 @@ def _train(options: argparse.Namespace) -> int:
 
 def _evaluate(options: argparse.Namespace) -> int:
     from skystack.catalogue import find_policy
-    from skystack.console import output
-    from skystack.evaluation.judge import judge
+    from skystack.console import count_scenarios, output, prose
+    from skystack.evaluation.judge import Conditions, judge
     from skystack.evaluation.summary import aggregate
+    from skystack.platforms.registry import said_of
     from skystack.reporting.tables import comparison_of
 
     begun = time.monotonic()
-    judged = judge(
-        find_policy(options.policy),
+    conditions = Conditions(
         options.seed,
         options.episodes,
         options.stacking,
         not options.sample,
-        options.out,
+        options.platform,
+        options.time_limit,
     )
+    policy = find_policy(options.policy)
+    with count_scenarios(options.platform, options.episodes) as on_scenario:
+        judged = judge(policy, conditions, options.out, on_scenario)
+    for line in said_of(options.platform):
+        prose().print(line, soft_wrap=True, highlight=False)
     rows = [aggregate([judged.row], [judged.episodes])]
     if options.json:
         wall_s = time.monotonic() - begun
-        _print_json({"rows": rows, "rows_by_seed": [judged.row], "train": [], "wall_s": wall_s})
+        result = {"rows": rows, "rows_by_seed": [judged.row], "train": [], "wall_s": wall_s}
+        _print_json(result | ({"failed": judged.failed} if judged.failed else {}))
     else:
         output().print(comparison_of(rows).as_rich())
-    return DONE
+    for number, why in judged.failed.items():
+        _complain(f"{options.platform}: scenario {number} {why}", FAILED)
+    return FAILED if judged.failed else DONE
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    from skystack.simulate import simulate_file
+    from skystack.console import output, prose
+    from skystack.simulate import simulate_file, summary_table
 
-    summary = simulate_file(options.scenario, options.output)
+    summary = simulate_file(options.scenario, options.output, options.platform)
+    for line in summary["notes"]:
+        prose().print(line, soft_wrap=True, highlight=False)
     if options.json:
         _print_json(summary)
     else:
-        from skystack.console import output
-        from skystack.simulate import summary_table
-
         output().print(summary_table(summary))
+    return DONE
+
+
+def _export(options: argparse.Namespace) -> int:
+    from skystack.export import export_scenario
+
+    export_scenario(options.source, options.scenario, options.output)
+    if options.json:
+        _print_json({"source": str(options.source), "output": str(options.output)})
     return DONE

@@ -50,6 +50,34 @@ def show_progress() -> Iterator[Callable[[str, Step], None]]:
         yield report
 
 
+@contextmanager
+def count_scenarios(name: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Show how many scenarios another platform has done, its speed and the time left."""
+    begun = time.monotonic()
+    shown = begun
+
+    def line(done: int) -> str:
+        rate = done / max(time.monotonic() - begun, 1e-9)
+        return f"{done}/{total} scenarios {rate:.2f}/s, {(total - done) / rate:.0f} s left"
+
+    console = prose()
+    if console.is_terminal:
+        with Progress(TextColumn("{task.description}"), BarColumn(), console=console) as bars:
+            task = bars.add_task(name, total=total, visible=False)
+            yield lambda done: bars.update(
+                task, completed=done, description=f"{name} {line(done)}", visible=True
+            )
+        return
+
+    def report(done: int) -> None:
+        nonlocal shown
+        if time.monotonic() - shown >= PLAIN_EVERY_S:
+            shown = time.monotonic()
+            console.print(f"{name} {line(done)}", highlight=False, soft_wrap=True)
+
+    yield report
+
+
 class _PlainProgress:
     """Lines for a log file."""
 

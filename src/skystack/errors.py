@@ -12,6 +12,10 @@ class TrainingError(RuntimeError):
     """Training cannot go on (a loss that is no number): the message names where; exit code 1."""
 
 
+class PlatformError(RuntimeError):
+    """Another simulator died, hung or lost an aircraft: the message names where; exit code 1."""
+
+
 def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> InputError:
     """The error for a name that does not exist, with the nearest one that does."""
     names = sorted(allowed)

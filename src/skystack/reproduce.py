@@ -22,11 +22,14 @@ import pyarrow as pa
 
 import skystack
 from skystack.errors import unknown_name
-from skystack.evaluation.judge import Judged, judge, judge_nobody
+from skystack.evaluation.everywhere import Count, judge_everywhere
+from skystack.evaluation.judge import Conditions, Judged, judge, judge_nobody
 from skystack.evaluation.summary import Row, aggregate
 from skystack.files import make_folder, write_aside
 from skystack.learning.experiment import Experiment, load_experiment
+from skystack.learning.policy import load_policy
 from skystack.learning.run import Progress, train_experiment
+from skystack.platforms.registry import OWN, check_platform
 
 FAMILIES = {
     "lateral": ("lateral-best", "lateral-large", "lateral-tuned", "lateral", "lateral-undamped"),
@@ -35,6 +38,8 @@ FAMILIES = {
 
 QUICK_STEPS = 500_000
 QUICK_EPISODES = 200
+PLATFORM_EPISODES = 100
+"""As many scenarios as the paper's."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,8 @@ class Plan:
     out: Path
     quick: bool
     command: str
+    platforms: tuple[str, ...] = ()
+    """Other simulators to fly the first seed's policies in."""
 
 
 class Done(NamedTuple):
@@ -62,9 +69,17 @@ Messages = Any
 
 
 def plan_families(
-    families: Sequence[str], seeds: int, episodes: int, out: Path, quick: bool, command: str
+    families: Sequence[str],
+    seeds: int,
+    episodes: int,
+    out: Path,
+    quick: bool,
+    command: str,
+    platforms: Sequence[str] = (),
 ) -> Plan:
-    """The experiments of some families. Raises InputError for an unknown one."""
+    """The experiments of some families. Raises InputError for an unknown one or a platform."""
+    for each in platforms:
+        check_platform(each)
     names: list[str] = []
     for family in families:
         if family != "all" and family not in FAMILIES:
@@ -74,14 +89,17 @@ def plan_families(
     experiments = tuple(load_experiment(name) for name in names)
     if quick:
         experiments = tuple(_quick(experiment) for experiment in experiments)
-    return Plan(experiments, seeds, episodes, out, quick, command)
+    elsewhere = tuple(dict.fromkeys(name for name in platforms if name != OWN))
+    return Plan(experiments, seeds, episodes, out, quick, command, elsewhere)
 
 
 def run_plan(plan: Plan, report: Report) -> dict[str, Any]:
     """Run all jobs and write `results.json`; returns its contents (see docs/formats.md)."""
     begun = time.monotonic()
     make_folder(plan.out)
-    nobody = judge_nobody(plan.experiments[0], 0, plan.episodes, plan.out / "evaluation")
+    nobody = judge_nobody(
+        plan.experiments[0], Conditions(episodes=plan.episodes), plan.out / "evaluation"
+    )
     done = _run_jobs(plan, report)
     by_seed: dict[tuple[str, bool], list[Judged]] = {}
     for job in done:
@@ -98,10 +116,32 @@ def run_plan(plan: Plan, report: Report) -> dict[str, Any]:
         "version": skystack.__version__,
         "command": plan.command,
         "quick": plan.quick,
+        "platforms": [],
     }
     write_aside(plan.out / "bound.json", fewest_clearances())
-    write_aside(plan.out / "results.json", (json.dumps(results, indent=1) + "\n").encode())
+    _write_results(plan, results)
     return results
+
+
+def fly_elsewhere(plan: Plan, results: dict[str, Any], count: Count) -> list[str]:
+    """Fly the first seed's policies in the plan's other simulators and add that to the results.
+
+    Returns what was not finished, and why.
+    """
+    episodes = min(plan.episodes, PLATFORM_EPISODES)
+    rows, failed = [], []
+    for experiment in plan.experiments:
+        policy = load_policy(plan.out / "train" / f"{experiment.name}-s0")
+        found = judge_everywhere(policy, plan.platforms, episodes, plan.out / "evaluation", count)
+        rows += found.rows
+        failed += found.failed
+        results["platforms"] = rows
+        _write_results(plan, results)
+    return failed
+
+
+def _write_results(plan: Plan, results: dict[str, Any]) -> None:
+    write_aside(plan.out / "results.json", (json.dumps(results, indent=1) + "\n").encode())
 
 
 def fewest_clearances() -> bytes:
@@ -197,7 +237,7 @@ def _run_job(
 
     trained = train_experiment(experiment, seed, out / "train" / name, on_update=send)
     judged = tuple(
-        judge(trained.policy, 0, episodes, stacking, True, out / "evaluation")
+        judge(trained.policy, Conditions(episodes=episodes, stacking=stacking), out / "evaluation")
         for stacking in (False, True)
     )
     return Done(trained.summary, judged)

@@ -1,5 +1,7 @@
-"""The verb `simulate`: fly a scenario file and keep the trajectories."""
+"""The verb `simulate`: fly a scenario file on a platform and keep the trajectories."""
 
+import tempfile
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -7,31 +9,60 @@ import pyarrow as pa
 from rich.table import Table
 
 from skystack.errors import InputError
-from skystack.evaluation.tables import write_table
-from skystack.simulator.scenario_file import fly, load_scenario, rows
+from skystack.evaluation.stored import write_table
+from skystack.platforms.flight import Flight, flight_rows, fly_scenario
+from skystack.platforms.phraseology import written
+from skystack.platforms.registry import (
+    OWN,
+    check_platform,
+    flown_type,
+    open_platform,
+    said_of,
+)
+from skystack.simulator.scenario_file import Scenario, load_scenario
 from skystack.tasks.build import SECTORS
 
 
-def simulate_file(path: Path, output: Path | None) -> dict[str, Any]:
-    """Fly a scenario file; returns the last row of every aircraft.
+def simulate_file(path: Path, output: Path | None, platform: str = OWN) -> dict[str, Any]:
+    """Fly a scenario file; returns the last row of every aircraft and what was said.
 
     Writes all rows as Parquet where `output` is given (its folder must exist). Raises InputError
-    for a scenario that cannot be flown or a file that cannot be written.
+    for a scenario that cannot be flown, a platform that is not there or a file that cannot be
+    written; PlatformError when the platform fails.
     """
+    check_platform(platform)
     scenario = load_scenario(path, SECTORS)
     if output is not None and not output.parent.is_dir():
         raise InputError(f"{output}: the folder {output.parent} does not exist")
-    columns = rows(scenario, fly(scenario))
-    table = pa.table(columns)
+    flight = _fly(path, scenario, platform)
+    table = pa.table(flight_rows(scenario, flight))
     if output is not None:
-        write_table(output, table, scenario.sector)
-    last = table.slice(table.num_rows - len(scenario.aircraft)).to_pylist()
+        write_table(output, table, scenario.sector, scenario.performance)
     return {
         "scenario": str(path),
+        "platform": platform,
+        "types": {one.callsign: flown_type(platform, one.type) for one in scenario.aircraft},
+        "notes": said_of(platform, {one.type for one in scenario.aircraft}),
         "rows": table.num_rows,
         "output": None if output is None else str(output),
-        "final": last,
+        "clearances": [
+            {"cycle": cycle, "callsign": instruction.callsign, "text": written(instruction)}
+            for cycle, instruction in flight.issued
+        ],
+        "final": table.slice(table.num_rows - len(scenario.aircraft)).to_pylist(),
     }
+
+
+def _fly(path: Path, scenario: Scenario, platform: str) -> Flight:
+    """The flight; what the platform writes meanwhile is thrown away."""
+    with (
+        tempfile.TemporaryDirectory(prefix="skystack-") as folder,
+        closing(open_platform(platform, Path(folder))) as opened,
+    ):
+        try:
+            return fly_scenario(opened, scenario)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
 
 
 def summary_table(summary: dict[str, Any]) -> Table:

@@ -9,7 +9,13 @@ import pytest
 
 from skystack.catalogue import find_policy
 from skystack.errors import InputError
-from skystack.evaluation.judge import evaluation_folder, judge, judge_nobody, task_of
+from skystack.evaluation.judge import (
+    Conditions,
+    evaluation_folder,
+    judge,
+    judge_nobody,
+    task_of,
+)
 from skystack.evaluation.paper import paper_row
 from skystack.evaluation.rollout import NOBODY, fly
 from skystack.evaluation.summary import aggregate
@@ -30,7 +36,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def judged(folder):
-    return judge(find_policy("lateral"), 0, EPISODES, True, True, folder)
+    return judge(find_policy("lateral"), Conditions(episodes=EPISODES), folder)
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +75,7 @@ def test_doing_nothing_succeeds_where_both_routes_are_straight():
     straight = np.array([{"HERON", "SWIFT"} == {route[0], route[-1]} for route in routes])
     expected = straight[flight.start.route].all(axis=1)
     assert expected.sum() > 0
-    result = judge_nobody(experiment, 0, 300, None)
+    result = judge_nobody(experiment, Conditions(episodes=300), None)
     np.testing.assert_array_equal(column(result.episodes, "success"), expected)
     assert result.row["clearances_mean"] == result.row["instructions_mean"] == 0.0
     assert result.row["experiment"] == "do-nothing"
@@ -119,8 +125,9 @@ def test_a_clearance_is_seen_in_the_next_row_and_flown_after_it(tables):
         turn = (clearance["value"] - row["heading_deg"] + 180) % 360 - 180
         if abs(turn) > 15 and row["status"] != "exited":
             assert (turn > 0) == (clearance["direction"] == "right")
-        verb = f"{clearance['callsign']} turn {clearance['direction']} heading"
-        assert clearance["text"] == f"{verb} {clearance['value'] or 360:03d}"
+        way = f"turn {clearance['direction']}" if clearance["direction"] else "fly"
+        said = f"{clearance['callsign']} {way} heading {clearance['value'] or 360:03d}"
+        assert clearance["text"] == said
         checked += 1
     assert checked > 10
 
@@ -133,20 +140,21 @@ def test_tables_carry_their_sector(tables):
 
 
 def test_plain_flight_issues_every_instruction_by_itself():
-    plain = judge(find_policy("lateral"), 0, EPISODES, False, True, None)
+    plain = judge(find_policy("lateral"), Conditions(episodes=EPISODES, stacking=False), None)
     assert plain.row["clearances_mean"] == plain.row["instructions_mean"]
     assert plain.row["paper"] == {"clearances_mean": 14.5, "clearances_std": 6.6}
 
 
 def test_sampling_differs_from_greedy_and_repeats():
-    first, second = (judge(find_policy("lateral"), 0, 20, True, False, None) for _ in range(2))
-    greedy = judge(find_policy("lateral"), 0, 20, True, True, None)
+    sampled = Conditions(episodes=20, greedy=False)
+    first, second = (judge(find_policy("lateral"), sampled, None) for _ in range(2))
+    greedy = judge(find_policy("lateral"), Conditions(episodes=20), None)
     assert first.episodes.equals(second.episodes)
     assert not first.episodes.equals(greedy.episodes)
 
 
 def test_rows_of_several_seeds_are_put_together(judged):
-    other = judge(find_policy("lateral"), 1, EPISODES, True, True, None)
+    other = judge(find_policy("lateral"), Conditions(seed=1, episodes=EPISODES), None)
     row = aggregate([judged.row, other.row], [judged.episodes, other.episodes])
     assert (row["seeds"], row["episodes"]) == (2, 2 * EPISODES)
     both = (judged.row["clearances_mean"] + other.row["clearances_mean"]) / 2

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skystack.errors import InputError
-from skystack.platforms.phraseology import DIGITS, Instruction, spoken, written
+from skystack.platforms.instruction import Instruction
+from skystack.platforms.phraseology import DIGITS, spoken, written
 
 EXAMPLES = [
     (

@@ -1,6 +1,7 @@
 """The report: one file, everything in it, nothing that gets out."""
 
 import base64
+import json
 import re
 from html.parser import HTMLParser
 
@@ -96,3 +97,14 @@ def test_a_missing_table_is_named_and_no_report_is_written(run):
     with pytest.raises(InputError, match=r"aircraft\.parquet: missing"):
         write_report(run)
     assert not (run / "report.html").exists()
+
+
+def test_other_simulators_are_shown_where_they_were_flown_in(run, page):
+    path = run / "results.json"
+    results = json.loads(path.read_text())
+    theirs = results["rows"][0] | {"platform": "bluebird", "same_clearances_rate": 0.97}
+    path.write_text(json.dumps(results | {"platforms": [results["rows"][0], theirs]}))
+    shown = Page(write_report(run).read_text())
+    assert "In other simulators" in shown.text
+    assert "97.0 %" in shown.text
+    assert "In other simulators" not in page.text

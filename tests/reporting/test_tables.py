@@ -6,8 +6,16 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from skystack.reporting.results import Bound, Paper, Results, Row, Training
-from skystack.reporting.tables import by_seed, comparison, comparison_of, duration, trainings
+from skystack.reporting.results import Bound, Paper, Results, Row, Training, in_order
+from skystack.reporting.tables import (
+    NOTHING,
+    by_seed,
+    comparison,
+    comparison_of,
+    duration,
+    platforms,
+    trainings,
+)
 
 
 def row(**changes):
@@ -120,3 +128,32 @@ def test_a_narrow_terminal_folds_the_table_and_cuts_nothing(width):
 )
 def test_durations(seconds, text):
     assert duration(seconds) == text
+
+
+def test_simulators_stand_together_ours_first():
+    theirs = {"wall_s": 75.0, "same_clearances_rate": 0.95, "episodes": 100}
+    table = platforms(
+        in_order(
+            [
+                row(platform="bluesky", **theirs),
+                row(platform="bluebird", **theirs),
+                row(wall_s=4.2, episodes=100),
+                row(experiment="lateral-large", platform="bluebird", **theirs),
+            ]
+        )
+    )
+    assert [line[:2] for line in table.rows] == [
+        ("damped and stacked", "skystack"),
+        ("damped and stacked", "BluebirdDT"),
+        ("damped and stacked", "BlueSky"),
+        ("37 actions, stacked", "BluebirdDT"),
+    ]
+    assert table.rows[0][-2:] == (NOTHING, "4 s")
+    assert table.rows[1][2:] == (
+        "7.2 ± 3.5",
+        "98.8 %",
+        "100.0 %",
+        "2 of 100",
+        "95.0 %",
+        "1 min 15 s",
+    )

@@ -1,62 +1,15 @@
-"""Scenario files: what is refused and how, and that they fly as BluebirdDT's reference rollouts."""
+"""Scenario files: what is refused and how, and what is read from the others."""
 
-import copy
 import json
-from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skystack.airspace.projection import geodesic_leg
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
-from skystack.simulator.scenario_file import MAX_BYTES, fly, load_scenario, rows
-from skystack.simulator.traffic import LEFT, NO_TURN, RIGHT, SHORTEST, ticks
-
-SECTORS = {"x-plus": x_plus}
-EXAMPLES = Path(__file__).parents[2] / "examples"
-TANGENT_PLANE_NM = 0.04
-"""How far the tangent plane may be off BluebirdDT's ellipsoid 140 to 190 NM from the origin."""
-NORTHBOUND = ["HERON", "CRANE", "EGL", "MACAW", "QUAIL", "SWIFT"]
-
-MINIMAL = {
-    "sector": "x-plus",
-    "cycles": 12,
-    "aircraft": [
-        {"callsign": "AC1", "route": NORTHBOUND, "lat": -0.41, "lon": -0.41, "fl": 300},
-        {"callsign": "AC2", "route": NORTHBOUND[::-1], "lat": 0.7, "lon": 0.7, "fl": 300},
-    ],
-    "clearances": [{"cycle": 3, "callsign": "AC1", "heading_deg": 35}],
-}
-
-
-def changed(where, value):
-    """The minimal scenario with one field set (or, for `...`, taken out)."""
-    scenario = copy.deepcopy(MINIMAL)
-    *steps, last = where
-    at = scenario
-    for step in steps:
-        at = at[step]
-    if value is ...:
-        del at[last]
-    else:
-        at[last] = value
-    return scenario
-
-
-def load(scenario, folder):
-    path = folder / "scenario.json"
-    path.write_text(scenario if isinstance(scenario, str) else json.dumps(scenario))
-    return load_scenario(path, SECTORS)
-
-
-def flown(scenario):
-    """Columns of the flown scenario as arrays `[cycles + 1, aircraft]`."""
-    columns = rows(scenario, fly(scenario))
-    return {name: column.reshape(scenario.cycles + 1, -1) for name, column in columns.items()}
-
+from skystack.simulator.scenario_file import MAX_BYTES, GivenClearance, load_scenario
+from tests.scenarios import MINIMAL, SECTORS, changed, load
 
 A1, C0 = ("aircraft", 1), ("clearances", 0)
 ONE_AIRCRAFT = MINIMAL["aircraft"][0]
@@ -79,7 +32,6 @@ REFUSED = [
     # The sector and the aircraft's names.
     (("sector",), "xplus", "sector: unknown sector 'xplus'; did you mean 'x-plus'? (allowed: x"),
     (("performance",), "tabel", "performance: unknown performance model 'tabel'; did you mean 't"),
-    ((*A1, "type"), "A320", 'aircraft[1].type is "A320" (allowed: B753)'),
     (
         (*A1, "route", 2),
         "MACAU",
@@ -255,128 +207,41 @@ def test_a_byte_order_mark_is_no_mistake(tmp_path):
 
 
 def told(tmp_path, *entries):
-    """The clearance arrays of a minimal scenario with these entries of `clearances`."""
-    return load(changed(("clearances",), list(entries)), tmp_path).clearances_by_cycle()
+    """The transmissions of a minimal scenario with these entries of `clearances`."""
+    return load(changed(("clearances",), list(entries)), tmp_path).transmissions()
 
 
-def test_clearances_stand_in_the_row_of_their_cycle(tmp_path):
-    clearance = told(
+def test_what_an_aircraft_is_told_in_a_cycle_is_one_transmission(tmp_path):
+    transmissions = told(
         tmp_path,
         {"cycle": 3, "callsign": "AC2", "heading_deg": 360, "turn": "left", "fl": 340},
         {"cycle": 0, "callsign": "AC1", "fl": 200},
         {"cycle": 11, "callsign": "AC1", "heading_deg": 90},
+        {"cycle": 3, "callsign": "AC1", "fl": 310},
     )
-    turn, changes = np.full((12, 2), NO_TURN), np.zeros((12, 2), dtype=bool)
-    turn[3, 1], turn[11, 0] = LEFT, SHORTEST
-    changes[3, 1] = changes[0, 0] = True
-    np.testing.assert_array_equal(clearance.turn, turn)
-    np.testing.assert_array_equal(clearance.changes_level, changes)
-    assert (clearance.heading_deg[3, 1], clearance.heading_deg[11, 0]) == (0.0, 90.0)
-    assert (clearance.level[3, 1], clearance.level[0, 0]) == (ticks(340.0), ticks(200.0))
+    assert transmissions == {
+        0: [GivenClearance(0, "AC1", None, None, 200)],
+        3: [GivenClearance(3, "AC2", 360, "left", 340), GivenClearance(3, "AC1", None, None, 310)],
+        11: [GivenClearance(11, "AC1", 90)],
+    }
+    assert list(transmissions) == [0, 3, 11]
 
 
 def test_of_two_entries_in_a_cycle_the_later_wins_and_leaves_what_it_does_not_name(tmp_path):
-    clearance = told(
+    transmissions = told(
         tmp_path,
         {"cycle": 3, "callsign": "AC1", "heading_deg": 35, "turn": "right"},
         {"cycle": 3, "callsign": "AC1", "fl": 310},
         {"cycle": 3, "callsign": "AC1", "heading_deg": 40, "turn": "right"},
         {"cycle": 3, "callsign": "AC1", "fl": 320},
         {"cycle": 3, "callsign": "AC1", "heading_deg": 50},
+        {"cycle": 4, "callsign": "AC1", "heading_deg": 60, "turn": "left"},
+        {"cycle": 4, "callsign": "AC1", "fl": 330},
     )
-    assert (clearance.turn[3, 0], clearance.heading_deg[3, 0]) == (SHORTEST, 50.0)
-    assert (clearance.changes_level[3, 0], clearance.level[3, 0]) == (True, ticks(320.0))
-
-
-def test_the_rows_are_complete_and_sorted_by_cycle(tmp_path):
-    scenario = load(MINIMAL, tmp_path)
-    columns = rows(scenario, fly(scenario))
-    assert {len(column) for column in columns.values()} == {26}
-    assert columns["callsign"].tolist() == ["AC1", "AC2"] * 13
-    assert columns["cycle"].tolist() == [cycle for cycle in range(13) for _ in range(2)]
-    assert columns["time_s"].tolist() == [6 * cycle for cycle in columns["cycle"].tolist()]
-    # Row 0 is the start: where and how the file says.
-    np.testing.assert_allclose(columns["lat"][:2], [-0.41, 0.7], atol=1e-6)
-    np.testing.assert_allclose(columns["lon"][:2], [-0.41, 0.7], atol=1e-6)
-    np.testing.assert_allclose(columns["heading_deg"][:2], [45.1920, 225.1904], atol=1e-4)
-    assert columns["fl"][:2].tolist() == columns["cleared_fl"][:2].tolist() == [300.0, 300.0]
-    np.testing.assert_allclose(columns["ground_speed_kt"][:2], 465.9408, atol=1e-3)
-    assert columns["vertical_speed_ft_min"][:2].tolist() == [0.0, 0.0]
-
-
-def test_a_clearance_shows_in_the_next_row_and_is_flown_in_the_one_after(tmp_path):
-    one = {"cycle": 3, "callsign": "AC1", "heading_deg": 60, "fl": 310}
-    columns = flown(load(changed(C0, one), tmp_path))
-    start_deg = columns["heading_deg"][0, 0]
-    assert columns["cleared_heading_deg"][:5, 0].tolist() == [start_deg] * 4 + [60.0]
-    assert columns["cleared_fl"][:5, 0].tolist() == [300.0] * 4 + [310.0]
-    np.testing.assert_allclose(
-        columns["heading_deg"][:7, 0], [start_deg] * 5 + [start_deg + 9, 60.0], atol=1e-4
-    )
-    assert columns["fl"][:7, 0].tolist() == [300.0] * 5 + [302.5, 305.0]
-    # The other aircraft was told nothing.
-    assert set(columns["cleared_fl"][:, 1]) == {300.0}
-    assert set(columns["heading_deg"][:, 1]) == {columns["heading_deg"][0, 1]}
-
-
-def reference_a(performance, tmp_path):
-    scenario = json.loads((EXAMPLES / "reference.json").read_text())
-    return flown(load(scenario | {"performance": performance}, tmp_path))
-
-
-def off_nm(columns, aircraft, lat, lon):
-    """Distance of the last position from BluebirdDT's."""
-    return geodesic_leg((columns["lat"][-1, aircraft], columns["lon"][-1, aircraft]), (lat, lon))[1]
-
-
-def test_the_reference_starts_three_miles_from_its_fix():
-    scenario = load_scenario(EXAMPLES / "reference.json", SECTORS)
-    second = scenario.aircraft[1]
-    bearing, distance = geodesic_leg(scenario.sector.fixes["PEL"], (second.lat, second.lon))
-    assert bearing == pytest.approx(200.0, abs=1e-4)
-    assert distance == pytest.approx(3.0, abs=1e-6)
-
-
-def test_the_reference_rollout_agrees_with_bluebird_at_constant_speed(tmp_path):
-    columns = reference_a("constant", tmp_path)
-    first, second = columns["heading_deg"].T
-    np.testing.assert_allclose(first[[5, 6, 7, 8]], [45.1920, 45.1920, 36.1920, 35.0], atol=1e-4)
-    np.testing.assert_allclose(first[[41, 42, 43, 50, 60]], [45.0, 54.0, 63.0, 126.0, 205.0])
-    np.testing.assert_allclose(second[[4, 5, 6, 7]], [134.80895, 125.80895, 116.80895, 115.0])
-    assert (first[300], second[300]) == (205.0, 45.0)
-    assert off_nm(columns, 0, -2.591542109, -1.130081790) < TANGENT_PLANE_NM
-    assert off_nm(columns, 1, 1.632091695, 1.918770306) < TANGENT_PLANE_NM
-
-
-def test_the_reference_rollout_agrees_with_bluebird_on_the_table(tmp_path):
-    columns = reference_a("table", tmp_path)
-    assert off_nm(columns, 0, -2.950759395, -1.248507504) < TANGENT_PLANE_NM
-    assert off_nm(columns, 1, 1.802074, 2.344787) < TANGENT_PLANE_NM
-
-
-def test_the_climb_agrees_with_bluebird():
-    columns = flown(load_scenario(EXAMPLES / "climb.json", SECTORS))
-    assert columns["cleared_fl"][[2, 3], 0].tolist() == [100.0, 300.0]
-    assert columns["fl"][[3, 4, 83], 0].tolist() == [100.0, 102.5, 300.0]
-    assert columns["fl"][82, 0] < 300.0
-    # Ground speed at the top of the climb and in level flight after it.
-    np.testing.assert_allclose(
-        columns["ground_speed_kt"][[83, 84], 0], [450.741, 465.941], atol=0.01
-    )
-    # Own navigation keeps to the straight route and leaves through its arm.
-    np.testing.assert_allclose(columns["heading_deg"][:, 0], 45.19, atol=0.01)
-
-
-def test_the_head_on_pair_keeps_apart():
-    scenario = load_scenario(EXAMPLES / "head-on.json", SECTORS)
-    columns = flown(scenario)
-    east, north = scenario.sector.plane.to_plane(columns["lat"], columns["lon"]).T
-    apart_nm = np.hypot(east[0] - east[1], north[0] - north[1])
-    assert apart_nm.min() > 5.0
-    assert apart_nm[0] > 95.0
-    # Each ends beyond the other's start.
-    assert (east[0, -1], north[0, -1]) > (east[1, 0], north[1, 0])
-    assert (east[1, -1], north[1, -1]) < (east[0, 0], north[0, 0])
+    assert transmissions == {
+        3: [GivenClearance(3, "AC1", 50, None, 320)],
+        4: [GivenClearance(4, "AC1", 60, "left", 330)],
+    }
 
 
 @given(st.integers(0, 360), st.sampled_from(["shortest", "left", "right"]))
@@ -384,6 +249,5 @@ def test_every_whole_heading_is_cleared_as_it_is(tmp_path_factory, heading_deg, 
     path = tmp_path_factory.getbasetemp() / "heading.json"
     one = {"cycle": 0, "callsign": "AC2", "heading_deg": heading_deg, "turn": turn}
     path.write_text(json.dumps(changed(C0, one)))
-    clearance = load_scenario(path, SECTORS).clearances_by_cycle()
-    assert clearance.heading_deg[0, 1] == heading_deg % 360
-    assert clearance.turn[0, 1] == {"shortest": SHORTEST, "left": LEFT, "right": RIGHT}[turn]
+    transmissions = load_scenario(path, SECTORS).transmissions()
+    assert transmissions == {0: [GivenClearance(0, "AC2", heading_deg, turn)]}

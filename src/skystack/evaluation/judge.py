@@ -1,21 +1,41 @@
 """Judge one controller on held-out scenarios: fly, write the tables, reduce them to a row."""
 
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import pyarrow as pa
 
 from skystack.errors import InputError
-from skystack.evaluation.rollout import NOBODY, Recording, fly, network_controller
+from skystack.evaluation.elsewhere import TIME_LIMIT_S, FlownElsewhere, Job, fly_elsewhere
+from skystack.evaluation.rollout import NOBODY, Controller, fly, network_controller
 from skystack.evaluation.summary import Row, summarise
 from skystack.evaluation.tables import make_tables
+from skystack.files import make_folder
 from skystack.learning.experiment import Experiment, experiment_from
 from skystack.learning.policy import Policy
+from skystack.platforms.registry import OWN, check_platform, flown_type, open_platform
+from skystack.simulator.scenario_file import DEFAULT_TYPE
 from skystack.tasks.build import build_task
 from skystack.tasks.lateral import LateralTask
 
-PLATFORM = "skystack"
 DO_NOTHING = "do-nothing"
+
+
+class Conditions(NamedTuple):
+    """How a controller is judged."""
+
+    seed: int = 0
+    """Of the scenarios."""
+    episodes: int = 1000
+    stacking: bool = True
+    greedy: bool = True
+    platform: str = OWN
+    time_limit_s: float = TIME_LIMIT_S
+    """For one scenario on another platform."""
 
 
 class Judged(NamedTuple):
@@ -23,6 +43,9 @@ class Judged(NamedTuple):
 
     row: Row
     episodes: pa.Table
+    clearances: pa.Table
+    failed: dict[int, str]
+    """Scenarios that the platform did not finish, and why; they are in neither."""
 
 
 def task_of(policy: Policy) -> LateralTask:
@@ -45,41 +68,80 @@ def task_of(policy: Policy) -> LateralTask:
 
 
 def judge(
-    policy: Policy, seed: int, episodes: int, stacking: bool, greedy: bool, out: Path | None
+    policy: Policy,
+    conditions: Conditions,
+    out: Path | None,
+    on_scenario: Callable[[int], None] = lambda done: None,
 ) -> Judged:
-    """Fly a policy on the scenarios of an evaluation seed; `out` is the folder for evaluations."""
+    """Fly a policy on the scenarios of an evaluation seed; `out` is the folder for evaluations.
+
+    `on_scenario` hears how many scenarios another platform has done. Raises InputError for a
+    platform that is not there, PlatformError when it finishes no scenario.
+    """
+    check_platform(conditions.platform)
     described, task = policy.description, task_of(policy)
-    controller = network_controller(policy.actor, policy.normaliser, greedy)
-    flight = fly(task, controller, seed, episodes, stacking)
-    return _reduce(described.experiment, described.seed, task, flight, stacking, greedy, out)
+    controller = partial(network_controller, policy.actor, policy.normaliser, conditions.greedy)
+    name, seed = described.experiment, described.seed
+    return _judge(name, seed, task, controller, conditions, out, on_scenario)
 
 
-def judge_nobody(experiment: Experiment, seed: int, episodes: int, out: Path | None) -> Judged:
+def judge_nobody(experiment: Experiment, conditions: Conditions, out: Path | None) -> Judged:
     """The same scenarios with no instructions at all."""
     task = build_task(experiment.task)
-    flight = fly(task, NOBODY, seed, episodes, stacking=False)
-    return _reduce(DO_NOTHING, 0, task, flight, stacking=False, greedy=True, out=out)
+    plain = conditions._replace(stacking=False)
+    return _judge(DO_NOTHING, 0, task, lambda: NOBODY, plain, out, lambda done: None)
 
 
-def evaluation_folder(out: Path, experiment: str, seed: int, stacking: bool) -> Path:
+def evaluation_folder(
+    out: Path, experiment: str, seed: int, stacking: bool, platform: str = OWN
+) -> Path:
     """Where the tables of an evaluation lie."""
     kind = "stacked" if stacking else "plain"
-    return out / f"{experiment}-s{seed}-{PLATFORM}-{kind}"
+    return out / f"{experiment}-s{seed}-{platform}-{kind}"
 
 
-def _reduce(
+def _judge(
     name: str,
     trained_seed: int,
     task: LateralTask,
-    flight: Recording,
-    stacking: bool,
-    greedy: bool,
+    controller: Callable[[], Controller],
+    conditions: Conditions,
     out: Path | None,
+    on_scenario: Callable[[int], None],
 ) -> Judged:
-    """Tables, written where wanted, and the row."""
-    tables = make_tables(task, flight)
+    """Fly, make the tables, write them where wanted, and reduce them to the row."""
+    begun = time.monotonic()
+    seed, episodes, stacking, greedy, platform, _ = conditions
+    if platform == OWN:
+        flown = FlownElsewhere(fly(task, controller(), seed, episodes, stacking), {})
+    else:
+        flown = _fly_elsewhere(task, controller, conditions, out, on_scenario)
+    wall_s = time.monotonic() - begun
+    tables = make_tables(task, flown.recording, flown_type(platform, DEFAULT_TYPE))
     if out is not None:
-        folder = evaluation_folder(out, name, trained_seed, stacking)
-        tables.write(folder, task.simulator.sector)
-    row = summarise(name, trained_seed, PLATFORM, stacking, greedy, tables.episodes)
-    return Judged(row, tables.episodes)
+        folder = evaluation_folder(out, name, trained_seed, stacking, platform)
+        tables.write(folder, task.simulator.sector, task.settings.performance)
+    row = summarise(name, trained_seed, platform, stacking, greedy, wall_s, tables.episodes)
+    return Judged(row, tables.episodes, tables.clearances, flown.failed)
+
+
+def _fly_elsewhere(
+    task: LateralTask,
+    controller: Callable[[], Controller],
+    conditions: Conditions,
+    out: Path | None,
+    on_scenario: Callable[[int], None],
+) -> FlownElsewhere:
+    """Fly on another platform; its own files lie in the run's folder and are thrown away."""
+    job = Job(
+        task,
+        controller,
+        conditions.stacking,
+        conditions.seed,
+        partial(open_platform, conditions.platform),
+    )
+    inside = None if out is None else make_folder(out)
+    with tempfile.TemporaryDirectory(prefix=f".{conditions.platform}-", dir=inside) as work:
+        return fly_elsewhere(
+            job, conditions.episodes, Path(work), conditions.time_limit_s, on_scenario
+        )

@@ -1,19 +1,19 @@
 """Fly many scenarios under a policy, inside one compiled program, and keep what happened."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from skystack.learning.inference import Layers, Normaliser, forward, normalise
 from skystack.seeds import scenario_key
 from skystack.simulator.traffic import Traffic
-from skystack.stacking import stack_traced
-from skystack.tasks.contract import NO_ACTION, Metrics
+from skystack.stacking import Stack, stack_traced
+from skystack.tasks.contract import NO_ACTION, Metrics, Outcome
 from skystack.tasks.lateral import LateralState, LateralTask
 
 SCENARIOS_AT_ONCE = 1000
@@ -53,6 +53,8 @@ NOBODY = Controller(_say_nothing)
 class Recording(NamedTuple):
     """Scenarios flown: `[scenarios, cycles, ...]`, numpy. Row k of a scenario is its cycle k+1."""
 
+    number: Int[np.ndarray, " scenarios"]
+    """Of the scenario, under the evaluation seed."""
     start: Traffic
     """Cycle 0, `[scenarios, aircraft]`."""
     traffic: Traffic
@@ -83,14 +85,44 @@ def fly(
 ) -> Recording:
     """Fly scenarios 0, 1, ... of an evaluation seed, stacked or one instruction a cycle."""
     limit = None if stacking else 1
-    flown = jax.jit(jax.vmap(partial(_fly_one, task, controller.decide, limit), in_axes=(None, 0)))
+    flown = jax.jit(
+        jax.vmap(partial(_fly_one, task, controller.decide, limit), in_axes=(None, 0, 0))
+    )
     parts = []
     for first in range(0, scenarios, SCENARIOS_AT_ONCE):
-        numbers = range(first, min(first + SCENARIOS_AT_ONCE, scenarios))
-        keys = jnp.stack([scenario_key(seed, number) for number in numbers])
-        parts.append(jax.device_get(flown(controller.weights, keys)))
+        numbers = np.arange(first, min(first + SCENARIOS_AT_ONCE, scenarios), dtype=np.int32)
+        keys = jnp.stack([scenario_key(seed, int(number)) for number in numbers])
+        parts.append(jax.device_get(flown(controller.weights, keys, numbers)))
+    return together(parts)
+
+
+def together(parts: Sequence[Recording]) -> Recording:
+    """Recordings of some scenarios each as one of all."""
     whole: Recording = jax.tree.map(lambda *arrays: np.concatenate(arrays), *parts)
     return whole
+
+
+def query_keys(task: LateralTask, key: PRNGKeyArray) -> Key[Array, " cycles"]:
+    """A scenario's keys for a policy that samples, one a cycle."""
+    return jax.random.split(jax.random.fold_in(key, _POLICY), task.settings.cycles)
+
+
+def keep(
+    told: LateralState, stack: Stack, flown: LateralState, outcome: Outcome, over: Bool[Array, ""]
+) -> tuple[Any, ...]:
+    """What a recording keeps of a cycle, in its order; `over`: the scenario had ended before."""
+    return (
+        flown.traffic,
+        flown.memory.entered,
+        flown.memory.exited,
+        flown.memory.strayed,
+        stack.action,
+        jnp.where(over, 0, stack.instructions),
+        told.traffic.heading_deg,
+        ~over,
+        jnp.where(over, 0.0, outcome.reward),
+        outcome.metrics,
+    )
 
 
 def _fly_one(
@@ -99,6 +131,7 @@ def _fly_one(
     limit: int | None,
     weights: Any,
     key: PRNGKeyArray,
+    number: Int[Array, ""],
 ) -> Recording:
     """One scenario to its end; cycles after it repeat its last state."""
     start: LateralState = task.reset(key)
@@ -106,27 +139,15 @@ def _fly_one(
 
     def cycle(
         carry: tuple[LateralState, Bool[Array, ""]], key: PRNGKeyArray
-    ) -> tuple[tuple[LateralState, Bool[Array, ""]], tuple[Array | Traffic | Metrics, ...]]:
+    ) -> tuple[tuple[LateralState, Bool[Array, ""]], tuple[Any, ...]]:
         state, over = carry
         told, stack = stack_traced(task, policy, state, key, limit)
         flown, outcome = task.advance(told)
         state = jax.tree.map(lambda new, old: jnp.where(over, old, new), flown, state)
-        kept = (
-            state.traffic,
-            state.memory.entered,
-            state.memory.exited,
-            state.memory.strayed,
-            stack.action,
-            jnp.where(over, 0, stack.instructions),
-            told.traffic.heading_deg,
-            ~over,
-            jnp.where(over, 0.0, outcome.reward),
-            outcome.metrics,
-        )
-        return (state, over | outcome.terminated), kept
+        return (state, over | outcome.terminated), keep(told, stack, state, outcome, over)
 
-    keys = jax.random.split(jax.random.fold_in(key, _POLICY), task.settings.cycles)
-    _, kept = jax.lax.scan(cycle, (start, jnp.zeros((), dtype=bool)), keys)
-    recording = Recording(start.traffic, *kept)  # type: ignore[arg-type]
+    over = jnp.zeros((), dtype=bool)
+    _, kept = jax.lax.scan(cycle, (start, over), query_keys(task, key))
+    recording = Recording(number, start.traffic, *kept)  # type: ignore[arg-type]
     last = jnp.sum(recording.ran) - 1
     return recording._replace(metrics=jax.tree.map(lambda values: values[last], recording.metrics))

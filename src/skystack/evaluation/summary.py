@@ -12,16 +12,23 @@ Row = dict[str, Any]
 
 
 def summarise(
-    experiment: str, seed: int, platform: str, stacking: bool, greedy: bool, episodes: pa.Table
+    experiment: str,
+    seed: int,
+    platform: str,
+    stacking: bool,
+    greedy: bool,
+    wall_s: float,
+    episodes: pa.Table,
 ) -> Row:
-    """The row of one policy on its scenarios."""
-    return {"seed": seed} | _row(experiment, 1, platform, stacking, greedy, episodes)
+    """The row of one policy on its scenarios, which took `wall_s` to fly."""
+    row = _row(experiment, 1, platform, stacking, greedy, episodes)
+    return {"seed": seed, **row, "wall_s": wall_s}
 
 
 def aggregate(rows: Sequence[Row], episodes: Sequence[pa.Table]) -> Row:
     """One row for all training seeds: the statistics of their scenarios put together."""
     first = rows[0]
-    return _row(
+    row = _row(
         first["experiment"],
         len(rows),
         first["platform"],
@@ -29,6 +36,7 @@ def aggregate(rows: Sequence[Row], episodes: Sequence[pa.Table]) -> Row:
         first["greedy"],
         pa.concat_tables(episodes),
     )
+    return row | {"wall_s": sum(each["wall_s"] for each in rows)}
 
 
 def _row(

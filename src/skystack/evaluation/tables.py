@@ -5,17 +5,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import jax
-import msgspec
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Int
 
 from skystack.airspace.sector import Sector
 from skystack.evaluation.rollout import Recording
-from skystack.files import make_folder, write_aside
-from skystack.platforms.phraseology import Instruction, written
+from skystack.evaluation.stored import write_table
+from skystack.files import make_folder
+from skystack.platforms.instruction import worded
+from skystack.platforms.phraseology import written
 from skystack.simulator.performance import TICKS_PER_FL
+from skystack.simulator.scenario_file import DEFAULT_TYPE
 from skystack.simulator.simulator import CYCLE_S
 from skystack.simulator.traffic import Traffic, trajectory_columns
 from skystack.tasks.lateral import LateralTask
@@ -34,26 +35,18 @@ class Tables:
     trajectories: pa.Table
     clearances: pa.Table
 
-    def write(self, folder: Path, sector: Sector) -> None:
+    def write(self, folder: Path, sector: Sector, performance: str) -> None:
         """Write `<name>.parquet` each; the sector goes along, so that a folder replays alone."""
         make_folder(folder)
         for name, table in vars(self).items():
-            write_table(folder / f"{name}.parquet", table, sector)
+            write_table(folder / f"{name}.parquet", table, sector, performance)
 
 
-def write_table(path: Path, table: pa.Table, sector: Sector) -> None:
-    """Write one table as Parquet, its sector in the metadata. Raises InputError if it cannot be."""
-    sink = pa.BufferOutputStream()
-    metadata = {b"sector": msgspec.json.encode(sector)}
-    pq.write_table(table.replace_schema_metadata(metadata), sink, compression="zstd")
-    write_aside(path, sink.getvalue().to_pybytes())
-
-
-def make_tables(task: LateralTask, recording: Recording) -> Tables:
-    """All four tables of what was flown."""
+def make_tables(task: LateralTask, recording: Recording, flown_type: str = DEFAULT_TYPE) -> Tables:
+    """All four tables of what was flown, by aircraft of one type."""
     return Tables(
         episodes=episode_table(task, recording),
-        aircraft=_aircraft_table(task, recording),
+        aircraft=_aircraft_table(task, recording, flown_type),
         trajectories=_trajectory_table(task, recording),
         clearances=_clearance_table(task, recording),
     )
@@ -74,7 +67,7 @@ def episode_table(task: LateralTask, recording: Recording) -> pa.Table:
         success = success & few
     return pa.table(
         {
-            "scenario": np.arange(len(few), dtype=np.int32),
+            "scenario": recording.number,
             "clearances": issued.sum(axis=1).astype(np.int32),
             "instructions": recording.instructions.sum(axis=1).astype(np.int32),
             "return": recording.reward.sum(axis=1),
@@ -99,15 +92,15 @@ def clearances_by_aircraft(
     return (who[:, :, None] == numbers).sum(axis=1)
 
 
-def _aircraft_table(task: LateralTask, recording: Recording) -> pa.Table:
+def _aircraft_table(task: LateralTask, recording: Recording, flown_type: str) -> pa.Table:
     scenarios, count = recording.start.level.shape
     routes = [" ".join(route) for route in task.simulator.sector.routes]
     level = np.rint(recording.start.level / TICKS_PER_FL).astype(np.int32).reshape(-1)
     return pa.table(
         {
-            "scenario": np.repeat(np.arange(scenarios, dtype=np.int32), count),
+            "scenario": np.repeat(recording.number, count),
             "callsign": _repeated(callsigns(task), scenarios),
-            "type": _repeated(["B753"] * count, scenarios),
+            "type": _repeated([flown_type] * count, scenarios),
             "route": pa.array(np.array(routes)[recording.start.route.reshape(-1)]),
             "entry_fl": level,
             "exit_fl": level,
@@ -130,7 +123,7 @@ def _trajectory_table(task: LateralTask, recording: Recording) -> pa.Table:
     columns = trajectory_columns(traffic, task.simulator.sector.plane)
     return pa.table(
         {
-            "scenario": scenario.astype(np.int32),
+            "scenario": recording.number[scenario],
             "cycle": cycle.astype(np.int32),
             "time_s": (cycle * CYCLE_S).astype(np.int32),
             "callsign": pa.DictionaryArray.from_arrays(who.astype(np.int32), callsigns(task)),
@@ -159,33 +152,25 @@ def _clearance_table(task: LateralTask, recording: Recording) -> pa.Table:
     who = turns[:, 0]
     cleared = np.asarray(recording.traffic.cleared_heading_deg)[scenario, cycle, who]
     actual = recording.heading_when_cleared_deg[scenario, cycle, who]
-    right = _turns_right(actual, cleared)
     signs = callsigns(task)
     heading = np.rint(cleared).astype(np.int32)
-    texts = [
-        written(Instruction(signs[a], heading_deg=int(h), turn="right" if r else "left"))
-        for a, h, r in zip(who, heading, right, strict=True)
+    said = [
+        worded(signs[a], int(h), None, float(flying), actual_fl=0.0)
+        for a, h, flying in zip(who, heading, actual, strict=True)
     ]
     return pa.table(
         {
-            "scenario": scenario.astype(np.int32),
+            "scenario": recording.number[scenario],
             "cycle": cycle.astype(np.int32),
             "transmission": _running_number(scenario),
             "callsign": pa.DictionaryArray.from_arrays(who.astype(np.int32), signs),
             "kind": pa.array(["heading"] * len(who), type=pa.string()),
             "value": heading,
-            "direction": pa.array(np.where(right, "right", "left").tolist(), type=pa.string()),
+            "direction": pa.array([each.turn for each in said], type=pa.string()),
             "instructions": recording.instructions[scenario, cycle].astype(np.int32),
-            "text": pa.array(texts, type=pa.string()),
+            "text": pa.array([written(each) for each in said], type=pa.string()),
         }
     )
-
-
-def _turns_right(
-    actual_deg: Float[np.ndarray, " n"], cleared_deg: Float[np.ndarray, " n"]
-) -> Bool[np.ndarray, " n"]:
-    """The way the shorter turn goes."""
-    return (cleared_deg - actual_deg) % 360.0 < 180.0
 
 
 def _running_number(scenario: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:

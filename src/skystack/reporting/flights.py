@@ -4,16 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import msgspec
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from jaxtyping import Float, Int
 
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
+from skystack.evaluation.stored import read_table, sector_of
 
 BURST_GAP_CYCLES = 2
 """Two aircraft under one policy take turns: a burst for either may skip every other cycle."""
@@ -26,14 +25,15 @@ class Clearance(NamedTuple):
     time_s: int
     kind: str
     value: int
-    direction: str
+    direction: str | None
+    """None where the aircraft already flies the value."""
     instructions: int
     text: str
 
     @property
     def short(self) -> str:
-        """`right 215` or `climb FL340`."""
-        return f"{self.direction} {self.target}"
+        """`right 215`, `climb FL340`, or `fly 215` where nothing is to be turned."""
+        return f"{self.direction or 'fly'} {self.target}"
 
     def carries_on(self, before: "Clearance") -> bool:
         """Whether a controller could have said both at once: farther the same way, and soon."""
@@ -94,22 +94,22 @@ class Outcomes(NamedTuple):
 
 def read_outcomes(folder: Path, first: int) -> Outcomes:
     """The first scenarios' results. Raises InputError that names a missing or damaged table."""
-    table = _read(folder / "episodes.parquet", Outcomes._fields)
+    table = read_table(folder / "episodes.parquet", Outcomes._fields)
     return Outcomes(*(table[name].to_numpy()[:first] for name in Outcomes._fields))
 
 
 def read_scenario(folder: Path, number: int) -> Scenario:
     """Everything about one scenario. Raises InputError that names a missing or damaged table."""
     only = [("scenario", "=", number)]
-    episode = _read(folder / "episodes.parquet", ("clearances",), only)
-    aircraft = _read(folder / "aircraft.parquet", ("callsign", "route"), only)
-    flown = _read(
+    episode = read_table(folder / "episodes.parquet", ("clearances",), only)
+    aircraft = read_table(folder / "aircraft.parquet", ("callsign", "route"), only)
+    flown = read_table(
         folder / "trajectories.parquet", ("callsign", "time_s", "lat", "lon", "status"), only
     )
-    issued = _read(folder / "clearances.parquet", ("callsign", *_CLEARANCE_COLUMNS), only)
+    issued = read_table(folder / "clearances.parquet", ("callsign", *_CLEARANCE_COLUMNS), only)
     if not episode.num_rows or not flown.num_rows:
         raise InputError(f"{folder}: has no scenario {number}")
-    sector = _sector(folder / "trajectories.parquet", flown)
+    sector = sector_of(folder / "trajectories.parquet", flown)
     tracks = tuple(
         _track(sector, row["callsign"], row["route"].split(), flown, issued)
         for row in aircraft.to_pylist()
@@ -141,28 +141,3 @@ def _track(
         strayed_cycle=status.index("strayed") if "strayed" in status[:end] else None,
         clearances=tuple(sorted(clearances, key=lambda clearance: clearance.cycle)),
     )
-
-
-def _sector(path: Path, table: pa.Table) -> Sector:
-    data = (table.schema.metadata or {}).get(b"sector")
-    if data is None:
-        raise InputError(f"{path}: has no sector in its metadata")
-    try:
-        return msgspec.json.decode(data, type=Sector)
-    except msgspec.DecodeError as error:
-        raise InputError(f"{path}: the sector in its metadata is damaged: {error}") from None
-
-
-def _read(path: Path, columns: Sequence[str], filters: Any = None) -> pa.Table:
-    try:
-        known = pq.read_schema(path).names
-        missing = [name for name in columns if name not in known]
-        if missing:
-            raise InputError(f"{path}: has no column {missing[0]!r} (found: {', '.join(known)})")
-        return pq.read_table(path, columns=list(columns), filters=filters)
-    except FileNotFoundError:
-        raise InputError(f"{path}: missing (evaluation writes it)") from None
-    except (OSError, pa.ArrowException):
-        raise InputError(
-            f"{path}: damaged: cannot be read as a Parquet table of an evaluation"
-        ) from None

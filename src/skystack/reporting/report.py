@@ -71,6 +71,7 @@ def _page(run: Run, drawn: set[str]) -> str:
         bound=run.bound,
         tiles=_tiles(run),
         comparison=tables.comparison(results.rows, run.bound),
+        platforms=tables.platforms(results.platforms),
         by_seed=tables.by_seed(results),
         trainings=tables.trainings(results),
         took=tables.duration(results.wall_s),

@@ -8,12 +8,15 @@ from typing import Annotated, TypeVar
 import msgspec
 
 from skystack.errors import InputError
+from skystack.platforms.registry import OWN
 
 Name = Annotated[str, msgspec.Meta(pattern=r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*\Z")]
 """Names become parts of file names: none leads into another folder."""
 Number = float | None
 """JSON has no NaN: what could not be measured is null."""
 
+SIMULATORS = {OWN: "skystack", "bluebird": "BluebirdDT", "bluesky": "BlueSky"}
+"""Names of the platforms, in the order in which tables show them."""
 READABLE_NAMES = {
     ("lateral-undamped", False): "undamped",
     ("lateral-undamped", True): "undamped, stacked",
@@ -61,13 +64,21 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     few_clearances_rate: Number
     loss_of_separation_count: int
     paper: Paper | None = None
+    wall_s: Number = None
+    """What flying took."""
+    same_clearances_rate: Number = None
+    """Scenarios with the same clearances as in our simulator; only in `platforms`."""
+
+    @property
+    def policy(self) -> str:
+        """As readers know it: `damped and stacked`."""
+        way = "stacked" if self.stacking else "plain"
+        return READABLE_NAMES.get((self.experiment, self.stacking), f"{self.experiment}, {way}")
 
     @property
     def name(self) -> str:
-        """As readers know it: `damped and stacked`."""
-        way = "stacked" if self.stacking else "plain"
-        name = READABLE_NAMES.get((self.experiment, self.stacking), f"{self.experiment}, {way}")
-        return name if self.platform == "skystack" else f"{name} ({self.platform})"
+        """The policy, and the simulator where it is not ours."""
+        return self.policy if self.platform == OWN else f"{self.policy} ({self.platform})"
 
     @property
     def title(self) -> str:
@@ -78,7 +89,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     def slug(self) -> str:
         """Its part of file names: `lateral-stacked`."""
         way = "stacked" if self.stacking else "plain"
-        platform = "" if self.platform == "skystack" else f"-{self.platform}"
+        platform = "" if self.platform == OWN else f"-{self.platform}"
         return f"{self.experiment}{platform}-{way}"
 
 
@@ -103,6 +114,8 @@ class Results(msgspec.Struct, frozen=True, kw_only=True):
     version: str
     command: str
     quick: bool
+    platforms: list[Row] = []
+    """The first seed's policies in several simulators, on the same scenarios."""
 
     @property
     def experiments(self) -> list[str]:
@@ -176,6 +189,7 @@ def read_run(folder: Path) -> Run:
     ordered = msgspec.structs.replace(
         results,
         rows=in_order(results.rows),
+        platforms=in_order(results.platforms),
         rows_by_seed=sorted(results.rows_by_seed, key=lambda row: (_row_order(row), row.seed or 0)),
         train=sorted(results.train, key=lambda run: (_experiment_order(run.experiment), run.seed)),
     )
@@ -189,11 +203,12 @@ def in_order(rows: Iterable[Row]) -> list[Row]:
     return sorted(rows, key=_row_order)
 
 
-def _row_order(row: Row) -> tuple[int, str, str, bool]:
-    known = list(READABLE_NAMES)
+def _row_order(row: Row) -> tuple[int, str, bool, int, str]:
+    known, simulators = list(READABLE_NAMES), list(SIMULATORS)
     key = (row.experiment, row.stacking)
     place = known.index(key) if key in known else len(known)
-    return place, row.experiment, row.platform, row.stacking
+    where = simulators.index(row.platform) if row.platform in simulators else len(simulators)
+    return place, row.experiment, row.stacking, where, row.platform
 
 
 def _experiment_order(experiment: str) -> tuple[int, str]:

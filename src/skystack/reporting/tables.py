@@ -9,7 +9,7 @@ import rich.markup
 import rich.table
 from rich.console import Console, ConsoleOptions, JustifyMethod
 
-from skystack.reporting.results import Bound, Number, Results, Row, in_order
+from skystack.reporting.results import SIMULATORS, Bound, Number, Results, Row, in_order
 
 NOTHING = "\N{EN DASH}"
 
@@ -94,6 +94,39 @@ def comparison(rows: Sequence[Row], bound: Bound | None = None) -> Table:
     if bound is not None:
         blank = [NOTHING] * (len(header) - 3)
         lines.append(("fewest possible", NOTHING, f"{bound.clearances_mean:.1f}", *blank))
+    return Table(header, tuple(lines))
+
+
+def platforms_of(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """The table of several simulators of rows that evaluation has just made."""
+    return platforms(in_order(msgspec.convert(rows, list[Row])))
+
+
+def platforms(rows: Sequence[Row]) -> Table:
+    """The same policies on the same scenarios in several simulators, one line each."""
+    header = (
+        "row",
+        "simulator",
+        "clearances",
+        "success",
+        "correct exit",
+        "losses of separation",
+        "same clearances",
+        "wall time",
+    )
+    lines = [
+        (
+            row.policy,
+            SIMULATORS.get(row.platform, row.platform),
+            mean_and_std(row.clearances_mean, row.clearances_std),
+            percent(row.success_rate),
+            percent(row.correct_exit_rate),
+            f"{row.loss_of_separation_count} of {row.episodes}",
+            percent(row.same_clearances_rate),
+            NOTHING if row.wall_s is None else duration(row.wall_s),
+        )
+        for row in rows
+    ]
     return Table(header, tuple(lines))
 
 

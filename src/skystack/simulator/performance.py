@@ -78,11 +78,16 @@ class TablePerformance:
     def airspeeds_kt(self) -> Float[np.ndarray, "3 levels"]:
         """True airspeed at every flight level from 0 to 600 for climb, cruise and descent."""
         fl = np.arange(601.0)
-        rows = []
-        for low, high, mach in zip(self.low_cas_kt, self.high_cas_kt, self.mach, strict=True):
-            cas = np.interp(fl, [100.0, 150.0], [low, high])
-            rows.append(np.minimum(tas_from_cas(fl, cas), tas_from_mach(fl, mach)))
-        return np.array(rows)
+        return np.array(
+            [
+                np.minimum(tas_from_cas(fl, self.cas_kt(fl, phase)), tas_from_mach(fl, mach))
+                for phase, mach in enumerate(self.mach)
+            ]
+        )
+
+    def cas_kt(self, fl: Float[np.ndarray, "*n"], phase: int) -> Float[np.ndarray, "*n"]:
+        """Calibrated airspeed flown below the crossover; phase 0 climb, 1 cruise, 2 descent."""
+        return np.interp(fl, [100.0, 150.0], [self.low_cas_kt[phase], self.high_cas_kt[phase]])
 
     def true_airspeed_kt(
         self, level: Float[Array, "*n"], phase: Float[Array, "*n"]

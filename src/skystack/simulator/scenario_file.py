@@ -1,4 +1,4 @@
-"""Scenario files: traffic and clearances as JSON, checked before they reach an array, and flown.
+"""Scenario files: traffic and clearances as JSON, checked before they reach an array.
 
 `docs/formats.md` (section "Scenario file") describes the fields.
 """
@@ -8,11 +8,9 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-import jax
 import jax.numpy as jnp
 import msgspec
 import numpy as np
@@ -21,25 +19,14 @@ from msgspec import Meta
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError, unknown_name
 from skystack.simulator.performance import performance as performance_named
-from skystack.simulator.simulator import CYCLE_S, Simulator, instruct
-from skystack.simulator.traffic import (
-    LEFT,
-    NO_TURN,
-    RIGHT,
-    SHORTEST,
-    Clearance,
-    Traffic,
-    start,
-    ticks,
-    trajectory_columns,
-)
+from skystack.simulator.simulator import Simulator
+from skystack.simulator.traffic import Traffic, start, ticks
 
 MAX_BYTES = 10_000_000
 MAX_DISTANCE_NM = 250.0
 """Aircraft further from the sector's origin are refused: the plane is no map of the world."""
-AIRCRAFT_TYPES = ("B753",)
-"""The types whose speeds are known: the table is that of BluebirdDT's MEDIUM class."""
-TURNS = {"shortest": SHORTEST, "left": LEFT, "right": RIGHT}
+DEFAULT_TYPE = "B753"
+TURNS = ("shortest", "left", "right")
 
 Name = Annotated[str, Meta(max_length=40)]
 Level = Annotated[int, Meta(ge=0, le=600, multiple_of=10)]
@@ -64,7 +51,7 @@ class _AircraftEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     lat: Annotated[float, Meta(ge=-90.0, le=90.0)]
     lon: Annotated[float, Meta(ge=-180.0, le=180.0)]
     fl: float
-    type: Name = AIRCRAFT_TYPES[0]
+    type: Name = DEFAULT_TYPE
     heading_deg: Annotated[float, Meta(ge=0.0, le=360.0)] | None = None
     exit_fl: int | None = None
     own_navigation: bool = False
@@ -87,6 +74,7 @@ class Aircraft:
 
     callsign: str
     type: str
+    """An ICAO designator; whether it can be flown is for each platform to say."""
     route: tuple[str, ...]
     lat: float
     lon: float
@@ -131,56 +119,22 @@ class Scenario:
             own_navigation=jnp.array([one.own_navigation for one in aircraft]),
         )
 
-    def clearances_by_cycle(self) -> Clearance:
-        """What is told to whom: arrays `[cycles, aircraft]`, row k given before cycle k+1."""
-        shape = (self.cycles, len(self.aircraft))
-        turn, heading = np.full(shape, NO_TURN, dtype=np.int32), np.zeros(shape, dtype=np.float32)
-        changes, level = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=np.float32)
-        column = {aircraft.callsign: index for index, aircraft in enumerate(self.aircraft)}
+    def transmissions(self) -> dict[int, list[GivenClearance]]:
+        """Who is told what before each cycle: one entry for each aircraft that is told anything.
+
+        Of several entries for one aircraft in one cycle the later wins and leaves what it does
+        not name.
+        """
+        merged: dict[int, dict[str, GivenClearance]] = {}
         for given in self.clearances:
-            at = given.cycle, column[given.callsign]
-            if given.heading_deg is not None:
-                turn[at], heading[at] = TURNS[given.turn or "shortest"], given.heading_deg % 360
-            if given.fl is not None:
-                changes[at], level[at] = True, ticks(float(given.fl))
-        return Clearance(
-            jnp.asarray(turn), jnp.asarray(heading), jnp.asarray(changes), jnp.asarray(level)
-        )
-
-
-def fly(scenario: Scenario) -> Traffic:
-    """The traffic at every cycle: arrays `[cycles + 1, aircraft, ...]`, row 0 the start.
-
-    A clearance of cycle k shows as cleared in row k+1; row k+2 shows the aircraft moving on it.
-    """
-    simulator = scenario.simulator()
-
-    def cycle(traffic: Traffic, clearance: Clearance) -> tuple[Traffic, Traffic]:
-        traffic = simulator.advance(instruct(traffic, clearance))
-        return traffic, traffic
-
-    first = scenario.initial_traffic(simulator)
-    _, flown = jax.jit(partial(jax.lax.scan, cycle))(first, scenario.clearances_by_cycle())
-    with_start: Traffic = jax.tree.map(
-        lambda row, rows: jnp.concatenate([row[None], rows]), first, flown
-    )
-    return with_start
-
-
-def rows(scenario: Scenario, flown: Traffic) -> dict[str, np.ndarray]:
-    """Flown traffic as columns of one length, one row per cycle and aircraft in this order.
-
-    Takes what `fly` returns. Numbers are float64; `cycle` and `time_s` are int32.
-    """
-    cycles, aircraft = flown.heading_deg.shape
-    cycle = np.repeat(np.arange(cycles, dtype=np.int32), aircraft)
-    columns = trajectory_columns(flown, scenario.sector.plane)
-    return {
-        "callsign": np.tile([one.callsign for one in scenario.aircraft], cycles),
-        "cycle": cycle,
-        "time_s": cycle * np.int32(CYCLE_S),
-        **{name: values.reshape(-1) for name, values in columns.items()},
-    }
+            told = merged.setdefault(given.cycle, {})
+            if (before := told.get(given.callsign)) is not None:
+                later = before if given.heading_deg is None else given
+                heading, turn = later.heading_deg, later.turn
+                fl = before.fl if given.fl is None else given.fl
+                given = GivenClearance(given.cycle, given.callsign, heading, turn, fl)  # noqa: PLW2901
+            told[given.callsign] = given
+        return {cycle: list(told.values()) for cycle, told in sorted(merged.items())}
 
 
 def load_scenario(path: Path, sectors: Mapping[str, Callable[[], Sector]]) -> Scenario:
@@ -339,8 +293,6 @@ def _check_callsigns(aircraft: tuple[_AircraftEntry, ...]) -> None:
 
 
 def _checked_aircraft(where: str, entry: _AircraftEntry, sector: Sector) -> Aircraft:
-    if entry.type not in AIRCRAFT_TYPES:
-        raise _not_allowed(f"{where}.type", entry.type, ", ".join(AIRCRAFT_TYPES))
     for index, fix in enumerate(entry.route):
         if fix not in sector.fixes:
             with _inside(f"{where}.route[{index}]"):

@@ -1,0 +1,106 @@
+"""Parquet tables that carry their sector: written, read and checked; a flown scenario from them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from skystack.airspace.sector import Sector
+from skystack.errors import InputError
+from skystack.files import write_aside
+from skystack.simulator.performance import PERFORMANCE
+from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario
+
+_SECTOR, _PERFORMANCE = b"sector", b"performance"
+
+
+def write_table(path: Path, table: pa.Table, sector: Sector, performance: str) -> None:
+    """Write one table as Parquet, its sector and the name of the performance in the metadata.
+
+    Raises InputError if it cannot be written.
+    """
+    sink = pa.BufferOutputStream()
+    metadata = {_SECTOR: msgspec.json.encode(sector), _PERFORMANCE: performance.encode()}
+    pq.write_table(table.replace_schema_metadata(metadata), sink, compression="zstd")
+    write_aside(path, sink.getvalue().to_pybytes())
+
+
+def read_table(path: Path, columns: Sequence[str], filters: Any = None) -> pa.Table:
+    """Some columns of a table. Raises InputError that names a missing or damaged table."""
+    try:
+        known = pq.read_schema(path).names
+        missing = [name for name in columns if name not in known]
+        if missing:
+            raise InputError(f"{path}: has no column {missing[0]!r} (found: {', '.join(known)})")
+        return pq.read_table(path, columns=list(columns), filters=filters)
+    except FileNotFoundError:
+        raise InputError(f"{path}: missing (evaluation writes it)") from None
+    except (OSError, pa.ArrowException):
+        raise InputError(
+            f"{path}: damaged: cannot be read as a Parquet table of an evaluation"
+        ) from None
+
+
+def sector_of(path: Path, table: pa.Table) -> Sector:
+    """The sector in a table's metadata. Raises InputError where there is none."""
+    data = (table.schema.metadata or {}).get(_SECTOR)
+    if data is None:
+        raise InputError(f"{path}: has no sector in its metadata")
+    try:
+        return msgspec.json.decode(data, type=Sector)
+    except msgspec.DecodeError as error:
+        raise InputError(f"{path}: the sector in its metadata is damaged: {error}") from None
+
+
+def stored_scenario(folder: Path, number: int) -> Scenario:
+    """A scenario of an evaluation with the clearances that were issued in it, to be flown again.
+
+    Raises InputError that names a missing or damaged table, or the scenario that is not there.
+    """
+    only = [("scenario", "=", number)]
+    path = folder / "trajectories.parquet"
+    start = read_table(
+        path, ("callsign", "lat", "lon", "fl", "heading_deg"), [*only, ("cycle", "=", 0)]
+    )
+    if not start.num_rows:
+        raise InputError(f"{folder}: has no scenario {number}")
+    aircraft = read_table(
+        folder / "aircraft.parquet", ("callsign", "type", "route", "exit_fl"), only
+    )
+    issued = read_table(folder / "clearances.parquet", ("cycle", "callsign", "kind", "value"), only)
+    cycles = read_table(folder / "episodes.parquet", ("cycles",), only)["cycles"][0].as_py()
+    performance = (start.schema.metadata or {}).get(_PERFORMANCE, b"table").decode()
+    if performance not in PERFORMANCE:
+        raise InputError(f"{path}: unknown performance {performance!r} in its metadata")
+    flown = {row.pop("callsign"): row for row in start.to_pylist()}
+    return Scenario(
+        sector_of(path, start),
+        performance,
+        cycles,
+        tuple(_aircraft(row, flown[row["callsign"]]) for row in aircraft.to_pylist()),
+        tuple(_given(row) for row in issued.to_pylist()),
+    )
+
+
+def _aircraft(row: dict[str, Any], start: dict[str, float]) -> Aircraft:
+    return Aircraft(
+        **start,
+        callsign=row["callsign"],
+        type=row["type"],
+        route=tuple(row["route"].split()),
+        exit_fl=row["exit_fl"],
+        own_navigation=False,
+    )
+
+
+def _given(row: dict[str, Any]) -> GivenClearance:
+    level = row["kind"] == "level"
+    return GivenClearance(
+        row["cycle"],
+        row["callsign"],
+        heading_deg=None if level else row["value"],
+        fl=row["value"] if level else None,
+    )

@@ -1,0 +1,34 @@
+"""The verb `export`: what was flown, in the files of other simulators."""
+
+from pathlib import Path
+
+from skystack.errors import InputError
+from skystack.evaluation.stored import stored_scenario
+from skystack.files import write_aside
+from skystack.platforms.bluesky_scenario import scenario_text
+from skystack.simulator.scenario_file import Scenario, load_scenario
+from skystack.tasks.build import SECTORS
+
+
+def export_scenario(source: Path, number: int | None, output: Path) -> None:
+    """Write a scenario with its clearances as a BlueSky scenario file (`.scn`).
+
+    `source` is a scenario file (JSON), or the folder of an evaluation and the number of one of its
+    scenarios. Raises InputError for a source that cannot be read or said in BlueSky's language.
+    """
+    if not output.parent.is_dir():
+        raise InputError(f"{output}: the folder {output.parent} does not exist")
+    scenario = _scenario(source, number)
+    try:
+        text = scenario_text(scenario)
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
+    write_aside(output, text.encode())
+
+
+def _scenario(source: Path, number: int | None) -> Scenario:
+    if source.is_dir():
+        return stored_scenario(source, number or 0)
+    if number is not None:
+        raise InputError(f"--scenario is {number} (allowed: only with the folder of an evaluation)")
+    return load_scenario(source, SECTORS)

@@ -1,0 +1,210 @@
+"""BlueSky behind the platform protocol: detached, in simulation mode, in steps of one second.
+
+Needs `bluesky-simulator` (the extra `[bluesky]`); this module alone imports it. BlueSky flies by
+its own rules: the types and envelopes of OpenAP (speeds, Mach number, ceiling, acceleration); turns
+at 25 degrees of bank the shorter way; climbs and descents at its autopilot's 1,500 ft/min, reached
+at 300 ft/min a second. It is told the cruise speed of the scenario's performance at the start level
+and again with every level. Clearances act from the first second of the next cycle.
+"""
+
+import io
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from dataclasses import replace
+from pathlib import Path
+from typing import ClassVar
+from zipfile import ZipFile
+
+import bluesky
+import numpy as np
+from jaxtyping import Float
+
+from skystack.errors import InputError, PlatformError
+from skystack.platforms.bluesky_scenario import (
+    STEP_S,
+    SUBSTITUTES,
+    clearance_commands,
+    start_commands,
+)
+from skystack.platforms.instruction import Instruction
+from skystack.platforms.protocol import Report, check_types
+from skystack.simulator.performance import performance
+from skystack.simulator.scenario_file import Scenario
+from skystack.simulator.simulator import CYCLE_S
+
+_M_PER_FL, _M_S_PER_KT, _M_S_PER_FT_MIN = 30.48, 1852.0 / 3600.0, 0.3048 / 60.0
+_TOLERANCE = 1e-6
+"""How far a selected heading [deg] or level [FL] may be from the cleared one."""
+
+
+class BlueSky:
+    """Implements `skystack.platforms.protocol.Platform`; it writes into one folder only.
+
+    BlueSky's state is its modules': one of these may be open in a process at a time.
+    """
+
+    name = "bluesky"
+    _is_open: ClassVar[bool] = False
+
+    def __init__(self, folder: Path) -> None:
+        """Start BlueSky in an existing folder: some seconds for the first one of a process."""
+        if BlueSky._is_open:
+            raise PlatformError("BlueSky is already open in this process, which can hold one")
+        folder = folder.absolute()
+        _without_navigation_data(folder)
+        with _silent():
+            if bluesky.traf is None:
+                bluesky.init(mode="sim", detached=True, workdir=folder)
+            else:
+                bluesky.pathfinder.init(folder)
+        BlueSky._is_open = True
+        self._scenario: Scenario
+        self._index: dict[str, int] = {}
+        self._cleared_heading_deg = np.empty(0)
+        self._cycle = 0
+
+    def reset(self, scenario: Scenario) -> Report:
+        # BlueSky itself would silently fly another type in place of one that it does not know.
+        known = {*SUBSTITUTES, *map(str.upper, bluesky.traf.perf.coeff.actypes_fixwing)}
+        allowed = "a type of BlueSky's performance model, as B752"
+        check_types(scenario, known, "BlueSky", allowed)
+        self._scenario, self._cycle = scenario, 0
+        self._index = {one.callsign: index for index, one in enumerate(scenario.aircraft)}
+        self._cleared_heading_deg = np.full(len(self._index), np.nan)
+        with _silent():
+            bluesky.sim.reset()
+        _process(start_commands(scenario, self._callsigns))
+        self._check_start()
+        with _silent():
+            bluesky.sim.op()
+        return self._report()
+
+    def issue(self, instruction: Instruction) -> None:
+        index = self._index[instruction.callsign]
+        if instruction.by_direction:
+            _check_direction(instruction, bluesky.traf.hdg[index])
+        if instruction.level_fl is not None:
+            _check_ceiling(instruction.callsign, instruction.level_fl, index)
+        told = replace(instruction, callsign=self._callsigns[index])
+        _process(clearance_commands(told, performance(self._scenario.performance)))
+        if instruction.heading_deg is not None:
+            selected = bluesky.traf.ap.trk[index]
+            wrong = abs((selected - instruction.heading_deg + 180.0) % 360.0 - 180.0) > _TOLERANCE
+            if wrong or bluesky.traf.swlnav[index]:
+                raise PlatformError(f"BlueSky refused {instruction}")
+            self._cleared_heading_deg[index] = instruction.heading_deg % 360
+        if instruction.level_fl is not None:
+            selected = bluesky.traf.selalt[index] / _M_PER_FL
+            if abs(selected - instruction.level_fl) > _TOLERANCE:
+                raise PlatformError(f"BlueSky refused {instruction}")
+
+    def advance(self) -> Report:
+        with _silent():
+            for _ in range(CYCLE_S // STEP_S):
+                bluesky.sim.step()
+        self._cycle += 1
+        lost = [
+            one for one, index in self._index.items() if self._callsigns[index] not in _flying()
+        ]
+        if lost:
+            raise PlatformError(f"BlueSky has lost {', '.join(lost)}")
+        if bluesky.sim.simt != self._cycle * CYCLE_S:
+            raise PlatformError(f"BlueSky is at {bluesky.sim.simt} s after {self._cycle} cycles")
+        return self._report()
+
+    def close(self) -> None:
+        BlueSky._is_open = False
+
+    @property
+    def _callsigns(self) -> list[str]:
+        """BlueSky's names for the aircraft: its commands cannot say every callsign."""
+        return [f"AC{index:04d}" for index in self._index.values()]
+
+    def _check_start(self) -> None:
+        """Whether BlueSky flies what it was told to."""
+        if _flying() != self._callsigns:
+            raise PlatformError(f"BlueSky created {_flying()} for {list(self._index)}")
+        for index, aircraft in enumerate(self._scenario.aircraft):
+            _check_ceiling(aircraft.callsign, aircraft.fl, index)
+            waypoints = len(aircraft.route) - 1 if aircraft.own_navigation else 0
+            if (
+                bluesky.traf.ap.route[index].nwp != waypoints
+                or bluesky.traf.swlnav[index] != aircraft.own_navigation
+            ):
+                raise PlatformError(f"BlueSky refused the route of {aircraft.callsign}")
+
+    def _report(self) -> Report:
+        traffic = bluesky.traf
+        heading = traffic.hdg % 360.0
+        cleared = self._cleared_heading_deg
+        return Report(
+            lat=traffic.lat.copy(),
+            lon=traffic.lon.copy(),
+            fl=_levels_fl(traffic.alt),
+            heading_deg=heading,
+            cleared_heading_deg=np.where(np.isnan(cleared), heading, cleared),
+            cleared_fl=_levels_fl(traffic.selalt),
+            ground_speed_kt=traffic.gs / _M_S_PER_KT,
+            vertical_speed_ft_min=traffic.vs / _M_S_PER_FT_MIN,
+        )
+
+
+def _without_navigation_data(folder: Path) -> None:
+    """Empty navigation data in the folder, which BlueSky finds before its own.
+
+    Reading the world's takes seconds at the start and a tenth of one at every reset; routes are
+    told as positions.
+    """
+    data = folder / "navdata"
+    data.mkdir(exist_ok=True)
+    for name in ("nav.dat", "fix.dat", "awy.dat", "airports.dat", "icao-countries.dat"):
+        (data / name).touch()
+    with ZipFile(data / "apt.zip", "w") as archive:
+        archive.writestr("apt.dat", "")
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Keep to BlueSky what it prints, its warning filters and what it uses of old Python."""
+    printed = io.StringIO()
+    with warnings.catch_warnings(), redirect_stdout(printed), redirect_stderr(printed):
+        warnings.filterwarnings("ignore", category=DeprecationWarning)
+        yield
+
+
+def _process(commands: list[str]) -> None:
+    """Have BlueSky obey commands now; it reports none that it refuses."""
+    with _silent():
+        bluesky.stack.stack(*commands)
+        bluesky.stack.process()
+
+
+def _flying() -> list[str]:
+    return list(bluesky.traf.id)
+
+
+def _levels_fl(altitude_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+    """Flight levels; rounded, so that a level kept in metres is again exactly the one cleared."""
+    return np.round(altitude_m / _M_PER_FL, 9)
+
+
+def _check_direction(instruction: Instruction, heading_deg: float) -> None:
+    """Raise InputError for a turn the longer way; BlueSky flies half a turn to the left."""
+    turn = ((instruction.heading_deg or 0) - heading_deg + 180.0) % 360.0 - 180.0
+    if (turn < 0.0 and instruction.turn == "right") or (turn > 0.0 and instruction.turn == "left"):
+        raise InputError(
+            f"turn is {instruction.turn!r} for {instruction.callsign} from heading "
+            f"{heading_deg:.0f} to {instruction.heading_deg} (allowed: the shorter way, "
+            "as BlueSky turns)"
+        )
+
+
+def _check_ceiling(callsign: str, fl: float, index: int) -> None:
+    """Raise InputError for a level that BlueSky would not climb to."""
+    ceiling_fl = bluesky.traf.perf.hmax[index] / _M_PER_FL
+    if fl > ceiling_fl:
+        raise InputError(
+            f"fl is {fl} for {callsign} (allowed: up to FL{ceiling_fl:.0f}, the ceiling of its "
+            f"type {bluesky.traf.perf.actype[index]} in BlueSky)"
+        )

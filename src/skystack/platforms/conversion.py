@@ -1,0 +1,74 @@
+"""Between a platform's reports and our traffic: what tasks read, and what scenarios are made of."""
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from skystack.airspace.projection import TangentPlane
+from skystack.platforms.protocol import Report
+from skystack.simulator.performance import TICKS_PER_FL
+from skystack.simulator.scenario_file import DEFAULT_TYPE, Aircraft, Scenario
+from skystack.simulator.simulator import Simulator
+from skystack.simulator.traffic import NO_TURN, Traffic
+
+
+def traffic_of(report: Report, before: Traffic, plane: TangentPlane) -> Traffic:
+    """Reported traffic as tasks read it; who was inactive before stays as it was.
+
+    How an aircraft goes on (the turn under way, its radius) is the platform's own affair: those
+    fields say that what is cleared is flown. Levels are rounded to whole ticks.
+    """
+    cleared_level = np.rint(report.cleared_fl * TICKS_PER_FL)
+    zero = np.zeros_like(cleared_level)
+    reported = {
+        "position_nm": plane.to_plane(report.lat, report.lon),
+        "heading_deg": report.heading_deg,
+        "level": np.rint(report.fl * TICKS_PER_FL),
+        "ground_speed_kt": report.ground_speed_kt,
+        "vertical_speed_ft_min": report.vertical_speed_ft_min,
+        "flown_heading_deg": report.cleared_heading_deg,
+        "turn_deg": zero,
+        "flown_level": cleared_level,
+        "cleared_heading_deg": report.cleared_heading_deg,
+        "cleared_level": cleared_level,
+        "pending_turn": np.full_like(zero, NO_TURN),
+        "turn_radius_nm": zero,
+    }
+    active = np.asarray(before.active)
+
+    def of_active(name: str, new: np.ndarray) -> Array:
+        old = np.asarray(getattr(before, name))
+        flying = active if old.ndim == 1 else active[:, None]
+        return jnp.asarray(np.where(flying, new, old).astype(old.dtype))
+
+    return before._replace(**{name: of_active(name, new) for name, new in reported.items()})
+
+
+def scenario_of(
+    traffic: Traffic,
+    simulator: Simulator,
+    performance: str,
+    cycles: int,
+    callsigns: Sequence[str],
+) -> Scenario:
+    """The scenario that begins with given traffic, without clearances; all are to leave level."""
+    sector = simulator.sector
+    lat_lon = sector.plane.to_degrees(np.asarray(traffic.position_nm, dtype=np.float64))
+    fl = np.asarray(traffic.level, dtype=np.float64) / TICKS_PER_FL
+    aircraft = tuple(
+        Aircraft(
+            callsign=callsign,
+            type=DEFAULT_TYPE,
+            route=sector.routes[int(traffic.route[number])],
+            lat=float(lat_lon[number, 0]),
+            lon=float(lat_lon[number, 1]),
+            fl=float(fl[number]),
+            heading_deg=float(traffic.heading_deg[number]),
+            exit_fl=int(fl[number]),
+            own_navigation=bool(traffic.own_navigation[number]),
+        )
+        for number, callsign in enumerate(callsigns)
+    )
+    return Scenario(sector, performance, cycles, aircraft, ())

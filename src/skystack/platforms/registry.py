@@ -1,0 +1,67 @@
+"""The platforms by name. Their packages are extras: each adapter is imported when it is opened."""
+
+from collections.abc import Iterable
+from importlib.util import find_spec
+from pathlib import Path
+
+from skystack.errors import InputError, unknown_name
+from skystack.platforms.bluesky_scenario import flown_type as bluesky_flown_type
+from skystack.platforms.protocol import Platform
+from skystack.simulator.scenario_file import DEFAULT_TYPE
+
+OWN = "skystack"
+PLATFORMS = (OWN, "bluebird", "bluesky")
+_PACKAGES = {
+    "bluebird": ("bluebird_dt", "bluebird-dt"),
+    "bluesky": ("bluesky", "bluesky-simulator"),
+}
+"""Module and distribution of each extra; extra and platform have one name."""
+
+
+def check_platform(name: str) -> None:
+    """Raise InputError for a platform that does not exist or whose extra is not installed."""
+    if name not in PLATFORMS:
+        raise unknown_name("platform", name, PLATFORMS)
+    if name == OWN:
+        return
+    module, distribution = _PACKAGES[name]
+    missing = [package for package in (module, "pebble") if find_spec(package) is None]
+    if missing:
+        raise InputError(
+            f"platform {name} needs {distribution}, which is not installed "
+            f"(install the extra: pip install 'skystack[{name}]')"
+        )
+
+
+def open_platform(name: str, folder: Path) -> Platform:
+    """A platform ready to fly; it writes, if at all, into `folder`, which must exist.
+
+    Raises InputError as `check_platform` does.
+    """
+    check_platform(name)
+    if name == "bluebird":
+        from skystack.platforms.bluebird import Bluebird  # noqa: PLC0415
+
+        return Bluebird()
+    if name == "bluesky":
+        from skystack.platforms.bluesky import BlueSky  # noqa: PLC0415
+
+        return BlueSky(folder)
+    from skystack.platforms.own import Skystack  # noqa: PLC0415
+
+    return Skystack()
+
+
+def flown_type(platform: str, aircraft_type: str) -> str:
+    """The type that a platform flies for a given one: the same, where it knows it."""
+    return bluesky_flown_type(aircraft_type) if platform == "bluesky" else aircraft_type
+
+
+def said_of(platform: str, aircraft_types: Iterable[str] = (DEFAULT_TYPE,)) -> list[str]:
+    """What must be said of a platform: the types that it flies as others."""
+    flown = {each: flown_type(platform, each) for each in aircraft_types}
+    return [
+        f"{platform} has no {asked}: flown as {instead}"
+        for asked, instead in flown.items()
+        if asked != instead
+    ]

@@ -1,0 +1,76 @@
+"""Our simulator against the real BluebirdDT on a fixed set of random scenarios, and its known bug.
+
+`python benchmarks/bluebird_agreement.py` does the same on hundreds.
+"""
+
+import importlib.util
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("bluebird_dt")
+
+from skystack.platforms.bluebird import Bluebird
+from skystack.platforms.flight import fly_scenario
+from skystack.platforms.own import Skystack
+from skystack.simulator.scenario_file import TURNS
+from tests.scenarios import changed, load
+
+SCRIPT = Path(__file__).parents[2] / "benchmarks" / "bluebird_agreement.py"
+_spec = importlib.util.spec_from_file_location("bluebird_agreement", SCRIPT)
+agreement = importlib.util.module_from_spec(_spec)
+sys.modules[_spec.name] = agreement
+_spec.loader.exec_module(agreement)
+
+
+@pytest.fixture(scope="module")
+def platforms():
+    return Skystack(), Bluebird()
+
+
+@pytest.mark.parametrize("model", agreement.MODELS)
+@pytest.mark.parametrize(("own_navigation", "rollouts"), [(False, 6), (True, 3)])
+def test_random_flights_agree_row_by_row(platforms, model, own_navigation, rollouts):
+    bound = agreement.OWN_NAVIGATION if own_navigation else agreement.INSTRUCTED
+    found, _ = agreement.measure(platforms, range(rollouts), model, own_navigation)
+    for name, value, limit in zip(found._fields, found, bound, strict=True):
+        assert value <= limit, name
+    assert found.position_nm > 0.0  # two simulators, not one twice
+
+
+def test_the_random_flights_hold_what_they_are_to_test():
+    told = [
+        given
+        for seed in range(6)
+        for given in agreement.random_scenario(seed, "table", False).clearances
+    ]
+    assert {given.turn for given in told} >= set(TURNS)
+    assert any(given.heading_deg is not None and given.fl is not None for given in told)
+    assert any(given.heading_deg is None for given in told)
+    again = [b.cycle - a.cycle for a, b in pairwise(told)]
+    assert sum(gap in {1, 2} for gap in again) > 20
+
+
+def headings(platform, tmp_path, turn_to):
+    """Rows 4 to 7 of an aircraft flying 45 that is told to turn right, the long way round."""
+    scenario = changed(("aircraft", 0, "heading_deg"), 45.0)
+    told = {"cycle": 3, "callsign": "AC1", "heading_deg": turn_to, "turn": "right"}
+    scenario["clearances"] = [told]
+    flight = fly_scenario(platform, load(scenario, tmp_path))
+    return [float(report.heading_deg[0]) for report in flight.reports[4:8]]
+
+
+def test_bluebird_snaps_to_a_heading_that_it_is_told_to_reach_the_long_way(platforms, tmp_path):
+    """BluebirdDT 0.4.0 compares the smallest difference with what is turned in a second: a turn by
+    direction that starts that near its target is over at once, the wrong way. Ours is not."""
+    ours, theirs = (headings(platform, tmp_path, 44) for platform in platforms)
+    assert theirs == [45.0, 44.0, 44.0, 44.0]
+    assert ours == pytest.approx([45.0, 54.0, 63.0, 72.0], abs=1e-4)
+
+
+def test_two_degrees_away_both_go_the_long_way(platforms, tmp_path):
+    ours, theirs = (headings(platform, tmp_path, 43) for platform in platforms)
+    assert theirs == pytest.approx([45.0, 54.0, 63.0, 72.0], abs=1e-4)
+    assert ours == pytest.approx(theirs, abs=1e-4)

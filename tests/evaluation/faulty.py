@@ -1,0 +1,55 @@
+"""A platform that fails on purpose; in a module of its own, for processes to import."""
+
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+
+from skystack.errors import PlatformError
+from skystack.platforms.own import Skystack
+from skystack.platforms.protocol import Platform, Report
+
+DIES, HANGS, LOSES, BREAKS, NONSENSE = 1, 3, 4, 5, 6
+"""The scenarios in which it does what."""
+
+
+class Faulty(Skystack):
+    """Ours, but for some of the scenarios that it is given, told by their start."""
+
+    name = "faulty"
+
+    def __init__(self, starts: tuple[float, ...]) -> None:
+        super().__init__()
+        self._starts = starts
+
+    def reset(self, scenario):
+        self._number = self._starts.index(round(scenario.aircraft[0].lat, 6))
+        self._cycle = 0
+        return super().reset(scenario)
+
+    def advance(self) -> Report:
+        self._cycle += 1
+        if self._cycle == 3:
+            if self._number == DIES:
+                os._exit(7)
+            if self._number == HANGS:
+                time.sleep(600.0)
+            if self._number == LOSES:
+                raise PlatformError("Faulty has lost AC1")
+            if self._number == BREAKS:
+                raise KeyError("AC1")
+        report = super().advance()
+        return report._replace(lat=report.lat * np.nan) if self._number == NONSENSE else report
+
+
+def open_faulty(starts: tuple[float, ...], folder: Path) -> Platform:
+    return Faulty(starts)
+
+
+def open_own(folder: Path) -> Platform:
+    return Skystack()
+
+
+def open_nothing(folder: Path) -> Platform:
+    raise PlatformError("it does not start")

@@ -1,0 +1,103 @@
+"""Scenarios flown through the platform protocol: as in one program, and when a platform fails."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pebble")
+
+from skystack.catalogue import find_policy
+from skystack.errors import PlatformError
+from skystack.evaluation.agreement import same_clearances
+from skystack.evaluation.elsewhere import Job, fly_elsewhere
+from skystack.evaluation.judge import Conditions, judge, task_of
+from skystack.evaluation.rollout import NOBODY, fly, network_controller
+from skystack.evaluation.tables import make_tables
+from skystack.tasks.build import build_task
+from skystack.tasks.settings import TaskSettings
+
+from .faulty import (
+    BREAKS,
+    DIES,
+    HANGS,
+    LOSES,
+    NONSENSE,
+    open_faulty,
+    open_nothing,
+    open_own,
+)
+
+
+def nobody():
+    return NOBODY
+
+
+SHORT = build_task(TaskSettings(cycles=12))
+
+
+def test_our_simulator_flies_the_same_through_the_protocol(tmp_path):
+    """Another loop, in other processes, cycle by cycle: the same clearances and metrics."""
+    policy = find_policy("lateral-tuned")
+    task = task_of(policy)
+    controller = partial(network_controller, policy.actor, policy.normaliser, True)
+    job = Job(task, controller, True, 0, open_own)
+    heard = []
+    elsewhere = fly_elsewhere(job, 8, tmp_path, on_scenario=heard.append)
+    here = fly(task, controller(), 0, 8, True)
+    assert (elsewhere.failed, heard) == ({}, list(range(1, 9)))
+    ours, theirs = make_tables(task, here), make_tables(task, elsewhere.recording)
+    assert all(same_clearances(ours.clearances, theirs.clearances, range(8), cycles=0))
+    assert ours.episodes["success"].equals(theirs.episodes["success"])
+    assert ours.episodes["cycles"].equals(theirs.episodes["cycles"])
+    for name in ("min_separation_nm", "return"):
+        np.testing.assert_allclose(ours.episodes[name], theirs.episodes[name], rtol=1e-3)
+    assert ours.trajectories.num_rows == theirs.trajectories.num_rows
+    for name in ("lat", "lon"):
+        np.testing.assert_allclose(ours.trajectories[name], theirs.trajectories[name], atol=1e-5)
+
+
+def test_what_fails_is_named_and_the_others_are_finished(tmp_path):
+    starts = [start[0] for start in starting_latitudes(9)]
+    job = Job(SHORT, nobody, False, 0, partial(open_faulty, tuple(starts)))
+    flown = fly_elsewhere(job, 9, tmp_path, time_limit_s=5.0)
+    assert flown.recording.number.tolist() == [0, 2, 7, 8]
+    assert flown.failed == {
+        DIES: "the simulator's process died (exit code 7)",
+        HANGS: "took more than 5 s",
+        LOSES: "Faulty has lost AC1",
+        BREAKS: "failed: KeyError: 'AC1'",
+        NONSENSE: "reported a number that is not finite",
+    }
+    numbers = make_tables(SHORT, flown.recording).episodes["scenario"]
+    assert numbers.to_pylist() == [0, 2, 7, 8]
+
+
+def starting_latitudes(count):
+    here = fly(SHORT, NOBODY, 0, count, False).start
+    plane = SHORT.simulator.sector.plane
+    return plane.to_degrees(np.asarray(here.position_nm, dtype=np.float64))[..., 0].round(6)
+
+
+def test_a_platform_that_does_not_start_is_an_error(tmp_path):
+    with pytest.raises(PlatformError, match=r"no scenario was finished.*it does not start"):
+        fly_elsewhere(Job(SHORT, nobody, False, 0, open_nothing), 2, tmp_path)
+
+
+@pytest.mark.parametrize("platform", ["bluebird", "bluesky"])
+def test_other_simulators_are_judged_by_the_same_tables(platform, tmp_path):
+    pytest.importorskip({"bluebird": "bluebird_dt", "bluesky": "bluesky"}[platform])
+    policy, episodes = find_policy("lateral-tuned"), 4
+    ours = judge(policy, Conditions(episodes=episodes), tmp_path)
+    theirs = judge(policy, Conditions(episodes=episodes, platform=platform), tmp_path)
+    assert theirs.row["platform"] == platform
+    assert theirs.row.keys() == ours.row.keys()
+    assert theirs.row["success_rate"] == 1.0
+    assert theirs.episodes.schema == ours.episodes.schema
+    assert theirs.clearances.schema == ours.clearances.schema
+    folders = sorted(path.name for path in tmp_path.iterdir())
+    assert folders == [
+        f"lateral-tuned-s0-{name}-stacked" for name in sorted([platform, "skystack"])
+    ]
+    if platform == "bluebird":
+        assert all(same_clearances(ours.clearances, theirs.clearances, range(episodes)))

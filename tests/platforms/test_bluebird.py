@@ -1,0 +1,99 @@
+"""BluebirdDT behind the protocol: the documented delay, no traces, nothing carried over."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+pytest.importorskip("bluebird_dt")
+
+from skystack.errors import InputError, PlatformError
+from skystack.platforms.bluebird import Bluebird
+from skystack.platforms.flight import fly_scenario
+from skystack.platforms.instruction import Instruction
+from skystack.platforms.protocol import Platform
+from skystack.simulator.scenario_file import load_scenario
+from tests.scenarios import EXAMPLES, MINIMAL, SECTORS, changed, load
+
+
+@pytest.fixture(scope="module")
+def platform():
+    return Bluebird()
+
+
+def test_it_is_a_platform(platform):
+    assert isinstance(platform, Platform)
+
+
+@pytest.mark.parametrize("performance", ["table", "constant"])
+def test_the_reference_rollout_comes_out_as_measured(platform, performance, tmp_path):
+    """Last rows as they were measured on the package itself, without this adapter."""
+    scenario = load_scenario(EXAMPLES / "reference.json", SECTORS)
+    scenario = scenario.__class__(**vars(scenario) | {"performance": performance})
+    last = fly_scenario(platform, scenario).reports[300]
+    expected = {
+        "constant": ((-2.591542109, 1.632091695), (-1.130081790, 1.918770306), 1e-7),
+        "table": ((-2.950759395, 1.802074), (-1.248507504, 2.344787), 1e-6),
+    }
+    lat, lon, tolerance = expected[performance]
+    np.testing.assert_allclose(last.lat, lat, atol=tolerance)
+    np.testing.assert_allclose(last.lon, lon, atol=tolerance)
+    assert last.heading_deg.tolist() == [205.0, 45.0]
+
+
+def test_heading_and_level_of_one_transmission_are_both_obeyed(platform, tmp_path):
+    platform.reset(load(MINIMAL, tmp_path))
+    platform.issue(Instruction("AC1", 60, "right", level_fl=340, vertical="climb"))
+    first, second = platform.advance(), platform.advance()
+    assert (first.cleared_heading_deg[0], first.cleared_fl[0]) == (60.0, 340.0)
+    assert first.heading_deg[0] == pytest.approx(45.192, abs=1e-3)
+    assert second.heading_deg[0] == pytest.approx(54.192, abs=1e-3)
+    assert second.fl[0] == pytest.approx(302.5, abs=1e-9)
+    # Nobody spoke to the other one: it is cleared to what it flies.
+    assert second.cleared_heading_deg[1] == second.heading_deg[1]
+
+
+def test_a_scenario_is_flown_the_same_after_another(platform, tmp_path):
+    first = load(MINIMAL, tmp_path)
+    other = load_scenario(EXAMPLES / "climb.json", SECTORS)
+    flights = [fly_scenario(platform, scenario).reports for scenario in (first, other, first)]
+    np.testing.assert_array_equal(flights[0], flights[2])
+
+
+def test_what_it_does_not_know_is_refused(platform, tmp_path):
+    with pytest.raises(InputError, match=r"AC1: type 'X123' is unknown to BluebirdDT .*B753"):
+        platform.reset(load(changed(("aircraft", 0, "type"), "X123"), tmp_path))
+    platform.reset(load(MINIMAL, tmp_path))
+    with pytest.raises(PlatformError, match="refused"):
+        platform.issue(Instruction("AC1", level_fl=10**400))
+
+
+PROGRAM = """
+from pathlib import Path
+from skystack.platforms.flight import fly_scenario
+from skystack.platforms.registry import open_platform
+from skystack.simulator.scenario_file import load_scenario
+from skystack.tasks.build import SECTORS
+import sys
+platform = open_platform("bluebird", Path("work"))
+fly_scenario(platform, load_scenario(Path(sys.argv[1]), SECTORS))
+platform.close()
+"""
+
+
+def test_it_prints_nothing_and_leaves_no_file(tmp_path):
+    home, here = tmp_path / "home", tmp_path / "here"
+    home.mkdir()
+    here.mkdir()
+    settings = {"HOME": str(home), "MPLCONFIGDIR": str(tmp_path / "mpl"), "JAX_PLATFORMS": "cpu"}
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, str(EXAMPLES / "head-on.json")],
+        env=settings,
+        cwd=here,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert (done.stdout, done.stderr) == ("", "")
+    assert list(home.iterdir()) == list(here.iterdir()) == []

@@ -1,0 +1,354 @@
+"""BlueSky behind the protocol: how it flies, what it refuses, and that nothing leaks or is told."""
+
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+bluesky = pytest.importorskip("bluesky")
+
+from skystack.airspace.sector import turns_deg  # noqa: E402
+from skystack.airspace.xplus import x_plus  # noqa: E402
+from skystack.errors import InputError, PlatformError  # noqa: E402
+from skystack.platforms.bluesky import BlueSky  # noqa: E402
+from skystack.platforms.bluesky_scenario import scenario_text  # noqa: E402
+from skystack.platforms.instruction import Instruction  # noqa: E402
+from skystack.platforms.protocol import Platform, Report  # noqa: E402
+from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario  # noqa: E402
+
+SECTOR = x_plus()
+BENT = max(SECTOR.routes, key=lambda route: abs(SECTOR.first_heading_deg(route) % 90.0 - 45.0))
+G_M_S2, BANK_DEG, KT_M_S = 9.80665, 25.0, 1852.0 / 3600.0
+
+
+def aircraft(callsign="AC1", *, route=BENT, lat=-0.2, lon=0.1, fl=300.0, heading_deg=45.0, **other):
+    """In the sector; with own navigation at the beginning of its route."""
+    one = Aircraft(callsign, "B753", route, lat, lon, fl, heading_deg, 300, False)
+    return replace(one, **other)
+
+
+def navigating(callsign, route, fl=300.0):
+    lat, lon = SECTOR.fixes[route[0]]
+    heading = SECTOR.first_heading_deg(route)
+    return aircraft(
+        callsign, route=route, lat=lat, lon=lon, fl=fl, heading_deg=heading, own_navigation=True
+    )
+
+
+def scenario(*flying, clearances=(), cycles=60, performance="table"):
+    sector = replace(SECTOR, levels_fl=(100, 600))
+    return Scenario(sector, performance, cycles, flying or (aircraft(),), clearances)
+
+
+TOLD = scenario(
+    aircraft("AC1"),
+    aircraft("AC2", lat=0.3, lon=-0.2, fl=200.0, heading_deg=181.234),
+    clearances=(
+        GivenClearance(0, "AC2", heading_deg=10),
+        GivenClearance(7, "AC1", heading_deg=300, fl=340),
+        GivenClearance(20, "AC2", fl=120),
+        GivenClearance(31, "AC1", fl=280),
+        GivenClearance(31, "AC2", heading_deg=359, fl=330),
+    ),
+)
+NAVIGATING = scenario(
+    navigating("AC1", SECTOR.routes[0]),
+    navigating("AC2", SECTOR.routes[-1], fl=250.0),
+    clearances=(GivenClearance(40, "AC2", heading_deg=90, fl=270),),
+    cycles=150,
+)
+
+
+def fly(platform, flown):
+    """Every report of a scenario with its clearances: arrays [cycle, column, aircraft]."""
+    reports = [platform.reset(flown)]
+    told = flown.transmissions()
+    for cycle in range(flown.cycles):
+        for given in told.get(cycle, []):
+            platform.issue(Instruction(given.callsign, given.heading_deg, level_fl=given.fl))
+        reports.append(platform.advance())
+    return np.array(reports)
+
+
+def column(reports, name):
+    return reports[:, Report._fields.index(name)]
+
+
+@pytest.fixture
+def platform(tmp_path):
+    opened = BlueSky(tmp_path)
+    yield opened
+    opened.close()
+
+
+def test_it_is_a_platform(platform):
+    assert isinstance(platform, Platform)
+    report = platform.reset(TOLD)
+    assert all(values.dtype == np.float64 and values.shape == (2,) for values in report)
+
+
+def test_a_scenario_starts_as_it_stands(platform):
+    report = platform.reset(TOLD)
+    for name, given in (
+        ("lat", [-0.2, 0.3]),
+        ("lon", [0.1, -0.2]),
+        ("fl", [300.0, 200.0]),
+        ("heading_deg", [45.0, 181.234]),
+        ("cleared_heading_deg", [45.0, 181.234]),
+        ("cleared_fl", [300.0, 200.0]),
+        ("vertical_speed_ft_min", [0.0, 0.0]),
+    ):
+        np.testing.assert_allclose(getattr(report, name), given, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("name", "fl"), [("table", 300), ("table", 360), ("constant", 250)])
+def test_the_cruise_speed_is_that_of_the_performance_and_is_held(platform, name, fl):
+    flown = scenario(aircraft(fl=float(fl)), performance=name, cycles=20)
+    speed = column(fly(platform, flown), "ground_speed_kt")
+    simulator = flown.simulator()
+    cruise = simulator.level_ground_speed_kt(flown.initial_traffic(simulator).level)
+    # The constants of the two atmospheres differ in the fifth digit.
+    np.testing.assert_allclose(speed, np.full_like(speed, cruise), rtol=2e-4)
+
+
+def test_the_cruise_speed_follows_the_cleared_level(platform):
+    told = (GivenClearance(0, "AC1", fl=360),)
+    speed = column(fly(platform, scenario(clearances=told)), "ground_speed_kt")
+    assert speed[-1, 0] == pytest.approx(0.8 * 573.6, rel=2e-3)
+
+
+def test_a_straight_flight_covers_its_ground_speed(platform):
+    reports = fly(platform, scenario(cycles=30))
+    lat, lon = column(reports, "lat")[:, 0], column(reports, "lon")[:, 0]
+    earth_m = 6371000.0
+    flown_m = np.radians(np.hypot(lat[-1] - lat[0], lon[-1] - lon[0])) * earth_m
+    speed_m_s = column(reports, "ground_speed_kt")[0, 0] * KT_M_S
+    assert flown_m == pytest.approx(30 * 6 * speed_m_s, rel=1e-4)
+
+
+def test_turns_are_coordinated_and_begin_with_the_first_second(platform):
+    first = platform.reset(scenario())
+    platform.issue(Instruction("AC1", heading_deg=135))
+    second = platform.advance()
+    speed_m_s = first.ground_speed_kt[0] * KT_M_S
+    rate_deg_s = np.degrees(G_M_S2 * np.tan(np.radians(BANK_DEG)) / speed_m_s)
+    assert second.heading_deg[0] == pytest.approx(45.0 + 6 * rate_deg_s, abs=1e-3)
+    assert second.cleared_heading_deg[0] == 135.0
+
+
+@pytest.mark.parametrize("heading", [0, 35, 215, 360])
+def test_a_heading_is_captured_exactly_by_the_shorter_way(platform, heading):
+    told = (GivenClearance(0, "AC1", heading_deg=heading),)
+    headings = column(fly(platform, scenario(clearances=told, cycles=40)), "heading_deg")[:, 0]
+    assert headings[-1] == heading % 360
+    turned = np.abs((np.diff(headings) + 180.0) % 360.0 - 180.0).sum()
+    assert turned == pytest.approx(abs((heading - 45.0 + 180.0) % 360.0 - 180.0), abs=1e-9)
+
+
+@pytest.mark.parametrize("level", [340, 290, 180])
+def test_a_level_is_captured_exactly(platform, level):
+    told = (GivenClearance(0, "AC1", fl=level),)
+    reports = fly(platform, scenario(clearances=told, cycles=100))
+    assert column(reports, "fl")[-1, 0] == level
+    assert column(reports, "cleared_fl")[1, 0] == level
+    assert column(reports, "vertical_speed_ft_min")[-1, 0] == 0.0
+    rate = column(reports, "vertical_speed_ft_min")[3, 0]
+    assert rate == pytest.approx(1500.0 if level > 300 else -1500.0)
+
+
+def test_heading_and_level_may_be_told_at_once(platform):
+    platform.reset(scenario())
+    platform.issue(Instruction("AC1", heading_deg=100, level_fl=320))
+    report = platform.advance()
+    assert (report.cleared_heading_deg[0], report.cleared_fl[0]) == (100.0, 320.0)
+    assert report.fl[0] > 300.0
+    assert report.heading_deg[0] > 45.0
+
+
+def test_own_navigation_cuts_corners_as_coordinated_turns_do(platform):
+    flying = (navigating(f"AC{index}", route) for index, route in enumerate(SECTOR.routes))
+    reports = fly(platform, scenario(*flying, cycles=160))
+    speed_m_s = column(reports, "ground_speed_kt")[0, 0] * KT_M_S
+    radius_nm = speed_m_s**2 / (G_M_S2 * np.tan(np.radians(BANK_DEG))) / 1852.0
+    half_a_cycle_nm = 3.0 * speed_m_s / 1852.0
+    for index, route in enumerate(SECTOR.routes):
+        at = SECTOR.plane.to_plane(
+            column(reports, "lat")[:, index], column(reports, "lon")[:, index]
+        )
+        for name, turn_deg in zip(route[1:], [*turns_deg(route, SECTOR.fixes), 0.0], strict=True):
+            nearest_nm = np.linalg.norm(at - SECTOR.fixes_nm[name], axis=1).min()
+            corner_nm = radius_nm * (1.0 / np.cos(np.radians(turn_deg / 2.0)) - 1.0)
+            assert corner_nm - 0.1 < nearest_nm < np.hypot(corner_nm, half_a_cycle_nm) + 0.1
+    np.testing.assert_array_equal(
+        column(reports, "cleared_heading_deg"), column(reports, "heading_deg")
+    )
+
+
+def test_a_heading_ends_own_navigation(platform):
+    flown = scenario(
+        navigating("AC1", BENT), clearances=(GivenClearance(2, "AC1", heading_deg=123),), cycles=100
+    )
+    reports = fly(platform, flown)
+    assert column(reports, "heading_deg")[-1, 0] == 123.0
+    np.testing.assert_array_equal(column(reports, "cleared_heading_deg")[3:, 0], 123.0)
+
+
+def test_what_was_flown_before_leaves_no_trace(platform):
+    first = {id(flown): fly(platform, flown) for flown in (TOLD, NAVIGATING)}
+    for flown in (TOLD, NAVIGATING):
+        np.testing.assert_array_equal(fly(platform, flown), first[id(flown)])
+
+
+def test_another_folder_flies_the_same_once_the_first_is_gone(tmp_path):
+    flown = []
+    for name in ("first", "second"):
+        folder = tmp_path / name
+        folder.mkdir()
+        opened = BlueSky(folder)
+        flown.append(fly(opened, TOLD))
+        opened.close()
+        shutil.rmtree(folder)
+    np.testing.assert_array_equal(*flown)
+
+
+def test_one_at_a_time(platform, tmp_path):
+    with pytest.raises(PlatformError, match="already open"):
+        BlueSky(tmp_path)
+    platform.reset(TOLD)
+
+
+FRESH = """
+import sys
+from pathlib import Path
+import numpy as np
+from skystack.platforms.bluesky import BlueSky
+from tests.platforms.test_bluesky import NAVIGATING, TOLD, fly
+platform = BlueSky(Path(sys.argv[1]))
+np.savez(sys.argv[2], told=fly(platform, TOLD), navigating=fly(platform, NAVIGATING))
+platform.close()
+"""
+
+
+def test_a_fresh_process_flies_the_same_and_leaves_no_trace(platform, tmp_path):
+    home, work, folder = (tmp_path / name for name in ("home", "work", "folder"))
+    for made in (home, work, folder):
+        made.mkdir()
+    result = tmp_path / "flown.npz"
+    repository = Path(__file__).parents[2]
+    environment = {
+        **os.environ,
+        "HOME": str(home),
+        "MPLCONFIGDIR": str(tmp_path / "matplotlib"),
+        "PYTHONPATH": os.pathsep.join([str(repository), str(repository / "src")]),
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", FRESH, str(folder), str(result)],
+        cwd=work,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert list(home.iterdir()) == list(work.iterdir()) == []
+    with np.load(result) as flown:
+        np.testing.assert_array_equal(flown["told"], fly(platform, TOLD))
+        np.testing.assert_array_equal(flown["navigating"], fly(platform, NAVIGATING))
+
+
+REPLAY = """
+import sys
+import numpy as np
+import bluesky
+folder, scenario, cycles, result = sys.argv[1], sys.argv[2], int(sys.argv[3]), sys.argv[4]
+bluesky.init(mode="sim", detached=True, workdir=folder)
+bluesky.stack.stack("IC " + scenario)
+bluesky.sim.step()
+rows = []
+for cycle in range(cycles):
+    for _ in range(6):
+        bluesky.sim.step()
+    traffic = bluesky.traf
+    rows.append([traffic.lat, traffic.lon, traffic.alt / 30.48, traffic.hdg])
+ended_s = bluesky.sim.simt
+bluesky.sim.step()
+np.savez(result, rows=rows, ended_s=[ended_s, bluesky.sim.simt])
+"""
+
+
+@pytest.mark.parametrize("flown", [TOLD, NAVIGATING], ids=["told", "navigating"])
+def test_plain_bluesky_flies_the_scenario_file_the_same(platform, tmp_path, flown):
+    file, result = tmp_path / "flown.scn", tmp_path / "flown.npz"
+    file.write_text(scenario_text(flown))
+    ours = fly(platform, flown)[1:, :4]
+    command = [sys.executable, "-c", REPLAY, tmp_path, file, str(flown.cycles), result]
+    subprocess.run(command, cwd=tmp_path, capture_output=True, check=True)
+    with np.load(result) as replayed:
+        np.testing.assert_allclose(replayed["rows"], ours, rtol=0.0, atol=1e-9)
+        np.testing.assert_array_equal(replayed["ended_s"], 6.0 * flown.cycles)
+
+
+def test_any_callsign_can_be_flown(platform):
+    callsigns = ("a, b;DEL *", "#", "HDG")
+    platform.reset(scenario(*(aircraft(callsign) for callsign in callsigns)))
+    platform.issue(Instruction("#", heading_deg=90))
+    np.testing.assert_array_equal(platform.advance().cleared_heading_deg, [45.0, 90.0, 45.0])
+
+
+@pytest.mark.parametrize("aircraft_type", ["XXXX", "b752", "B752,0", "EC35"])
+def test_an_unknown_type_is_refused(platform, aircraft_type):
+    with pytest.raises(InputError, match=f"AC1: type '{aircraft_type}'.*as B752"):
+        platform.reset(scenario(aircraft(type=aircraft_type)))
+
+
+def test_a_known_type_is_flown(platform):
+    platform.reset(scenario(aircraft(type="A320"), aircraft("AC2")))
+    assert list(bluesky.traf.perf.actype) == ["A320", "B752"]
+
+
+def test_levels_above_the_ceiling_are_refused(platform):
+    with pytest.raises(InputError, match=r"fl is 500.0 for AC1 \(allowed: up to FL382"):
+        platform.reset(scenario(aircraft(fl=500.0)))
+    platform.reset(scenario())
+    with pytest.raises(InputError, match=r"fl is 500 for AC1 \(allowed: up to FL382"):
+        platform.issue(Instruction("AC1", level_fl=500))
+
+
+def test_only_the_shorter_way_can_be_obeyed(platform):
+    platform.reset(scenario())
+    for turn, heading in (("left", 46), ("right", 44), ("right", 225)):
+        with pytest.raises(InputError, match=f"turn is '{turn}' for AC1 from heading 45"):
+            platform.issue(Instruction("AC1", heading, turn, by_direction=True))
+    platform.issue(Instruction("AC1", 46, "left"))
+    platform.issue(Instruction("AC1", 44, "left", by_direction=True))
+    assert platform.advance().heading_deg[0] == 44.0
+
+
+def test_a_lost_aircraft_is_noticed(platform):
+    platform.reset(TOLD)
+    bluesky.stack.stack("DEL AC0001")
+    with pytest.raises(PlatformError, match="lost AC2"):
+        platform.advance()
+
+
+@pytest.mark.parametrize("told", [{"heading_deg": 90}, {"level_fl": 310}])
+def test_what_bluesky_does_not_obey_is_noticed(platform, monkeypatch, told):
+    platform.reset(TOLD)
+    monkeypatch.setattr(bluesky.stack, "stack", lambda *_: None)
+    with pytest.raises(PlatformError, match=r"refused.*AC1"):
+        platform.issue(Instruction("AC1", **told))
+
+
+def test_nothing_is_printed(tmp_path, capfd):
+    opened = BlueSky(tmp_path)
+    fly(opened, TOLD)
+    with pytest.raises(InputError):
+        opened.reset(scenario(aircraft(type="XXXX")))
+    opened.close()
+    assert capfd.readouterr() == ("", "")

@@ -1,0 +1,153 @@
+"""Scenarios flown on our own platform: the rows, the words, and BluebirdDT's reference rollouts."""
+
+import json
+
+import numpy as np
+import pytest
+
+from skystack.airspace.projection import geodesic_leg
+from skystack.errors import InputError
+from skystack.platforms.flight import flight_rows, fly_scenario
+from skystack.platforms.own import Skystack
+from skystack.platforms.phraseology import written
+from skystack.simulator.scenario_file import load_scenario
+from tests.scenarios import EXAMPLES, MINIMAL, SECTORS, changed, load
+
+TANGENT_PLANE_NM = 0.04
+"""How far the tangent plane may be off BluebirdDT's ellipsoid 140 to 190 NM from the origin."""
+A1, C0 = ("aircraft", 1), ("clearances", 0)
+
+
+def flown(scenario):
+    """Columns of the flown scenario as arrays `[cycles + 1, aircraft]`."""
+    columns = flight_rows(scenario, fly_scenario(Skystack(), scenario))
+    return {name: column.reshape(scenario.cycles + 1, -1) for name, column in columns.items()}
+
+
+def test_the_rows_are_complete_and_sorted_by_cycle(tmp_path):
+    scenario = load(MINIMAL, tmp_path)
+    columns = flight_rows(scenario, fly_scenario(Skystack(), scenario))
+    assert {len(column) for column in columns.values()} == {26}
+    assert columns["callsign"].tolist() == ["AC1", "AC2"] * 13
+    assert columns["cycle"].tolist() == [cycle for cycle in range(13) for _ in range(2)]
+    assert columns["time_s"].tolist() == [6 * cycle for cycle in columns["cycle"].tolist()]
+    # Row 0 is the start: where and how the file says.
+    np.testing.assert_allclose(columns["lat"][:2], [-0.41, 0.7], atol=1e-6)
+    np.testing.assert_allclose(columns["lon"][:2], [-0.41, 0.7], atol=1e-6)
+    np.testing.assert_allclose(columns["heading_deg"][:2], [45.1920, 225.1904], atol=1e-4)
+    assert columns["fl"][:2].tolist() == columns["cleared_fl"][:2].tolist() == [300.0, 300.0]
+    np.testing.assert_allclose(columns["ground_speed_kt"][:2], 465.9408, atol=1e-3)
+    assert columns["vertical_speed_ft_min"][:2].tolist() == [0.0, 0.0]
+
+
+def test_a_clearance_shows_in_the_next_row_and_is_flown_in_the_one_after(tmp_path):
+    one = {"cycle": 3, "callsign": "AC1", "heading_deg": 60, "fl": 310}
+    columns = flown(load(changed(C0, one), tmp_path))
+    start_deg = columns["heading_deg"][0, 0]
+    assert columns["cleared_heading_deg"][:5, 0].tolist() == [start_deg] * 4 + [60.0]
+    assert columns["cleared_fl"][:5, 0].tolist() == [300.0] * 4 + [310.0]
+    np.testing.assert_allclose(
+        columns["heading_deg"][:7, 0], [start_deg] * 5 + [start_deg + 9, 60.0], atol=1e-4
+    )
+    assert columns["fl"][:7, 0].tolist() == [300.0] * 5 + [302.5, 305.0]
+    # The other aircraft was told nothing.
+    assert set(columns["cleared_fl"][:, 1]) == {300.0}
+    assert set(columns["heading_deg"][:, 1]) == {columns["heading_deg"][0, 1]}
+
+
+def reference_a(performance, tmp_path):
+    scenario = json.loads((EXAMPLES / "reference.json").read_text())
+    return flown(load(scenario | {"performance": performance}, tmp_path))
+
+
+def off_nm(columns, aircraft, lat, lon):
+    """Distance of the last position from BluebirdDT's."""
+    return geodesic_leg((columns["lat"][-1, aircraft], columns["lon"][-1, aircraft]), (lat, lon))[1]
+
+
+def test_the_reference_starts_three_miles_from_its_fix():
+    scenario = load_scenario(EXAMPLES / "reference.json", SECTORS)
+    second = scenario.aircraft[1]
+    bearing, distance = geodesic_leg(scenario.sector.fixes["PEL"], (second.lat, second.lon))
+    assert bearing == pytest.approx(200.0, abs=1e-4)
+    assert distance == pytest.approx(3.0, abs=1e-6)
+
+
+def test_the_reference_rollout_agrees_with_bluebird_at_constant_speed(tmp_path):
+    columns = reference_a("constant", tmp_path)
+    first, second = columns["heading_deg"].T
+    np.testing.assert_allclose(first[[5, 6, 7, 8]], [45.1920, 45.1920, 36.1920, 35.0], atol=1e-4)
+    np.testing.assert_allclose(first[[41, 42, 43, 50, 60]], [45.0, 54.0, 63.0, 126.0, 205.0])
+    np.testing.assert_allclose(second[[4, 5, 6, 7]], [134.80895, 125.80895, 116.80895, 115.0])
+    assert (first[300], second[300]) == (205.0, 45.0)
+    assert off_nm(columns, 0, -2.591542109, -1.130081790) < TANGENT_PLANE_NM
+    assert off_nm(columns, 1, 1.632091695, 1.918770306) < TANGENT_PLANE_NM
+
+
+def test_the_reference_rollout_agrees_with_bluebird_on_the_table(tmp_path):
+    columns = reference_a("table", tmp_path)
+    assert off_nm(columns, 0, -2.950759395, -1.248507504) < TANGENT_PLANE_NM
+    assert off_nm(columns, 1, 1.802074, 2.344787) < TANGENT_PLANE_NM
+
+
+def test_the_climb_agrees_with_bluebird():
+    columns = flown(load_scenario(EXAMPLES / "climb.json", SECTORS))
+    assert columns["cleared_fl"][[2, 3], 0].tolist() == [100.0, 300.0]
+    assert columns["fl"][[3, 4, 83], 0].tolist() == [100.0, 102.5, 300.0]
+    assert columns["fl"][82, 0] < 300.0
+    # Ground speed at the top of the climb and in level flight after it.
+    np.testing.assert_allclose(
+        columns["ground_speed_kt"][[83, 84], 0], [450.741, 465.941], atol=0.01
+    )
+    # Own navigation keeps to the straight route and leaves through its arm.
+    np.testing.assert_allclose(columns["heading_deg"][:, 0], 45.19, atol=0.01)
+
+
+def test_the_head_on_pair_keeps_apart():
+    scenario = load_scenario(EXAMPLES / "head-on.json", SECTORS)
+    columns = flown(scenario)
+    east, north = scenario.sector.plane.to_plane(columns["lat"], columns["lon"]).T
+    apart_nm = np.hypot(east[0] - east[1], north[0] - north[1])
+    assert apart_nm.min() > 5.0
+    assert apart_nm[0] > 95.0
+    # Each ends beyond the other's start.
+    assert (east[0, -1], north[0, -1]) > (east[1, 0], north[1, 0])
+    assert (east[1, -1], north[1, -1]) < (east[0, 0], north[0, 0])
+
+
+def said(scenario):
+    return [
+        (cycle, written(instruction))
+        for cycle, instruction in fly_scenario(Skystack(), scenario).issued
+    ]
+
+
+def test_heading_and_level_are_one_transmission_in_the_words_that_the_traffic_calls_for(tmp_path):
+    both = {"cycle": 3, "callsign": "AC1", "heading_deg": 35, "fl": 340}
+    long_way = {"cycle": 9, "callsign": "AC1", "heading_deg": 90, "turn": "left", "fl": 200}
+    scenario = load(changed(("clearances",), [both, long_way]), tmp_path)
+    assert said(scenario) == [
+        (3, "AC1 turn left heading 035, climb FL340"),
+        (9, "AC1 turn left heading 090, descend FL200"),
+    ]
+
+
+def test_a_direction_is_obeyed_only_where_one_is_given(tmp_path):
+    given = {"cycle": 0, "callsign": "AC1", "heading_deg": 60}
+    shorter = flown(load(changed(C0, given), tmp_path))
+    longer = flown(load(changed(C0, given | {"turn": "left"}), tmp_path))
+    assert shorter["heading_deg"][2, 0] == pytest.approx(54.192, abs=1e-3)
+    assert longer["heading_deg"][2, 0] == pytest.approx(36.192, abs=1e-3)
+
+
+def test_a_type_that_nobody_has_measured_is_refused(tmp_path):
+    scenario = load(changed((*A1, "type"), "A320"), tmp_path)
+    with pytest.raises(InputError, match=r"AC2: type 'A320' is unknown to skystack .*B753"):
+        fly_scenario(Skystack(), scenario)
+
+
+def test_a_platform_flies_a_scenario_the_same_after_another(tmp_path):
+    first, other = load(MINIMAL, tmp_path), load_scenario(EXAMPLES / "climb.json", SECTORS)
+    platform = Skystack()
+    flights = [fly_scenario(platform, scenario) for scenario in (first, other, first)]
+    np.testing.assert_array_equal(flights[0].reports, flights[2].reports)

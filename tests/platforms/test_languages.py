@@ -1,0 +1,75 @@
+"""One instruction in every language; expected texts from BluebirdDT's and BlueSky's documentation
+and the message elements of ICAO Doc 4444, Appendix 5."""
+
+import pytest
+
+from skystack.platforms.instruction import Instruction
+from skystack.platforms.languages import bluebird_actions, bluesky_commands, cpdlc
+from skystack.platforms.phraseology import spoken, written
+
+LEFT = Instruction("AC1", 215, "left")
+BOTH = Instruction("AC1", 5, "right", level_fl=340, vertical="climb")
+DOWN = Instruction("AC1", level_fl=90, vertical="descend")
+NORTH = Instruction("AC1", 360)
+HELD = Instruction("AC1", level_fl=300)
+LONG_WAY = Instruction("AC1", 90, "left", by_direction=True)
+
+SAID = [
+    (
+        LEFT,
+        [("change_heading_to", 215)],
+        ["HDG AC1 215"],
+        "TURN LEFT HEADING 215",
+        "AC1 turn left heading 215",
+        "AC1 turn left heading two one five",
+    ),
+    (
+        BOTH,
+        [("change_heading_to", 5), ("change_flight_level_to", 340)],
+        ["HDG AC1 005", "ALT AC1 FL340"],
+        "TURN RIGHT HEADING 005 / CLIMB TO FL340",
+        "AC1 turn right heading 005, climb FL340",
+        "AC1 turn right heading zero zero five, climb flight level three four zero",
+    ),
+    (
+        DOWN,
+        [("change_flight_level_to", 90)],
+        ["ALT AC1 FL090"],
+        "DESCEND TO FL090",
+        "AC1 descend FL90",
+        "AC1 descend flight level niner zero",
+    ),
+    (
+        NORTH,
+        [("change_heading_to", 0)],
+        ["HDG AC1 000"],
+        "FLY HEADING 360",
+        "AC1 fly heading 360",
+        "AC1 fly heading three six zero",
+    ),
+    (
+        HELD,
+        [("change_flight_level_to", 300)],
+        ["ALT AC1 FL300"],
+        "MAINTAIN FL300",
+        "AC1 maintain FL300",
+        "AC1 maintain flight level three hundred",
+    ),
+    (
+        LONG_WAY,
+        [("change_heading_to_by_direction", (90, "left"))],
+        ["HDG AC1 090"],
+        "TURN LEFT HEADING 090",
+        "AC1 turn left heading 090",
+        "AC1 turn left heading zero niner zero",
+    ),
+]
+
+
+@pytest.mark.parametrize(("told", "bluebird", "bluesky", "uplink", "ink", "voice"), SAID)
+def test_one_value_in_every_language(told, bluebird, bluesky, uplink, ink, voice):
+    assert bluebird_actions(told) == bluebird
+    assert bluesky_commands(told) == bluesky
+    assert cpdlc(told) == uplink
+    assert written(told) == ink
+    assert spoken(told) == voice

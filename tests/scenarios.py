@@ -1,0 +1,42 @@
+"""Scenario files for tests: a minimal one, and that one with a field changed."""
+
+import copy
+import json
+from pathlib import Path
+
+from skystack.airspace.xplus import x_plus
+from skystack.simulator.scenario_file import load_scenario
+
+SECTORS = {"x-plus": x_plus}
+EXAMPLES = Path(__file__).parents[1] / "examples"
+NORTHBOUND = ["HERON", "CRANE", "EGL", "MACAW", "QUAIL", "SWIFT"]
+
+MINIMAL = {
+    "sector": "x-plus",
+    "cycles": 12,
+    "aircraft": [
+        {"callsign": "AC1", "route": NORTHBOUND, "lat": -0.41, "lon": -0.41, "fl": 300},
+        {"callsign": "AC2", "route": NORTHBOUND[::-1], "lat": 0.7, "lon": 0.7, "fl": 300},
+    ],
+    "clearances": [{"cycle": 3, "callsign": "AC1", "heading_deg": 35}],
+}
+
+
+def changed(where, value):
+    """The minimal scenario with one field set (or, for `...`, taken out)."""
+    scenario = copy.deepcopy(MINIMAL)
+    *steps, last = where
+    at = scenario
+    for step in steps:
+        at = at[step]
+    if value is ...:
+        del at[last]
+    else:
+        at[last] = value
+    return scenario
+
+
+def load(scenario, folder):
+    path = folder / "scenario.json"
+    path.write_text(scenario if isinstance(scenario, str) else json.dumps(scenario))
+    return load_scenario(path, SECTORS)

@@ -1,0 +1,64 @@
+"""`skystack export`: scenarios as BlueSky files, from scenario files and from evaluations."""
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from skystack.catalogue import find_policy
+from skystack.errors import InputError
+from skystack.evaluation.judge import Conditions, evaluation_folder, judge
+from skystack.evaluation.stored import stored_scenario
+from skystack.export import export_scenario
+from skystack.platforms.flight import fly_scenario
+from skystack.platforms.own import Skystack
+from tests.scenarios import EXAMPLES
+
+EPISODES = 3
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    out = tmp_path_factory.mktemp("evaluation")
+    judge(find_policy("lateral-best"), Conditions(episodes=EPISODES), out)
+    return evaluation_folder(out, "lateral-best", 0, stacking=True)
+
+
+@pytest.mark.parametrize("number", range(EPISODES))
+def test_a_stored_scenario_flies_again_as_it_was_flown(folder, number):
+    scenario = stored_scenario(folder, number)
+    table = pq.read_table(folder / "trajectories.parquet", filters=[("scenario", "=", number)])
+    reports = fly_scenario(Skystack(), scenario).reports
+    before = [status not in {"exited"} for status in table["status"].to_pylist()]
+    for name in ("lat", "lon", "fl", "heading_deg", "cleared_heading_deg"):
+        flown = np.stack([getattr(report, name) for report in reports]).reshape(-1)
+        # A stored position is a float32, and exited aircraft are no longer moved.
+        np.testing.assert_allclose(flown[before], np.array(table[name])[before], atol=2e-4)
+
+
+def test_a_scenario_of_an_evaluation_becomes_a_bluesky_file(folder, tmp_path):
+    target = tmp_path / "one.scn"
+    export_scenario(folder, 1, target)
+    lines = target.read_text().splitlines()
+    issued = pq.read_table(folder / "clearances.parquet", filters=[("scenario", "=", 1)])
+    told = [line for line in lines if ">HDG " in line]
+    assert len(told) == issued.num_rows > 0
+    for line, clearance in zip(told, issued.to_pylist(), strict=True):
+        minutes, seconds = divmod(6 * clearance["cycle"], 60)
+        clock = f"00:{minutes:02d}:{seconds:02d}.00"
+        assert line == f"{clock}>HDG {clearance['callsign']} {clearance['value']:03d}"
+    assert sum(">CRE AC" in line and " B752 " in line for line in lines) == 2
+
+
+def test_what_cannot_be_exported_is_refused_and_leaves_no_file(folder, tmp_path):
+    target = tmp_path / "out.scn"
+    with pytest.raises(InputError, match="has no scenario 3"):
+        export_scenario(folder, 3, target)
+    with pytest.raises(InputError, match="only with the folder"):
+        export_scenario(EXAMPLES / "head-on.json", 3, target)
+    with pytest.raises(InputError, match=r"reference.json: turn is 'right' in cycle 40"):
+        export_scenario(EXAMPLES / "reference.json", None, target)
+    with pytest.raises(InputError, match=r"trajectories\.parquet: missing"):
+        export_scenario(tmp_path, None, target)
+    with pytest.raises(InputError, match="does not exist"):
+        export_scenario(folder, 0, tmp_path / "no" / "out.scn")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,30 @@
+"""`reproduce` in other simulators: rows for both ways of flying, written into the results."""
+
+import json
+import shutil
+from contextlib import nullcontext
+
+import pytest
+
+from skystack.catalogue import SHIPPED
+from skystack.reproduce import fly_elsewhere, plan_families
+
+
+def test_the_first_seed_flies_in_the_other_simulators(tmp_path):
+    pytest.importorskip("bluebird_dt")
+    plan = plan_families(["lateral"], 1, 3, tmp_path, False, "command", ["bluebird", "bluebird"])
+    best = plan.experiments[0]
+    plan = plan.__class__(**vars(plan) | {"experiments": (best,)})
+    shutil.copytree(SHIPPED / best.name, tmp_path / "train" / f"{best.name}-s0")
+    results = {"rows": []}
+    assert fly_elsewhere(plan, results, lambda name, total: nullcontext(lambda done: None)) == []
+    rows = json.loads((tmp_path / "results.json").read_text())["platforms"]
+    assert [(row["platform"], row["stacking"], row["episodes"]) for row in rows] == [
+        ("skystack", False, 3),
+        ("bluebird", False, 3),
+        ("skystack", True, 3),
+        ("bluebird", True, 3),
+    ]
+    assert all("same_clearances_rate" in row for row in rows[1::2])
+    assert rows[3]["clearances_mean"] == pytest.approx(rows[2]["clearances_mean"], abs=0.5)
+    assert (tmp_path / "evaluation" / f"{best.name}-s0-bluebird-stacked").is_dir()
