@@ -53,6 +53,16 @@ class Worst(NamedTuple):
     cleared_fl: float
 
 
+class Measured(NamedTuple):
+    """What comparing some scenarios came to."""
+
+    worst: Worst
+    rows: int
+    """How many were compared, each of one aircraft."""
+    snaps: int
+    """Flights that `snaps` cut short."""
+
+
 INSTRUCTED = Worst(0.025, 0.02, 0.001, 0.001, 1.0, 0.001, 0.0)
 OWN_NAVIGATION = Worst(0.05, 0.05, 0.05, 0.001, 1.0, 0.05, 0.0)
 """On own navigation the cleared heading is the actual one, which follows the plane's bearings."""
@@ -174,15 +184,16 @@ def _longest_run(flags: Bool[np.ndarray, "rows aircraft"]) -> float:
 
 def measure(
     platforms: tuple[Platform, Platform], seeds: range, performance: str, own_navigation: bool
-) -> tuple[Worst, int]:
-    """The greatest differences over scenarios, and how many snaps cut a flight short."""
-    found, snapped = Worst(*[0.0] * len(Worst._fields)), 0
+) -> Measured:
+    """The greatest differences over scenarios."""
+    found, rows_compared, snapped = Worst(*[0.0] * len(Worst._fields)), 0, 0
     for seed in seeds:
         scenario = random_scenario(seed, performance, own_navigation)
         ours, theirs = (fly_scenario(platform, scenario) for platform in platforms)
         found = Worst(*np.maximum(found, compare(scenario, ours, theirs)).tolist())
+        rows_compared += int(_rows_that_count(scenario, rows(theirs)).sum())
         snapped += len(list(snaps(scenario, rows(theirs))))
-    return found, snapped
+    return Measured(found, rows_compared, snapped)
 
 
 def main(arguments: list[str]) -> int:
@@ -194,18 +205,19 @@ def main(arguments: list[str]) -> int:
         for model in MODELS:
             begun = time.monotonic()
             seeds = range(counts[own_navigation])
-            found, snapped = measure(platforms, seeds, model, own_navigation)
-            within = all(value <= limit for value, limit in zip(found, bound, strict=True))
+            found = measure(platforms, seeds, model, own_navigation)
+            within = all(value <= limit for value, limit in zip(found.worst, bound, strict=True))
             agrees &= within
             line = {
                 "flights": "own navigation" if own_navigation else "instructed",
                 "performance": model,
                 "rollouts": len(seeds),
                 "within_bounds": within,
-                "snaps": snapped,
+                "rows": found.rows,
+                "snaps": found.snaps,
                 "wall_s": round(time.monotonic() - begun, 1),
             }
-            sys.stdout.write(json.dumps(line | found._asdict()) + "\n")
+            sys.stdout.write(json.dumps(line | found.worst._asdict()) + "\n")
             sys.stdout.flush()
     return 0 if agrees else 1
 

@@ -107,11 +107,44 @@ def test_other_platforms_from_the_command_line(capsys, tmp_path, platform, modul
 def test_a_platform_that_is_not_installed_names_its_extra(capsys, monkeypatch):
     from skystack.platforms import registry
 
-    monkeypatch.setattr(registry, "find_spec", lambda name: None)
+    monkeypatch.setattr(registry, "_installed", lambda name: False)
     code, _, err = run(capsys, "evaluate", "lateral", "--platform", "bluesky")
     assert code == 2
-    assert "pip install 'skystack[bluesky]'" in err
+    assert "the extra [bluesky]" in err
     assert err.count("\n") == 1
+
+
+def test_scenarios_that_a_platform_did_not_finish_are_named(capsys, monkeypatch):
+    from skystack.evaluation import judge
+
+    elsewhere = judge.FlownElsewhere
+
+    def fails(task, controller, conditions, *others):
+        here = judge.fly(task, controller(), 0, conditions.episodes, True)
+        return elsewhere(here, {1: "took more than 9 s", 2: "Bird has lost AC1"})
+
+    monkeypatch.setattr(judge, "_fly_elsewhere", fails)
+    monkeypatch.setattr(judge, "check_platform", lambda name: None)
+    arguments = ["evaluate", "lateral-best", "--platform", "bluebird", "--episodes", "2", "--json"]
+    code, out, err = run(capsys, *arguments)
+    assert code == 1
+    assert json.loads(out)["failed"] == {"1": "took more than 9 s", "2": "Bird has lost AC1"}
+    assert err.splitlines()[-2:] == [
+        "skystack: bluebird: scenario 1 took more than 9 s",
+        "skystack: bluebird: scenario 2 Bird has lost AC1",
+    ]
+
+
+def test_a_platform_that_fails_is_a_failure_that_names_the_scenario(capsys, monkeypatch):
+    pytest.importorskip("pebble")
+    from skystack import simulate
+    from skystack.platforms.processes import Done
+
+    monkeypatch.setattr(simulate, "check_platform", lambda name: None)
+    monkeypatch.setattr(simulate, "in_processes", lambda *_: Done({}, {0: "took more than 5 s"}))
+    path = EXAMPLES / "climb.json"
+    code, _, err = run(capsys, "simulate", str(path), "--platform", "bluebird")
+    assert (code, err) == (1, f"skystack: {path}: bluebird: took more than 5 s\n")
 
 
 def test_a_scenario_is_exported(capsys, tmp_path):
@@ -232,6 +265,39 @@ def test_folders_that_cannot_be_written(capsys, tmp_path):
         assert code == 2, arguments
         assert len(err.strip().splitlines()) == 1, err
     assert list(tmp_path.iterdir()) == [file]
+
+
+def test_interrupting_an_evaluation_elsewhere_leaves_nothing(tmp_path):
+    pytest.importorskip("bluebird_dt")
+    out = tmp_path / "out"
+    program = (
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from skystack.cli import main; sys.exit(main())"
+    )
+    command = [sys.executable, "-c", program, "evaluate", "lateral", "--platform", "bluebird"]
+    process = subprocess.Popen(
+        [*command, "--out", str(out)], stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline and not list(out.glob(".bluebird-*/*")):
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers as well
+    _, err = process.communicate(timeout=60)
+    assert (process.returncode, err.splitlines()[-1]) == (130, "skystack: interrupted")
+    assert "Traceback" not in err
+    assert list(out.iterdir()) == []
+    deadline = time.monotonic() + 30
+    while time.monotonic() < deadline and group_lives(process.pid):
+        time.sleep(0.05)
+    assert not group_lives(process.pid)
+
+
+def group_lives(group):
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
 
 
 def test_interrupting_training_ends_cleanly_and_can_be_resumed(tmp_path):

@@ -9,6 +9,7 @@ import difflib
 import json
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -35,6 +36,9 @@ class _Parser(argparse.ArgumentParser):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
+    # Terminated like interrupted: workers are stopped and checkpoints written on the way out.
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         options = _parse(list(sys.argv[1:] if arguments is None else arguments))
         run: Callable[[argparse.Namespace], int] = options.run
@@ -96,7 +100,14 @@ def _build_parser() -> argparse.ArgumentParser:
             "--platform",
             default="skystack",
             metavar="NAME",
-            help="skystack (default), bluebird or bluesky",
+            help="the simulator to fly in: skystack (default), bluebird, bluesky (extras)",
+        )
+        sub.add_argument(
+            "--time-limit",
+            type=_positive,
+            default=120,
+            metavar="S",
+            help="seconds for one scenario in another simulator (default 120)",
         )
 
     verb("list", "experiments, tasks, sectors, shipped policies", _list)
@@ -147,13 +158,6 @@ def _build_parser() -> argparse.ArgumentParser:
     how.add_argument("--sample", action="store_true", help="an action drawn by its probability")
     sub.add_argument("--out", type=Path, metavar="DIR", help="folder for the tables (Parquet)")
     platform(sub)
-    sub.add_argument(
-        "--time-limit",
-        type=_positive,
-        default=120,
-        metavar="S",
-        help="seconds for one scenario on another platform (default 120)",
-    )
 
     sub = verb("simulate", "fly a scenario file", _simulate)
     sub.add_argument("scenario", type=Path, metavar="SCENARIO.json")
@@ -210,9 +214,10 @@ def _list(options: argparse.Namespace) -> int:
 
 def _reproduce(options: argparse.Namespace) -> int:
     from skystack.console import count_scenarios, output, prose, show_progress
+    from skystack.platforms.registry import said_of
     from skystack.reporting.report import write_report
     from skystack.reporting.tables import comparison_of, platforms_of
-    from skystack.reproduce import QUICK_EPISODES, fly_elsewhere, plan_families, run_plan
+    from skystack.reproduce import QUICK_EPISODES, plan_families, run_plan, run_platforms
 
     quick = options.quick or not options.families
     families = options.families or ["lateral"]
@@ -223,15 +228,18 @@ def _reproduce(options: argparse.Namespace) -> int:
     words += ["--seeds", str(options.seeds), "--episodes", str(episodes)]
     words += ["--quick"] * quick + [f"--platform {name}" for name in options.platforms]
     command = " ".join(words)
-    # Terminated like interrupted: the workers are stopped on the way out.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     seeds, platforms = options.seeds, options.platforms
     plan = plan_families(families, seeds, episodes, out, quick, command, platforms)
     with show_progress() as report:
         results = run_plan(plan, report)
-    failed = fly_elsewhere(plan, results, count_scenarios) if plan.platforms else []
     prose().print("writing figures and report ...")
     path = write_report(out)
+    failed: list[str] = []
+    if plan.platforms:
+        for line in (line for name in plan.platforms for line in said_of(name)):
+            prose().print(line, soft_wrap=True, highlight=False)
+        failed = run_platforms(plan, results, count_scenarios)
+        write_report(out)
     if options.json:
         kept = ["rows", "rows_by_seed", "train", "wall_s"] + ["platforms"] * bool(plan.platforms)
         _print_json({key: results[key] for key in kept})
@@ -281,12 +289,12 @@ def _evaluate(options: argparse.Namespace) -> int:
 
     begun = time.monotonic()
     conditions = Conditions(
-        options.seed,
-        options.episodes,
-        options.stacking,
-        not options.sample,
-        options.platform,
-        options.time_limit,
+        seed=options.seed,
+        episodes=options.episodes,
+        stacking=options.stacking,
+        greedy=not options.sample,
+        platform=options.platform,
+        time_limit_s=options.time_limit,
     )
     policy = find_policy(options.policy)
     with count_scenarios(options.platform, options.episodes) as on_scenario:
@@ -309,7 +317,7 @@ def _simulate(options: argparse.Namespace) -> int:
     from skystack.console import output, prose
     from skystack.simulate import simulate_file, summary_table
 
-    summary = simulate_file(options.scenario, options.output, options.platform)
+    summary = simulate_file(options.scenario, options.output, options.platform, options.time_limit)
     for line in summary["notes"]:
         prose().print(line, soft_wrap=True, highlight=False)
     if options.json:
@@ -320,9 +328,11 @@ def _simulate(options: argparse.Namespace) -> int:
 
 
 def _export(options: argparse.Namespace) -> int:
+    from skystack.console import prose
     from skystack.export import export_scenario
 
-    export_scenario(options.source, options.scenario, options.output)
+    for line in export_scenario(options.source, options.scenario, options.output):
+        prose().print(line, soft_wrap=True, highlight=False)
     if options.json:
         _print_json({"source": str(options.source), "output": str(options.output)})
     return DONE

@@ -1,4 +1,4 @@
-"""The one exception that a user's mistake becomes: one line, exit code 2."""
+"""What goes wrong in one clear line: a user's mistake (exit code 2), or a failure (1)."""
 
 import difflib
 from collections.abc import Iterable

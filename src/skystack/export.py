@@ -6,15 +6,17 @@ from skystack.errors import InputError
 from skystack.evaluation.stored import stored_scenario
 from skystack.files import write_aside
 from skystack.platforms.bluesky_scenario import scenario_text
+from skystack.platforms.registry import said_of
 from skystack.simulator.scenario_file import Scenario, load_scenario
 from skystack.tasks.build import SECTORS
 
 
-def export_scenario(source: Path, number: int | None, output: Path) -> None:
+def export_scenario(source: Path, number: int | None, output: Path) -> list[str]:
     """Write a scenario with its clearances as a BlueSky scenario file (`.scn`).
 
     `source` is a scenario file (JSON), or the folder of an evaluation and the number of one of its
-    scenarios. Raises InputError for a source that cannot be read or said in BlueSky's language.
+    scenarios. Returns what must be said: types that are flown as others. Raises InputError for a
+    source that cannot be read, or said in BlueSky's language.
     """
     if not output.parent.is_dir():
         raise InputError(f"{output}: the folder {output.parent} does not exist")
@@ -24,6 +26,7 @@ def export_scenario(source: Path, number: int | None, output: Path) -> None:
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
     write_aside(output, text.encode())
+    return said_of("bluesky", sorted({aircraft.type for aircraft in scenario.aircraft}))
 
 
 def _scenario(source: Path, number: int | None) -> Scenario:

@@ -21,6 +21,7 @@ import msgspec
 import pyarrow as pa
 
 import skystack
+from skystack.cores import cores
 from skystack.errors import unknown_name
 from skystack.evaluation.everywhere import Count, judge_everywhere
 from skystack.evaluation.judge import Conditions, Judged, judge, judge_nobody
@@ -123,19 +124,22 @@ def run_plan(plan: Plan, report: Report) -> dict[str, Any]:
     return results
 
 
-def fly_elsewhere(plan: Plan, results: dict[str, Any], count: Count) -> list[str]:
+def run_platforms(plan: Plan, results: dict[str, Any], count: Count) -> list[str]:
     """Fly the first seed's policies in the plan's other simulators and add that to the results.
 
     Returns what was not finished, and why.
     """
+    begun, trained_s = time.monotonic(), results["wall_s"]
     episodes = min(plan.episodes, PLATFORM_EPISODES)
-    rows, failed = [], []
+    rows: list[Row] = []
+    failed: list[str] = []
     for experiment in plan.experiments:
         policy = load_policy(plan.out / "train" / f"{experiment.name}-s0")
         found = judge_everywhere(policy, plan.platforms, episodes, plan.out / "evaluation", count)
         rows += found.rows
         failed += found.failed
         results["platforms"] = rows
+        results["wall_s"] = trained_s + time.monotonic() - begun
         _write_results(plan, results)
     return failed
 
@@ -151,9 +155,8 @@ def fewest_clearances() -> bytes:
 
 def machine() -> str:
     """What the figures were measured on."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     python = platform.python_version()
-    return f"{platform.machine()}, {cores} cores, {platform.system()}, Python {python}"
+    return f"{platform.machine()}, {len(cores())} cores, {platform.system()}, Python {python}"
 
 
 def _quick(experiment: Experiment) -> Experiment:
@@ -175,17 +178,16 @@ def _aggregate(group: Sequence[Judged]) -> Row:
 def _run_jobs(plan: Plan, report: Report) -> list[Done]:
     """All (experiment, seed) pairs, in order of the plan; their progress goes to `report`."""
     jobs = [(experiment, seed) for seed in range(plan.seeds) for experiment in plan.experiments]
-    cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [None]
     context = multiprocessing.get_context("spawn")
     with context.Manager() as manager:
         messages: Messages = manager.Queue()
         free_cores = manager.Queue()
-        for core in cores:
+        for core in cores():
             free_cores.put(core)
         listener = Thread(target=_listen, args=(messages, report), daemon=True)
         listener.start()
         pool = ProcessPoolExecutor(
-            min(len(cores), len(jobs)), context, initializer=_pin, initargs=(free_cores,)
+            min(len(cores()), len(jobs)), context, initializer=_pin, initargs=(free_cores,)
         )
         try:
             futures = [

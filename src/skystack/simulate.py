@@ -1,17 +1,19 @@
 """The verb `simulate`: fly a scenario file on a platform and keep the trajectories."""
 
 import tempfile
-from contextlib import closing
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 from rich.table import Table
 
-from skystack.errors import InputError
+from skystack.errors import InputError, PlatformError
 from skystack.evaluation.stored import write_table
 from skystack.platforms.flight import Flight, flight_rows, fly_scenario
 from skystack.platforms.phraseology import written
+from skystack.platforms.processes import TIME_LIMIT_S, in_processes
 from skystack.platforms.registry import (
     OWN,
     check_platform,
@@ -23,7 +25,9 @@ from skystack.simulator.scenario_file import Scenario, load_scenario
 from skystack.tasks.build import SECTORS
 
 
-def simulate_file(path: Path, output: Path | None, platform: str = OWN) -> dict[str, Any]:
+def simulate_file(
+    path: Path, output: Path | None, platform: str = OWN, time_limit_s: float = TIME_LIMIT_S
+) -> dict[str, Any]:
     """Fly a scenario file; returns the last row of every aircraft and what was said.
 
     Writes all rows as Parquet where `output` is given (its folder must exist). Raises InputError
@@ -34,7 +38,7 @@ def simulate_file(path: Path, output: Path | None, platform: str = OWN) -> dict[
     scenario = load_scenario(path, SECTORS)
     if output is not None and not output.parent.is_dir():
         raise InputError(f"{output}: the folder {output.parent} does not exist")
-    flight = _fly(path, scenario, platform)
+    flight = _fly(path, scenario, platform, time_limit_s)
     table = pa.table(flight_rows(scenario, flight))
     if output is not None:
         write_table(output, table, scenario.sector, scenario.performance)
@@ -53,16 +57,24 @@ def simulate_file(path: Path, output: Path | None, platform: str = OWN) -> dict[
     }
 
 
-def _fly(path: Path, scenario: Scenario, platform: str) -> Flight:
-    """The flight; what the platform writes meanwhile is thrown away."""
-    with (
-        tempfile.TemporaryDirectory(prefix="skystack-") as folder,
-        closing(open_platform(platform, Path(folder))) as opened,
-    ):
+def _fly(path: Path, scenario: Scenario, platform: str, time_limit_s: float) -> Flight:
+    """The flight: ours in this process, another simulator's in one of its own."""
+    with tempfile.TemporaryDirectory(prefix="skystack-") as folder:
         try:
-            return fly_scenario(opened, scenario)
+            if platform == OWN:
+                return fly_scenario(open_platform(platform, Path(folder)), scenario)
+            work = partial(_flyer, platform)
+            done = in_processes(work, [scenario], Path(folder), time_limit_s)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
+    if done.failed:
+        raise PlatformError(f"{path}: {platform}: {done.failed[0]}")
+    flight: Flight = done.results[0]
+    return flight
+
+
+def _flyer(platform: str, folder: Path) -> Callable[[Scenario], Flight]:
+    return partial(fly_scenario, open_platform(platform, folder))
 
 
 def summary_table(summary: dict[str, Any]) -> Table:

@@ -7,17 +7,16 @@ from pathlib import Path
 import numpy as np
 
 from skystack.errors import PlatformError
+from skystack.platforms.guard import Guarded
 from skystack.platforms.own import Skystack
 from skystack.platforms.protocol import Platform, Report
 
-DIES, HANGS, LOSES, BREAKS, NONSENSE = 1, 3, 4, 5, 6
+DIES, HANGS, LOSES, BREAKS, NONSENSE, LEAVES = 1, 3, 4, 5, 6, 7
 """The scenarios in which it does what."""
 
 
 class Faulty(Skystack):
     """Ours, but for some of the scenarios that it is given, told by their start."""
-
-    name = "faulty"
 
     def __init__(self, starts: tuple[float, ...]) -> None:
         super().__init__()
@@ -39,17 +38,27 @@ class Faulty(Skystack):
                 raise PlatformError("Faulty has lost AC1")
             if self._number == BREAKS:
                 raise KeyError("AC1")
+            if self._number == LEAVES:
+                raise SystemExit(0)
         report = super().advance()
         return report._replace(lat=report.lat * np.nan) if self._number == NONSENSE else report
 
 
 def open_faulty(starts: tuple[float, ...], folder: Path) -> Platform:
-    return Faulty(starts)
+    return Guarded(lambda: Faulty(starts))
 
 
 def open_own(folder: Path) -> Platform:
-    return Skystack()
+    return Guarded(Skystack)
 
 
 def open_nothing(folder: Path) -> Platform:
     raise PlatformError("it does not start")
+
+
+def open_badly(folder: Path) -> Platform:
+    raise ImportError("no such\nlibrary")
+
+
+def open_and_die(folder: Path) -> Platform:
+    os._exit(9)

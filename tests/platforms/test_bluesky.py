@@ -8,15 +8,20 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 bluesky = pytest.importorskip("bluesky")
 
 from skystack.airspace.sector import turns_deg  # noqa: E402
 from skystack.airspace.xplus import x_plus  # noqa: E402
+from skystack.catalogue import find_policy  # noqa: E402
 from skystack.errors import InputError, PlatformError  # noqa: E402
+from skystack.evaluation.judge import Conditions, evaluation_folder, judge  # noqa: E402
+from skystack.export import export_scenario  # noqa: E402
 from skystack.platforms.bluesky import BlueSky  # noqa: E402
-from skystack.platforms.bluesky_scenario import scenario_text  # noqa: E402
+from skystack.platforms.bluesky_scenario import TYPES, scenario_text  # noqa: E402
+from skystack.platforms.flight import fly_scenario  # noqa: E402
 from skystack.platforms.instruction import Instruction  # noqa: E402
 from skystack.platforms.protocol import Platform, Report  # noqa: E402
 from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario  # noqa: E402
@@ -66,13 +71,7 @@ NAVIGATING = scenario(
 
 def fly(platform, flown):
     """Every report of a scenario with its clearances: arrays [cycle, column, aircraft]."""
-    reports = [platform.reset(flown)]
-    told = flown.transmissions()
-    for cycle in range(flown.cycles):
-        for given in told.get(cycle, []):
-            platform.issue(Instruction(given.callsign, given.heading_deg, level_fl=given.fl))
-        reports.append(platform.advance())
-    return np.array(reports)
+    return np.array(fly_scenario(platform, flown).reports)
 
 
 def column(reports, name):
@@ -284,14 +283,43 @@ np.savez(result, rows=rows, ended_s=[ended_s, bluesky.sim.simt])
 
 @pytest.mark.parametrize("flown", [TOLD, NAVIGATING], ids=["told", "navigating"])
 def test_plain_bluesky_flies_the_scenario_file_the_same(platform, tmp_path, flown):
-    file, result = tmp_path / "flown.scn", tmp_path / "flown.npz"
+    file = tmp_path / "flown.scn"
     file.write_text(scenario_text(flown))
-    ours = fly(platform, flown)[1:, :4]
-    command = [sys.executable, "-c", REPLAY, tmp_path, file, str(flown.cycles), result]
-    subprocess.run(command, cwd=tmp_path, capture_output=True, check=True)
+    rows, ended_s = replay(file, flown.cycles, tmp_path)
+    np.testing.assert_allclose(rows, fly(platform, flown)[1:, :4], rtol=0.0, atol=1e-9)
+    np.testing.assert_array_equal(ended_s, 6.0 * flown.cycles)
+
+
+def replay(file, cycles, folder):
+    """Rows [cycle, column, aircraft] that plain BlueSky flies, and when it stopped."""
+    result = folder / "flown.npz"
+    command = [sys.executable, "-c", REPLAY, folder, file, str(cycles), result]
+    subprocess.run(command, cwd=folder, capture_output=True, check=True)
     with np.load(result) as replayed:
-        np.testing.assert_allclose(replayed["rows"], ours, rtol=0.0, atol=1e-9)
-        np.testing.assert_array_equal(replayed["ended_s"], 6.0 * flown.cycles)
+        return replayed["rows"], replayed["ended_s"]
+
+
+def test_an_evaluation_flies_again_in_plain_bluesky(tmp_path):
+    """A policy's clearances, from the stored tables, exported and flown by BlueSky alone."""
+    number = 1
+    conditions = Conditions(episodes=number + 1, platform="bluesky")
+    judge(find_policy("lateral-best"), conditions, tmp_path)
+    folder = evaluation_folder(tmp_path, "lateral-best", 0, True, "bluesky")
+    export_scenario(folder, number, tmp_path / "one.scn")
+    only = [("scenario", "=", number), ("cycle", ">", 0)]
+    table = pq.read_table(folder / "trajectories.parquet", filters=only)
+    assert table.num_rows > 200
+    rows, _ = replay(tmp_path / "one.scn", table.num_rows // 2, tmp_path)
+    flying = np.array(table["status"].to_pylist()) != "exited"
+    for place, name in enumerate(("lat", "lon", "fl", "heading_deg")):
+        # Positions are stored as float32, exited aircraft stand still.
+        flown = rows[:, place].reshape(-1)
+        np.testing.assert_allclose(flown[flying], np.array(table[name])[flying], atol=1e-4)
+
+
+def test_the_types_that_bluesky_knows_are_those_listed(platform):
+    known = {name.upper() for name in bluesky.traf.perf.coeff.actypes_fixwing}
+    assert known == TYPES
 
 
 def test_any_callsign_can_be_flown(platform):

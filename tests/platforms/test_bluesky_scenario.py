@@ -101,6 +101,13 @@ def test_a_callsign_that_bluesky_cannot_say_is_refused(callsign):
     assert repr(callsign) in str(refused.value)
 
 
+@pytest.mark.parametrize("flown_as", ["XXXX", "B752\n00:00:00.00>QUIT", "b752", ""])
+def test_a_type_that_bluesky_would_replace_is_refused(flown_as):
+    first = replace(scenario().aircraft[0], type=flown_as)
+    with pytest.raises(InputError, match=r"unknown to BlueSky .*as B752"):
+        scenario_text(replace(scenario(), aircraft=(first,)))
+
+
 @pytest.mark.parametrize("turn", ["left", "right"])
 def test_a_direction_of_turn_is_refused(turn):
     given = GivenClearance(5, "BAW12", heading_deg=90, turn=turn)

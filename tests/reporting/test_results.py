@@ -22,7 +22,7 @@ def test_unknown_experiments_follow_by_name(run):
     others = [stored | {"experiment": name} for name in ("zebra", "antelope")]
     change(run / "results.json", rows=[*others, stored, stored | {"platform": "bluebird"}])
     names = [row.name for row in read_run(run).results.rows]
-    assert names[:2] == ["damped and stacked (bluebird)", "damped and stacked"]
+    assert names[:2] == ["damped and stacked", "damped and stacked (bluebird)"]
     assert names[2:] == ["antelope, stacked", "zebra, stacked"]
 
 

@@ -142,14 +142,14 @@ def test_simulators_stand_together_ours_first():
             ]
         )
     )
-    assert [line[:2] for line in table.rows] == [
-        ("damped and stacked", "skystack"),
-        ("damped and stacked", "BluebirdDT"),
-        ("damped and stacked", "BlueSky"),
-        ("37 actions, stacked", "BluebirdDT"),
+    assert [line[:3] for line in table.rows] == [
+        ("damped and stacked", "7.2 ± 3.5", "skystack"),
+        ("damped and stacked", "7.2 ± 3.5", "BluebirdDT"),
+        ("damped and stacked", "7.2 ± 3.5", "BlueSky"),
+        ("37 actions, stacked", "7.2 ± 3.5", "BluebirdDT"),
     ]
     assert table.rows[0][-2:] == (NOTHING, "4 s")
-    assert table.rows[1][2:] == (
+    assert table.rows[1][3:] == (
         "7.2 ± 3.5",
         "98.8 %",
         "100.0 %",

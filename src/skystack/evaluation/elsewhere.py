@@ -1,18 +1,9 @@
-"""Fly scenarios on another simulator: the same policy, stacking and task, another `advance`.
+"""Fly scenarios on another simulator: the same policy, stacking and task, another `advance`."""
 
-Each process has one platform and flies one scenario after another. A scenario that takes too long,
-or whose process dies, is given up and named; the others are finished in a new process.
-"""
-
-import multiprocessing
-import os
-import signal
-import tempfile
 from collections.abc import Callable, Sequence
-from concurrent.futures import TimeoutError as OutOfTime
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,15 +15,13 @@ from skystack.evaluation.rollout import Controller, Recording, keep, query_keys,
 from skystack.evaluation.tables import callsigns
 from skystack.platforms.conversion import scenario_of, traffic_of
 from skystack.platforms.instruction import worded
-from skystack.platforms.protocol import Platform, Report
+from skystack.platforms.processes import TIME_LIMIT_S, in_processes
+from skystack.platforms.protocol import Platform
 from skystack.seeds import scenario_key
 from skystack.simulator.traffic import Traffic
 from skystack.stacking import Stack, stack_traced
 from skystack.tasks.contract import Outcome
 from skystack.tasks.lateral import LateralState, LateralTask
-
-TIME_LIMIT_S = 120.0
-"""For one scenario."""
 
 
 class Job(NamedTuple):
@@ -87,7 +76,13 @@ class Pilot:
         self._judge(told, stack, jax.tree.map(jnp.asarray, state.traffic))
 
     def fly(self, number: int) -> Recording:
-        """One scenario to its end. Raises InputError and PlatformError."""
+        """One scenario to its end. Raises InputError, which names it, and PlatformError."""
+        try:
+            return self._fly(number)
+        except InputError as error:
+            raise InputError(f"scenario {number}: {error}") from None
+
+    def _fly(self, number: int) -> Recording:
         task, plane = self._task, self._task.simulator.sector.plane
         key = scenario_key(self._job.seed, number)
         state: LateralState = jax.device_get(self._reset(key))
@@ -98,7 +93,7 @@ class Pilot:
             task.settings.cycles,
             callsigns(task),
         )
-        report = _finite(_ask(self._platform.reset, scenario))
+        report = self._platform.reset(scenario)
         start = traffic_of(report, state.traffic, plane)
         state = state._replace(traffic=start)
         rows = []
@@ -106,7 +101,7 @@ class Pilot:
             told, stack = jax.device_get(self._decide(state, query))
             if stack.instructions > 0:
                 self._issue(told.traffic, stack)
-            flown = traffic_of(_finite(_ask(self._platform.advance)), told.traffic, plane)
+            flown = traffic_of(self._platform.advance(), told.traffic, plane)
             state, outcome, kept = jax.device_get(self._judge(told, stack, flown))
             rows.append(kept)
             if outcome.terminated:
@@ -120,28 +115,8 @@ class Pilot:
             int(np.rint(told.cleared_heading_deg[aircraft])) % 360,
             None,
             float(told.heading_deg[aircraft]),
-            actual_fl=0.0,
         )
-        _ask(self._platform.issue, instruction)
-
-
-Answer = TypeVar("Answer")
-
-
-def _ask(question: Callable[..., Answer], *arguments: Any) -> Answer:
-    """Call a platform; whatever it raises beside our own errors is its failure."""
-    try:
-        return question(*arguments)
-    except (InputError, PlatformError):
-        raise
-    except Exception as error:
-        raise PlatformError(f"failed: {type(error).__name__}: {error}") from error
-
-
-def _finite(report: Report) -> Report:
-    if not np.all(np.isfinite(report)):
-        raise PlatformError("reported a number that is not finite")
-    return report
+        self._platform.issue(instruction)
 
 
 def _recording(
@@ -162,24 +137,8 @@ def _recording(
     )
 
 
-_pilot: Pilot | Exception | None = None
-"""The one of this process, or why there is none."""
-
-
-def _begin(job: Job, folder: Path) -> None:
-    """In a new process: a platform, writing into a folder of its own."""
-    global _pilot  # noqa: PLW0603  (a process has one simulator)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends what is interrupted
-    try:
-        _pilot = Pilot(job, Path(tempfile.mkdtemp(dir=folder)))
-    except Exception as error:  # told when it is asked to fly
-        _pilot = error
-
-
-def _fly(number: int) -> Recording:
-    if not isinstance(_pilot, Pilot):
-        raise _pilot or RuntimeError("the process was not begun")
-    return _pilot.fly(number)
+def _pilot(job: Job, folder: Path) -> Callable[[int], Recording]:
+    return Pilot(job, folder).fly
 
 
 def fly_elsewhere(
@@ -194,36 +153,7 @@ def fly_elsewhere(
     Raises InputError for a scenario that the platform cannot fly, PlatformError when no scenario
     was finished.
     """
-    from pebble import ProcessExpired, ProcessPool  # noqa: PLC0415  (comes with the platforms)
-
-    recordings, failed = [], {}
-    with ProcessPool(
-        max_workers=min(_cores(), scenarios),
-        initializer=_begin,
-        initargs=(job, folder),
-        context=multiprocessing.get_context("spawn"),
-    ) as pool:
-        futures = [
-            pool.schedule(_fly, args=(number,), timeout=time_limit_s) for number in range(scenarios)
-        ]
-        try:
-            for number, future in enumerate(futures):
-                try:
-                    recordings.append(future.result())
-                except OutOfTime:
-                    failed[number] = f"took more than {time_limit_s:.0f} s"
-                except ProcessExpired as expired:
-                    failed[number] = f"the simulator's process died (exit code {expired.exitcode})"
-                except PlatformError as error:
-                    failed[number] = str(error)
-                on_scenario(number + 1)
-        except BaseException:
-            pool.stop()
-            raise
-    if not recordings:
-        raise PlatformError(f"no scenario was finished: scenario 0 {failed[0]}")
-    return FlownElsewhere(together(recordings), failed)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    done = in_processes(partial(_pilot, job), range(scenarios), folder, time_limit_s, on_scenario)
+    if not done.results:
+        raise PlatformError(f"no scenario was finished: scenario 0 {done.failed[0]}")
+    return FlownElsewhere(together(list(done.results.values())), done.failed)

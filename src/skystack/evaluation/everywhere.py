@@ -5,6 +5,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import NamedTuple
 
+from skystack.errors import PlatformError
 from skystack.evaluation.agreement import same_clearances
 from skystack.evaluation.judge import Conditions, judge
 from skystack.evaluation.summary import Row
@@ -28,15 +29,21 @@ def judge_everywhere(
     policy: Policy, platforms: Sequence[str], episodes: int, out: Path, count: Count
 ) -> Everywhere:
     """Plain and stacked on scenarios 0, 1, ...; other platforms' tables are written into `out`."""
-    rows, failed = [], []
+    rows: list[Row] = []
+    failed: list[str] = []
     for stacking in (False, True):
-        ours = judge(policy, Conditions(episodes=episodes, stacking=stacking), None)
+        conditions = Conditions(episodes=episodes, stacking=stacking)
+        ours = judge(policy, conditions, None)
         rows.append(ours.row)
         for platform in platforms:
             name = f"{policy.description.experiment} {platform}"
-            conditions = Conditions(episodes=episodes, stacking=stacking, platform=platform)
-            with count(name, episodes) as on_scenario:
-                theirs = judge(policy, conditions, out, on_scenario)
+            there = conditions._replace(platform=platform)
+            try:
+                with count(name, episodes) as on_scenario:
+                    theirs = judge(policy, there, out, on_scenario)
+            except PlatformError as error:
+                failed.append(f"{name}: {error}")
+                continue
             numbers = theirs.episodes["scenario"].to_pylist()
             same = same_clearances(ours.clearances, theirs.clearances, numbers)
             rows.append(theirs.row | {"same_clearances_rate": sum(same) / len(same)})

@@ -10,13 +10,14 @@ from typing import NamedTuple
 import pyarrow as pa
 
 from skystack.errors import InputError
-from skystack.evaluation.elsewhere import TIME_LIMIT_S, FlownElsewhere, Job, fly_elsewhere
+from skystack.evaluation.elsewhere import FlownElsewhere, Job, fly_elsewhere
 from skystack.evaluation.rollout import NOBODY, Controller, fly, network_controller
 from skystack.evaluation.summary import Row, summarise
 from skystack.evaluation.tables import make_tables
 from skystack.files import make_folder
 from skystack.learning.experiment import Experiment, experiment_from
 from skystack.learning.policy import Policy
+from skystack.platforms.processes import TIME_LIMIT_S
 from skystack.platforms.registry import OWN, check_platform, flown_type, open_platform
 from skystack.simulator.scenario_file import DEFAULT_TYPE
 from skystack.tasks.build import build_task
@@ -111,9 +112,10 @@ def _judge(
 ) -> Judged:
     """Fly, make the tables, write them where wanted, and reduce them to the row."""
     begun = time.monotonic()
-    seed, episodes, stacking, greedy, platform, _ = conditions
+    platform, stacking = conditions.platform, conditions.stacking
     if platform == OWN:
-        flown = FlownElsewhere(fly(task, controller(), seed, episodes, stacking), {})
+        here = fly(task, controller(), conditions.seed, conditions.episodes, stacking)
+        flown = FlownElsewhere(here, {})
     else:
         flown = _fly_elsewhere(task, controller, conditions, out, on_scenario)
     wall_s = time.monotonic() - begun
@@ -121,7 +123,9 @@ def _judge(
     if out is not None:
         folder = evaluation_folder(out, name, trained_seed, stacking, platform)
         tables.write(folder, task.simulator.sector, task.settings.performance)
-    row = summarise(name, trained_seed, platform, stacking, greedy, wall_s, tables.episodes)
+    row = summarise(
+        name, trained_seed, platform, stacking, conditions.greedy, wall_s, tables.episodes
+    )
     return Judged(row, tables.episodes, tables.clearances, flown.failed)
 
 

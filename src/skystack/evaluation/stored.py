@@ -71,15 +71,17 @@ def stored_scenario(folder: Path, number: int) -> Scenario:
         folder / "aircraft.parquet", ("callsign", "type", "route", "exit_fl"), only
     )
     issued = read_table(folder / "clearances.parquet", ("cycle", "callsign", "kind", "value"), only)
-    cycles = read_table(folder / "episodes.parquet", ("cycles",), only)["cycles"][0].as_py()
+    episodes = read_table(folder / "episodes.parquet", ("cycles",), only)
     performance = (start.schema.metadata or {}).get(_PERFORMANCE, b"table").decode()
     if performance not in PERFORMANCE:
         raise InputError(f"{path}: unknown performance {performance!r} in its metadata")
     flown = {row.pop("callsign"): row for row in start.to_pylist()}
+    if episodes.num_rows != 1 or set(flown) != set(aircraft["callsign"].to_pylist()):
+        raise InputError(f"{folder}: its tables do not agree on scenario {number}")
     return Scenario(
         sector_of(path, start),
         performance,
-        cycles,
+        episodes["cycles"][0].as_py(),
         tuple(_aircraft(row, flown[row["callsign"]]) for row in aircraft.to_pylist()),
         tuple(_given(row) for row in issued.to_pylist()),
     )

@@ -155,7 +155,7 @@ def _clearance_table(task: LateralTask, recording: Recording) -> pa.Table:
     signs = callsigns(task)
     heading = np.rint(cleared).astype(np.int32)
     said = [
-        worded(signs[a], int(h), None, float(flying), actual_fl=0.0)
+        worded(signs[a], int(h), None, float(flying))
         for a, h, flying in zip(who, heading, actual, strict=True)
     ]
     return pa.table(

@@ -30,8 +30,6 @@ _FAR_NM = 10_000.0
 class Bluebird:
     """Implements `skystack.platforms.protocol.Platform`; writes no files at all."""
 
-    name = "bluebird"
-
     def __init__(self) -> None:
         # Its warnings would reach standard error by Python's handler of last resort.
         logger = logging.getLogger("bluebird_dt")

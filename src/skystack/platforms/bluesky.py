@@ -23,12 +23,12 @@ from jaxtyping import Float
 from skystack.errors import InputError, PlatformError
 from skystack.platforms.bluesky_scenario import (
     STEP_S,
-    SUBSTITUTES,
+    check_flown_types,
     clearance_commands,
     start_commands,
 )
 from skystack.platforms.instruction import Instruction
-from skystack.platforms.protocol import Report, check_types
+from skystack.platforms.protocol import Report
 from skystack.simulator.performance import performance
 from skystack.simulator.scenario_file import Scenario
 from skystack.simulator.simulator import CYCLE_S
@@ -44,7 +44,6 @@ class BlueSky:
     BlueSky's state is its modules': one of these may be open in a process at a time.
     """
 
-    name = "bluesky"
     _is_open: ClassVar[bool] = False
 
     def __init__(self, folder: Path) -> None:
@@ -61,16 +60,16 @@ class BlueSky:
         BlueSky._is_open = True
         self._scenario: Scenario
         self._index: dict[str, int] = {}
+        self._callsigns: list[str] = []
         self._cleared_heading_deg = np.empty(0)
         self._cycle = 0
 
     def reset(self, scenario: Scenario) -> Report:
-        # BlueSky itself would silently fly another type in place of one that it does not know.
-        known = {*SUBSTITUTES, *map(str.upper, bluesky.traf.perf.coeff.actypes_fixwing)}
-        allowed = "a type of BlueSky's performance model, as B752"
-        check_types(scenario, known, "BlueSky", allowed)
+        check_flown_types(scenario)
         self._scenario, self._cycle = scenario, 0
         self._index = {one.callsign: index for index, one in enumerate(scenario.aircraft)}
+        # Names of our own: BlueSky's commands cannot say every callsign.
+        self._callsigns = [f"AC{index:04d}" for index in self._index.values()]
         self._cleared_heading_deg = np.full(len(self._index), np.nan)
         with _silent():
             bluesky.sim.reset()
@@ -104,9 +103,8 @@ class BlueSky:
             for _ in range(CYCLE_S // STEP_S):
                 bluesky.sim.step()
         self._cycle += 1
-        lost = [
-            one for one, index in self._index.items() if self._callsigns[index] not in _flying()
-        ]
+        flying = set(_flying())
+        lost = [one for one, index in self._index.items() if self._callsigns[index] not in flying]
         if lost:
             raise PlatformError(f"BlueSky has lost {', '.join(lost)}")
         if bluesky.sim.simt != self._cycle * CYCLE_S:
@@ -115,11 +113,6 @@ class BlueSky:
 
     def close(self) -> None:
         BlueSky._is_open = False
-
-    @property
-    def _callsigns(self) -> list[str]:
-        """BlueSky's names for the aircraft: its commands cannot say every callsign."""
-        return [f"AC{index:04d}" for index in self._index.values()]
 
     def _check_start(self) -> None:
         """Whether BlueSky flies what it was told to."""

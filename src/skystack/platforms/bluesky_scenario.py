@@ -13,6 +13,7 @@ import numpy as np
 from skystack.errors import InputError
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.languages import bluesky_commands
+from skystack.platforms.protocol import check_types
 from skystack.simulator.performance import (
     ConstantPerformance,
     Performance,
@@ -26,6 +27,14 @@ from skystack.simulator.simulator import CYCLE_S
 
 SUBSTITUTES = {"B753": "B752"}
 """What is flown in place of types that BlueSky's performance model lacks."""
+_FIXED_WING = """
+A124 A19N A20N A21N A306 A310 A318 A319 A320 A321 A332 A333 A343 A359 A388 AT72 AT75 AT76
+B37M B38M B39M B3XM B733 B734 B735 B737 B738 B739 B744 B748 B752 B762 B763 B772 B773 B77L
+B77W B788 B789 C25A C525 C550 C56X CRJ2 CRJ9 E145 E170 E190 E195 E290 E75L GL5T GLF5 GLF6
+LJ45 MD11 PC24 SU95
+"""
+TYPES = frozenset(_FIXED_WING.split())
+"""Fixed-wing types that BlueSky knows (OpenAP 2.6); it silently flies another for any other."""
 STEP_S = 1
 """BlueSky's time step."""
 _CRUISE = 1
@@ -35,6 +44,12 @@ _CALLSIGN = re.compile(r"[A-Z0-9]+")
 def flown_type(aircraft_type: str) -> str:
     """The type that BlueSky flies for an aircraft of a type."""
     return SUBSTITUTES.get(aircraft_type, aircraft_type)
+
+
+def check_flown_types(scenario: Scenario) -> None:
+    """Raise InputError for an aircraft type that BlueSky would silently replace."""
+    allowed = f"a type that it knows, as {', '.join(SUBSTITUTES.values())}"
+    check_types(scenario, TYPES | set(SUBSTITUTES), "BlueSky", allowed)
 
 
 def selected_speed(model: Performance, fl: float) -> str:
@@ -89,9 +104,11 @@ def clearance_commands(instruction: Instruction, model: Performance) -> list[str
 def scenario_text(scenario: Scenario) -> str:
     """The text of a BlueSky scenario file (`.scn`) that flies a scenario with its clearances.
 
-    Raises InputError for what such a file cannot say: a callsign other than capital letters and
-    digits, and a direction of turn, which BlueSky chooses itself.
+    Raises InputError for what such a file cannot say: a type that BlueSky does not know, a callsign
+    other than capital letters and digits, a direction of turn, which BlueSky chooses itself. A
+    file cannot know how high BlueSky lets a type climb.
     """
+    check_flown_types(scenario)
     for aircraft in scenario.aircraft:
         if not _CALLSIGN.fullmatch(aircraft.callsign):
             raise InputError(

@@ -53,18 +53,19 @@ def worded(
     heading_deg: int | None,
     level_fl: int | None,
     actual_heading_deg: float,
-    actual_fl: float,
+    actual_fl: float | None = None,
     turn: Literal["left", "right"] | None = None,
 ) -> Instruction:
     """An instruction with the words that the aircraft's present state calls for.
 
-    `turn` is given where the direction is to be obeyed; without it the shorter way is said.
+    `turn` is given where the direction is to be obeyed; without it the shorter way is said. The
+    actual level is needed only with a level.
     """
     if heading_deg is not None and turn is None:
         said = shorter_turn(actual_heading_deg, heading_deg % 360)
     else:
         said = turn
     vertical: Literal["climb", "descend"] | None = None
-    if level_fl is not None and level_fl != actual_fl:
+    if level_fl is not None and actual_fl is not None and level_fl != actual_fl:
         vertical = "climb" if level_fl > actual_fl else "descend"
     return Instruction(callsign, heading_deg, said, turn is not None, level_fl, vertical)

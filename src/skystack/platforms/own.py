@@ -28,8 +28,6 @@ TYPES = (DEFAULT_TYPE,)
 class Skystack:
     """Implements `skystack.platforms.protocol.Platform`."""
 
-    name = "skystack"
-
     def __init__(self) -> None:
         self._scenario: Scenario
         self._traffic: Traffic

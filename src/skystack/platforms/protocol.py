@@ -40,10 +40,8 @@ class Platform(Protocol):
     """A simulator that flies scenarios, one after another; see the module's docstring.
 
     It prints nothing, writes only into the folder it was opened with, and flies a scenario the
-    same whatever was flown before.
+    same whatever was flown before. Anything may raise PlatformError: the simulator itself failed.
     """
-
-    name: str
 
     def reset(self, scenario: Scenario) -> Report:
         """Begin a scenario; its clearances are for the caller to issue.
@@ -58,7 +56,7 @@ class Platform(Protocol):
         """
 
     def advance(self) -> Report:
-        """Fly one cycle. Raises PlatformError when the simulator has lost an aircraft."""
+        """Fly one cycle. An aircraft that the simulator has lost is a PlatformError."""
 
     def close(self) -> None:
         """Give back what is held."""

@@ -1,44 +1,55 @@
 """The platforms by name. Their packages are extras: each adapter is imported when it is opened."""
 
 from collections.abc import Iterable
-from importlib.util import find_spec
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from skystack.errors import InputError, unknown_name
 from skystack.platforms.bluesky_scenario import flown_type as bluesky_flown_type
+from skystack.platforms.guard import Guarded
 from skystack.platforms.protocol import Platform
 from skystack.simulator.scenario_file import DEFAULT_TYPE
 
 OWN = "skystack"
 PLATFORMS = (OWN, "bluebird", "bluesky")
-_PACKAGES = {
-    "bluebird": ("bluebird_dt", "bluebird-dt"),
-    "bluesky": ("bluesky", "bluesky-simulator"),
+_NEEDS = {
+    "bluebird": ("bluebird-dt", "pebble"),
+    "bluesky": ("bluesky-simulator", "pebble"),
 }
-"""Module and distribution of each extra; extra and platform have one name."""
+"""Distributions of each extra; extra and platform have one name."""
 
 
 def check_platform(name: str) -> None:
     """Raise InputError for a platform that does not exist or whose extra is not installed."""
     if name not in PLATFORMS:
         raise unknown_name("platform", name, PLATFORMS)
-    if name == OWN:
-        return
-    module, distribution = _PACKAGES[name]
-    missing = [package for package in (module, "pebble") if find_spec(package) is None]
+    # By distribution: other packages go by the name of BlueSky's module.
+    missing = [each for each in _NEEDS.get(name, ()) if not _installed(each)]
     if missing:
         raise InputError(
-            f"platform {name} needs {distribution}, which is not installed "
-            f"(install the extra: pip install 'skystack[{name}]')"
+            f"platform {name} needs {' and '.join(missing)}, not installed here "
+            f"(install skystack with the extra [{name}])"
         )
+
+
+def _installed(distribution: str) -> bool:
+    try:
+        return bool(version(distribution))
+    except PackageNotFoundError:
+        return False
 
 
 def open_platform(name: str, folder: Path) -> Platform:
     """A platform ready to fly; it writes, if at all, into `folder`, which must exist.
 
-    Raises InputError as `check_platform` does.
+    Raises InputError as `check_platform` does, PlatformError when it does not start.
     """
     check_platform(name)
+    return Guarded(partial(_open, name, folder))
+
+
+def _open(name: str, folder: Path) -> Platform:
     if name == "bluebird":
         from skystack.platforms.bluebird import Bluebird  # noqa: PLC0415
 

@@ -72,6 +72,7 @@ def _page(run: Run, drawn: set[str]) -> str:
         tiles=_tiles(run),
         comparison=tables.comparison(results.rows, run.bound),
         platforms=tables.platforms(results.platforms),
+        flown_in={row.platform for row in results.platforms},
         by_seed=tables.by_seed(results),
         trainings=tables.trainings(results),
         took=tables.duration(results.wall_s),

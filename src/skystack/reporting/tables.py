@@ -106,6 +106,7 @@ def platforms(rows: Sequence[Row]) -> Table:
     """The same policies on the same scenarios in several simulators, one line each."""
     header = (
         "row",
+        "paper",
         "simulator",
         "clearances",
         "success",
@@ -117,6 +118,7 @@ def platforms(rows: Sequence[Row]) -> Table:
     lines = [
         (
             row.policy,
+            _paper(row),
             SIMULATORS.get(row.platform, row.platform),
             mean_and_std(row.clearances_mean, row.clearances_std),
             percent(row.success_rate),

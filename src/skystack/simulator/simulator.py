@@ -40,6 +40,7 @@ class Simulator:
     performance: Performance
     own_navigation: bool = False
     """Whether any aircraft may follow its route by itself; left out of the program if not."""
+    turn_rate_deg_s: float = TURN_RATE_DEG_S
 
     def advance(self, traffic: Traffic) -> Traffic:
         """One radar cycle of 6 s: active aircraft fly, then adopt what they are cleared to."""
@@ -60,7 +61,7 @@ class Simulator:
         rate = self.performance.vertical_speed_ft_min(traffic.level, phase)
         ground_speed = jnp.sqrt(airspeed**2 - (rate * _KT_PER_FT_MIN) ** 2)
         traffic = traffic._replace(ground_speed_kt=ground_speed, vertical_speed_ft_min=rate)
-        turn_rate = jnp.full_like(rate, TURN_RATE_DEG_S)
+        turn_rate = jnp.full_like(rate, self.turn_rate_deg_s)
         if self.own_navigation:
             traffic, turn_rate = steer(
                 traffic, self.sector.route_table, turn_rate, self.performance.route_end_nm
