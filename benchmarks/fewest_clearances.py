@@ -39,7 +39,7 @@ from skystack.seeds import scenario_key
 from skystack.simulator.traffic import Traffic
 from skystack.tasks.actions import STEP_DEG, TurnTable
 from skystack.tasks.build import build_task
-from skystack.tasks.lateral import LateralState, LateralTask
+from skystack.tasks.navigation import NavigationState, NavigationTask
 from skystack.tasks.settings import TaskSettings
 
 MOST = 2
@@ -67,7 +67,7 @@ _compiled = partial(jax.jit, static_argnums=0)
 class Search:
     """Searches for the clearances that one aircraft needs in a lateral task."""
 
-    def __init__(self, task: LateralTask) -> None:
+    def __init__(self, task: NavigationTask) -> None:
         """Raises ValueError for a task of more than one aircraft."""
         if task.scenarios.aircraft != 1:
             raise ValueError(f"a task of {task.scenarios.aircraft} aircraft (allowed: 1)")
@@ -79,7 +79,7 @@ class Search:
         plans = (self.find(state, clearances) for clearances in range(most + 1))
         return next((plan for plan in plans if plan is not None), None)
 
-    def find(self, state: LateralState, clearances: int) -> Plan | None:
+    def find(self, state: NavigationState, clearances: int) -> Plan | None:
         """The first plan of so many clearances that succeeds from here on; None if none does."""
         if clearances == 0:
             return () if self.succeeds(state) else None
@@ -87,13 +87,13 @@ class Search:
         if clearances == 1:
             return self._find_one(path, int(flying))
         for row in range(int(flying)):
-            for action in range(1, len(TURNS.turns) + 1):
+            for action in range(1, len(TURNS.changes) + 1):
                 rest = self.find(self.instruct(path, row, action), clearances - 1)
                 if rest is not None:
                     return (_turn(path, row, action), *rest)
         return None
 
-    def _find_one(self, path: LateralState, flying: int) -> Plan | None:
+    def _find_one(self, path: NavigationState, flying: int) -> Plan | None:
         for first in range(0, flying, BATCH_CYCLES):
             found = np.argwhere(self.one_clearance(path, first))
             if found.size:
@@ -102,18 +102,18 @@ class Search:
         return None
 
     @_compiled
-    def begin(self, traffic: Traffic) -> LateralState:
+    def begin(self, traffic: Traffic) -> NavigationState:
         """The state at cycle 0."""
         return self.task.begin(traffic)
 
     @_compiled
-    def succeeds(self, state: LateralState) -> Bool[Array, ""]:
+    def succeeds(self, state: NavigationState) -> Bool[Array, ""]:
         """Whether the flight goes on to a success without another word."""
         memory = jax.lax.while_loop(self._in_play, self._advance, state).memory
         return jnp.all(memory.exited_correctly & ~memory.strayed)
 
     @_compiled
-    def fly(self, state: LateralState) -> tuple[LateralState, Int[Array, ""]]:
+    def fly(self, state: NavigationState) -> tuple[NavigationState, Int[Array, ""]]:
         """The states `[rows]` before every cycle flown without another word, the present one first.
 
         Also how many of them are in play. There are as many rows as the task has cycles, rounded
@@ -124,46 +124,46 @@ class Search:
         return path, jnp.sum(jax.vmap(self._in_play)(path))
 
     @_compiled
-    def instruct(self, path: LateralState, row: int, action: int) -> LateralState:
+    def instruct(self, path: NavigationState, row: int, action: int) -> NavigationState:
         """One state of a path with an action of `TURNS` given."""
         return self.task.instruct(jax.tree.map(lambda rows: rows[row], path), jnp.asarray(action))
 
     @_compiled
-    def one_clearance(self, path: LateralState, first: int) -> Bool[Array, "cycles turns"]:
+    def one_clearance(self, path: NavigationState, first: int) -> Bool[Array, "cycles turns"]:
         """Which single clearances succeed, in the batch of states that begins at row `first`.
 
         Column k is action k + 1 of `TURNS`.
         """
 
-        def by_turn(state: LateralState) -> Bool[Array, " turns"]:
+        def by_turn(state: NavigationState) -> Bool[Array, " turns"]:
             told = jax.vmap(self.task.instruct, (None, 0))(state, actions)
             succeeds: Array = jax.vmap(self.succeeds)(told)
             return self._in_play(state) & succeeds
 
-        actions = jnp.arange(len(TURNS.turns)) + 1
+        actions = jnp.arange(len(TURNS.changes)) + 1
         batch = jax.tree.map(
             lambda rows: jax.lax.dynamic_slice_in_dim(rows, first, BATCH_CYCLES), path
         )
         return jax.vmap(by_turn)(batch)
 
-    def _in_play(self, state: LateralState) -> Bool[Array, ""]:
+    def _in_play(self, state: NavigationState) -> Bool[Array, ""]:
         """Whether a success is still possible: neither out, nor strayed, nor out of time."""
         flying = jnp.all(state.traffic.active & ~state.memory.strayed)
         return flying & (state.memory.cycles < self.task.settings.cycles)
 
-    def _advance(self, state: LateralState) -> LateralState:
+    def _advance(self, state: NavigationState) -> NavigationState:
         return self.task.advance(state)[0]
 
 
-def _turn(path: LateralState, row: int, action: int) -> Turn:
-    _, turn_deg = TURNS.turns[action - 1]
+def _turn(path: NavigationState, row: int, action: int) -> Turn:
+    _, turn_deg = TURNS.changes[action - 1]
     return Turn(int(path.memory.cycles[row]), turn_deg)
 
 
-def draw(task: LateralTask, seed: int, scenarios: int) -> list[list[Traffic]]:
+def draw(task: NavigationTask, seed: int, scenarios: int) -> list[list[Traffic]]:
     """The scenarios of an evaluation seed; each is one traffic of its own per aircraft."""
     keys = jnp.stack([scenario_key(seed, number) for number in range(scenarios)])
-    drawn = jax.tree.map(np.asarray, jax.jit(jax.vmap(task.scenarios.draw))(keys))
+    drawn = jax.tree.map(np.asarray, jax.jit(jax.vmap(task.scenarios.draw))(keys).traffic)
 
     def alone(scenario: int, aircraft: int) -> Traffic:
         rows: Traffic = jax.tree.map(lambda x: x[scenario, aircraft : aircraft + 1], drawn)

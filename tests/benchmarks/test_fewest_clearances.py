@@ -18,7 +18,7 @@ from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import start, ticks
 from skystack.tasks.actions import small_turns
 from skystack.tasks.build import build_task
-from skystack.tasks.lateral import LateralTask
+from skystack.tasks.navigation import NavigationTask
 from skystack.tasks.settings import TaskSettings
 
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "fewest_clearances.py"
@@ -95,7 +95,7 @@ def staircase():
     )
     simulator = Simulator(sector, ConstantPerformance())
     settings = TaskSettings(aircraft=1, cycles=75)
-    return LateralTask(settings, simulator, LateralScenarios(simulator, 1), small_turns(1))
+    return NavigationTask(settings, simulator, LateralScenarios(simulator, 1), small_turns(1))
 
 
 @pytest.fixture(scope="module")
@@ -156,7 +156,7 @@ def test_one_clearance_agrees_with_brute_force(staircase, staircase_search):
     expected = np.zeros_like(found)
     for cycle in range(int(flying)):
         plans = [
-            [(fewest_clearances.Turn(cycle, turn),)] for _, turn in fewest_clearances.TURNS.turns
+            [(fewest_clearances.Turn(cycle, turn),)] for _, turn in fewest_clearances.TURNS.changes
         ]
         ended, metrics = fly(traffic, np.stack([schedule(staircase, plan) for plan in plans]))
         assert ended.all()

@@ -30,7 +30,7 @@ def report(**changes):
 
 
 def drawn():
-    return TASK.scenarios.draw(scenario_key(0, 3))
+    return TASK.scenarios.draw(scenario_key(0, 3)).traffic
 
 
 def test_a_report_is_read_as_it_stands():
@@ -59,7 +59,7 @@ def test_who_has_left_stays_as_it_was():
 def test_a_drawn_scenario_begins_on_a_platform_where_it_was_drawn():
     before = drawn()
     callsigns = ["AC1", "AC2"]
-    scenario = scenario_of(before, TASK.simulator, "table", 300, callsigns)
+    scenario = scenario_of(before, TASK.simulator, "table", 300, callsigns, before.level)
     start = traffic_of(Skystack().reset(scenario), before, PLANE)
     for name, old in before._asdict().items():
         np.testing.assert_allclose(getattr(start, name), old, rtol=1e-6, atol=1e-5, err_msg=name)

@@ -23,7 +23,7 @@ def scenarios(aircraft=2):
     """Many scenarios' traffic, `[scenario, aircraft]`."""
     lateral = LateralScenarios(flights("table").simulator, aircraft=aircraft)
     keys = jax.random.split(jax.random.key(7), SCENARIOS)
-    return jax.tree.map(np.asarray, jax.jit(jax.vmap(lateral.draw))(keys))
+    return jax.tree.map(np.asarray, jax.jit(jax.vmap(lateral.draw))(keys).traffic)
 
 
 def offset_nm(traffic):
@@ -112,7 +112,7 @@ def test_every_route_is_flown_by_either_aircraft():
 
 def test_the_same_key_draws_the_same_scenario_and_another_another():
     lateral = LateralScenarios(flights("table").simulator)
-    draw = jax.jit(lateral.draw)
+    draw = jax.jit(lambda key: lateral.draw(key).traffic)
     once, again = draw(jax.random.key(3)), draw(jax.random.key(3))
     for a, b in zip(once, again, strict=True):
         assert np.array_equal(a, b)
@@ -121,7 +121,7 @@ def test_the_same_key_draws_the_same_scenario_and_another_another():
 
 def test_settings_are_followed():
     lateral = LateralScenarios(flights("constant").simulator, aircraft=3, level_fl=250, disc_nm=1.0)
-    traffic = jax.jit(lateral.draw)(jax.random.key(0))
+    traffic = jax.jit(lateral.draw)(jax.random.key(0)).traffic
     assert traffic.level.tolist() == [250.0 * TICKS_PER_FL] * 3
     assert traffic.ground_speed_kt.tolist() == [400.0] * 3
     assert np.linalg.norm(offset_nm(jax.tree.map(np.asarray, traffic)), axis=-1).max() <= 1.0

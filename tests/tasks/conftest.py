@@ -8,7 +8,7 @@ import pytest
 
 from skystack.simulator.traffic import Traffic, start, ticks
 from skystack.tasks.build import build_task
-from skystack.tasks.lateral import LateralTask
+from skystack.tasks.navigation import NavigationTask
 from skystack.tasks.settings import TaskSettings
 
 STRAIGHT = ("HERON", "CRANE", "EGL", "MACAW", "QUAIL", "SWIFT")
@@ -19,12 +19,12 @@ Builder = Callable[..., Traffic]
 
 
 @pytest.fixture(scope="session")
-def task() -> LateralTask:
+def task() -> NavigationTask:
     return build_task(TaskSettings())
 
 
 @pytest.fixture(scope="session")
-def traffic_on(task: LateralTask) -> Builder:
+def traffic_on(task: NavigationTask) -> Builder:
     """Aircraft on given routes at their first fixes, or at given positions and headings."""
 
     def build(*routes, positions=None, headings=None, fl=300.0) -> Traffic:

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PRNGKeyArray
+from numpy.typing import ArrayLike
 
 from skystack.errors import InputError, PlatformError
 from skystack.evaluation.rollout import Controller, Recording, keep, query_keys, together
@@ -18,16 +19,17 @@ from skystack.platforms.instruction import worded
 from skystack.platforms.processes import TIME_LIMIT_S, in_processes
 from skystack.platforms.protocol import Platform
 from skystack.seeds import scenario_key
+from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import Traffic
 from skystack.stacking import Stack, stack_traced
 from skystack.tasks.contract import Outcome
-from skystack.tasks.lateral import LateralState, LateralTask
+from skystack.tasks.navigation import NavigationState, NavigationTask
 
 
 class Job(NamedTuple):
     """What a process needs to fly scenarios; picklable."""
 
-    task: LateralTask
+    task: NavigationTask
     controller: Callable[[], Controller]
     """Makes the controller, in the process."""
     stacking: bool
@@ -54,14 +56,14 @@ class Pilot:
         policy = partial(controller.decide, controller.weights)
         limit = None if job.stacking else 1
 
-        def decide(state: LateralState, key: PRNGKeyArray) -> tuple[LateralState, Stack]:
+        def decide(state: NavigationState, key: PRNGKeyArray) -> tuple[NavigationState, Stack]:
             return stack_traced(self._task, policy, state, key, limit)
 
         def judge(
-            told: LateralState, stack: Stack, flown: Traffic
-        ) -> tuple[LateralState, Outcome, tuple[Any, ...]]:
+            told: NavigationState, stack: Stack, flown: Traffic
+        ) -> tuple[NavigationState, Outcome, tuple[Any, ...]]:
             state, outcome = self._task.judge(told.memory, flown)
-            kept = keep(told, stack, state, outcome, jnp.zeros((), dtype=bool))
+            kept = keep(stack, state, outcome, jnp.zeros((), dtype=bool))
             return state, outcome, kept
 
         self._reset = jax.jit(self._task.reset)
@@ -85,13 +87,14 @@ class Pilot:
     def _fly(self, number: int) -> Recording:
         task, plane = self._task, self._task.simulator.sector.plane
         key = scenario_key(self._job.seed, number)
-        state: LateralState = jax.device_get(self._reset(key))
+        state: NavigationState = jax.device_get(self._reset(key))
         scenario = scenario_of(
             state.traffic,
             task.simulator,
             task.settings.performance,
             task.settings.cycles,
             callsigns(task),
+            state.memory.exit_level,
         )
         report = self._platform.reset(scenario)
         start = traffic_of(report, state.traffic, plane)
@@ -106,27 +109,38 @@ class Pilot:
             rows.append(kept)
             if outcome.terminated:
                 break
-        return _recording(number, start, rows, task.settings.cycles)
+        return _recording(number, start, state.memory.exit_level, rows, task.settings.cycles)
 
     def _issue(self, told: Traffic, stack: Stack) -> None:
-        aircraft = self._task.actions.turns[int(stack.action) - 1][0]
-        instruction = worded(
-            callsigns(self._task)[aircraft],
-            int(np.rint(told.cleared_heading_deg[aircraft])) % 360,
-            None,
-            float(told.heading_deg[aircraft]),
-        )
+        actions = self._task.actions
+        aircraft = actions.changes[int(stack.action) - 1][0]
+        callsign = callsigns(self._task)[aircraft]
+        if actions.kind == "level":
+            cleared_fl = int(np.rint(told.cleared_level[aircraft] / TICKS_PER_FL))
+            actual_fl = float(told.level[aircraft] / TICKS_PER_FL)
+            instruction = worded(callsign, None, cleared_fl, 0.0, actual_fl)
+        else:
+            cleared_deg = int(np.rint(told.cleared_heading_deg[aircraft])) % 360
+            actual_deg = float(told.heading_deg[aircraft])
+            instruction = worded(callsign, cleared_deg, None, actual_deg)
         self._platform.issue(instruction)
 
 
 def _recording(
-    number: int, start: Traffic, rows: Sequence[tuple[Any, ...]], cycles: int
+    number: int,
+    start: Traffic,
+    exit_level: ArrayLike,
+    rows: Sequence[tuple[Any, ...]],
+    cycles: int,
 ) -> Recording:
     """Rows of one scenario as a recording of full length: the last repeats, but nothing happens."""
     missing = cycles - len(rows)
     kept = jax.tree.map(lambda *values: np.stack([*values, *values[-1:] * missing])[None], *rows)
     recording = Recording(
-        np.array([number], dtype=np.int32), jax.tree.map(lambda row: row[None], start), *kept
+        np.array([number], dtype=np.int32),
+        jax.tree.map(lambda row: row[None], start),
+        np.asarray(exit_level)[None],
+        *kept,
     )
     ran = np.arange(cycles) < len(rows)
     return recording._replace(

@@ -21,7 +21,7 @@ from skystack.platforms.processes import TIME_LIMIT_S
 from skystack.platforms.registry import OWN, check_platform, flown_type, open_platform
 from skystack.simulator.scenario_file import DEFAULT_TYPE
 from skystack.tasks.build import build_task
-from skystack.tasks.lateral import LateralTask
+from skystack.tasks.navigation import NavigationTask
 
 DO_NOTHING = "do-nothing"
 
@@ -49,7 +49,7 @@ class Judged(NamedTuple):
     """Scenarios that the platform did not finish, and why; they are in neither."""
 
 
-def task_of(policy: Policy) -> LateralTask:
+def task_of(policy: Policy) -> NavigationTask:
     """The task that a policy was trained for, as it is flown.
 
     Raises InputError when this version's task is another one than the policy's.
@@ -104,7 +104,7 @@ def evaluation_folder(
 def _judge(
     name: str,
     trained_seed: int,
-    task: LateralTask,
+    task: NavigationTask,
     controller: Callable[[], Controller],
     conditions: Conditions,
     out: Path | None,
@@ -130,7 +130,7 @@ def _judge(
 
 
 def _fly_elsewhere(
-    task: LateralTask,
+    task: NavigationTask,
     controller: Callable[[], Controller],
     conditions: Conditions,
     out: Path | None,

@@ -14,7 +14,7 @@ from skystack.seeds import scenario_key
 from skystack.simulator.traffic import Traffic
 from skystack.stacking import Stack, stack_traced
 from skystack.tasks.contract import NO_ACTION, Metrics, Outcome
-from skystack.tasks.lateral import LateralState, LateralTask
+from skystack.tasks.navigation import NavigationState, NavigationTask
 
 SCENARIOS_AT_ONCE = 1000
 _POLICY = 0x90_11C7
@@ -57,6 +57,8 @@ class Recording(NamedTuple):
     """Of the scenario, under the evaluation seed."""
     start: Traffic
     """Cycle 0, `[scenarios, aircraft]`."""
+    exit_level: Float[np.ndarray, "scenarios aircraft"]
+    """At which they are to leave, in ticks."""
     traffic: Traffic
     """After each cycle."""
     entered: Bool[np.ndarray, "scenarios cycles aircraft"]
@@ -66,8 +68,6 @@ class Recording(NamedTuple):
     """The instruction that was stacked before the cycle was flown."""
     instructions: Int[np.ndarray, "scenarios cycles"]
     """How many of them: 0, and nothing was issued."""
-    heading_when_cleared_deg: Float[np.ndarray, "scenarios cycles aircraft"]
-    """The actual headings when the clearance was given."""
     ran: Bool[np.ndarray, "scenarios cycles"]
     """Whether the scenario was still going on in the cycle."""
     reward: Float[np.ndarray, "scenarios cycles"]
@@ -75,9 +75,14 @@ class Recording(NamedTuple):
     metrics: Metrics
     """At the end, `[scenarios]`."""
 
+    def before(self, name: str) -> np.ndarray:
+        """A field of the traffic before each cycle, when its clearance was given."""
+        start, later = getattr(self.start, name), getattr(self.traffic, name)
+        return np.concatenate([np.asarray(start)[:, None], np.asarray(later)[:, :-1]], axis=1)
+
 
 def fly(
-    task: LateralTask,
+    task: NavigationTask,
     controller: Controller,
     seed: int,
     scenarios: int,
@@ -102,13 +107,13 @@ def together(parts: Sequence[Recording]) -> Recording:
     return whole
 
 
-def query_keys(task: LateralTask, key: PRNGKeyArray) -> Key[Array, " cycles"]:
+def query_keys(task: NavigationTask, key: PRNGKeyArray) -> Key[Array, " cycles"]:
     """A scenario's keys for a policy that samples, one a cycle."""
     return jax.random.split(jax.random.fold_in(key, _POLICY), task.settings.cycles)
 
 
 def keep(
-    told: LateralState, stack: Stack, flown: LateralState, outcome: Outcome, over: Bool[Array, ""]
+    stack: Stack, flown: NavigationState, outcome: Outcome, over: Bool[Array, ""]
 ) -> tuple[Any, ...]:
     """What a recording keeps of a cycle, in its order; `over`: the scenario had ended before."""
     return (
@@ -118,7 +123,6 @@ def keep(
         flown.memory.strayed,
         stack.action,
         jnp.where(over, 0, stack.instructions),
-        told.traffic.heading_deg,
         ~over,
         jnp.where(over, 0.0, outcome.reward),
         outcome.metrics,
@@ -126,7 +130,7 @@ def keep(
 
 
 def _fly_one(
-    task: LateralTask,
+    task: NavigationTask,
     decide: Callable[[Any, Array, PRNGKeyArray], Array],
     limit: int | None,
     weights: Any,
@@ -134,20 +138,20 @@ def _fly_one(
     number: Int[Array, ""],
 ) -> Recording:
     """One scenario to its end; cycles after it repeat its last state."""
-    start: LateralState = task.reset(key)
+    start: NavigationState = task.reset(key)
     policy = partial(decide, weights)
 
     def cycle(
-        carry: tuple[LateralState, Bool[Array, ""]], key: PRNGKeyArray
-    ) -> tuple[tuple[LateralState, Bool[Array, ""]], tuple[Any, ...]]:
+        carry: tuple[NavigationState, Bool[Array, ""]], key: PRNGKeyArray
+    ) -> tuple[tuple[NavigationState, Bool[Array, ""]], tuple[Any, ...]]:
         state, over = carry
         told, stack = stack_traced(task, policy, state, key, limit)
         flown, outcome = task.advance(told)
         state = jax.tree.map(lambda new, old: jnp.where(over, old, new), flown, state)
-        return (state, over | outcome.terminated), keep(told, stack, state, outcome, over)
+        return (state, over | outcome.terminated), keep(stack, state, outcome, over)
 
     over = jnp.zeros((), dtype=bool)
     _, kept = jax.lax.scan(cycle, (start, over), query_keys(task, key))
-    recording = Recording(number, start.traffic, *kept)  # type: ignore[arg-type]
+    recording = Recording(number, start.traffic, start.memory.exit_level, *kept)  # type: ignore[arg-type]
     last = jnp.sum(recording.ran) - 1
     return recording._replace(metrics=jax.tree.map(lambda values: values[last], recording.metrics))

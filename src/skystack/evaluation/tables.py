@@ -8,6 +8,7 @@ import jax
 import numpy as np
 import pyarrow as pa
 from jaxtyping import Int
+from numpy.typing import ArrayLike
 
 from skystack.airspace.sector import Sector
 from skystack.evaluation.rollout import Recording
@@ -19,7 +20,7 @@ from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.scenario_file import DEFAULT_TYPE
 from skystack.simulator.simulator import CYCLE_S
 from skystack.simulator.traffic import Traffic, trajectory_columns
-from skystack.tasks.lateral import LateralTask
+from skystack.tasks.navigation import NavigationTask
 from skystack.tasks.rewards import MAX_INSTRUCTIONS
 from skystack.tasks.tracking import SEPARATION_NM
 
@@ -42,7 +43,9 @@ class Tables:
             write_table(folder / f"{name}.parquet", table, sector, performance)
 
 
-def make_tables(task: LateralTask, recording: Recording, flown_type: str = DEFAULT_TYPE) -> Tables:
+def make_tables(
+    task: NavigationTask, recording: Recording, flown_type: str = DEFAULT_TYPE
+) -> Tables:
     """All four tables of what was flown, by aircraft of one type."""
     return Tables(
         episodes=episode_table(task, recording),
@@ -52,12 +55,12 @@ def make_tables(task: LateralTask, recording: Recording, flown_type: str = DEFAU
     )
 
 
-def callsigns(task: LateralTask) -> list[str]:
+def callsigns(task: NavigationTask) -> list[str]:
     """AC1, AC2, ..."""
     return [f"AC{number + 1}" for number in range(task.scenarios.aircraft)]
 
 
-def episode_table(task: LateralTask, recording: Recording) -> pa.Table:
+def episode_table(task: NavigationTask, recording: Recording) -> pa.Table:
     """One row a scenario. The count criterion counts clearances here, not instructions."""
     metrics = recording.metrics
     issued = clearances_by_aircraft(task, recording)
@@ -83,32 +86,31 @@ def episode_table(task: LateralTask, recording: Recording) -> pa.Table:
 
 
 def clearances_by_aircraft(
-    task: LateralTask, recording: Recording
+    task: NavigationTask, recording: Recording
 ) -> Int[np.ndarray, "scenarios aircraft"]:
     """How many clearances each aircraft was given."""
-    addressed = np.array([-1, *(aircraft for aircraft, _ in task.actions.turns)])
+    addressed = np.array([-1, *(aircraft for aircraft, _ in task.actions.changes)])
     who = np.where(recording.instructions > 0, addressed[recording.action], -1)
     numbers = np.arange(task.scenarios.aircraft)
     return (who[:, :, None] == numbers).sum(axis=1)
 
 
-def _aircraft_table(task: LateralTask, recording: Recording, flown_type: str) -> pa.Table:
+def _aircraft_table(task: NavigationTask, recording: Recording, flown_type: str) -> pa.Table:
     scenarios, count = recording.start.level.shape
     routes = [" ".join(route) for route in task.simulator.sector.routes]
-    level = np.rint(recording.start.level / TICKS_PER_FL).astype(np.int32).reshape(-1)
     return pa.table(
         {
             "scenario": np.repeat(recording.number, count),
             "callsign": _repeated(callsigns(task), scenarios),
             "type": _repeated([flown_type] * count, scenarios),
             "route": pa.array(np.array(routes)[recording.start.route.reshape(-1)]),
-            "entry_fl": level,
-            "exit_fl": level,
+            "entry_fl": _flight_levels(recording.start.level).reshape(-1),
+            "exit_fl": _flight_levels(recording.exit_level).reshape(-1),
         }
     )
 
 
-def _trajectory_table(task: LateralTask, recording: Recording) -> pa.Table:
+def _trajectory_table(task: NavigationTask, recording: Recording) -> pa.Table:
     """One row per aircraft and cycle until the scenario's end; row 0 is the start."""
     traffic: Traffic = jax.tree.map(
         lambda start, later: np.concatenate([start[:, None], later], axis=1),
@@ -145,18 +147,22 @@ def _status(recording: Recording) -> Int[np.ndarray, "scenarios rows aircraft"]:
     return np.concatenate([start, status], axis=1).astype(np.int8)
 
 
-def _clearance_table(task: LateralTask, recording: Recording) -> pa.Table:
+def _clearance_table(task: NavigationTask, recording: Recording) -> pa.Table:
     """One row a clearance, in the order issued."""
     scenario, cycle = np.nonzero(recording.instructions > 0)
-    turns = np.array([(-1, 0), *task.actions.turns])[recording.action[scenario, cycle]]
-    who = turns[:, 0]
-    cleared = np.asarray(recording.traffic.cleared_heading_deg)[scenario, cycle, who]
-    actual = recording.heading_when_cleared_deg[scenario, cycle, who]
-    signs = callsigns(task)
-    heading = np.rint(cleared).astype(np.int32)
+    who = np.array([(-1, 0), *task.actions.changes])[recording.action[scenario, cycle]][:, 0]
+    at, kind, signs = (scenario, cycle, who), task.actions.kind, callsigns(task)
+    if kind == "level":
+        value = _flight_levels(np.asarray(recording.traffic.cleared_level)[at])
+        actual = recording.before("level")[at] / TICKS_PER_FL
+    else:
+        value = np.rint(np.asarray(recording.traffic.cleared_heading_deg)[at]).astype(np.int32)
+        actual = recording.before("heading_deg")[at]
     said = [
-        worded(signs[a], int(h), None, float(flying))
-        for a, h, flying in zip(who, heading, actual, strict=True)
+        worded(signs[a], None, int(v), 0.0, float(now))
+        if kind == "level"
+        else worded(signs[a], int(v), None, float(now))
+        for a, v, now in zip(who, value, actual, strict=True)
     ]
     return pa.table(
         {
@@ -164,13 +170,17 @@ def _clearance_table(task: LateralTask, recording: Recording) -> pa.Table:
             "cycle": cycle.astype(np.int32),
             "transmission": _running_number(scenario),
             "callsign": pa.DictionaryArray.from_arrays(who.astype(np.int32), signs),
-            "kind": pa.array(["heading"] * len(who), type=pa.string()),
-            "value": heading,
-            "direction": pa.array([each.turn for each in said], type=pa.string()),
+            "kind": pa.array([kind] * len(who), type=pa.string()),
+            "value": value,
+            "direction": pa.array([each.turn or each.vertical for each in said], type=pa.string()),
             "instructions": recording.instructions[scenario, cycle].astype(np.int32),
             "text": pa.array([written(each) for each in said], type=pa.string()),
         }
     )
+
+
+def _flight_levels(ticks: ArrayLike) -> Int[np.ndarray, "*n"]:
+    return np.rint(np.asarray(ticks) / TICKS_PER_FL).astype(np.int32)
 
 
 def _running_number(scenario: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:

@@ -77,8 +77,14 @@ def experiment_from(values: Mapping[str, Any], where: str) -> Experiment:
 
 def resolved(experiment: Experiment) -> dict[str, Any]:
     """The experiment with every default as plain values; what is absent is left out."""
-    values = msgspec.to_builtins(experiment)
-    return {key: value for key, value in values.items() if value is not None}
+    values: dict[str, Any] = _without_absent(msgspec.to_builtins(experiment))
+    return values
+
+
+def _without_absent(value: Any) -> Any:
+    if not isinstance(value, dict):
+        return value
+    return {key: _without_absent(inner) for key, inner in value.items() if inner is not None}
 
 
 def to_toml(experiment: Experiment) -> bytes:

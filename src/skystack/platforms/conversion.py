@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
+from numpy.typing import ArrayLike
 
 from skystack.airspace.projection import TangentPlane
 from skystack.platforms.protocol import Report
@@ -52,11 +53,13 @@ def scenario_of(
     performance: str,
     cycles: int,
     callsigns: Sequence[str],
+    exit_level: ArrayLike,
 ) -> Scenario:
-    """The scenario that begins with given traffic, without clearances; all are to leave level."""
+    """The scenario that begins with given traffic, without clearances; levels are in ticks."""
     sector = simulator.sector
     lat_lon = sector.plane.to_degrees(np.asarray(traffic.position_nm, dtype=np.float64))
     fl = np.asarray(traffic.level, dtype=np.float64) / TICKS_PER_FL
+    exit_fl = np.rint(np.asarray(exit_level, dtype=np.float64) / TICKS_PER_FL)
     aircraft = tuple(
         Aircraft(
             callsign=callsign,
@@ -66,7 +69,7 @@ def scenario_of(
             lon=float(lat_lon[number, 1]),
             fl=float(fl[number]),
             heading_deg=float(traffic.heading_deg[number]),
-            exit_fl=int(fl[number]),
+            exit_fl=int(exit_fl[number]),
             own_navigation=bool(traffic.own_navigation[number]),
         )
         for number, callsign in enumerate(callsigns)

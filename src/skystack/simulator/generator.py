@@ -1,15 +1,34 @@
 """Random scenarios: the paper's tables of aircraft parameters."""
 
 from dataclasses import dataclass
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skystack.airspace.geometry import direction
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import Traffic, start, ticks
+
+
+class Drawn(NamedTuple):
+    """A random scenario at cycle 0."""
+
+    traffic: Traffic
+    exit_level: Float[Array, " aircraft"]
+    """At which each aircraft is to leave, in ticks."""
+
+
+@runtime_checkable
+class Scenarios(Protocol):
+    """What draws the scenarios of a task."""
+
+    @property
+    def aircraft(self) -> int: ...
+
+    def draw(self, key: PRNGKeyArray) -> Drawn: ...
 
 
 @dataclass(frozen=True)
@@ -17,7 +36,7 @@ class LateralScenarios:
     """Table "Aircraft parameters for lateral control scenarios".
 
     Every aircraft gets a random route with a first fix of its own, a position uniform in a disc
-    round that fix, the geodesic heading of the first leg, and the one level.
+    round that fix, the geodesic heading of the first leg, and the one level, at which it leaves.
     """
 
     simulator: Simulator
@@ -25,15 +44,14 @@ class LateralScenarios:
     level_fl: int = 300
     disc_nm: float = 4.0
 
-    def draw(self, key: PRNGKeyArray) -> Traffic:
-        """One scenario's traffic at cycle 0."""
+    def draw(self, key: PRNGKeyArray) -> Drawn:
         table = self.simulator.sector.route_table
         route_key, radius_key, angle_key = jax.random.split(key, 3)
         route = self._draw_routes(route_key)
         radius = self.disc_nm * jnp.sqrt(jax.random.uniform(radius_key, (self.aircraft,)))
         angle = jax.random.uniform(angle_key, (self.aircraft,), maxval=360.0)
         level = jnp.full(self.aircraft, ticks(self.level_fl), dtype=jnp.float32)
-        return start(
+        traffic = start(
             position_nm=jnp.asarray(table.fixes_nm)[route, 0] + radius[:, None] * direction(angle),
             heading_deg=jnp.asarray(table.first_heading_deg)[route],
             level=level,
@@ -41,6 +59,7 @@ class LateralScenarios:
             ground_speed_kt=self.simulator.level_ground_speed_kt(level),
             own_navigation=jnp.zeros(self.aircraft, dtype=bool),
         )
+        return Drawn(traffic, level)
 
     def _draw_routes(self, key: PRNGKeyArray) -> Int[Array, " aircraft"]:
         """One after another, uniform over the routes whose first fix is still free."""
@@ -55,6 +74,38 @@ class LateralScenarios:
     def _shares_start(self) -> Bool[np.ndarray, "routes routes"]:
         first = np.array([route[0] for route in self.simulator.sector.routes])
         return first[:, None] == first[None, :]
+
+
+@dataclass(frozen=True)
+class VerticalScenarios:
+    """Table "Aircraft parameters for vertical control scenarios".
+
+    One aircraft at the first fix of a random route, on own navigation. Its entry and its exit level
+    are uniform over the multiples of ten in the sector, and may be the same.
+    """
+
+    simulator: Simulator
+
+    aircraft = 1
+
+    def draw(self, key: PRNGKeyArray) -> Drawn:
+        table, (lowest, highest) = (
+            self.simulator.sector.route_table,
+            self.simulator.sector.levels_fl,
+        )
+        route_key, entry_key, exit_key = jax.random.split(key, 3)
+        route = jax.random.randint(route_key, (1,), 0, table.last_fix.shape[0], dtype=jnp.int32)
+        levels = jnp.asarray([ticks(float(fl)) for fl in range(lowest, highest + 1, 10)])
+        entry = jax.random.choice(entry_key, levels, (1,))
+        traffic = start(
+            position_nm=jnp.asarray(table.fixes_nm)[route, 0],
+            heading_deg=jnp.asarray(table.first_heading_deg)[route],
+            level=entry,
+            route=route,
+            ground_speed_kt=self.simulator.level_ground_speed_kt(entry),
+            own_navigation=jnp.ones(1, dtype=bool),
+        )
+        return Drawn(traffic, jax.random.choice(exit_key, levels, (1,)))
 
 
 def first_fixes(simulator: Simulator) -> int:

@@ -1,20 +1,24 @@
 """From settings to a task, with every name checked."""
 
+from collections.abc import Iterable
+from dataclasses import replace
+
 from skystack.airspace.sector import Sector
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError, unknown_name
-from skystack.simulator.generator import LateralScenarios, first_fixes
+from skystack.simulator.generator import LateralScenarios, VerticalScenarios, first_fixes
 from skystack.simulator.performance import performance
 from skystack.simulator.simulator import Simulator
-from skystack.tasks.actions import large_turns, small_turns
+from skystack.tasks.actions import ActionTable, LevelTable, large_turns, small_turns
 from skystack.tasks.contract import Task
 from skystack.tasks.features import FEATURES
-from skystack.tasks.lateral import LateralTask
+from skystack.tasks.navigation import NavigationTask
+from skystack.tasks.pairs import PAIR_FEATURES
 from skystack.tasks.settings import TaskSettings
 from skystack.tasks.stacked_steps import StackedSteps
 
 SECTORS = {"x-plus": x_plus}
-TASKS = ("lateral",)
+TASKS = ("lateral", "vertical", "avoidance")
 
 
 def sector_named(name: str) -> Sector:
@@ -24,15 +28,41 @@ def sector_named(name: str) -> Sector:
     return SECTORS[name]()
 
 
-def build_task(settings: TaskSettings) -> LateralTask:
+def build_task(settings: TaskSettings) -> NavigationTask:
     """The task as it is flown and judged. Raises InputError for settings that cannot be."""
     sector = sector_named(settings.sector)
-    simulator = Simulator(sector, performance(settings.performance))
-    for feature in settings.features:
-        if feature not in FEATURES:
-            raise unknown_name("feature in task.features", feature, FEATURES)
+    if settings.levels_fl is not None:
+        sector = replace(sector, levels_fl=_checked_levels(settings.levels_fl))
+    vertical = settings.name == "vertical"
+    simulator = Simulator(sector, performance(settings.performance), own_navigation=vertical)
+    _check_names("features", settings.features, FEATURES)
+    _check_names("pair_features", settings.pair_features, PAIR_FEATURES)
     if not settings.features:
         raise InputError(f"task.features is empty (allowed: {', '.join(sorted(FEATURES))})")
+    if vertical != (settings.actions == "levels"):
+        allowed = "levels" if vertical else "small, large"
+        raise InputError(
+            f"task.actions is {settings.actions} (allowed for {settings.name}: {allowed})"
+        )
+    scenarios = _vertical(settings, simulator) if vertical else _lateral(settings, simulator)
+    return NavigationTask(settings, simulator, scenarios, _actions(settings, sector))
+
+
+def _actions(settings: TaskSettings, sector: Sector) -> ActionTable:
+    if settings.actions == "levels":
+        return LevelTable(settings.aircraft, sector.levels_fl)
+    table = small_turns if settings.actions == "small" else large_turns
+    return table(settings.aircraft)
+
+
+def _vertical(settings: TaskSettings, simulator: Simulator) -> VerticalScenarios:
+    if settings.aircraft != 1:
+        raise InputError(f"task.aircraft is {settings.aircraft} (allowed for vertical: 1)")
+    return VerticalScenarios(simulator)
+
+
+def _lateral(settings: TaskSettings, simulator: Simulator) -> LateralScenarios:
+    sector = simulator.sector
     if settings.aircraft > first_fixes(simulator):
         raise InputError(
             f"task.aircraft is {settings.aircraft}, but each needs a first fix of its own and "
@@ -43,9 +73,23 @@ def build_task(settings: TaskSettings) -> LateralTask:
         raise InputError(
             f"task.level_fl is {settings.level_fl} (allowed: multiples of 10 from {low} to {high})"
         )
-    scenarios = LateralScenarios(simulator, settings.aircraft, settings.level_fl, settings.disc_nm)
-    table = small_turns if settings.actions == "small" else large_turns
-    return LateralTask(settings, simulator, scenarios, table(settings.aircraft))
+    return LateralScenarios(simulator, settings.aircraft, settings.level_fl, settings.disc_nm)
+
+
+def _checked_levels(levels_fl: tuple[int, int]) -> tuple[int, int]:
+    low, high = levels_fl
+    if low % 10 or high % 10 or not 0 <= low < high <= 600:
+        raise InputError(
+            f"task.levels_fl is {list(levels_fl)} (allowed: two multiples of 10 from 0 to 600, "
+            "the lower first)"
+        )
+    return levels_fl
+
+
+def _check_names(where: str, names: tuple[str, ...], known: Iterable[str]) -> None:
+    for name in names:
+        if name not in known:
+            raise unknown_name(f"feature in task.{where}", name, known)
 
 
 def build_training_task(settings: TaskSettings) -> Task:

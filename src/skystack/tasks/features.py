@@ -1,7 +1,8 @@
 """What a policy can be shown of each aircraft: named features, each scaled to [0, 1].
 
-A task lists names; the paper's state is `("theta_f", "theta_sf", "d_c", "delta_t")`. The others are
-ours. Angles are turns to the right, in degrees.
+A task lists names; the paper's states are `("theta_f", "theta_sf", "d_c", "delta_t")` and, for
+vertical control, `("d_xfl", "fl_sx", "fl_nx", "delta_t_10")`. The others are ours. Angles are turns
+to the right, in degrees.
 """
 
 from collections.abc import Callable
@@ -12,9 +13,13 @@ from jaxtyping import Array, Float
 
 from skystack.airspace.geometry import bearing, cross, direction, distance_right_of_route, wrap_180
 from skystack.airspace.sector import Sector
+from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
 from skystack.simulator.traffic import Traffic
 from skystack.tasks.tracking import Memory
+
+LEVELS_PER_MIN = 20.0
+"""The set rate of the paper's d_xfl: 2,000 feet per minute."""
 
 PerAircraft = Float[Array, " aircraft"]
 
@@ -68,6 +73,22 @@ def exit_distance(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircra
     return jnp.sqrt(jnp.sum((middle - traffic.position_nm) ** 2, axis=-1))
 
 
+def level_to_exit(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
+    """FL_sx: the cleared level above the exit level."""
+    return (traffic.cleared_level - memory.exit_level) / TICKS_PER_FL
+
+
+def entry_to_exit(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
+    """FL_nx: the entry level above the exit level."""
+    return (memory.entry_level - memory.exit_level) / TICKS_PER_FL
+
+
+def distance_in_hand(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
+    """d_xfl: the way to the exit fix along the route, less what changing level takes [NM]."""
+    minutes = jnp.abs(memory.exit_level - traffic.level) / TICKS_PER_FL / LEVELS_PER_MIN
+    return _route_to_exit(sector, traffic, memory) - minutes / 60.0 * traffic.ground_speed_kt
+
+
 def room_ahead(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
     """How much nearer the area's edge is than the exit edge, on the cleared heading [NM].
 
@@ -90,6 +111,14 @@ FEATURES: dict[str, Feature] = {
     "d_c": Feature(centreline_distance, -100.0, 100.0, 0.0, "distance right of the route, NM"),
     "delta_t": Feature(
         time_since_instruction, 0.0, 60.0, 60.0, "time since the last instruction, s"
+    ),
+    "delta_t_10": Feature(
+        time_since_instruction, 0.0, 10.0, 10.0, "the same, cut to the range for vertical control"
+    ),
+    "fl_sx": Feature(level_to_exit, -200.0, 200.0, 0.0, "cleared level minus exit level, FL"),
+    "fl_nx": Feature(entry_to_exit, -200.0, 200.0, 0.0, "entry level minus exit level, FL"),
+    "d_xfl": Feature(
+        distance_in_hand, -100.0, 100.0, 0.0, "way to the exit less that of the climb or descent"
     ),
     "theta_turn": Feature(turn_under_way, -180.0, 180.0, 0.0, "cleared minus actual heading"),
     "d_f": Feature(next_fix_distance, 0.0, 100.0, 0.0, "distance to the next fix, NM"),
@@ -121,6 +150,21 @@ def _fix(
     table = sector.route_table
     index = jnp.minimum(memory.next_fix + ahead, jnp.asarray(table.last_fix)[traffic.route])
     return jnp.asarray(table.fixes_nm)[traffic.route, index]
+
+
+def _route_to_exit(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
+    """To the next fix and on along the route to the last but one; 0 once that is passed."""
+    table = sector.route_table
+    fixes = jnp.asarray(table.fixes_nm)[traffic.route]
+    leg = jnp.sqrt(jnp.sum((fixes[:, 1:] - fixes[:, :-1]) ** 2, axis=-1))
+    exit_fix = (jnp.asarray(table.last_fix)[traffic.route] - 1)[:, None]
+    end = jnp.arange(1, fixes.shape[1])[None, :]
+    ahead = jnp.sum(
+        jnp.where((end > memory.next_fix[:, None]) & (end <= exit_fix), leg, 0.0), axis=1
+    )
+    offset = _fix(sector, traffic, memory, ahead=0) - traffic.position_nm
+    to_next = jnp.sqrt(jnp.sum(offset**2, axis=-1))
+    return jnp.where(memory.next_fix <= exit_fix[:, 0], to_next + ahead, 0.0)
 
 
 def _turn_to_fix(sector: Sector, traffic: Traffic, memory: Memory, ahead: int) -> PerAircraft:

@@ -1,12 +1,14 @@
 """The rewards of the paper's section "Reward", each a function of arrays over aircraft.
 
-Weights and the sum are in `lateral.py`; a term of our own says so.
+Weights and the sum are in `navigation.py`; a term of our own says so.
 """
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 CENTRELINE_SCALE_NM = 6.0
+SAFETY_SCALE_NM = 5.0
+VERTICAL_SCALE_FL = 40.0
 DAMPING_CYCLES = 10.0
 """n_max: cycles after an instruction in which damping still costs."""
 CRITERION_BONUS = 5.0
@@ -23,6 +25,19 @@ def centreline(distance_nm: Float[Array, "*n"]) -> Float[Array, "*n"]:
 def damping(cycles_since_instruction: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """Equation (sparse_action): n_s / n_max - 1 below n_max = 10, else 0."""
     return jnp.minimum(cycles_since_instruction / DAMPING_CYCLES - 1.0, 0.0)
+
+
+def safety(
+    distance_nm: Float[Array, "*n"], closest_nm: Float[Array, "*n"], range_nm: float
+) -> Float[Array, "*n"]:
+    """Equation (eq:safety_reward): (d_12 / d_max - 1) exp(-(d_s / 5)^2) below d_max, else 0."""
+    urgency = jnp.minimum(distance_nm / range_nm - 1.0, 0.0)
+    return urgency * jnp.exp(-((closest_nm / SAFETY_SCALE_NM) ** 2))
+
+
+def vertical(cleared_minus_exit_fl: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """Equation (eq:vertical_reward): exp(-|dFL| / 40) - 1."""
+    return jnp.exp(-jnp.abs(cleared_minus_exit_fl) / VERTICAL_SCALE_FL) - 1.0
 
 
 def outside_band(distance_nm: Float[Array, "*n"], band_nm: float) -> Float[Array, "*n"]:

@@ -17,6 +17,9 @@ class RewardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     terminal: Weight = 1.0
     count_criterion: bool = True
     """Whether fewer than 30 instructions per aircraft is one of the criteria."""
+    safety: Weight = 0.0
+    """Of the predicted closest approach of the worst pair."""
+    vertical: Weight = 0.0
     burst: Weight = 0.0
     """Ours: the price of every burst, which stacking makes one clearance."""
     outside_band: Weight = 0.0
@@ -24,23 +27,31 @@ class RewardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     band_nm: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 0.0
     stray: Weight = 0.0
     """Ours: the price of an excursion, paid when it happens."""
+    conflict: Weight = 0.0
+    """Ours: the cost of every cycle in which two aircraft are closer than `conflict_nm`."""
+    conflict_nm: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 5.5
 
 
 class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Which scenarios, what the policy sees and says, and what it is rewarded for."""
 
-    name: Literal["lateral"] = "lateral"
+    name: Literal["lateral", "vertical", "avoidance"] = "lateral"
+    """`avoidance` is `lateral` by another name: what it sees and pays for is in the settings."""
     sector: str = "x-plus"
+    levels_fl: tuple[int, int] | None = None
+    """The sector's lowest and highest level; its own where none is given."""
     performance: str = "table"
     aircraft: Annotated[int, msgspec.Meta(ge=1, le=200)] = 2
     level_fl: int = 300
     disc_nm: Annotated[float, msgspec.Meta(ge=0.0, le=50.0)] = 4.0
     """Radius of the disc round the first fix in which aircraft start."""
     cycles: Annotated[int, msgspec.Meta(ge=1, le=100_000)] = 300
-    actions: Literal["small", "large"] = "small"
-    """`small`: turns of 10 degrees; `large`: turns of 10 to 90 degrees."""
+    actions: Literal["small", "large", "levels"] = "small"
+    """`small`: turns of 10 degrees; `large`: turns of 10 to 90 degrees; `levels`: 10 levels."""
     features: tuple[str, ...] = PAPER_FEATURES
     """What is shown of each aircraft; names in `skystack.tasks.features`."""
+    pair_features: tuple[str, ...] = ()
+    """What is shown of each pair of aircraft; names in `skystack.tasks.pairs`."""
     timing: Literal["cycle", "stack"] = "cycle"
     """What one training step is. `cycle`: an instruction and a radar cycle, as in the paper.
     `stack` (ours): an instruction takes no time, as it will be when stacked; only what would

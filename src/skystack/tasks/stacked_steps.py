@@ -12,13 +12,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skystack.tasks.contract import NO_ACTION, Outcome
-from skystack.tasks.lateral import LateralState, LateralTask
+from skystack.tasks.navigation import NavigationState, NavigationTask
 
 
 class StackedState(NamedTuple):
     """A scenario and the instruction being stacked, NO_ACTION when none is."""
 
-    inner: LateralState
+    inner: NavigationState
     stacking: Int[Array, ""]
 
 
@@ -30,7 +30,7 @@ class StackedSteps:
     executed, and time goes on, as in `skystack.stacking`.
     """
 
-    task: LateralTask
+    task: NavigationTask
 
     @property
     def name(self) -> str:

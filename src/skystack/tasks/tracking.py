@@ -28,6 +28,7 @@ class Memory(NamedTuple):
 
     exit_level: Float[Array, " aircraft"]
     """Ticks, like every level."""
+    entry_level: Float[Array, " aircraft"]
     previous_nm: Float[Array, "aircraft 2"]
     previous_level: Float[Array, " aircraft"]
     next_fix: Int[Array, " aircraft"]
@@ -62,6 +63,7 @@ class Tracker:
         zero = jnp.zeros((), dtype=jnp.float32)
         return Memory(
             exit_level=exit_level,
+            entry_level=traffic.level,
             previous_nm=traffic.position_nm,
             previous_level=traffic.level,
             next_fix=self._next_fix(traffic, jnp.ones_like(traffic.route)),

@@ -30,9 +30,9 @@ def test_action_tables_have_the_papers_sizes():
     assert len(build_task(TaskSettings()).action_names) == 5
     large = build_task(TaskSettings(actions="large"))
     assert len(large.action_names) == 37
-    assert [turn for _, turn in large.actions.turns[:9]] == [-10 * k for k in range(1, 10)]
-    assert [turn for _, turn in large.actions.turns[9:18]] == [10 * k for k in range(1, 10)]
-    assert {who for who, _ in large.actions.turns[18:]} == {1}
+    assert [turn for _, turn in large.actions.changes[:9]] == [-10 * k for k in range(1, 10)]
+    assert [turn for _, turn in large.actions.changes[9:18]] == [10 * k for k in range(1, 10)]
+    assert {who for who, _ in large.actions.changes[18:]} == {1}
 
 
 def test_observation_on_the_centreline(task, traffic_on):

@@ -1,6 +1,7 @@
-"""Lateral navigation: steer aircraft through the sector with heading instructions.
+"""Navigation: bring aircraft through the sector to their exits with small instructions.
 
-The paper's task (sections "State", "Action", "Reward") with its variants as settings.
+The paper's tasks (sections "State", "Action", "Reward"), lateral, vertical and avoidance, are this
+one under different settings: which scenarios, what is seen and said, and what is paid for.
 """
 
 from dataclasses import dataclass
@@ -10,17 +11,19 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from skystack.simulator.generator import LateralScenarios
+from skystack.simulator.generator import Scenarios
+from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import Traffic
 from skystack.tasks import features, rewards
-from skystack.tasks.actions import TurnTable
+from skystack.tasks.actions import ActionTable, addressed
 from skystack.tasks.contract import Metrics, Outcome
+from skystack.tasks.pairs import RANGE_NM, observe_pairs, pair_names, pairs_of
 from skystack.tasks.settings import TaskSettings
-from skystack.tasks.tracking import Memory, Tracker
+from skystack.tasks.tracking import Memory, Tracker, separation_nm
 
 
-class LateralState(NamedTuple):
+class NavigationState(NamedTuple):
     """What any simulator reports, and what the task remembers."""
 
     traffic: Traffic
@@ -28,13 +31,13 @@ class LateralState(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LateralTask:
+class NavigationTask:
     """Implements `skystack.tasks.contract.Task`; `skystack.tasks.build` makes one from settings."""
 
     settings: TaskSettings
     simulator: Simulator
-    scenarios: LateralScenarios
-    actions: TurnTable
+    scenarios: Scenarios
+    actions: ActionTable
 
     version = 1
 
@@ -48,42 +51,46 @@ class LateralTask:
 
     @property
     def observation_names(self) -> tuple[str, ...]:
-        return tuple(
-            f"{name}_{aircraft + 1}"
-            for aircraft in range(self.scenarios.aircraft)
-            for name in self.settings.features
-        )
+        count, settings = self.scenarios.aircraft, self.settings
+        each = (f"{name}_{aircraft + 1}" for aircraft in range(count) for name in settings.features)
+        return (*each, *pair_names(settings.pair_features, count))
 
     @cached_property
     def tracker(self) -> Tracker:
         return Tracker(self.simulator.sector)
 
-    def reset(self, key: PRNGKeyArray) -> LateralState:
-        return self.begin(self.scenarios.draw(key))
+    def reset(self, key: PRNGKeyArray) -> NavigationState:
+        return self.begin(*self.scenarios.draw(key))
 
-    def begin(self, traffic: Traffic) -> LateralState:
-        """A scenario from given traffic; everybody is to leave at the level they start at."""
-        return LateralState(traffic, self.tracker.begin(traffic, exit_level=traffic.level))
+    def begin(
+        self, traffic: Traffic, exit_level: Float[Array, " aircraft"] | None = None
+    ) -> NavigationState:
+        """A scenario from given traffic; who has no exit level is to leave as it starts."""
+        level = traffic.level if exit_level is None else exit_level
+        return NavigationState(traffic, self.tracker.begin(traffic, level))
 
-    def observe(self, state: LateralState) -> Float[Array, " observation"]:
-        return features.observe(
+    def observe(self, state: NavigationState) -> Float[Array, " observation"]:
+        seen = features.observe(
             self.settings.features, self.simulator.sector, state.traffic, state.memory
         )
+        if not self.settings.pair_features:
+            return seen
+        return jnp.concatenate([seen, observe_pairs(self.settings.pair_features, state.traffic)])
 
-    def may_stack(self, state: LateralState, action: Int[Array, ""]) -> Bool[Array, ""]:
+    def may_stack(self, state: NavigationState, action: Int[Array, ""]) -> Bool[Array, ""]:
         return self.actions.may_stack(state.traffic, action)
 
-    def instruct(self, state: LateralState, action: Int[Array, ""]) -> LateralState:
-        heard = self.actions.addressed(action) & state.traffic.active
-        return LateralState(
+    def instruct(self, state: NavigationState, action: Int[Array, ""]) -> NavigationState:
+        heard = addressed(self.actions, state.traffic, action) & state.traffic.active
+        return NavigationState(
             self.actions.instruct(state.traffic, action),
             self.tracker.note_instruction(state.memory, heard, action),
         )
 
-    def advance(self, state: LateralState) -> tuple[LateralState, Outcome]:
+    def advance(self, state: NavigationState) -> tuple[NavigationState, Outcome]:
         return self.judge(state.memory, self.simulator.advance(state.traffic))
 
-    def judge(self, memory: Memory, flown: Traffic) -> tuple[LateralState, Outcome]:
+    def judge(self, memory: Memory, flown: Traffic) -> tuple[NavigationState, Outcome]:
         """Everything of `advance` but flying, which another simulator may do."""
         before, memory = memory, self.tracker.track(memory, flown)
         traffic = flown._replace(active=flown.active & ~memory.exited)
@@ -99,16 +106,18 @@ class LateralTask:
             truncated=jnp.zeros_like(ended),
             metrics=self._metrics(memory, jnp.all(criteria)),
         )
-        return LateralState(traffic, memory), outcome
+        return NavigationState(traffic, memory), outcome
 
-    def step(self, state: LateralState, action: Int[Array, ""]) -> tuple[LateralState, Outcome]:
+    def step(
+        self, state: NavigationState, action: Int[Array, ""]
+    ) -> tuple[NavigationState, Outcome]:
         return self.advance(self.instruct(state, action))
 
     def _running_reward(self, before: Memory, memory: Memory, flown: Traffic) -> Float[Array, ""]:
         """Weighted sum of the terms of one cycle, averaged over all aircraft of the scenario."""
         weights, sector = self.settings.reward, self.simulator.sector
         distance = features.centreline_distance(sector, flown, memory)
-        each = jnp.zeros_like(distance)
+        each = jnp.zeros_like(flown.level)
         if weights.centreline:
             each += weights.centreline * rewards.centreline(distance)
         if weights.damping:
@@ -117,8 +126,22 @@ class LateralTask:
             each -= weights.outside_band * rewards.outside_band(distance, weights.band_nm)
         if weights.stray:
             each -= jnp.where(memory.strayed & ~before.strayed, weights.stray, 0.0)
+        if weights.vertical:
+            gap_fl = (flown.cleared_level - memory.exit_level) / TICKS_PER_FL
+            each += weights.vertical * rewards.vertical(gap_fl)
         shared = -weights.burst * before.new_bursts
+        if weights.safety:
+            shared += weights.safety * self._safety(flown)
+        if weights.conflict:
+            inside_nm = weights.conflict_nm - separation_nm(before, flown)
+            shared -= weights.conflict * jnp.maximum(inside_nm, 0.0)
         return jnp.mean(jnp.where(flown.active, each, 0.0)) + shared
+
+    def _safety(self, flown: Traffic) -> Float[Array, ""]:
+        """The safety reward of the scenario: its worst pair's."""
+        pairs = pairs_of(flown)
+        each = rewards.safety(pairs.distance_nm, pairs.closest_nm, RANGE_NM)
+        return jnp.min(jnp.where(pairs.active, each, 0.0), initial=0.0)
 
     def _criteria(self, memory: Memory) -> list[Bool[Array, " aircraft"]]:
         few = memory.instructions < rewards.MAX_INSTRUCTIONS

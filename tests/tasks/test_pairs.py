@@ -1,0 +1,166 @@
+"""Predicted closest approach and the safety reward: closed forms, and brute force."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skystack.simulator.traffic import start, ticks
+from skystack.tasks import rewards
+from skystack.tasks.build import build_task
+from skystack.tasks.conformance import check_task
+from skystack.tasks.pairs import PAIR_FEATURES, RANGE_NM, pairs_of
+from skystack.tasks.settings import RewardSettings, TaskSettings
+
+from .conftest import BACK, STRAIGHT
+
+SPEED_KT = 480.0
+ROOT_2 = np.sqrt(2.0)
+
+
+def traffic(positions, headings, speeds=SPEED_KT):
+    n = len(positions)
+    return start(
+        jnp.asarray(positions, dtype=jnp.float32),
+        jnp.asarray(headings, dtype=jnp.float32),
+        jnp.full(n, ticks(300.0), dtype=jnp.float32),
+        jnp.zeros(n, dtype=jnp.int32),
+        jnp.asarray(np.broadcast_to(speeds, n), dtype=jnp.float32),
+        jnp.zeros(n, dtype=bool),
+    )
+
+
+CASES = {
+    "head-on": ([(0, 0), (0, 80)], [0, 180], SPEED_KT, 0.0),
+    "head-on, 4 miles beside": ([(0, 0), (4, 80)], [0, 180], SPEED_KT, 4.0),
+    "head-on, too far to meet": ([(0, 0), (0, 400)], [0, 180], SPEED_KT, 100.0),
+    "crossing at the same time": ([(-40, 0), (0, -40)], [90, 0], SPEED_KT, 0.0),
+    "crossing 10 miles late": ([(-40, 0), (0, -50)], [90, 0], SPEED_KT, 10.0 / ROOT_2),
+    "overtaking 3 miles beside": ([(0, 0), (3, 20)], [0, 0], [480, 400], 3.0),
+    "not yet overtaken": ([(0, 0), (0, 60)], [0, 0], [480, 400], 60.0 - 150.0 / 6.0),
+    "diverging": ([(0, 0), (0, 12)], [180, 0], SPEED_KT, 12.0),
+    "identical tracks": ([(0, 0), (0, 12)], [0, 0], SPEED_KT, 12.0),
+    "one place": ([(0, 0), (0, 0)], [0, 0], SPEED_KT, 0.0),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_predicted_closest_approach(case):
+    positions, headings, speeds, expected = CASES[case]
+    pairs = pairs_of(traffic(positions, headings, speeds))
+    assert float(pairs.closest_nm[0]) == pytest.approx(expected, abs=1e-3)
+
+
+position = st.tuples(st.floats(-60, 60, width=32), st.floats(-60, 60, width=32))
+heading = st.floats(0, 359, width=32)
+
+
+@given(position, position, heading, heading, st.floats(300, 500), st.floats(300, 500))
+def test_it_is_the_least_of_many_moments(first, second, north, south, slow, fast):
+    flown = traffic([first, second], [north, south], [slow, fast])
+    pairs = pairs_of(flown)
+    moments = np.linspace(0.0, RANGE_NM / max(slow, fast), 2001)[:, None]
+    offset = np.asarray(pairs.offset_nm, dtype=np.float64)
+    gap = np.linalg.norm(offset + moments * np.asarray(pairs.velocity_kt), axis=1)
+    assert float(pairs.closest_nm[0]) == pytest.approx(gap.min(), abs=0.1)
+    assert float(pairs.closest_nm[0]) <= gap.min() + 1e-3
+
+
+def test_it_is_predicted_on_the_cleared_headings():
+    flown = traffic([(0, 0), (0, 80)], [0, 180])
+    told = flown._replace(cleared_heading_deg=jnp.array([90.0, 180.0]))
+    assert float(pairs_of(told).closest_nm[0]) == pytest.approx(80.0 / ROOT_2, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("distance", "closest", "expected"),
+    [
+        (0.0, 0.0, -1.0),
+        (75.0, 0.0, -0.5),
+        (75.0, 5.0, -0.5 * np.exp(-1.0)),
+        (30.0, 10.0, -0.8 * np.exp(-4.0)),
+        (150.0, 0.0, 0.0),
+        (200.0, 0.0, 0.0),
+    ],
+)
+def test_the_safety_reward_of_the_paper(distance, closest, expected):
+    reward = rewards.safety(jnp.float32(distance), jnp.float32(closest), RANGE_NM)
+    assert float(reward) == pytest.approx(expected, abs=1e-6)
+
+
+def avoidance(**weights):
+    quiet = {"centreline": 0.0, "damping": 0.0, "terminal": 0.0}
+    return build_task(
+        TaskSettings(
+            name="avoidance",
+            pair_features=("theta", "d"),
+            reward=RewardSettings(**(quiet | weights)),
+        )
+    )
+
+
+def test_a_task_with_pairs_keeps_the_contract():
+    check_task(avoidance(safety=2.0))
+    every = TaskSettings(name="avoidance", aircraft=4, pair_features=tuple(PAIR_FEATURES))
+    check_task(build_task(every))
+
+
+def test_the_state_of_the_paper_has_ten_values_in_its_order(traffic_on):
+    task = avoidance()
+    assert task.observation_names[-3:] == ("delta_t_2", "theta_12", "d_12")
+    assert len(task.observation_names) == 10
+    # One behind the other's nose: from the south-west end to the north-east end of the route.
+    state = task.begin(traffic_on(STRAIGHT, BACK))
+    seen = task.observe(state)
+    ends = np.array([task.simulator.sector.fixes_nm[route[0]] for route in (STRAIGHT, BACK)])
+    apart = np.linalg.norm(ends[1] - ends[0])
+    np.testing.assert_allclose(seen[8:], [0.5, apart / 150.0], atol=2e-4)
+    # 90 degrees to the left of the other one, once told: it lies to the right.
+    told = state.traffic._replace(cleared_heading_deg=jnp.array([45.19 - 90.0 + 360.0, 225.19]))
+    np.testing.assert_allclose(task.observe(state._replace(traffic=told))[8], 0.75, atol=2e-4)
+
+
+def test_who_has_left_is_seen_far_away_and_is_no_danger(traffic_on):
+    task = avoidance(safety=2.0)
+    both = traffic_on(STRAIGHT, BACK)
+    state = task.begin(both._replace(active=jnp.array([True, False])))
+    np.testing.assert_allclose(task.observe(state)[8:], [0.5, 1.0])
+    assert float(task.advance(state)[1].reward) == 0.0
+
+
+def test_the_safety_reward_is_paid_once_a_scenario_for_the_worst_pair():
+    settings = TaskSettings(name="avoidance", aircraft=3, pair_features=("theta", "d"))
+    weights = RewardSettings(centreline=0.0, damping=0.0, terminal=0.0, safety=2.0)
+    task = build_task(TaskSettings(**_fields(settings) | {"reward": weights}))
+    # Head-on 80 NM apart, and a third one far to the side of both.
+    told = traffic([(0, 0), (0, 80), (60, 40)], [0, 180, 90])
+    state = task.begin(told)
+    _, outcome = jax.jit(task.advance)(state)
+    assert float(outcome.reward) == pytest.approx(2.0 * (80.0 - 1.6) / 150.0 - 2.0, abs=0.02)
+
+
+def _fields(struct):
+    return {name: getattr(struct, name) for name in struct.__struct_fields__}
+
+
+@pytest.mark.parametrize(
+    ("second", "headings", "sign"), [((4, 80), (0, 180), 1.0), ((-4, 80), (0, 180), -1.0)]
+)
+def test_the_side_of_a_miss(second, headings, sign):
+    """Ours: which side the other one passes on."""
+    pairs = pairs_of(traffic([(0, 0), second], headings))
+    miss = float(PAIR_FEATURES["miss"].value(pairs)[0])
+    assert abs(miss) == pytest.approx(4.0, abs=1e-3)
+    mirrored = pairs_of(traffic([(0, 0), (-second[0], second[1])], headings))
+    assert miss == pytest.approx(-float(PAIR_FEATURES["miss"].value(mirrored)[0]), abs=1e-3)
+    assert float(PAIR_FEATURES["time"].value(pairs)[0]) == pytest.approx(5.0, abs=1e-3)
+
+
+def test_a_conflict_is_priced_by_its_depth(traffic_on):
+    """Ours: 1.5 NM inside 5.5 NM costs 1.5 times the weight in the cycle."""
+    task = avoidance(conflict=1.0)
+    at = [np.array([0.0, 0.0]), np.array([4.0, 0.0])]
+    state = task.begin(traffic_on(STRAIGHT, STRAIGHT, positions=at, headings=[0.0, 0.0]))
+    assert float(task.advance(state)[1].reward) == pytest.approx(-1.5, abs=1e-3)
