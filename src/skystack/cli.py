@@ -114,7 +114,10 @@ def _build_parser() -> argparse.ArgumentParser:
 
     sub = verb("reproduce", "train, evaluate, compare with the paper, write the report", _reproduce)
     sub.add_argument(
-        "families", nargs="*", metavar="FAMILY", help="lateral, all (default: lateral --quick)"
+        "families",
+        nargs="*",
+        metavar="FAMILY",
+        help="lateral, vertical, avoidance, all (default: lateral --quick)",
     )
     sub.add_argument("--seeds", type=_positive, default=1, help="training seeds (default 1)")
     sub.add_argument("--episodes", type=_positive, help="scenarios to judge on (default 1000)")

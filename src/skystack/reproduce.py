@@ -34,6 +34,8 @@ from skystack.platforms.registry import OWN, check_platform
 
 FAMILIES = {
     "lateral": ("lateral-best", "lateral-large", "lateral-tuned", "lateral", "lateral-undamped"),
+    "vertical": ("vertical",),
+    "avoidance": ("avoidance-large", "avoidance"),
 }
 """Experiments of each family; longest training first keeps all cores busy to the end."""
 
@@ -98,16 +100,17 @@ def run_plan(plan: Plan, report: Report) -> dict[str, Any]:
     """Run all jobs and write `results.json`; returns its contents (see docs/formats.md)."""
     begun = time.monotonic()
     make_folder(plan.out)
-    nobody = judge_nobody(
-        plan.experiments[0], Conditions(episodes=plan.episodes), plan.out / "evaluation"
-    )
     done = _run_jobs(plan, report)
     by_seed: dict[tuple[str, bool], list[Judged]] = {}
     for job in done:
         for judged in job.judged:
             key = (judged.row["experiment"], judged.row["stacking"])
             by_seed.setdefault(key, []).append(judged)
-    by_seed[nobody.row["experiment"], False] = [nobody]
+    lateral = [each for each in plan.experiments if each.task.name == "lateral"]
+    if lateral:
+        conditions = Conditions(episodes=plan.episodes)
+        nobody = judge_nobody(lateral[0], conditions, plan.out / "evaluation")
+        by_seed[nobody.row["experiment"], False] = [nobody]
     results = {
         "rows": [_aggregate(group) for group in by_seed.values()],
         "rows_by_seed": [judged.row for group in by_seed.values() for judged in group],
@@ -119,7 +122,8 @@ def run_plan(plan: Plan, report: Report) -> dict[str, Any]:
         "quick": plan.quick,
         "platforms": [],
     }
-    write_aside(plan.out / "bound.json", fewest_clearances())
+    if lateral:
+        write_aside(plan.out / "bound.json", fewest_clearances())
     _write_results(plan, results)
     return results
 

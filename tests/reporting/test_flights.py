@@ -19,7 +19,8 @@ def clearance(cycle, direction="right", kind="heading", value=90):
 
 
 def track(*clearances):
-    return Track("AC1", np.zeros((2, 2)), np.zeros((3, 2)), None, clearances)
+    level = np.full(3, 300.0)
+    return Track("AC1", np.zeros((2, 2)), np.zeros((3, 2)), level, level, 300, None, clearances)
 
 
 def test_a_scenario_is_what_the_tables_say(run):

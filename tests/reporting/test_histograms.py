@@ -5,7 +5,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from skystack.reporting.histograms import MOST_BINS, Panel, bin_edges, histogram, histograms
+from skystack.reporting.histograms import (
+    MOST_BINS,
+    Nearest,
+    Panel,
+    bin_edges,
+    histogram,
+    histograms,
+    separations,
+)
 from skystack.reporting.style import house_style
 
 COUNTS = arrays(np.int32, st.integers(1, 30), elements=st.integers(0, 600))
@@ -44,3 +52,12 @@ def test_panels_share_axes_and_bins():
     assert first.get_xlim() == second.get_xlim()
     assert first.get_ylim() == second.get_ylim()
     assert len(first.patches) == len(second.patches)
+
+
+def test_separations_count_losses_and_show_every_scenario():
+    nearest = np.array([0.0, 4.999, 5.0, 12.0, 300.0, np.inf])
+    with house_style():
+        axes = separations([Nearest("Stacked", nearest)]).axes[0]
+    assert axes.get_title(loc="left") == "Stacked: 2 of 6 below 5 NM"
+    assert sum(bar.get_height() for bar in axes.patches) == 6
+    assert axes.lines[0].get_xdata() == [5.0, 5.0]

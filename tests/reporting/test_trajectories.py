@@ -26,7 +26,11 @@ def scenario_of(count, every=10, aircraft=2):
         Clearance(every * number % 60, 0, "heading", 45, ("left", "right")[number % 2], 1, "")
         for number in range(count)
     )
-    tracks = [Track(f"AC{n}", route, path + n, None, clearances) for n in range(aircraft)]
+    level = np.full(len(path), 300.0)
+    tracks = [
+        Track(f"AC{n}", route, path + n, level, level, 300, None, clearances)
+        for n in range(aircraft)
+    ]
     return Scenario(sector, 3, aircraft * count, tuple(tracks))
 
 

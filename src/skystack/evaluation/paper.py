@@ -5,6 +5,8 @@ PAPER = {
     ("lateral", False): (14.5, 6.6),
     ("lateral", True): (7.2, 3.5),
     ("lateral-large", False): (6.3, 3.0),
+    ("avoidance", True): (81.2, 13.2),
+    ("avoidance-large", False): (126.3, 12.3),
 }
 """(experiment, stacked): mean and standard deviation of the actions per episode."""
 

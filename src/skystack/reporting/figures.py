@@ -1,6 +1,6 @@
 """All figures of a run: one scenario seen from above, histograms, learning curves."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,22 +8,38 @@ from matplotlib.figure import Figure
 
 from skystack.files import make_folder
 from skystack.reporting.flights import Outcomes, read_outcomes, read_scenario
-from skystack.reporting.histograms import SCENARIOS, Panel, histogram, histograms
+from skystack.reporting.histograms import (
+    SCENARIOS,
+    Nearest,
+    Panel,
+    histogram,
+    histograms,
+    separations,
+)
 from skystack.reporting.learning_curves import learning_curves, success_curves
-from skystack.reporting.results import Row, Run, read_run
+from skystack.reporting.profiles import profile, profiles
+from skystack.reporting.results import NOBODY, Row, Run, read_run
 from skystack.reporting.style import house_style, save
 from skystack.reporting.trajectories import picture, pictures
 
-OVERVIEW = (
-    "lateral-undamped-plain",
-    "lateral-plain",
-    "lateral-stacked",
-    "lateral-tuned-plain",
-    "lateral-tuned-stacked",
-    "lateral-best-stacked",
-)
-"""The rows of the combined picture."""
-NOBODY = "do-nothing"
+OVERVIEW = {
+    "lateral": (
+        "lateral-undamped-plain",
+        "lateral-plain",
+        "lateral-stacked",
+        "lateral-tuned-plain",
+        "lateral-tuned-stacked",
+        "lateral-best-stacked",
+    ),
+    "vertical": ("vertical-plain", "vertical-stacked"),
+    "avoidance": (
+        "avoidance-plain",
+        "avoidance-stacked",
+        "avoidance-large-plain",
+        "avoidance-best-stacked",
+    ),
+}
+"""The rows of each family's combined picture."""
 
 
 def write_figures(run: Path) -> list[Path]:
@@ -37,15 +53,15 @@ def write_figures(run: Path) -> list[Path]:
         return [path for name, figure in _figures(whole) for path in save(figure, folder / name)]
 
 
-def typical_scenario(run: Run) -> int:
-    """The scenario for the pictures: its clearances lie nearest to every row's own mean.
+def typical_scenario(run: Run, rows: Sequence[Row]) -> int:
+    """The scenario for a family's pictures: its clearances lie nearest to every row's own mean.
 
     Distances are in each row's standard deviations. Where there are scenarios in which every
     policy succeeds, it is one of these.
     """
     flown = {
         row.slug: read_outcomes(run.evaluation(row), SCENARIOS)
-        for row in run.results.rows
+        for row in rows
         if row.experiment != NOBODY
     }
     common = min((len(outcomes.scenario) for outcomes in flown.values()), default=0)
@@ -63,30 +79,39 @@ def _distance_from_mean(outcomes: Outcomes) -> np.ndarray:
 
 
 def _figures(run: Run) -> Iterator[tuple[str, Figure]]:
-    yield from _pictures(run)
-    yield from _histograms(run)
-    yield from _curves(run)
+    for family, rows in run.results.families.items():
+        yield from _pictures(run, family, rows)
+        yield from _histograms(run, family, rows)
+        yield from _curves(run, family)
 
 
-def _pictures(run: Run) -> Iterator[tuple[str, Figure]]:
-    number = typical_scenario(run)
-    flown = {row.slug: read_scenario(run.evaluation(row), number) for row in run.results.rows}
-    titles = {row.slug: row.title for row in run.results.rows}
+def _pictures(run: Run, family: str, rows: Sequence[Row]) -> Iterator[tuple[str, Figure]]:
+    number = typical_scenario(run, rows)
+    flown = {row.slug: read_scenario(run.evaluation(row), number) for row in rows}
+    titles = {row.slug: row.title for row in rows}
+    one, several = (profile, profiles) if family == "vertical" else (picture, pictures)
     for slug, scenario in flown.items():
-        yield f"trajectory-{slug}", picture(titles[slug], scenario)
-    together = [(titles[slug], flown[slug]) for slug in OVERVIEW if slug in flown]
+        yield f"trajectory-{slug}", one(titles[slug], scenario)
+    together = [(titles[slug], flown[slug]) for slug in OVERVIEW[family] if slug in flown]
     if together:
-        yield "trajectories", pictures(together)
+        yield f"trajectories-{family}", several(together)
 
 
-def _histograms(run: Run) -> Iterator[tuple[str, Figure]]:
-    panels = {row.slug: _panel(run, row) for row in run.results.rows}
+def _histograms(run: Run, family: str, rows: Sequence[Row]) -> Iterator[tuple[str, Figure]]:
+    panels = {row.slug: _panel(run, row) for row in rows}
     for slug, panel in panels.items():
         yield f"histogram-{slug}", histogram(panel)
     # Zeros only would make the others' bars invisible.
-    together = [panels[row.slug] for row in run.results.rows if row.experiment != NOBODY]
-    if together:
-        yield "histograms", histograms(together)
+    acting = [row for row in rows if row.experiment != NOBODY]
+    if acting:
+        yield f"histograms-{family}", histograms([panels[row.slug] for row in acting])
+    if acting and family == "avoidance":
+        yield f"separations-{family}", separations([_nearest(run, row) for row in acting])
+
+
+def _nearest(run: Run, row: Row) -> Nearest:
+    outcomes = read_outcomes(run.evaluation(row), SCENARIOS)
+    return Nearest(row.title, outcomes.min_separation_nm)
 
 
 def _panel(run: Run, row: Row) -> Panel:
@@ -94,22 +119,23 @@ def _panel(run: Run, row: Row) -> Panel:
     return Panel(row.title, outcomes.clearances, row.paper.clearances_mean if row.paper else None)
 
 
-def _curves(run: Run) -> Iterator[tuple[str, Figure]]:
+def _curves(run: Run, family: str) -> Iterator[tuple[str, Figure]]:
     experiments = {
         name: [
             run.updates(training) for training in run.results.train if training.experiment == name
         ]
-        for name in run.results.experiments
+        for name in run.results.experiments_of(family)
     }
     for name, seeds in experiments.items():
         yield f"learning-{name}", learning_curves(experiment_title(name), seeds)
     if experiments:
         titles = {experiment_title(name): seeds for name, seeds in experiments.items()}
-        yield "learning", success_curves(titles)
+        yield f"success-{family}", success_curves(titles)
 
 
 def experiment_title(name: str) -> str:
     """An experiment without a word about stacking, which training does not know."""
     known = {"lateral-undamped": "Undamped", "lateral": "Damped", "lateral-large": "37 actions"}
-    known |= {"lateral-tuned": "Tuned", "lateral-best": "Ours"}
+    known |= {"lateral-tuned": "Tuned", "lateral-best": "Ours", "vertical": "Vertical control"}
+    known |= {"avoidance": "5 actions", "avoidance-large": "37 actions", "avoidance-best": "Ours"}
     return known.get(name, name)

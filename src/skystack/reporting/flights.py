@@ -1,10 +1,9 @@
 """One evaluation's Parquet tables: outcomes of all scenarios, and one scenario to draw."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -59,6 +58,9 @@ class Track:
     route_nm: Float[np.ndarray, "fixes 2"]
     position_nm: Float[np.ndarray, "rows 2"]
     """Row k is cycle k; in the sector's plane."""
+    level_fl: Float[np.ndarray, " rows"]
+    cleared_fl: Float[np.ndarray, " rows"]
+    exit_fl: int
     strayed_cycle: int | None
     clearances: tuple[Clearance, ...]
 
@@ -90,6 +92,8 @@ class Outcomes(NamedTuple):
     scenario: Int[np.ndarray, " scenarios"]
     clearances: Int[np.ndarray, " scenarios"]
     success: np.ndarray
+    min_separation_nm: np.ndarray
+    """Infinite where no two aircraft were less than 1,000 ft apart."""
 
 
 def read_outcomes(folder: Path, first: int) -> Outcomes:
@@ -102,27 +106,25 @@ def read_scenario(folder: Path, number: int) -> Scenario:
     """Everything about one scenario. Raises InputError that names a missing or damaged table."""
     only = [("scenario", "=", number)]
     episode = read_table(folder / "episodes.parquet", ("clearances",), only)
-    aircraft = read_table(folder / "aircraft.parquet", ("callsign", "route"), only)
+    aircraft = read_table(folder / "aircraft.parquet", ("callsign", "route", "exit_fl"), only)
     flown = read_table(
-        folder / "trajectories.parquet", ("callsign", "time_s", "lat", "lon", "status"), only
+        folder / "trajectories.parquet",
+        ("callsign", "time_s", "lat", "lon", "fl", "cleared_fl", "status"),
+        only,
     )
     issued = read_table(folder / "clearances.parquet", ("callsign", *_CLEARANCE_COLUMNS), only)
     if not episode.num_rows or not flown.num_rows:
         raise InputError(f"{folder}: has no scenario {number}")
     sector = sector_of(folder / "trajectories.parquet", flown)
-    tracks = tuple(
-        _track(sector, row["callsign"], row["route"].split(), flown, issued)
-        for row in aircraft.to_pylist()
-    )
+    tracks = tuple(_track(sector, row, flown, issued) for row in aircraft.to_pylist())
     return Scenario(sector, number, episode["clearances"][0].as_py(), tracks)
 
 
 _CLEARANCE_COLUMNS = ("cycle", "kind", "value", "direction", "instructions", "text")
 
 
-def _track(
-    sector: Sector, callsign: str, route: Sequence[str], flown: pa.Table, issued: pa.Table
-) -> Track:
+def _track(sector: Sector, aircraft: dict[str, Any], flown: pa.Table, issued: pa.Table) -> Track:
+    callsign = aircraft["callsign"]
     rows = [row for row in flown.to_pylist() if row["callsign"] == callsign]
     status = [row["status"] for row in rows]
     # What exited aircraft do afterwards is nobody's business any more.
@@ -134,10 +136,15 @@ def _track(
     )
     return Track(
         callsign=callsign,
-        route_nm=np.array([sector.fixes_nm[fix] for fix in route]).reshape(-1, 2),
+        route_nm=np.array([sector.fixes_nm[fix] for fix in aircraft["route"].split()]).reshape(
+            -1, 2
+        ),
         position_nm=sector.plane.to_plane(
             [row["lat"] for row in rows[:end]], [row["lon"] for row in rows[:end]]
         ),
+        level_fl=np.array([row["fl"] for row in rows[:end]], dtype=np.float64),
+        cleared_fl=np.array([row["cleared_fl"] for row in rows[:end]], dtype=np.float64),
+        exit_fl=aircraft["exit_fl"],
         strayed_cycle=status.index("strayed") if "strayed" in status[:end] else None,
         clearances=tuple(sorted(clearances, key=lambda clearance: clearance.cycle)),
     )

@@ -14,6 +14,8 @@ from skystack.reporting.style import BLUE, FAINT, INK, MUTED, PAPER, grid_of_axe
 SCENARIOS = 100
 """As many as the paper's histograms show."""
 MOST_BINS = 80
+SEPARATION_NM = 5.0
+SEPARATION_BIN_NM, SEPARATION_MOST_NM = 2.5, 60.0
 
 
 class Panel(NamedTuple):
@@ -42,6 +44,35 @@ def histograms(panels: Sequence[Panel]) -> Figure:
         _draw(place, panel, edges)
     figure.supylabel("scenarios", color=MUTED, fontsize=8.5)
     axes[-1].set_xlabel("clearances in a scenario")
+    return figure
+
+
+class Nearest(NamedTuple):
+    """How near the aircraft of each scenario came."""
+
+    title: str
+    separation_nm: Float[np.ndarray, " scenarios"]
+
+
+def separations(panels: Sequence[Nearest]) -> Figure:
+    """The least separation of each scenario, all rows below each other on the same axes."""
+    size_in = (7.2, 1.2 * len(panels) + 0.5)
+    figure, axes = grid_of_axes(len(panels), 1, size_in, sharex=True, sharey=True)
+    edges = np.arange(0.0, SEPARATION_MOST_NM + SEPARATION_BIN_NM, SEPARATION_BIN_NM)
+    for place, panel in zip(axes, panels, strict=True):
+        shown = np.minimum(panel.separation_nm, SEPARATION_MOST_NM - 1e-6)
+        place.hist(shown, bins=list(edges), color=BLUE, edgecolor=PAPER, linewidth=0.6)
+        place.axvline(SEPARATION_NM, color=INK, linewidth=1.2, linestyle=(0, (4, 2)))
+        lost = int(np.sum(panel.separation_nm < SEPARATION_NM))
+        place.set_title(f"{panel.title}: {lost} of {len(shown)} below {SEPARATION_NM:.0f} NM")
+        place.yaxis.set_major_locator(MaxNLocator(nbins=3, integer=True))
+        place.grid(axis="y", color=FAINT, linewidth=0.5)
+        place.set_axisbelow(True)
+    figure.supylabel("scenarios", color=MUTED, fontsize=8.5)
+    axes[-1].set_xlabel(
+        f"least separation in a scenario, NM (the last bar: {edges[-2]:.0f} and more)"
+    )
+    axes[-1].set_xlim(edges[0], edges[-1])
     return figure
 
 

@@ -17,9 +17,12 @@ from skystack.reporting.figures import (
 )
 from skystack.reporting.flights import Clearance, Scenario, read_scenario
 from skystack.reporting.histograms import SCENARIOS
-from skystack.reporting.results import Row, Run, read_run
+from skystack.reporting.results import FAMILIES, Bound, Row, Run, read_run
 from skystack.reporting.style import follow_the_page
 from skystack.reporting.trajectories import clearances_text
+
+BOUND_FAMILY = "lateral"
+"""Whose fewest possible clearances are known."""
 
 
 class Picture(NamedTuple):
@@ -39,6 +42,22 @@ class Section(NamedTuple):
     clearances: str
     issued: tuple[Clearance, ...]
     """In the order issued, all aircraft together."""
+
+
+class Family(NamedTuple):
+    """What the report shows of the experiments on one task."""
+
+    name: str
+    title: str
+    comparison: tables.Table
+    bound: Bound | None
+    scenario: int
+    """The number of the one that is drawn."""
+    sections: tuple[Section, ...]
+    histograms: Picture | None
+    separations: Picture | None
+    success: Picture | None
+    curves: tuple[Picture, ...]
 
 
 class Tile(NamedTuple):
@@ -65,44 +84,59 @@ def _page(run: Run, drawn: set[str]) -> str:
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     source = files("skystack.reporting").joinpath("report.html.jinja").read_text("utf-8")
-    results, scenario = run.results, typical_scenario(run)
+    results = run.results
     return environment.from_string(source).render(
         results=results,
-        bound=run.bound,
         tiles=_tiles(run),
-        comparison=tables.comparison(results.rows, run.bound),
+        families=[_family(run, drawn, *family) for family in results.families.items()],
         platforms=tables.platforms(results.platforms),
         flown_in={row.platform for row in results.platforms},
         by_seed=tables.by_seed(results),
         trainings=tables.trainings(results),
         took=tables.duration(results.wall_s),
-        scenario=scenario,
         histogram_scenarios=SCENARIOS,
-        sections=[_section(run, row, scenario) for row in results.rows],
-        histograms="histograms" in drawn
-        and _picture(run, "histograms", "Clearances per scenario of every row"),
-        learning="learning" in drawn
-        and _picture(run, "learning", "Success of every experiment during training"),
-        curves=[
+    )
+
+
+def _family(run: Run, drawn: set[str], family: str, rows: list[Row]) -> Family:
+    scenario = typical_scenario(run, rows)
+    bound = run.bound if family == BOUND_FAMILY else None
+
+    def if_drawn(name: str, words: str) -> Picture | None:
+        return _picture(run, name, words) if name in drawn else None
+
+    return Family(
+        name=family,
+        title=FAMILIES[family],
+        comparison=tables.comparison(rows, bound),
+        bound=bound,
+        scenario=scenario,
+        sections=tuple(_section(run, row, scenario) for row in rows),
+        histograms=if_drawn(f"histograms-{family}", "Clearances per scenario of every row"),
+        separations=if_drawn(f"separations-{family}", "Least separation per scenario"),
+        success=if_drawn(f"success-{family}", "Success of every experiment during training"),
+        curves=tuple(
             _picture(run, f"learning-{name}", f"Learning curves: {experiment_title(name)}")
-            for name in results.experiments
-        ],
+            for name in run.results.experiments_of(family)
+        ),
     )
 
 
 def _tiles(run: Run) -> list[Tile]:
-    """The rows of the combined picture, and the least that anybody needs."""
-    chosen = [row for row in run.results.rows if row.slug in OVERVIEW]
+    """The rows of the combined pictures, and the least that anybody needs."""
+    overview = {slug for slugs in OVERVIEW.values() for slug in slugs}
     tiles = [
         Tile(
             row.title,
             tables.decimal(row.clearances_mean),
             tables.decimal(row.paper.clearances_mean) if row.paper else None,
         )
-        for row in chosen
+        for row in run.results.rows
+        if row.slug in overview
     ]
-    if run.bound is not None:
-        tiles.append(Tile("Fewest possible", tables.decimal(run.bound.clearances_mean), None))
+    if run.bound is not None and BOUND_FAMILY in run.results.families:
+        value = tables.decimal(run.bound.clearances_mean)
+        tiles.append(Tile("Fewest possible, lateral", value, None))
     return tiles
 
 
@@ -127,7 +161,7 @@ def _in_words(scenario: Scenario) -> str:
         f"{clearances_text(len(track.clearances))}"
         for track in scenario.tracks
     )
-    return f"Scenario {scenario.number} from above: {flights}"
+    return f"Scenario {scenario.number}: {flights}"
 
 
 def _picture(run: Run, name: str, words: str) -> Picture:

@@ -29,8 +29,24 @@ READABLE_NAMES = {
     ("lateral-best", False): "ours, unstacked",
     ("lateral-best", True): "ours, stacked",
     ("do-nothing", False): "do nothing",
+    ("vertical", False): "vertical",
+    ("vertical", True): "vertical, stacked",
+    ("avoidance", False): "avoidance",
+    ("avoidance", True): "avoidance, stacked",
+    ("avoidance-large", False): "avoidance, 37 actions",
+    ("avoidance-large", True): "avoidance, 37 actions, stacked",
+    ("avoidance-best", False): "avoidance, ours, unstacked",
+    ("avoidance-best", True): "avoidance, ours, stacked",
 }
 """Names of (experiment, stacking), in the order in which tables and figures show them."""
+NOBODY = "do-nothing"
+FAMILIES = {
+    "lateral": "Lateral navigation",
+    "vertical": "Vertical control",
+    "avoidance": "Lateral navigation and avoidance",
+}
+"""Titles of the families of experiments, in their order. A family is one task on one kind of
+scenarios: only within it can rows be compared."""
 
 
 class Paper(msgspec.Struct, frozen=True):
@@ -68,6 +84,12 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     """What flying took."""
     same_clearances_rate: Number = None
     """Scenarios with the same clearances as in our simulator; only in `platforms`."""
+
+    @property
+    def family(self) -> str:
+        """The first word of the experiment's name, if that is a family; else the first of all."""
+        word = self.experiment.partition("-")[0]
+        return word if word in FAMILIES else next(iter(FAMILIES))
 
     @property
     def policy(self) -> str:
@@ -118,9 +140,22 @@ class Results(msgspec.Struct, frozen=True, kw_only=True):
     """The first seed's policies in several simulators, on the same scenarios."""
 
     @property
+    def families(self) -> dict[str, list[Row]]:
+        """The rows of each family that has any."""
+        grouped = {
+            family: [row for row in self.rows if row.family == family] for family in FAMILIES
+        }
+        return {family: rows for family, rows in grouped.items() if rows}
+
+    @property
     def experiments(self) -> list[str]:
         """The trained ones, in the order of the tables."""
         return sorted({training.experiment for training in self.train}, key=_experiment_order)
+
+    def experiments_of(self, family: str) -> list[str]:
+        """The trained ones of a family."""
+        members = {row.experiment for row in self.families.get(family, [])}
+        return [name for name in self.experiments if name in members]
 
 
 class Bound(msgspec.Struct, frozen=True):

@@ -1,0 +1,56 @@
+"""Pictures of one scenario from the side: levels flown and cleared over time."""
+
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from skystack.reporting.flights import Scenario, Track
+from skystack.reporting.style import FAINT, INK, LINES, MUTED, PAPER, SERIES, grid_of_axes
+from skystack.reporting.trajectories import clearances_text
+
+MINUTES_PER_CYCLE = 0.1
+
+
+def profile(title: str, scenario: Scenario) -> Figure:
+    """One scenario."""
+    return profiles([(title, scenario)])
+
+
+def profiles(panels: Sequence[tuple[str, Scenario]]) -> Figure:
+    """Several flights of one scenario side by side on the same axes."""
+    size_in = (5.0 * len(panels), 3.4)
+    figure, axes = grid_of_axes(1, len(panels), size_in, sharex=True, sharey=True)
+    for place, (title, scenario) in zip(axes, panels, strict=True):
+        for number, track in enumerate(scenario.tracks):
+            _draw(place, track, number)
+        place.set_title(f"{title}: {clearances_text(scenario.clearances)}")
+        place.set_xlabel("minutes")
+        place.grid(color=FAINT, linewidth=0.5)
+        place.set_axisbelow(True)
+    axes[0].set_ylabel("flight level")
+    axes[0].legend(frameon=False, fontsize=8.0)
+    return figure
+
+
+def _draw(axes: Axes, track: Track, number: int) -> None:
+    """The level flown, the level cleared, and where it was told."""
+    colour = SERIES[number % len(SERIES)]
+    minutes = [MINUTES_PER_CYCLE * row for row in range(len(track.level_fl))]
+    axes.axhline(track.exit_fl, color=INK, linewidth=1.0, linestyle=(0, (4, 2)), label="exit level")
+    axes.step(
+        minutes, track.cleared_fl, where="post", color=MUTED, linewidth=1.2, label="cleared level"
+    )
+    style = LINES[number % len(LINES)]
+    axes.plot(minutes, track.level_fl, color=colour, linewidth=1.8, linestyle=style, label="level")
+    told = [clearance for clearance in track.clearances if clearance.kind == "level"]
+    axes.plot(
+        [MINUTES_PER_CYCLE * clearance.cycle for clearance in told],
+        [clearance.value for clearance in told],
+        "o",
+        markersize=4.5,
+        markerfacecolor=colour,
+        markeredgecolor=PAPER,
+        markeredgewidth=0.7,
+        label="clearance",
+    )
