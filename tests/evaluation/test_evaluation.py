@@ -17,8 +17,9 @@ from skystack.evaluation.judge import (
     task_of,
 )
 from skystack.evaluation.paper import paper_row
-from skystack.evaluation.rollout import NOBODY, fly
+from skystack.evaluation.rollout import NOBODY, fly, network_controller
 from skystack.evaluation.summary import aggregate
+from skystack.evaluation.tables import make_tables
 from skystack.learning.experiment import load_experiment
 from skystack.learning.policy import Policy
 from skystack.seeds import scenario_key, training_key
@@ -178,3 +179,21 @@ def test_a_policy_for_another_version_of_its_task_is_refused():
     newer = msgspec.structs.replace(policy.description, task_version=99)
     with pytest.raises(InputError, match="version 99"):
         task_of(Policy(newer, policy.actor, policy.normaliser))
+
+
+def test_the_shipped_vertical_policy_says_one_thing_where_one_is_needed():
+    """And nothing where the entry level is the exit level; unstacked, one per ten levels."""
+    policy = find_policy("vertical")
+    stacked, plain = (
+        make_tables(task_of(policy), fly(task_of(policy), controller, 0, 300, stacking))
+        for controller in [network_controller(policy.actor, policy.normaliser, greedy=True)]
+        for stacking in (True, False)
+    )
+    gap = np.abs(column(stacked.aircraft, "exit_fl") - column(stacked.aircraft, "entry_fl"))
+    np.testing.assert_array_equal(column(stacked.episodes, "clearances"), gap > 0)
+    np.testing.assert_array_equal(column(stacked.episodes, "instructions"), gap // 10)
+    np.testing.assert_array_equal(column(plain.episodes, "clearances"), gap // 10)
+    assert column(stacked.episodes, "success").all()
+    first = stacked.clearances.slice(0, 1).to_pylist()[0]
+    assert first["kind"] == "level"
+    assert first["text"] == f"AC1 {first['direction']} FL{first['value']}"

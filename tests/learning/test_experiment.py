@@ -16,21 +16,66 @@ def test_shipped_experiments_load_under_their_names(name):
     assert experiment.description
 
 
-@pytest.mark.parametrize("name", ["lateral", "lateral-undamped", "lateral-large"])
-def test_plainly_named_experiments_keep_every_value_of_the_paper(name):
+# Weights of the paper's table: centreline, damping, safety, vertical, terminal.
+PAPER = {
+    "lateral-undamped": (1.0, 0.0, 0.0, 0.0, 1.0),
+    "lateral": (1.0, 0.25, 0.0, 0.0, 1.0),
+    "lateral-large": (1.0, 0.25, 0.0, 0.0, 1.0),
+    "vertical": (0.0, 0.5, 0.0, 1.0, 1.0),
+    "avoidance": (1.0, 0.3, 2.0, 0.0, 1.0),
+    "avoidance-large": (1.0, 0.3, 2.0, 0.0, 1.0),
+}
+
+
+def weights(reward):
+    names = ("centreline", "damping", "safety", "vertical", "terminal")
+    return tuple(getattr(reward, name) for name in names)
+
+
+@pytest.mark.parametrize("name", PAPER)
+def test_plainly_named_experiments_learn_as_the_paper_says(name):
     experiment = load_experiment(name)
-    ppo, task = experiment.ppo, experiment.task
+    ppo, reward = experiment.ppo, experiment.task.reward
     assert (ppo.learning_rate, ppo.gamma, ppo.entropy) == (1e-4, 0.99, 0.01)
     assert ppo.final_learning_rate == 1.0
-    assert (ppo.total_steps, ppo.hidden) == (2_000_000, (64, 64))
+    assert ppo.hidden == (64, 64)
+    assert weights(reward) == PAPER[name]
+    assert reward.count_criterion == (name != "lateral-undamped")
+    ours = (reward.burst, reward.outside_band, reward.stray, reward.conflict)
+    assert ours == (0.0, 0.0, 0.0, 0.0)
+    assert experiment.task.timing == "cycle"
+    assert experiment.task.cycles == 300
+
+
+@pytest.mark.parametrize("name", ["avoidance", "avoidance-large"])
+def test_avoidance_follows_the_papers_curriculum_and_state(name):
+    """2 million steps without the safety reward, then 30 million with it; ten values."""
+    experiment = load_experiment(name)
+    task, before = experiment.task, experiment.pretraining
+    assert (before.steps, experiment.ppo.total_steps) == (2_000_000, 32_000_000)
+    assert weights(before.reward) == (1.0, 0.3, 0.0, 0.0, 1.0)
+    assert (task.features, task.pair_features) == (PAPER_FEATURES, ("theta", "d"))
+    assert (task.aircraft, task.level_fl, task.disc_nm) == (2, 300, 4.0)
+    assert task.actions == ("large" if name == "avoidance-large" else "small")
+
+
+def test_vertical_control_is_that_of_the_paper():
+    experiment = load_experiment("vertical")
+    task = experiment.task
+    assert (task.aircraft, task.levels_fl, task.actions) == (1, (100, 300), "levels")
+    assert task.features == ("d_xfl", "fl_sx", "fl_nx", "delta_t_10")
+    assert experiment.ppo.total_steps == 2_000_000
+    assert experiment.pretraining is None
+
+
+@pytest.mark.parametrize("name", ["lateral", "lateral-undamped", "lateral-large"])
+def test_lateral_experiments_keep_every_value_of_the_paper(name):
+    experiment = load_experiment(name)
+    ppo, task = experiment.ppo, experiment.task
+    assert ppo.total_steps == 2_000_000
     assert (task.aircraft, task.level_fl, task.disc_nm, task.cycles) == (2, 300, 4.0, 300)
     assert (task.features, task.timing) == (PAPER_FEATURES, "cycle")
     assert task.actions == ("large" if name == "lateral-large" else "small")
-    undamped = name == "lateral-undamped"
-    reward = task.reward
-    assert (reward.centreline, reward.terminal) == (1.0, 1.0)
-    assert (reward.damping, reward.count_criterion) == ((0.0, False) if undamped else (0.25, True))
-    assert (reward.burst, reward.outside_band, reward.stray) == (0.0, 0.0, 0.0)
     assert experiment.pretraining is None
 
 
