@@ -17,14 +17,28 @@ EPISODES = 3
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    out = tmp_path_factory.mktemp("evaluation")
-    judge(find_policy("lateral-best"), Conditions(episodes=EPISODES), out)
-    return evaluation_folder(out, "lateral-best", 0, stacking=True)
+def out(tmp_path_factory):
+    return tmp_path_factory.mktemp("evaluation")
 
 
-@pytest.mark.parametrize("number", range(EPISODES))
-def test_a_stored_scenario_flies_again_as_it_was_flown(folder, number):
+@pytest.fixture(scope="module")
+def folder(out):
+    return evaluated(out, "lateral-best")
+
+
+def evaluated(out, policy):
+    judge(find_policy(policy), Conditions(episodes=EPISODES), out)
+    return evaluation_folder(out, policy, 0, stacking=True)
+
+
+@pytest.mark.parametrize("policy", ["lateral-best", "vertical"])
+def test_a_stored_scenario_flies_again_as_it_was_flown(out, policy):
+    folder = evaluated(out, policy)
+    for number in range(EPISODES):
+        flies_again(folder, number)
+
+
+def flies_again(folder, number):
     scenario = stored_scenario(folder, number)
     table = pq.read_table(folder / "trajectories.parquet", filters=[("scenario", "=", number)])
     reports = fly_scenario(Skystack(), scenario).reports

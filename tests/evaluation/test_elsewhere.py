@@ -113,3 +113,14 @@ def test_other_simulators_are_judged_by_the_same_tables(platform, tmp_path):
     ]
     if platform == "bluebird":
         assert all(same_clearances(ours.clearances, theirs.clearances, range(episodes)))
+
+
+def test_vertical_control_is_judged_in_bluebird_as_in_ours(tmp_path):
+    """Own navigation and levels: other instructions through the same protocol."""
+    pytest.importorskip("bluebird_dt")
+    policy = find_policy("vertical")
+    ours = judge(policy, Conditions(episodes=4), None)
+    theirs = judge(policy, Conditions(episodes=4, platform="bluebird"), None)
+    assert all(same_clearances(ours.clearances, theirs.clearances, range(4)))
+    assert theirs.row["success_rate"] == ours.row["success_rate"] == 1.0
+    assert theirs.clearances["text"].equals(ours.clearances["text"])

@@ -67,9 +67,8 @@ def stored_scenario(folder: Path, number: int) -> Scenario:
     )
     if not start.num_rows:
         raise InputError(f"{folder}: has no scenario {number}")
-    aircraft = read_table(
-        folder / "aircraft.parquet", ("callsign", "type", "route", "exit_fl"), only
-    )
+    columns = ("callsign", "type", "route", "exit_fl", "own_navigation")
+    aircraft = read_table(folder / "aircraft.parquet", columns, only)
     issued = read_table(folder / "clearances.parquet", ("cycle", "callsign", "kind", "value"), only)
     episodes = read_table(folder / "episodes.parquet", ("cycles",), only)
     performance = (start.schema.metadata or {}).get(_PERFORMANCE, b"table").decode()
@@ -94,7 +93,7 @@ def _aircraft(row: dict[str, Any], start: dict[str, float]) -> Aircraft:
         type=row["type"],
         route=tuple(row["route"].split()),
         exit_fl=row["exit_fl"],
-        own_navigation=False,
+        own_navigation=row["own_navigation"],
     )
 
 

@@ -106,6 +106,7 @@ def _aircraft_table(task: NavigationTask, recording: Recording, flown_type: str)
             "route": pa.array(np.array(routes)[recording.start.route.reshape(-1)]),
             "entry_fl": _flight_levels(recording.start.level).reshape(-1),
             "exit_fl": _flight_levels(recording.exit_level).reshape(-1),
+            "own_navigation": np.asarray(recording.start.own_navigation).reshape(-1),
         }
     )
 
