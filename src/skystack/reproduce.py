@@ -35,7 +35,7 @@ from skystack.platforms.registry import OWN, check_platform
 FAMILIES = {
     "lateral": ("lateral-best", "lateral-large", "lateral-tuned", "lateral", "lateral-undamped"),
     "vertical": ("vertical",),
-    "avoidance": ("avoidance-large", "avoidance"),
+    "avoidance": ("avoidance-best", "avoidance-large", "avoidance"),
 }
 """Experiments of each family; longest training first keeps all cores busy to the end."""
 
