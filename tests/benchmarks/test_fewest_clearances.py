@@ -137,7 +137,9 @@ def test_plans_found_aircraft_by_aircraft_succeed_together_in_the_task(x_plus_se
 
 
 def test_scenarios_are_those_that_are_drawn_for_evaluation(drawn):
-    expected = jax.jit(build_task(TaskSettings()).scenarios.draw)(scenario_key(0, 2)).traffic.position_nm
+    expected = jax.jit(build_task(TaskSettings()).scenarios.draw)(
+        scenario_key(0, 2)
+    ).traffic.position_nm
     found = np.concatenate([aircraft.position_nm for aircraft in drawn[2]])
     np.testing.assert_allclose(found, expected, atol=1e-5)
 
