@@ -156,14 +156,14 @@ def test_a_scenario_is_exported(capsys, tmp_path):
 
 def test_reproduce_quick_from_end_to_end(capsys, tmp_path, monkeypatch):
     """Tiny trainings in real worker processes; every file of the run folder."""
-    from skystack import reproduce
+    from skystack.reproduction import plan
 
-    monkeypatch.setattr(reproduce, "QUICK_STEPS", 8192)
+    monkeypatch.setattr(plan, "QUICK_STEPS", 8192)
     out_folder = tmp_path / "run"
-    code, out, err = run(
-        capsys, "reproduce", "--episodes", "12", "--json", "--out", str(out_folder)
-    )
+    command = ("reproduce", "--episodes", "12", "--json", "--out", str(out_folder))
+    code, out, err = run(capsys, *command)
     assert code == 0, err
+    assert "kept" not in err
     result = json.loads(out)
     rows = {(row["experiment"], row["stacking"]) for row in result["rows"]}
     names = ("lateral-undamped", "lateral", "lateral-large", "lateral-tuned", "lateral-best")
@@ -176,6 +176,11 @@ def test_reproduce_quick_from_end_to_end(capsys, tmp_path, monkeypatch):
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert len(list((out_folder / "figures").glob("*.svg"))) > 5
     assert json.loads((out_folder / "results.json").read_text())["quick"] is True
+    code, again, err = run(capsys, *command)
+    assert code == 0, err
+    assert "kept from an earlier run: training lateral-undamped-s0, " in err
+    same = ("rows", "rows_by_seed", "comparisons", "train")
+    assert [json.loads(again)[key] for key in same] == [result[key] for key in same]
 
 
 MISTAKES = [

@@ -220,7 +220,8 @@ def _reproduce(options: argparse.Namespace) -> int:
     from skystack.platforms.registry import said_of
     from skystack.reporting.report import write_report
     from skystack.reporting.tables import comparison_of, platforms_of
-    from skystack.reproduce import QUICK_EPISODES, plan_families, run_plan, run_platforms
+    from skystack.reproduction.plan import QUICK_EPISODES, plan_families
+    from skystack.reproduction.run import run_plan, run_platforms
 
     quick = options.quick or not options.families
     families = options.families or ["lateral"]
@@ -235,6 +236,8 @@ def _reproduce(options: argparse.Namespace) -> int:
     plan = plan_families(families, seeds, episodes, out, quick, command, platforms)
     with show_progress() as report:
         results = run_plan(plan, report)
+    if results["kept"]:
+        prose().print(f"kept from an earlier run: {', '.join(results['kept'])}", highlight=False)
     prose().print("writing figures and report ...")
     path = write_report(out)
     failed: list[str] = []
@@ -244,8 +247,9 @@ def _reproduce(options: argparse.Namespace) -> int:
         failed = run_platforms(plan, results, count_scenarios)
         write_report(out)
     if options.json:
-        kept = ["rows", "rows_by_seed", "train", "wall_s"] + ["platforms"] * bool(plan.platforms)
-        _print_json({key: results[key] for key in kept})
+        shown = ["rows", "rows_by_seed", "comparisons", "train", "wall_s"]
+        shown += ["platforms"] * bool(plan.platforms)
+        _print_json({key: results[key] for key in shown})
     else:
         output().print(comparison_of(results["rows"]).as_rich())
         if plan.platforms:

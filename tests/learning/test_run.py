@@ -63,7 +63,7 @@ def test_an_interrupted_run_goes_on_to_the_same_policy(trained, tmp_path):
         train_experiment(small(), 3, tmp_path, on_update=interrupt)
     assert not (tmp_path / "policy.json").exists()
     run = train_experiment(small(), 3, tmp_path, resume=True)
-    assert run.steps == 512
+    assert run.steps == 1024
     assert weights(tmp_path) == weights(trained[0])
     lines = (tmp_path / "metrics.jsonl").read_text().splitlines()
     assert [json.loads(line)["update"] for line in lines] == [1, 2, 3, 4]

@@ -6,13 +6,27 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from skystack.reporting.results import Bound, Paper, Results, Row, Training, in_order
+from skystack.evaluation.statistics import Estimate
+from skystack.reporting.results import (
+    Bound,
+    Comparison,
+    Difference,
+    Paper,
+    Results,
+    Row,
+    RowName,
+    Statistics,
+    Training,
+    in_order,
+)
 from skystack.reporting.tables import (
     NOTHING,
     by_seed,
     comparison,
     comparison_of,
+    comparisons,
     duration,
+    estimates,
     platforms,
     trainings,
 )
@@ -157,3 +171,46 @@ def test_simulators_stand_together_ours_first():
         "95.0 %",
         "1 min 15 s",
     )
+
+
+def test_estimates_and_comparisons_carry_their_intervals():
+    less = Difference(Estimate(-2.0, -3.0, -1.0), Estimate(0.8, 0.6, 1.0))
+    lower = Difference(Estimate(-0.02, -0.03, 0.01), Estimate(0.9, 0.7, 1.0))
+    names = RowName("lateral", True), RowName("lateral-large", False)
+    results = Results(
+        rows=[row_with_statistics("lateral", True), row_with_statistics("lateral-large", False)],
+        rows_by_seed=[],
+        train=[],
+        wall_s=1.0,
+        machine="",
+        version="",
+        command="",
+        quick=False,
+        comparisons=[Comparison(*names, {"clearances": less, "success": lower})],
+    )
+    assert comparisons(results).rows == (
+        (
+            "damped and stacked against 37 actions",
+            "-2.0 [-3.0, -1.0]",
+            "80 % [60, 100]",
+            "-2.0 [-3.0, 1.0]",
+            "10 % [0, 30]",
+        ),
+    )
+    assert estimates(results.rows).rows[0] == (
+        "damped and stacked",
+        "7.2 [6.9, 7.5]",
+        "7.1 [7.0, 7.3]",
+        "98.0 % [97.0, 99.0]",
+        "99.0 % [98.0, 100.0]",
+        "0.5 % [0.0, 1.0]",
+        "1",
+    )
+
+
+def row_with_statistics(experiment, stacking):
+    clearances = Statistics(Estimate(7.2, 6.9, 7.5), Estimate(7.1, 7.0, 7.3))
+    success = Statistics(Estimate(0.98, 0.97, 0.99), Estimate(0.99, 0.98, 1.0))
+    lost = Statistics(Estimate(0.005, 0.0, 0.01), Estimate(0.0, 0.0, 0.0))
+    measures = {"clearances": clearances, "success": success, "loss_of_separation": lost}
+    return row(experiment=experiment, stacking=stacking, seeds=1, statistics=measures)

@@ -1,5 +1,7 @@
 """The numbers that the paper reports (section "Results and Discussion"), 100 scenarios each."""
 
+SCENARIOS = 100
+"""For each of its figures."""
 PAPER = {
     ("lateral-undamped", False): (113.0, 15.9),
     ("lateral", False): (14.5, 6.6),

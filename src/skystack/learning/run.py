@@ -14,7 +14,7 @@ import jax
 import msgspec
 import numpy as np
 
-from skystack.errors import TrainingError
+from skystack.errors import InputError, TrainingError
 from skystack.files import make_folder, write_aside
 from skystack.learning import ppo
 from skystack.learning.checkpoint import load_checkpoint, save_checkpoint
@@ -49,7 +49,7 @@ class Trained(NamedTuple):
     policy: Policy
     steps: int
     wall_s: float
-    """Of this process, compilation included; what was resumed is not counted."""
+    """Compilation included; of what was resumed, as long as its metrics say that it took."""
 
     @property
     def summary(self) -> dict[str, Any]:
@@ -77,7 +77,7 @@ def train_experiment(
     is one. Raises TrainingError when a loss is no number, InputError for a folder or checkpoint
     that cannot be used; on KeyboardInterrupt the checkpoint is written first.
     """
-    begun = time.monotonic()
+    start = time.monotonic()
     task, settings = build_training_task(experiment.task), experiment.ppo
     checkpoint = make_folder(folder / "checkpoint") / "learner.safetensors"
     fingerprint = hashlib.sha256(to_toml(experiment) + str(seed).encode()).hexdigest()
@@ -87,6 +87,7 @@ def train_experiment(
     first = int(learner.updates)
     phases = _phases(experiment, task, first)
     metrics = _Metrics(folder / "metrics.jsonl", first)
+    begun = start - metrics.wall_s
     write_aside(folder / "config.toml", to_toml(experiment))
     saved = warm = time.monotonic()
     try:
@@ -117,8 +118,7 @@ def train_experiment(
     save_checkpoint(checkpoint, learner, fingerprint)
     policy = _policy(experiment, seed, task, learner)
     save_policy(folder, policy)
-    trained = (settings.updates - first) * settings.samples
-    return Trained(policy, trained, time.monotonic() - begun)
+    return Trained(policy, settings.updates * settings.samples, time.monotonic() - begun)
 
 
 def _phases(experiment: Experiment, task: Task, first: int) -> dict[int, Task]:
@@ -135,8 +135,10 @@ class _Metrics:
     """`metrics.jsonl`, cut back to the lines of the updates already made."""
 
     def __init__(self, path: Path, updates: int) -> None:
-        lines = path.read_text().splitlines(keepends=True)[:updates] if updates else []
+        lines = _lines(path, updates) if updates else []
         write_aside(path, "".join(lines).encode())
+        self.wall_s: float = json.loads(lines[-1])["wall_s"] if lines else 0.0
+        """What the updates made before took."""
         self._file = path.open("a", encoding="utf-8")
 
     def append(self, line: dict[str, Any]) -> None:
@@ -145,6 +147,20 @@ class _Metrics:
 
     def close(self) -> None:
         self._file.close()
+
+
+def _lines(path: Path, updates: int) -> list[str]:
+    """The lines of the first updates."""
+    try:
+        lines = path.read_text().splitlines(keepends=True)[:updates]
+        if [json.loads(line)["update"] for line in lines] == list(range(1, updates + 1)):
+            return lines
+    except (OSError, ValueError, KeyError, TypeError):
+        pass
+    raise InputError(
+        f"{path}: does not hold the {updates} updates of the checkpoint; "
+        "train into another folder, or without --resume"
+    )
 
 
 def _check(values: dict[str, float | None], name: str, seed: int, steps: int) -> None:

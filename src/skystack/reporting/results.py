@@ -8,6 +8,7 @@ from typing import Annotated, TypeVar
 import msgspec
 
 from skystack.errors import InputError
+from skystack.evaluation.statistics import Estimate
 from skystack.platforms.registry import OWN
 
 Name = Annotated[str, msgspec.Meta(pattern=r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*\Z")]
@@ -35,6 +36,8 @@ READABLE_NAMES = {
     ("avoidance", True): "avoidance, stacked",
     ("avoidance-large", False): "avoidance, 37 actions",
     ("avoidance-large", True): "avoidance, 37 actions, stacked",
+    ("avoidance-tuned", False): "avoidance, tuned",
+    ("avoidance-tuned", True): "avoidance, tuned and stacked",
     ("avoidance-best", False): "avoidance, ours, unstacked",
     ("avoidance-best", True): "avoidance, ours, stacked",
 }
@@ -54,6 +57,38 @@ class Paper(msgspec.Struct, frozen=True):
 
     clearances_mean: float
     clearances_std: Number = None
+
+
+class Statistics(msgspec.Struct, frozen=True):
+    """Means over trainings of one measure, with their 95 % intervals."""
+
+    mean: Estimate
+    iqm: Estimate
+    """Interquartile."""
+
+
+class RowName(msgspec.Struct, frozen=True):
+    """Which row is meant."""
+
+    experiment: Name
+    stacking: bool
+
+
+class Difference(msgspec.Struct, frozen=True):
+    """How a first row differs from a second in one measure."""
+
+    difference: Estimate
+    """First less second."""
+    probability_less: Estimate
+    """That a training of the first comes out lower than one of the second."""
+
+
+class Comparison(msgspec.Struct, frozen=True):
+    """Two rows on the same scenarios."""
+
+    first: RowName
+    second: RowName
+    measures: dict[str, Difference]
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
@@ -84,6 +119,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     """What flying took."""
     same_clearances_rate: Number = None
     """Scenarios with the same clearances as in our simulator; only in `platforms`."""
+    statistics: dict[str, Statistics] = {}
+    """Of every measure (`skystack.evaluation.statistics`); only in `rows`."""
 
     @property
     def family(self) -> str:
@@ -138,6 +175,16 @@ class Results(msgspec.Struct, frozen=True, kw_only=True):
     quick: bool
     platforms: list[Row] = []
     """The first seed's policies in several simulators, on the same scenarios."""
+    comparisons: list[Comparison] = []
+    kept: list[str] = []
+    """Pieces that an earlier run had finished: they are not in `wall_s`."""
+
+    def row(self, experiment: str, stacking: bool) -> Row | None:
+        """One of `rows`, if it is there."""
+        found = (
+            row for row in self.rows if (row.experiment, row.stacking) == (experiment, stacking)
+        )
+        return next(found, None)
 
     @property
     def families(self) -> dict[str, list[Row]]:

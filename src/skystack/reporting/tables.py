@@ -9,6 +9,7 @@ import rich.markup
 import rich.table
 from rich.console import Console, ConsoleOptions, JustifyMethod
 
+from skystack.evaluation.statistics import Estimate
 from skystack.reporting.results import SIMULATORS, Bound, Number, Results, Row, in_order
 
 NOTHING = "\N{EN DASH}"
@@ -132,6 +133,64 @@ def platforms(rows: Sequence[Row]) -> Table:
     return Table(header, tuple(lines))
 
 
+def estimates(rows: Sequence[Row]) -> Table:
+    """Means and interquartile means over trainings, each with its 95 % interval."""
+    header = (
+        "row",
+        "clearances",
+        "interquartile",
+        "success",
+        "interquartile",
+        "losses of separation",
+        "trainings",
+    )
+    lines = []
+    for row in rows:
+        if not row.statistics:
+            continue
+        clearances, success = row.statistics["clearances"], row.statistics["success"]
+        lost = row.statistics["loss_of_separation"].mean
+        cells = (interval(clearances.mean), interval(clearances.iqm))
+        rates = (percent_interval(each) for each in (success.mean, success.iqm, lost))
+        lines.append((row.name, *cells, *rates, str(row.seeds)))
+    return Table(header, tuple(lines))
+
+
+def comparisons(results: Results) -> Table:
+    """Two rows a line: how they differ, and how probable it is that a training of the first wins.
+
+    Winning is to need fewer clearances, or to succeed more often; equal counts half.
+    """
+    header = (
+        "first against second",
+        "clearances: difference",
+        "first has fewer",
+        "success: difference in points",
+        "first has more",
+    )
+    lines = []
+    for each in results.comparisons:
+        names = [results.row(name.experiment, name.stacking) for name in (each.first, each.second)]
+        first, second = ("?" if row is None else row.name for row in names)
+        clearances, success = each.measures["clearances"], each.measures["success"]
+        more = Estimate(*(1.0 - value for value in _turned(success.probability_less)))
+        lines.append(
+            (
+                f"{first} against {second}",
+                interval(clearances.difference),
+                percent_interval(clearances.probability_less, 0),
+                interval(Estimate(*(100.0 * value for value in success.difference))),
+                percent_interval(more, 0),
+            )
+        )
+    return Table(header, tuple(lines))
+
+
+def _turned(estimate: Estimate) -> tuple[float, float, float]:
+    """For a figure that falls where this one rises, whose interval ends change places."""
+    return estimate.value, estimate.high, estimate.low
+
+
 def by_seed(results: Results) -> Table:
     """One line a training."""
     header = ("row", "seed", *_MEASURED)
@@ -202,6 +261,17 @@ def _paper(row: Row) -> str:
 def mean_and_std(mean: Number, std: Number) -> str:
     """`7.2 ± 3.5`."""
     return decimal(mean) if mean is None or std is None else f"{mean:.1f} ± {std:.1f}"
+
+
+def interval(estimate: Estimate) -> str:
+    """`7.2 [6.9, 7.5]`."""
+    return f"{estimate.value:.1f} [{estimate.low:.1f}, {estimate.high:.1f}]"
+
+
+def percent_interval(estimate: Estimate, places: int = 1) -> str:
+    """`98.3 % [97.5, 99.0]`."""
+    value, low, high = (f"{100.0 * each:.{places}f}" for each in estimate)
+    return f"{value} % [{low}, {high}]"
 
 
 def decimal(value: Number) -> str:

@@ -7,13 +7,14 @@ from contextlib import nullcontext
 import pytest
 
 from skystack.catalogue import SHIPPED
-from skystack.reproduce import plan_families, run_platforms
+from skystack.reproduction.plan import plan_families
+from skystack.reproduction.run import run_platforms
 
 
 def test_the_first_seed_flies_in_the_other_simulators(tmp_path):
     pytest.importorskip("bluebird_dt")
     plan = plan_families(["lateral"], 1, 3, tmp_path, False, "command", ["bluebird", "bluebird"])
-    best = plan.experiments[0]
+    best = plan.experiments[-1]
     plan = plan.__class__(**vars(plan) | {"experiments": (best,)})
     shutil.copytree(SHIPPED / best.name, tmp_path / "train" / f"{best.name}-s0")
     results = {"rows": [], "wall_s": 100.0}

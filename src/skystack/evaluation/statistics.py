@@ -1,0 +1,124 @@
+"""How sure a figure is: means over trainings and scenarios, with bootstrap intervals.
+
+A figure rests on two samples: some trainings, and some scenarios that all of them fly. The
+bootstrap draws both with replacement: scenarios in common for every row, as they are flown, and
+trainings for each row by itself (the strata). Intervals are percentiles of what comes out. For
+interquartile means and the probability of improvement see Agarwal et al., "Deep Reinforcement
+Learning at the Edge of the Statistical Precipice" (2021).
+"""
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from jaxtyping import Float
+from scipy.stats import trim_mean
+
+MEASURES = (
+    "clearances",
+    "instructions",
+    "success",
+    "correct_exit",
+    "excursion",
+    "few_clearances",
+    "loss_of_separation",
+)
+"""Columns of an evaluation's episodes that are reported with an interval."""
+RESAMPLES = 2000
+CONFIDENCE = 0.95
+QUARTER = 0.25
+
+Trainings = Float[np.ndarray, "*draws trainings"]
+Others = Float[np.ndarray, "*draws others"]
+Statistic = Float[np.ndarray, "*draws"] | np.float64
+
+
+class Estimate(NamedTuple):
+    """A figure and its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def scores(episodes: Sequence[pa.Table], measure: str) -> Float[np.ndarray, "trainings scenarios"]:
+    """One measure of trainings that flew the same scenarios."""
+    return np.stack([table[measure].to_numpy().astype(np.float64) for table in episodes])
+
+
+def mean(each: Trainings) -> Statistic:
+    """Over trainings."""
+    over: Statistic = each.mean(axis=-1)
+    return over
+
+
+def interquartile_mean(each: Trainings) -> Statistic:
+    """Over the trainings in the middle: a quarter is left out at either end, rounded down."""
+    trimmed: Statistic = trim_mean(each, QUARTER, axis=-1)
+    return trimmed
+
+
+def probability_less(first: Trainings, second: Others) -> Statistic:
+    """That a training of the first comes out lower than one of the second; equal counts half."""
+    gap = second[..., None, :] - first[..., :, None]
+    over: Statistic = (0.5 * (np.sign(gap) + 1.0)).mean(axis=(-2, -1))
+    return over
+
+
+class Bootstrap:
+    """Resamples of the scenarios 0 to `scenarios` - 1 that every row flies."""
+
+    def __init__(self, scenarios: int, resamples: int = RESAMPLES, seed: int = 0) -> None:
+        self.scenarios, self.resamples = scenarios, resamples
+        self._random = np.random.default_rng(seed)
+
+    @cached_property
+    def _weights(self) -> Float[np.ndarray, "resamples scenarios"]:
+        """How often each scenario is drawn, as a part of all draws."""
+        even = np.full(self.scenarios, 1.0 / self.scenarios)
+        counts = self._random.multinomial(self.scenarios, even, size=self.resamples)
+        return counts.astype(np.float32) / np.float32(self.scenarios)
+
+    def means(self, values: Float[np.ndarray, "trainings scenarios"]) -> Trainings:
+        """Means over scenarios of trainings drawn anew, a row a resample."""
+        each = (self._weights @ values.T.astype(np.float32)).astype(np.float64)
+        drawn = self._random.integers(len(values), size=each.shape)
+        return np.take_along_axis(each, drawn, axis=1)
+
+    def estimate(
+        self,
+        statistic: Callable[..., Statistic],
+        *rows: Float[np.ndarray, "_ scenarios"],
+    ) -> Estimate:
+        """A statistic of the per-training means of one row, or of two."""
+        value = statistic(*(row.mean(axis=1) for row in rows))
+        outside = 50.0 * (1.0 - CONFIDENCE)
+        drawn = statistic(*(self.means(row) for row in rows))
+        low, high = np.percentile(drawn, [outside, 100.0 - outside])
+        return Estimate(float(value), float(low), float(high))
+
+
+def row_statistics(episodes: Sequence[pa.Table]) -> dict[str, dict[str, Estimate]]:
+    """Mean and interquartile mean of every measure of a row, with their intervals."""
+    bootstrap = Bootstrap(episodes[0].num_rows)
+    return {
+        measure: {
+            "mean": bootstrap.estimate(mean, scores(episodes, measure)),
+            "iqm": bootstrap.estimate(interquartile_mean, scores(episodes, measure)),
+        }
+        for measure in MEASURES
+    }
+
+
+def comparison(
+    first: Sequence[pa.Table], second: Sequence[pa.Table], measure: str
+) -> dict[str, Estimate]:
+    """How the first row differs from the second in a measure, on the same scenarios."""
+    bootstrap = Bootstrap(first[0].num_rows)
+    values = scores(first, measure), scores(second, measure)
+    return {
+        "difference": bootstrap.estimate(lambda one, two: mean(one) - mean(two), *values),
+        "probability_less": bootstrap.estimate(probability_less, *values),
+    }

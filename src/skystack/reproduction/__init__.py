@@ -1,0 +1,1 @@
+"""Reproduce the paper: train, judge and compare, a piece at a time, none of them twice."""

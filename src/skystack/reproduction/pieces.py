@@ -1,0 +1,51 @@
+"""Pieces of work that are done once: each leaves a record beside its files.
+
+A record says what the piece was made from (its key), what came of it, and the hashes of its files.
+A piece whose record has the same key and whose files are unchanged is not made again.
+"""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from skystack.files import write_aside
+
+Key = dict[str, Any]
+"""Everything that the result depends on, as JSON."""
+
+
+def finished(record: Path, key: Key) -> Any | None:
+    """What came of a piece; None when it is not there, was made from something else, or damaged."""
+    try:
+        kept = json.loads(record.read_bytes())
+        if kept["key"] != key:
+            return None
+        if any(_hash(record.parent / name) != known for name, known in kept["files"].items()):
+            return None
+        return kept["result"]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def once(
+    record: Path, key: Key, make: Callable[[], Any], files: Iterable[str] = ()
+) -> tuple[Any, bool]:
+    """What comes of a piece, made now unless it was made before; and whether it was.
+
+    `files` are what it writes, beside the record. While it is made there is no record.
+    """
+    known = finished(record, key)
+    if known is not None:
+        return known, True
+    record.unlink(missing_ok=True)
+    result = make()
+    hashes = {name: _hash(record.parent / name) for name in files}
+    kept = {"key": key, "result": result, "files": hashes}
+    write_aside(record, (json.dumps(kept, indent=1) + "\n").encode())
+    return result, False
+
+
+def _hash(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,149 @@
+"""A whole reproduction: all jobs, the rows over all seeds with their statistics, `results.json`."""
+
+import json
+import platform
+import time
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import skystack
+from skystack.cores import cores
+from skystack.evaluation.everywhere import Count, judge_everywhere
+from skystack.evaluation.statistics import MEASURES, comparison, row_statistics
+from skystack.evaluation.summary import Row, aggregate
+from skystack.files import make_folder, write_aside
+from skystack.learning.policy import Policy, load_policy
+from skystack.reproduction.jobs import Flown, Report, nobody_once, run_jobs
+from skystack.reproduction.pieces import once
+from skystack.reproduction.plan import PLATFORM_EPISODES, Plan
+
+COMPARED = (
+    (("lateral", False), ("lateral-undamped", False)),
+    (("lateral", True), ("lateral", False)),
+    (("lateral", True), ("lateral-large", False)),
+    (("lateral-tuned", True), ("lateral-tuned", False)),
+    (("lateral-tuned", True), ("lateral-large", False)),
+    (("lateral-best", True), ("lateral-tuned", True)),
+    (("vertical", True), ("vertical", False)),
+    (("avoidance", True), ("avoidance", False)),
+    (("avoidance", True), ("avoidance-large", False)),
+    (("avoidance-tuned", True), ("avoidance", True)),
+    (("avoidance-best", True), ("avoidance-tuned", True)),
+)
+"""Rows, (experiment, stacked), that the paper or we compare."""
+
+
+def run_plan(plan: Plan, report: Report) -> dict[str, Any]:
+    """Run all jobs and write `results.json`; returns its contents (see docs/formats.md)."""
+    begun = time.monotonic()
+    make_folder(plan.out)
+    done = run_jobs(plan, report)
+    by_row: dict[tuple[str, bool], list[Flown]] = {}
+    for job in done:
+        for flown in job.flown:
+            by_row.setdefault((flown.row["experiment"], flown.row["stacking"]), []).append(flown)
+    kept = [name for job in done for name in job.kept]
+    lateral = [each for each in plan.experiments if each.task.name == "lateral"]
+    if lateral:
+        nobody, before = nobody_once(plan, lateral[0])
+        by_row[nobody.row["experiment"], False] = [nobody]
+        kept += ["evaluation of no instructions"] * before
+        write_aside(plan.out / "bound.json", fewest_clearances())
+    results = {
+        "rows": [_row(group) for group in by_row.values()],
+        "rows_by_seed": [flown.row for group in by_row.values() for flown in group],
+        "comparisons": _comparisons(by_row),
+        "train": [job.train for job in done],
+        "wall_s": time.monotonic() - begun,
+        "kept": kept,
+        "machine": machine(),
+        "version": skystack.__version__,
+        "command": plan.command,
+        "quick": plan.quick,
+        "platforms": [],
+    }
+    _write_results(plan, results)
+    return results
+
+
+def run_platforms(plan: Plan, results: dict[str, Any], count: Count) -> list[str]:
+    """Fly the first seed's policies in the plan's other simulators and add that to the results.
+
+    Returns what was not finished, and why.
+    """
+    begun, trained_s = time.monotonic(), results["wall_s"]
+    rows: list[Row] = []
+    failed: list[str] = []
+    for experiment in plan.experiments:
+        policy = load_policy(plan.training(f"{experiment.name}-s0"))
+        record = make_folder(plan.evaluation) / f"{experiment.name}-s0-platforms.json"
+        found = _everywhere_once(plan, policy, record, count)
+        rows += found["rows"]
+        failed += found["failed"]
+        results["platforms"] = rows
+        results["wall_s"] = trained_s + time.monotonic() - begun
+        _write_results(plan, results)
+    return failed
+
+
+def _everywhere_once(plan: Plan, policy: Policy, record: Path, count: Count) -> dict[str, Any]:
+    """One policy in all simulators, unless it was before; what failed is tried again."""
+    episodes = min(plan.episodes, PLATFORM_EPISODES)
+
+    def fly() -> dict[str, Any]:
+        found = judge_everywhere(policy, plan.platforms, episodes, plan.evaluation, count)
+        return {"rows": found.rows, "failed": found.failed}
+
+    key = {
+        "policy": policy.description.sha256,
+        "platforms": list(plan.platforms),
+        "episodes": episodes,
+        "version": skystack.__version__,
+    }
+    found, _ = once(record, key, fly)
+    if found["failed"]:
+        record.unlink()
+    result: dict[str, Any] = found
+    return result
+
+
+def fewest_clearances() -> bytes:
+    """What `benchmarks/fewest_clearances.py` found for the evaluation scenarios, as JSON."""
+    return files("skystack").joinpath("evaluation", "fewest_clearances.json").read_bytes()
+
+
+def machine() -> str:
+    """What the figures were measured on."""
+    python = platform.python_version()
+    return f"{platform.machine()}, {len(cores())} cores, {platform.system()}, Python {python}"
+
+
+def _row(group: Sequence[Flown]) -> Row:
+    episodes = [flown.episodes for flown in group]
+    row = aggregate([flown.row for flown in group], episodes)
+    return row | {"statistics": row_statistics(episodes)}
+
+
+def _comparisons(by_row: dict[tuple[str, bool], list[Flown]]) -> list[dict[str, Any]]:
+    return [
+        {
+            "first": dict(zip(("experiment", "stacking"), first, strict=True)),
+            "second": dict(zip(("experiment", "stacking"), second, strict=True)),
+            "measures": {
+                measure: comparison(
+                    [flown.episodes for flown in by_row[first]],
+                    [flown.episodes for flown in by_row[second]],
+                    measure,
+                )
+                for measure in MEASURES
+            },
+        }
+        for first, second in COMPARED
+        if first in by_row and second in by_row
+    ]
+
+
+def _write_results(plan: Plan, results: dict[str, Any]) -> None:
+    write_aside(plan.out / "results.json", (json.dumps(results, indent=1) + "\n").encode())
