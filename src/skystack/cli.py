@@ -237,7 +237,7 @@ def _reproduce(options: argparse.Namespace) -> int:
     with show_progress() as report:
         results = run_plan(plan, report)
     if results["kept"]:
-        prose().print(f"kept from an earlier run: {', '.join(results['kept'])}", highlight=False)
+        prose().print(f"{len(results['kept'])} finished pieces kept from an earlier run")
     prose().print("writing figures and report ...")
     path = write_report(out)
     failed: list[str] = []

@@ -1,19 +1,20 @@
-"""Which figures a run has, and which scenario they show."""
+"""Which figures a run has."""
 
 import json
 import xml.etree.ElementTree as ET
 
-import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from skystack.errors import InputError
-from skystack.reporting.figures import typical_scenario, write_figures
-from skystack.reporting.results import read_run
+from skystack.reporting.figures import write_figures
+from skystack.reporting.report import write_report
+from tests.reporting.conftest import write_run
 
 ROWS = ["lateral-undamped-plain", "lateral-plain", "lateral-stacked", "do-nothing-plain"]
 EXPECTED = {
+    "loop",
+    "sector",
+    "routes",
     "trajectories-lateral",
     "histograms-lateral",
     "success-lateral",
@@ -22,24 +23,6 @@ EXPECTED = {
     "learning-lateral",
     "learning-lateral-undamped",
 }
-
-
-def set_episodes(run, clearances, success):
-    path = run / "evaluation/lateral-s0-skystack-stacked/episodes.parquet"
-    table = pa.table(
-        {
-            "scenario": np.arange(len(clearances), dtype=np.int32),
-            "clearances": np.array(clearances, dtype=np.int32),
-            "success": np.array(success),
-            "min_separation_nm": np.full(len(success), np.inf),
-        }
-    )
-    pq.write_table(table, path)
-
-
-def rows_of(run):
-    whole = read_run(run)
-    return whole, whole.results.rows
 
 
 def test_every_figure_is_there_in_both_formats(reported):
@@ -58,20 +41,13 @@ def test_figures_are_whole_and_say_nothing_of_this_machine(reported):
             assert data.endswith(b"IEND\xaeB`\x82")
 
 
-@pytest.mark.parametrize(
-    ("clearances", "success", "typical"),
-    [
-        ([2, 9, 6, 5], [True] * 4, 3),  # the mean is 5.5; the first of two equally near
-        ([2, 9, 6, 5], [True, True, True, False], 2),
-        ([2, 9, 6, 5], [False, True, False, False], 1),
-        ([2, 9, 6, 5], [False] * 4, 3),
-    ],
-)
-def test_the_scenario_shown_is_a_typical_success(run, clearances, success, typical):
-    set_episodes(run, clearances, success)
-    shown = typical_scenario(*rows_of(run))
-    nearest = {2, 3} if typical == 3 else {typical}
-    assert shown in nearest
+def test_few_actions_and_many_are_set_beside_each_other_where_both_were_trained(tmp_path):
+    rows = [("avoidance", True), ("avoidance-large", False)]
+    run = write_run(tmp_path / "run", rows=rows, seeds=(0,), scenarios=2)
+    report = write_report(run).read_text()
+    stems = {path.stem for path in (run / "figures").iterdir()}
+    assert {"convergence-avoidance", "separations-avoidance", "trajectories-avoidance"} <= stems
+    assert "Few actions and many beside each other" in report
 
 
 def test_a_run_that_flew_nothing_says_so(run):

@@ -9,7 +9,15 @@ from hypothesis import strategies as st
 
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
-from skystack.reporting.flights import Clearance, Track, read_outcomes, read_scenario
+from skystack.reporting.flights import (
+    Clearance,
+    Scenario,
+    Start,
+    Track,
+    read_outcomes,
+    read_scenario,
+    read_starts,
+)
 
 FOLDER = "evaluation/lateral-s0-skystack-stacked"
 
@@ -125,3 +133,54 @@ def test_a_table_without_its_sector_is_refused(run, metadata):
 def test_a_scenario_that_was_not_flown_is_refused(run):
     with pytest.raises(InputError, match="no scenario 17"):
         read_scenario(run / FOLDER, 17)
+
+
+def flown(callsign, *positions_nm, fl=300.0):
+    path = np.array(positions_nm, dtype=float)
+    level = np.full(len(path), fl)
+    return Track(callsign, path[:0], path, level, level, 300, None, ())
+
+
+def least_separation(*tracks):
+    return Scenario(x_plus(), 0, 0, tracks).least_separation
+
+
+def test_least_separation_is_found_between_radar_positions():
+    # They pass 3 NM beside each other, half-way through the second cycle.
+    east = flown("AC1", (-1.5, 0.0), (-0.5, 0.0), (0.5, 0.0), (1.5, 0.0))
+    west = flown("AC2", (1.5, 3.0), (0.5, 3.0), (-0.5, 3.0), (-1.5, 3.0))
+    nearest = least_separation(east, west)
+    assert nearest.distance_nm == pytest.approx(3.0)
+    np.testing.assert_allclose(nearest.position_nm, [[0.0, 0.0], [0.0, 3.0]], atol=1e-12)
+
+
+def test_least_separation_ends_when_one_aircraft_has_exited():
+    short = flown("AC1", (0.0, 0.0), (1.0, 0.0))
+    long = flown("AC2", (9.0, 0.0), (8.0, 0.0), (1.0, 0.0))
+    assert least_separation(short, long).distance_nm == pytest.approx(7.0)
+
+
+def test_aircraft_a_thousand_feet_apart_have_no_least_separation():
+    low, high = flown("AC1", (0.0, 0.0)), flown("AC2", (1.0, 0.0), fl=310.0)
+    assert least_separation(low, high) is None
+    assert least_separation(low) is None
+
+
+def test_starts_are_routes_and_climbs(run):
+    rows = pq.read_table(run / FOLDER / "aircraft.parquet").to_pylist()
+    (start,) = read_starts(run / FOLDER, [1])
+    assert [" ".join(route) for route in start.routes] == [
+        row["route"] for row in rows if row["scenario"] == 1
+    ]
+    assert start.climbs_fl == (0, 0)
+    with pytest.raises(InputError, match=r"aircraft\.parquet: has no scenario 7"):
+        read_starts(run / FOLDER, [7])
+
+
+def test_routes_are_reciprocal_when_one_is_the_other_reversed():
+    there, back, aside = ("A", "B", "C"), ("C", "B", "A"), ("A", "B", "D")
+    assert Start((there, back), (0, 0)).reciprocal
+    assert Start((there, aside, back), (0, 0, 0)).reciprocal
+    assert not Start((there, there), (0, 0)).reciprocal
+    assert not Start((there, aside), (0, 0)).reciprocal
+    assert not Start((there,), (0,)).reciprocal

@@ -5,9 +5,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skystack.reporting.learning_curves import (
+    convergence,
     learning_curves,
     mean_over_seeds,
     running_mean,
+    steps_until,
     success_curves,
 )
 from skystack.reporting.results import Update
@@ -77,3 +79,30 @@ def test_experiments_share_one_picture():
         (axes,) = success_curves(curves).axes
     np.testing.assert_allclose(curve(axes, "Damped"), 0.2)
     np.testing.assert_allclose(curve(axes, "Ours"), 0.9)
+
+
+def test_steps_until_success_are_those_of_the_mean_over_seeds():
+    seeds = [updates(0.7, None), updates(0.9, None)]
+    assert steps_until(0.75, seeds) == 100.0
+    assert steps_until(0.85, seeds) is None
+    assert steps_until(0.5, [updates(None, None)]) is None
+
+
+def test_few_actions_and_many_have_common_axes_and_all_criteria():
+    learned = [
+        Update(steps=1_000_000 * n, success=0.4 * n, few_instructions=0.4 * n, episodes=9.0)
+        for n in (1, 2)
+    ]
+    curves = {"5 actions": [learned], "37 actions": [updates(0.1, 0.3)]}
+    with house_style():
+        figure = convergence(curves)
+    first, second, rates, slow = figure.axes
+    assert (first.get_ylim(), rates.get_xlim()) == (second.get_ylim(), slow.get_xlim())
+    assert [axes.get_title(loc="left") for axes in figure.axes] == [
+        "5 actions",
+        "37 actions",
+        "80% success first at 2 million steps",
+        "success stays below 80%",
+    ]
+    np.testing.assert_allclose(curve(rates, "few instructions"), curve(rates, "success"))
+    np.testing.assert_allclose(curve(slow, "no excursion"), 0.7)

@@ -33,6 +33,7 @@ def test_a_climb_is_drawn_as_it_was_told_and_flown():
     assert lines["level"].get_ydata()[-1] == 105.0
     assert lines["cleared level"].get_ydata()[3] == 150.0
     assert (lines["clearance"].get_xdata(), lines["clearance"].get_ydata()) == ([0.2], [150])
+    assert "climb FL150: 5 instructions" in [text.get_text() for text in axes.texts]
 
 
 def test_flights_of_one_scenario_share_their_axes():

@@ -58,7 +58,7 @@ def test_the_page_needs_nothing_else(html, page):
 
 def test_pictures_are_drawings_with_words(html, page):
     drawings = re.findall(r'src="data:image/svg\+xml;base64,([^"]*)"', html)
-    assert len(drawings) == page.tags.count("img") == 4 * 2 + 1 + 1 + 2
+    assert len(drawings) == page.tags.count("img") == 3 + 4 * 2 + 1 + 1 + 2
     for drawing in drawings:
         decoded = base64.b64decode(drawing)
         assert decoded.startswith(b"<?xml")

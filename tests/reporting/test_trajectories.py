@@ -86,3 +86,17 @@ def test_panels_share_their_limits():
     shown = [axes for axes in figure.axes if axes.axison]
     assert len(shown) == 3
     assert len({(axes.get_xlim(), axes.get_ylim()) for axes in shown}) == 1
+
+
+def test_the_least_separation_is_a_line_with_its_length():
+    scenario = scenario_of(0)
+    with house_style():
+        plain = picture("Damped", scenario)
+        marked = picture("Damped", scenario, separation=True)
+    # The second aircraft flies one mile east and one mile north of the first.
+    assert "1.4 NM" in texts_of(marked)
+    assert "1.4 NM" not in texts_of(plain)
+    lines = [line.get_xydata() for line in marked.axes[0].lines if line.get_marker() == "s"]
+    assert len(lines) == 1
+    np.testing.assert_allclose(lines[0][1] - lines[0][0], [1.0, 1.0])
+    assert "least separation" in [text.get_text() for text in marked.legends[0].get_texts()]

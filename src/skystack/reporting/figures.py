@@ -1,13 +1,13 @@
-"""All figures of a run: one scenario seen from above, histograms, learning curves."""
+"""All figures of a run: the setting, one scenario of each family, histograms, learning curves."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from skystack.files import make_folder
-from skystack.reporting.flights import Outcomes, read_outcomes, read_scenario
+from skystack.reporting.flights import Scenario, read_outcomes, read_scenario, read_sector
 from skystack.reporting.histograms import (
     SCENARIOS,
     Nearest,
@@ -16,11 +16,14 @@ from skystack.reporting.histograms import (
     histograms,
     separations,
 )
-from skystack.reporting.learning_curves import learning_curves, success_curves
+from skystack.reporting.learning_curves import convergence, learning_curves, success_curves
+from skystack.reporting.loop import loop
+from skystack.reporting.maps import route_maps, sector_map
 from skystack.reporting.profiles import profile, profiles
 from skystack.reporting.results import NOBODY, Row, Run, read_run
 from skystack.reporting.style import house_style, save
 from skystack.reporting.trajectories import picture, pictures
+from skystack.reporting.typical import typical_scenario
 
 OVERVIEW = {
     "lateral": (
@@ -36,6 +39,7 @@ OVERVIEW = {
         "avoidance-plain",
         "avoidance-stacked",
         "avoidance-large-plain",
+        "avoidance-tuned-stacked",
         "avoidance-best-stacked",
     ),
 }
@@ -53,43 +57,32 @@ def write_figures(run: Path) -> list[Path]:
         return [path for name, figure in _figures(whole) for path in save(figure, folder / name)]
 
 
-def typical_scenario(run: Run, rows: Sequence[Row]) -> int:
-    """The scenario for a family's pictures: its clearances lie nearest to every row's own mean.
-
-    Distances are in each row's standard deviations. Where there are scenarios in which every
-    policy succeeds, it is one of these.
-    """
-    flown = {
-        row.slug: read_outcomes(run.evaluation(row), SCENARIOS)
-        for row in rows
-        if row.experiment != NOBODY
-    }
-    common = min((len(outcomes.scenario) for outcomes in flown.values()), default=0)
-    if not common:
-        return 0
-    distance = sum(_distance_from_mean(outcomes)[:common] for outcomes in flown.values())
-    failed = ~np.all([outcomes.success[:common] for outcomes in flown.values()], axis=0)
-    best = np.lexsort((np.asarray(distance), failed))[0]
-    return int(next(iter(flown.values())).scenario[best])
-
-
-def _distance_from_mean(outcomes: Outcomes) -> np.ndarray:
-    spread = max(float(outcomes.clearances.std()), 1.0)
-    return np.square((outcomes.clearances - outcomes.clearances.mean()) / spread)
-
-
 def _figures(run: Run) -> Iterator[tuple[str, Figure]]:
+    yield "loop", loop()
+    if run.results.rows:
+        sector = read_sector(run.evaluation(run.results.rows[0]))
+        yield "sector", sector_map(sector)
+        yield "routes", route_maps(sector)
     for family, rows in run.results.families.items():
         yield from _pictures(run, family, rows)
         yield from _histograms(run, family, rows)
         yield from _curves(run, family)
 
 
+_One = Callable[[str, Scenario], Figure]
+_Several = Callable[[Sequence[tuple[str, Scenario]]], Figure]
+_DRAWN_AS: Mapping[str, tuple[_One, _Several]] = {
+    "vertical": (profile, profiles),
+    "avoidance": (partial(picture, separation=True), partial(pictures, separation=True)),
+}
+"""How one flight and several are shown; from above where nothing is said."""
+
+
 def _pictures(run: Run, family: str, rows: Sequence[Row]) -> Iterator[tuple[str, Figure]]:
     number = typical_scenario(run, rows)
     flown = {row.slug: read_scenario(run.evaluation(row), number) for row in rows}
     titles = {row.slug: row.title for row in rows}
-    one, several = (profile, profiles) if family == "vertical" else (picture, pictures)
+    one, several = _DRAWN_AS.get(family, (picture, pictures))
     for slug, scenario in flown.items():
         yield f"trajectory-{slug}", one(titles[slug], scenario)
     together = [(titles[slug], flown[slug]) for slug in OVERVIEW[family] if slug in flown]
@@ -131,11 +124,16 @@ def _curves(run: Run, family: str) -> Iterator[tuple[str, Figure]]:
     if experiments:
         titles = {experiment_title(name): seeds for name, seeds in experiments.items()}
         yield f"success-{family}", success_curves(titles)
+    small, large = experiments.get(family), experiments.get(f"{family}-large")
+    if small and large:
+        beside = {"5 actions": small, "37 actions": large}
+        yield f"convergence-{family}", convergence(beside)
 
 
 def experiment_title(name: str) -> str:
     """An experiment without a word about stacking, which training does not know."""
     known = {"lateral-undamped": "Undamped", "lateral": "Damped", "lateral-large": "37 actions"}
     known |= {"lateral-tuned": "Tuned", "lateral-best": "Ours", "vertical": "Vertical control"}
-    known |= {"avoidance": "5 actions", "avoidance-large": "37 actions", "avoidance-best": "Ours"}
+    known |= {"avoidance": "5 actions", "avoidance-large": "37 actions"}
+    known |= {"avoidance-tuned": "Tuned", "avoidance-best": "Ours"}
     return known.get(name, name)

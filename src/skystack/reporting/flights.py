@@ -1,7 +1,8 @@
 """One evaluation's Parquet tables: outcomes of all scenarios, and one scenario to draw."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,9 +13,13 @@ from jaxtyping import Float, Int
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
 from skystack.evaluation.stored import read_table, sector_of
+from skystack.tasks.tracking import SEPARATION_FL
 
 BURST_GAP_CYCLES = 2
 """Two aircraft under one policy take turns: a burst for either may skip every other cycle."""
+
+SAMPLES_PER_CYCLE = 60
+"""Ten a second: two aircraft that meet head-on come 0.026 NM nearer from one to the next."""
 
 
 class Clearance(NamedTuple):
@@ -76,6 +81,14 @@ class Track:
         return runs
 
 
+class Approach(NamedTuple):
+    """Where two aircraft were when they were nearest to each other."""
+
+    distance_nm: float
+    position_nm: Float[np.ndarray, "2 2"]
+    """A row an aircraft."""
+
+
 @dataclass(frozen=True)
 class Scenario:
     """One scenario as it was flown."""
@@ -84,6 +97,34 @@ class Scenario:
     number: int
     clearances: int
     tracks: tuple[Track, ...]
+
+    @property
+    def least_separation(self) -> Approach | None:
+        """Of all pairs, while both fly less than 1,000 ft apart; None where no two ever do."""
+        pairs = [_approach(first, second) for first, second in combinations(self.tracks, 2)]
+        near = [approach for approach in pairs if approach is not None]
+        return min(near, key=lambda approach: approach.distance_nm, default=None)
+
+
+def _approach(first: Track, second: Track) -> Approach | None:
+    """Straight motion is assumed from one radar position to the next."""
+    rows = min(len(first.position_nm), len(second.position_nm))
+    cycle = np.arange(rows, dtype=np.float64)
+    time = np.linspace(0.0, rows - 1.0, (rows - 1) * SAMPLES_PER_CYCLE + 1)
+
+    def at_time(values: Float[np.ndarray, " _"]) -> Float[np.ndarray, " samples"]:
+        return np.interp(time, cycle, values[:rows])
+
+    position_nm = np.array(
+        [[at_time(axis) for axis in track.position_nm.T] for track in (first, second)]
+    )
+    level_apart_fl = np.abs(at_time(first.level_fl) - at_time(second.level_fl))
+    apart_nm = np.hypot(*(position_nm[0] - position_nm[1]))
+    apart_nm = np.where(level_apart_fl < SEPARATION_FL, apart_nm, np.inf)
+    nearest = int(np.argmin(apart_nm))
+    if not np.isfinite(apart_nm[nearest]):
+        return None
+    return Approach(float(apart_nm[nearest]), position_nm[:, :, nearest])
 
 
 class Outcomes(NamedTuple):
@@ -96,8 +137,46 @@ class Outcomes(NamedTuple):
     """Infinite where no two aircraft were less than 1,000 ft apart."""
 
 
-def read_outcomes(folder: Path, first: int) -> Outcomes:
-    """The first scenarios' results. Raises InputError that names a missing or damaged table."""
+class Start(NamedTuple):
+    """What the aircraft of one scenario are to do."""
+
+    routes: tuple[tuple[str, ...], ...]
+    climbs_fl: tuple[int, ...]
+    """From the entry level to the exit level, negative for descents."""
+
+    @property
+    def reciprocal(self) -> bool:
+        """Whether one aircraft's route is another's reversed."""
+        return any(first == second[::-1] for first, second in combinations(self.routes, 2))
+
+
+def read_starts(folder: Path, numbers: Sequence[int]) -> list[Start]:
+    """How some scenarios begin. Raises InputError that names a missing or damaged table."""
+    path = folder / "aircraft.parquet"
+    table = read_table(path, ("scenario", "route", "entry_fl", "exit_fl"))
+    aircraft: dict[int, list[dict[str, Any]]] = {number: [] for number in numbers}
+    for row in table.to_pylist():
+        aircraft.get(row["scenario"], []).append(row)
+    for number, rows in aircraft.items():
+        if not rows:
+            raise InputError(f"{path}: has no scenario {number}")
+    return [
+        Start(
+            tuple(tuple(row["route"].split()) for row in rows),
+            tuple(row["exit_fl"] - row["entry_fl"] for row in rows),
+        )
+        for rows in aircraft.values()
+    ]
+
+
+def read_sector(folder: Path) -> Sector:
+    """Where an evaluation was flown. Raises InputError that names a missing or damaged table."""
+    path = folder / "episodes.parquet"
+    return sector_of(path, read_table(path, ("scenario",)))
+
+
+def read_outcomes(folder: Path, first: int | None = None) -> Outcomes:
+    """The first scenarios' results, or all. Raises InputError that names a bad table."""
     table = read_table(folder / "episodes.parquet", Outcomes._fields)
     return Outcomes(*(table[name].to_numpy()[:first] for name in Outcomes._fields))
 

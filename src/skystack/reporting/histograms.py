@@ -30,7 +30,8 @@ def histogram(panel: Panel) -> Figure:
     """One row's clearances per scenario."""
     figure, (axes,) = grid_of_axes(1, 1, (5.0, 3.1))
     _draw(axes, panel, bin_edges([panel]))
-    axes.set_xlabel("clearances in a scenario")
+    # Beside the title, as in the picture of all rows, there is no room for it.
+    axes.set_xlabel("\n".join(filter(None, ["clearances in a scenario", _dashed(panel)])))
     axes.set_ylabel("scenarios")
     return figure
 
@@ -42,6 +43,7 @@ def histograms(panels: Sequence[Panel]) -> Figure:
     edges = bin_edges(panels)
     for place, panel in zip(axes, panels, strict=True):
         _draw(place, panel, edges)
+        place.set_title(_dashed(panel), loc="right", color=MUTED, fontsize=8.0, fontweight="normal")
     figure.supylabel("scenarios", color=MUTED, fontsize=8.5)
     axes[-1].set_xlabel("clearances in a scenario")
     return figure
@@ -96,10 +98,8 @@ def _draw(axes: Axes, panel: Panel, edges: Float[np.ndarray, " edges"]) -> None:
     axes.set_axisbelow(True)
     if panel.paper_mean is not None:
         axes.axvline(panel.paper_mean, color=INK, linewidth=1.2, linestyle=(0, (4, 2)))
-        axes.set_title(
-            f"dashed: the paper's mean, {panel.paper_mean:.1f}",
-            loc="right",
-            color=MUTED,
-            fontsize=8.0,
-            fontweight="normal",
-        )
+
+
+def _dashed(panel: Panel) -> str:
+    """What the dashed line means, where there is one."""
+    return "" if panel.paper_mean is None else f"dashed: the paper's mean, {panel.paper_mean:.1f}"

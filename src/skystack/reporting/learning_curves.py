@@ -24,6 +24,14 @@ from skystack.reporting.style import (
 
 WINDOW = 0.03
 """The thick lines are running means over this part of the training."""
+LEARNED = 0.8
+"""A policy with this much success counts as having learned its task."""
+CRITERIA = (
+    ("correct_exit", GREEN, "correct exit"),
+    ("excursion", VERMILION, "no excursion"),
+    ("few_instructions", ORANGE, "few instructions"),
+)
+"""Field, colour and name of what makes a success."""
 
 Curves = Sequence[Sequence[Update]]
 """The updates of one experiment, a sequence a seed."""
@@ -35,11 +43,7 @@ def learning_curves(title: str, seeds: Curves) -> Figure:
     returns.set_title(title)
     _draw(returns, seeds, "episode_return", INK)
     returns.set_ylabel("return")
-    _draw(rates, seeds, "success", BLUE, label="success")
-    _draw(rates, seeds, "correct_exit", GREEN, style=1, label="correct exit", thin=False)
-    _draw(rates, seeds, "excursion", VERMILION, style=2, label="no excursion", thin=False)
-    _draw(rates, seeds, "few_instructions", ORANGE, style=3, label="few instructions", thin=False)
-    _rates(rates)
+    _draw_success(rates, seeds)
     _legend(rates)
     _draw(counts, seeds, "instructions", INK, label="instructions")
     _draw(counts, seeds, "bursts", BLUE, style=1, label="bursts")
@@ -48,6 +52,36 @@ def learning_curves(title: str, seeds: Curves) -> Figure:
     _legend(counts)
     _steps(counts)
     return figure
+
+
+def convergence(experiments: Mapping[str, Curves]) -> Figure:
+    """Experiments beside each other on common axes: return above, success and criteria below."""
+    columns = len(experiments)
+    figure, panels = grid_of_axes(2, columns, (3.6 * columns, 4.9), sharex=True, sharey="row")
+    for column, (title, seeds) in enumerate(experiments.items()):
+        returns, rates = panels[column], panels[columns + column]
+        returns.set_title(title)
+        _draw(returns, seeds, "episode_return", INK)
+        _draw_success(rates, seeds)
+        _mark_learned(rates, seeds)
+        _steps(rates)
+        for place in (returns, rates):
+            place.label_outer()
+    panels[0].set_ylabel("return")
+    handles, labels = panels[columns].get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside lower center", ncols=4, handlelength=2.6)
+    return figure
+
+
+def steps_until(share: float, seeds: Curves) -> float | None:
+    """Steps after which success, as the thick line shows it, first is that high; None if never."""
+    smooth = _smooth(seeds, "success")
+    if not smooth:
+        return None
+    steps, success = mean_over_seeds(smooth)
+    reached = success >= share
+    return float(steps[np.argmax(reached)]) if reached.any() else None
 
 
 def success_curves(experiments: Mapping[str, Curves]) -> Figure:
@@ -93,29 +127,64 @@ def _draw(
     style: int = 0,
     label: str | None = None,
     thin: bool = True,
+    width: float = 1.8,
 ) -> None:
     """A thick mean over the seeds and, if wanted, a thin line for each."""
     axes.grid(axis="y", color=FAINT, linewidth=0.5)
-    smooth = []
-    for updates in seeds:
-        steps = np.array([update.steps for update in updates], dtype=float)
-        values = np.array([getattr(update, field) for update in updates], dtype=float)
-        if field == "excursion":
-            values = 1.0 - values
-        if thin:
-            axes.plot(steps, values, color=colour, linewidth=0.5, alpha=0.35)
-        mean = running_mean(values, np.array([update.episodes for update in updates]))
-        known = np.isfinite(mean)
-        if known.any():
-            smooth.append((steps[known], mean[known]))
+    if thin:
+        for updates in seeds:
+            axes.plot(*_values(updates, field), color=colour, linewidth=0.5, alpha=0.35)
+    smooth = _smooth(seeds, field)
     if smooth:
         axes.plot(
             *mean_over_seeds(smooth),
             color=colour,
-            linewidth=1.8,
+            linewidth=width,
             linestyle=LINES[style],
             label=label,
         )
+
+
+def _values(
+    updates: Sequence[Update], field: str
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Steps and values; an excursion rate as the rate of none."""
+    steps = np.array([update.steps for update in updates], dtype=float)
+    values = np.array([getattr(update, field) for update in updates], dtype=float)
+    return steps, 1.0 - values if field == "excursion" else values
+
+
+def _smooth(
+    seeds: Curves, field: str
+) -> list[tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"]]]:
+    """Steps and running mean of each seed, where known."""
+    smooth = []
+    for updates in seeds:
+        steps, values = _values(updates, field)
+        mean = running_mean(values, np.array([update.episodes for update in updates]))
+        known = np.isfinite(mean)
+        if known.any():
+            smooth.append((steps[known], mean[known]))
+    return smooth
+
+
+def _draw_success(axes: Axes, seeds: Curves) -> None:
+    """Success, and over it the criteria that make it up: which one holds it down is seen."""
+    _draw(axes, seeds, "success", BLUE, label="success", width=3.6)
+    for style, (field, colour, label) in enumerate(CRITERIA, start=1):
+        _draw(axes, seeds, field, colour, style=style, label=label, thin=False, width=1.6)
+    _rates(axes)
+
+
+def _mark_learned(axes: Axes, seeds: Curves) -> None:
+    """When success first is high, or that it never is."""
+    steps = steps_until(LEARNED, seeds)
+    if steps is None:
+        text = f"success stays below {LEARNED:.0%}"
+    else:
+        text = f"{LEARNED:.0%} success first at {steps / 1e6:.2g} million steps"
+        axes.axvline(steps, color=INK, linewidth=0.9, linestyle=(0, (4, 2)))
+    axes.set_title(text, fontsize=8.5, fontweight="normal", color=MUTED, pad=5.0)
 
 
 def _rates(axes: Axes) -> None:

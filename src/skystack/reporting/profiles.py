@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from skystack.reporting.flights import Scenario, Track
-from skystack.reporting.style import FAINT, INK, LINES, MUTED, PAPER, SERIES, grid_of_axes
+from skystack.reporting.labels import Label, place_labels
+from skystack.reporting.style import FAINT, INK, LINES, MUTED, PAPER, SERIES, grid_of_axes, settle
 from skystack.reporting.trajectories import clearances_text
 
 MINUTES_PER_CYCLE = 0.1
@@ -19,7 +21,7 @@ def profile(title: str, scenario: Scenario) -> Figure:
 
 def profiles(panels: Sequence[tuple[str, Scenario]]) -> Figure:
     """Several flights of one scenario side by side on the same axes."""
-    size_in = (5.0 * len(panels), 3.4)
+    size_in = (5.0 * len(panels), 3.7)
     figure, axes = grid_of_axes(1, len(panels), size_in, sharex=True, sharey=True)
     for place, (title, scenario) in zip(axes, panels, strict=True):
         for number, track in enumerate(scenario.tracks):
@@ -29,8 +31,29 @@ def profiles(panels: Sequence[tuple[str, Scenario]]) -> Figure:
         place.grid(color=FAINT, linewidth=0.5)
         place.set_axisbelow(True)
     axes[0].set_ylabel("flight level")
-    axes[0].legend(frameon=False, fontsize=8.0)
+    handles, labels = axes[0].get_legend_handles_labels()
+    known = dict(zip(labels, handles, strict=True))
+    figure.legend(known.values(), known.keys(), loc="outside lower center", ncols=len(known))
+    settle(figure)
+    for place, (_, scenario) in zip(axes, panels, strict=True):
+        _write_texts(place, scenario)
     return figure
+
+
+def _write_texts(axes: Axes, scenario: Scenario) -> None:
+    """How many instructions became one clearance, where it was more than one."""
+    labels, drawn = [], []
+    for number, track in enumerate(scenario.tracks):
+        minutes = MINUTES_PER_CYCLE * np.arange(len(track.level_fl))
+        drawn += [np.stack([minutes, levels], 1) for levels in (track.level_fl, track.cleared_fl)]
+        drawn.append(np.stack([minutes, np.full_like(minutes, track.exit_fl)], 1))
+        for told in track.clearances:
+            if told.kind == "level" and told.instructions > 1:
+                point = (MINUTES_PER_CYCLE * told.cycle, float(told.value))
+                text = f"{told.short}: {told.instructions} instructions"
+                labels.append(Label(text, point, SERIES[number % len(SERIES)], size_pt=8.5))
+    if labels:
+        place_labels(axes, labels, np.concatenate(drawn))
 
 
 def _draw(axes: Axes, track: Track, number: int) -> None:

@@ -1,6 +1,7 @@
 """`report.html`: one file that holds everything a reader wants to know about a run."""
 
 import base64
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
@@ -9,10 +10,10 @@ import jinja2
 
 from skystack.files import write_aside
 from skystack.reporting import tables
+from skystack.reporting.claims import Claim, claims_table, judge_claims
 from skystack.reporting.figures import (
     OVERVIEW,
     experiment_title,
-    typical_scenario,
     write_figures,
 )
 from skystack.reporting.flights import Clearance, Scenario, read_scenario
@@ -20,9 +21,17 @@ from skystack.reporting.histograms import SCENARIOS
 from skystack.reporting.results import FAMILIES, Bound, Row, Run, read_run
 from skystack.reporting.style import follow_the_page
 from skystack.reporting.trajectories import clearances_text
+from skystack.reporting.typical import kind_of_scenario, typical_scenario
 
 BOUND_FAMILY = "lateral"
 """Whose fewest possible clearances are known."""
+
+SETTING = {
+    "loop": "Policy, online action-stacking and simulator, and what passes between them",
+    "sector": "The sector: its area, airways and fixes",
+    "routes": "The routes through the sector from each of its first fixes",
+}
+"""The pictures of what is flown, and what they show."""
 
 
 class Picture(NamedTuple):
@@ -50,12 +59,17 @@ class Family(NamedTuple):
     name: str
     title: str
     comparison: tables.Table
+    estimates: tables.Table
+    claims: tables.Table
     bound: Bound | None
     scenario: int
     """The number of the one that is drawn."""
+    kind: str | None
+    """What it has in common with the paper's."""
     sections: tuple[Section, ...]
     histograms: Picture | None
     separations: Picture | None
+    convergence: Picture | None
     success: Picture | None
     curves: tuple[Picture, ...]
 
@@ -84,12 +98,14 @@ def _page(run: Run, drawn: set[str]) -> str:
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     source = files("skystack.reporting").joinpath("report.html.jinja").read_text("utf-8")
-    results = run.results
+    results, claims = run.results, judge_claims(run)
     return environment.from_string(source).render(
         results=results,
         tiles=_tiles(run),
-        families=[_family(run, drawn, *family) for family in results.families.items()],
+        setting={name: _picture(run, name, SETTING[name]) for name in SETTING if name in drawn},
+        families=[_family(run, drawn, claims, *family) for family in results.families.items()],
         platforms=tables.platforms(results.platforms),
+        comparisons=tables.comparisons(results),
         flown_in={row.platform for row in results.platforms},
         by_seed=tables.by_seed(results),
         trainings=tables.trainings(results),
@@ -98,7 +114,9 @@ def _page(run: Run, drawn: set[str]) -> str:
     )
 
 
-def _family(run: Run, drawn: set[str], family: str, rows: list[Row]) -> Family:
+def _family(
+    run: Run, drawn: set[str], claims: Sequence[Claim], family: str, rows: list[Row]
+) -> Family:
     scenario = typical_scenario(run, rows)
     bound = run.bound if family == BOUND_FAMILY else None
 
@@ -109,11 +127,17 @@ def _family(run: Run, drawn: set[str], family: str, rows: list[Row]) -> Family:
         name=family,
         title=FAMILIES[family],
         comparison=tables.comparison(rows, bound),
+        estimates=tables.estimates(rows),
+        claims=claims_table([claim for claim in claims if claim.family == family]),
         bound=bound,
         scenario=scenario,
+        kind=kind_of_scenario(run, rows, scenario),
         sections=tuple(_section(run, row, scenario) for row in rows),
         histograms=if_drawn(f"histograms-{family}", "Clearances per scenario of every row"),
         separations=if_drawn(f"separations-{family}", "Least separation per scenario"),
+        convergence=if_drawn(
+            f"convergence-{family}", "Return and success during training: 5 and 37 actions"
+        ),
         success=if_drawn(f"success-{family}", "Success of every experiment during training"),
         curves=tuple(
             _picture(run, f"learning-{name}", f"Learning curves: {experiment_title(name)}")

@@ -1,6 +1,7 @@
 """Pictures of one scenario seen from above: the sector, the flights, and what was cleared where."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -8,12 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from skystack.airspace.sector import Sector
 from skystack.reporting.flights import Clearance, Scenario, Track
 from skystack.reporting.labels import Label, place_labels
+from skystack.reporting.maps import along, draw_sector, name_axes
 from skystack.reporting.style import (
-    AREA,
-    FAINT,
     INK,
     LINES,
     MUTED,
@@ -23,22 +22,31 @@ from skystack.reporting.style import (
     settle,
 )
 
-MARGIN_NM = 7.0
 MOST_TEXTS = 20
 """With more bursts than this only marks are drawn: texts would hide the flights."""
 
+NEAREST: dict[str, Any] = {
+    "color": INK,
+    "linewidth": 1.0,
+    "marker": "s",
+    "markersize": 4.5,
+    "markerfacecolor": PAPER,
+    "markeredgewidth": 1.0,
+}
+"""The line between two aircraft, and its ends."""
 
-def picture(title: str, scenario: Scenario) -> Figure:
-    """One scenario."""
+
+def picture(title: str, scenario: Scenario, separation: bool = False) -> Figure:
+    """One scenario; if wanted with a line between the aircraft when they were nearest."""
     figure, (axes,) = grid_of_axes(1, 1, (5.0, 4.4))
-    _draw(axes, title, scenario)
-    _legend(figure, [scenario])
+    _draw(axes, title, scenario, separation)
+    _legend(figure, [scenario], separation)
     settle(figure)
-    _write_texts(axes, scenario)
+    _write_texts(axes, scenario, separation)
     return figure
 
 
-def pictures(panels: Sequence[tuple[str, Scenario]]) -> Figure:
+def pictures(panels: Sequence[tuple[str, Scenario]], separation: bool = False) -> Figure:
     """Several flights of one scenario side by side, two in a row."""
     columns = min(len(panels), 2 if len(panels) <= 4 else 3)
     rows = -(-len(panels) // columns)
@@ -46,14 +54,14 @@ def pictures(panels: Sequence[tuple[str, Scenario]]) -> Figure:
         rows, columns, (5.0 * columns, 4.5 * rows + 0.3), sharex=True, sharey=True
     )
     for place, (title, scenario) in zip(axes, panels, strict=False):
-        _draw(place, title, scenario)
+        _draw(place, title, scenario, separation)
         place.label_outer()
     for empty in axes[len(panels) :]:
         empty.set_axis_off()
-    _legend(figure, [scenario for _, scenario in panels])
+    _legend(figure, [scenario for _, scenario in panels], separation)
     settle(figure)
     for place, (_, scenario) in zip(axes, panels, strict=False):
-        _write_texts(place, scenario)
+        _write_texts(place, scenario, separation)
     return figure
 
 
@@ -62,26 +70,15 @@ def clearances_text(count: int) -> str:
     return f"{count} clearance" if count == 1 else f"{count} clearances"
 
 
-def _draw(axes: Axes, title: str, scenario: Scenario) -> None:
-    _draw_sector(axes, scenario.sector)
+def _draw(axes: Axes, title: str, scenario: Scenario, separation: bool) -> None:
+    draw_sector(axes, scenario.sector)
     crowded = _is_crowded(scenario)
     for number, track in enumerate(scenario.tracks):
         _draw_track(axes, track, number, crowded)
+    if separation and (nearest := scenario.least_separation):
+        axes.plot(*nearest.position_nm.T, **NEAREST, zorder=7)
     axes.set_title(f"{title}: {clearances_text(scenario.clearances)}")
-    axes.set_xlabel("NM east of the origin")
-    axes.set_ylabel("NM north of the origin")
-
-
-def _draw_sector(axes: Axes, sector: Sector) -> None:
-    axes.fill(*sector.area_nm.T, facecolor=AREA, edgecolor=FAINT, linewidth=0.8, zorder=1)
-    for route in sector.routes:
-        points = np.array([sector.fixes_nm[name] for name in route])
-        axes.plot(*points.T, color=FAINT, linewidth=0.8, zorder=2)
-    fixes = np.array(list(sector.fixes_nm.values()))
-    axes.plot(*fixes.T, "^", markersize=5.0, markerfacecolor=PAPER, markeredgecolor=MUTED, zorder=3)
-    everything = np.concatenate([fixes, sector.area_nm])
-    low, high = everything.min(axis=0) - MARGIN_NM, everything.max(axis=0) + MARGIN_NM
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    name_axes(axes)
 
 
 def _draw_track(axes: Axes, track: Track, number: int, crowded: bool) -> None:
@@ -129,8 +126,9 @@ def _draw_track(axes: Axes, track: Track, number: int, crowded: bool) -> None:
         )
 
 
-def _write_texts(axes: Axes, scenario: Scenario) -> None:
+def _write_texts(axes: Axes, scenario: Scenario, separation: bool) -> None:
     """Texts come last: they go where nothing is."""
+    nearest = scenario.least_separation if separation else None
     labels = [
         Label(name, _pair(point), MUTED, size_pt=7.0, distances_pt=(4.0, 7.0, 11.0, 16.0, 24.0))
         for name, point in scenario.sector.fixes_nm.items()
@@ -145,6 +143,9 @@ def _write_texts(axes: Axes, scenario: Scenario) -> None:
         )
         for number, track in enumerate(scenario.tracks)
     ]
+    if nearest is not None:
+        middle = _pair(nearest.position_nm.mean(axis=0))
+        labels.append(Label(f"{nearest.distance_nm:.1f} NM", middle, INK, 8.5, "bold"))
     if not _is_crowded(scenario):
         for number, track in enumerate(scenario.tracks):
             colour = SERIES[number % len(SERIES)]
@@ -156,6 +157,8 @@ def _write_texts(axes: Axes, scenario: Scenario) -> None:
     # Marks are bigger than lines and weigh more.
     drawn += [_points(track, track.clearances).repeat(3, axis=0) for track in scenario.tracks]
     drawn += [np.array(list(scenario.sector.fixes_nm.values())).repeat(3, axis=0)]
+    if nearest is not None:
+        drawn.append(along(nearest.position_nm))
     place_labels(axes, labels, np.concatenate(drawn))
 
 
@@ -181,7 +184,7 @@ def _pair(point: Float[np.ndarray, "2"]) -> tuple[float, float]:
     return float(point[0]), float(point[1])
 
 
-def _legend(figure: Figure, scenarios: Sequence[Scenario]) -> None:
+def _legend(figure: Figure, scenarios: Sequence[Scenario], separation: bool) -> None:
     tracks = [track for scenario in scenarios for track in scenario.tracks]
     handles = [
         Line2D([], [], marker="o", ls="", mfc=PAPER, mec=INK, mew=1.4, ms=6.5, label="start"),
@@ -191,6 +194,8 @@ def _legend(figure: Figure, scenarios: Sequence[Scenario]) -> None:
             [], [], color=MUTED, lw=7.0, alpha=0.3, solid_capstyle="butt", label="planned route"
         ),
     ]
+    if separation and any(scenario.least_separation for scenario in scenarios):
+        handles.append(Line2D([], [], **NEAREST, label="least separation"))
     if any(track.strayed_cycle is not None for track in tracks):
         handles.append(
             Line2D([], [], marker="X", ls="", mfc=INK, mec=PAPER, ms=8.5, label="left the sector")

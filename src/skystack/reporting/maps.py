@@ -1,0 +1,216 @@
+"""Maps of a sector: its area, its airways, its fixes by name, and the routes that lead through."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from skystack.airspace.sector import Sector, turns_deg
+from skystack.reporting.labels import Label, place_labels
+from skystack.reporting.style import (
+    AREA,
+    FAINT,
+    INK,
+    LINES,
+    MUTED,
+    PAPER,
+    SERIES,
+    grid_of_axes,
+    settle,
+)
+
+MARGIN_NM = 7.0
+SCALE_BAR_NM = 20.0
+BESIDE_NM = 2.2
+"""Routes that share a leg lie side by side, as far apart as this."""
+DIMENSION_INSET_NM = 12.0
+"""How far from an airway's end its width is written."""
+
+Polyline = Float[np.ndarray, "_ 2"]
+
+
+def sector_map(sector: Sector) -> Figure:
+    """The sector with its airways, fixes, scale and an airway's width."""
+    figure, (axes,) = grid_of_axes(1, 1, (6.2, 6.0))
+    lowest, highest = sector.levels_fl
+    axes.set_title(f"{sector.name.title()} sector, FL{lowest:03d} to FL{highest:03d}")
+    draw_sector(axes, sector, MUTED, LINES[3])
+    ends = sorted({route[place] for route in sector.routes for place in (0, -1)})
+    axes.plot(*_points(sector, ends).T, "^", color=INK, markersize=8.0, zorder=4)
+    name_axes(axes)
+    span = _draw_width(axes, sector)
+    bar = _draw_scale(axes)
+    figure.legend(
+        handles=[
+            Line2D([], [], marker="^", ls="", color=INK, ms=8.0, label="first or last fix"),
+            Line2D([], [], marker="^", ls="", mfc=PAPER, mec=MUTED, ms=7.0, label="fix"),
+            Line2D([], [], color=MUTED, lw=1.0, ls=LINES[3], label="middle of an airway"),
+            Patch(facecolor=AREA, edgecolor=MUTED, label="sector"),
+        ],
+        loc="outside lower center",
+        ncols=4,
+    )
+    settle(figure)
+    labels = [
+        Label(name, (float(at[0]), float(at[1])), INK, size_pt=9.5, weight="bold")
+        for name, at in sector.fixes_nm.items()
+    ]
+    lines = [along(_points(sector, route)) for route in sector.routes]
+    place_labels(axes, labels, np.concatenate([*lines, _outline(sector), span, bar]))
+    return figure
+
+
+def route_maps(sector: Sector) -> Figure:
+    """The routes through the sector, a panel for each fix at which some start."""
+    starts = list(dict.fromkeys(route[0] for route in sector.routes))
+    columns = min(len(starts), 2)
+    rows = -(-len(starts) // columns)
+    figure, panels = grid_of_axes(rows, columns, (4.3 * columns, 4.6 * rows))
+    drawn = []
+    for axes, start in zip(panels, starts, strict=False):
+        # From left to right: drawn side by side in this order, they part without crossing.
+        routes = sorted(
+            (route for route in sector.routes if route[0] == start),
+            key=lambda route: turns_deg(route, sector.fixes),
+        )
+        axes.set_title(f"From {start}")
+        drawn += [*_draw_routes(axes, sector, routes), _draw_scale(axes)]
+        axes.legend(
+            loc="upper left",
+            bbox_to_anchor=(0.0, 0.0),
+            handlelength=3.6,
+            fontsize=7.5,
+            labelcolor=INK,
+        )
+    for axes in panels:
+        axes.set_axis_off()
+    settle(figure)
+    for axes, _ in zip(panels, starts, strict=False):
+        # What is drawn in any panel counts in all, so that names stand alike in all.
+        _name_fixes(axes, sector, drawn)
+    return figure
+
+
+def draw_sector(axes: Axes, sector: Sector, colour: str = FAINT, style: Any = "-") -> None:
+    """The sector underneath: area, airways' middles, fixes; sets the limits."""
+    axes.fill(*sector.area_nm.T, facecolor=AREA, edgecolor=colour, linewidth=0.8, zorder=1)
+    legs = {tuple(sorted(leg)) for route in sector.routes for leg in pairwise(route)}
+    for leg in sorted(legs):
+        axes.plot(*_points(sector, leg).T, color=colour, linewidth=0.8, linestyle=style, zorder=2)
+    fixes = np.array(list(sector.fixes_nm.values()))
+    axes.plot(*fixes.T, "^", markersize=5.0, markerfacecolor=PAPER, markeredgecolor=MUTED, zorder=3)
+    everything = np.concatenate([fixes, sector.area_nm])
+    low, high = everything.min(axis=0) - MARGIN_NM, everything.max(axis=0) + MARGIN_NM
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+
+
+def name_axes(axes: Axes) -> None:
+    """Where the figures on the axes are counted from, and in what."""
+    axes.set_xlabel("NM east of the origin")
+    axes.set_ylabel("NM north of the origin")
+
+
+def along(path: Polyline, step_nm: float = 1.0) -> Polyline:
+    """Points on a polyline, not farther apart than the step."""
+    legs = [
+        np.linspace(a, b, max(int(np.linalg.norm(b - a) / step_nm), 1), endpoint=False)
+        for a, b in pairwise(path)
+    ]
+    return np.concatenate([*legs, path[-1:]])
+
+
+def beside(path: Polyline, offset_nm: float) -> Polyline:
+    """A polyline parallel to another, to its right, with mitred corners."""
+    legs = np.diff(path, axis=0)
+    units = legs / np.linalg.norm(legs, axis=1, keepdims=True)
+    # Twice the direction at the ends, the sum of both directions at the corners.
+    both = np.concatenate([units[:1], units]) + np.concatenate([units, units[-1:]])
+    right = np.stack([both[:, 1], -both[:, 0]], axis=1)
+    result: Polyline = path + offset_nm * 2.0 * right / np.sum(both**2, axis=1, keepdims=True)
+    return result
+
+
+def _points(sector: Sector, names: Sequence[str]) -> Polyline:
+    return np.array([sector.fixes_nm[name] for name in names])
+
+
+def _outline(sector: Sector) -> Polyline:
+    return along(np.concatenate([sector.area_nm, sector.area_nm[:1]]))
+
+
+def _draw_routes(axes: Axes, sector: Sector, routes: Sequence[tuple[str, ...]]) -> list[Polyline]:
+    draw_sector(axes, sector)
+    paths = []
+    for number, route in enumerate(routes):
+        offset_nm = BESIDE_NM * (number - (len(routes) - 1) / 2.0)
+        path = beside(_points(sector, route), offset_nm)
+        colour, style = SERIES[number % len(SERIES)], LINES[number % len(LINES)]
+        label = " \N{EN DASH} ".join(route)
+        axes.plot(*path.T, color=colour, linewidth=1.8, linestyle=style, zorder=4, label=label)
+        east, north = path[-1] - path[-2]
+        heading_deg = float(np.degrees(np.arctan2(east, north)))
+        axes.plot(*path[-1], marker=(3, 0, -heading_deg), markersize=9.0, color=colour, zorder=5)
+        paths.append(along(path))
+    start = sector.fixes_nm[routes[0][0]]
+    axes.plot(*start, "o", ms=9.0, markerfacecolor=PAPER, markeredgecolor=INK, mew=1.6, zorder=6)
+    return paths
+
+
+def _name_fixes(axes: Axes, sector: Sector, lines: Sequence[Polyline]) -> None:
+    labels = [
+        Label(name, (float(at[0]), float(at[1])), INK, size_pt=7.5)
+        for name, at in sector.fixes_nm.items()
+    ]
+    marks = np.array(list(sector.fixes_nm.values())).repeat(3, axis=0)
+    place_labels(axes, labels, np.concatenate([*lines, marks]))
+
+
+def _draw_width(axes: Axes, sector: Sector) -> Polyline:
+    """The width of the first route's last airway, between its edges."""
+    right, left = sector.route_table.exit_edge_nm[0].astype(np.float64)
+    across = left - right
+    width_nm = float(np.linalg.norm(across))
+    inward = np.array([-across[1], across[0]]) / width_nm * DIMENSION_INSET_NM
+    ends = np.stack([right, left]) + inward
+    arrow = {"arrowstyle": "<->", "color": INK, "linewidth": 0.9, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", ends[0], xytext=ends[1], arrowprops=arrow, zorder=5)
+    upright_deg = (float(np.degrees(np.arctan2(across[1], across[0]))) + 90.0) % 180.0 - 90.0
+    above = np.array([-np.sin(np.radians(upright_deg)), np.cos(np.radians(upright_deg))])
+    # A quarter along: the airway's middle has a line of its own.
+    east, north = ends[0] + 0.26 * across + 0.7 * above
+    axes.text(
+        east,
+        north,
+        f"{width_nm:.0f} NM",
+        rotation=upright_deg,
+        rotation_mode="anchor",
+        ha="center",
+        va="bottom",
+        fontsize=8.5,
+        zorder=6,
+    )
+    return along(ends)
+
+
+def _draw_scale(axes: Axes) -> Polyline:
+    """A bar of known length in the lower right corner, and what it takes up."""
+    east, north = axes.get_xlim()[1] - SCALE_BAR_NM - 3.0, axes.get_ylim()[0] + 3.0
+    bar = np.array([[east, north], [east + SCALE_BAR_NM, north]])
+    axes.plot(*bar.T, color=INK, linewidth=1.6, marker="|", markersize=6.0, zorder=5)
+    axes.annotate(
+        f"{SCALE_BAR_NM:.0f} NM",
+        (east + SCALE_BAR_NM / 2.0, north),
+        xytext=(0.0, 4.0),
+        textcoords="offset points",
+        ha="center",
+        va="bottom",
+        fontsize=8.0,
+        color=INK,
+    )
+    return np.concatenate([along(bar + above) for above in ([0.0, 0.0], [0.0, 3.0])])

@@ -1,0 +1,77 @@
+"""Maps of the sector: what is named, how wide, which routes, and lines beside each other."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skystack.airspace.xplus import XPlus, x_plus
+from skystack.reporting.maps import along, beside, route_maps, sector_map
+from skystack.reporting.style import house_style
+
+
+def named(axes):
+    return [text.get_text() for text in axes.texts if text.get_text()]
+
+
+@pytest.mark.parametrize("half_width_nm", [8.0, 10.0])
+def test_the_sector_has_its_fixes_levels_and_width(half_width_nm):
+    sector = XPlus(half_width_nm=half_width_nm).sector()
+    with house_style():
+        (axes,) = sector_map(sector).axes
+    assert axes.get_title(loc="left") == "X-Plus sector, FL200 to FL400"
+    assert sorted(set(sector.fixes) & set(named(axes))) == sorted(sector.fixes)
+    assert f"{2.0 * half_width_nm:.0f} NM" in named(axes)
+    assert axes.get_aspect() == 1.0
+    assert "NM" in axes.get_xlabel()
+
+
+def test_names_on_the_maps_hide_neither_each_other_nor_stand_outside():
+    with house_style():
+        figures = [sector_map(x_plus()), route_maps(x_plus())]
+    for axes in (axes for figure in figures for axes in figure.axes):
+        shown = [text for text in axes.texts if text.get_text()]
+        boxes = [text.get_window_extent() for text in shown]
+        assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+        frame = axes.get_window_extent()
+        assert all(frame.count_contains(box.corners()) == 4 for box in boxes)
+
+
+def test_every_route_is_in_the_panel_of_its_first_fix_with_a_dash_pattern_of_its_own():
+    sector = x_plus()
+    with house_style():
+        panels = route_maps(sector).axes
+    seen = []
+    for axes in panels:
+        lines = [line for line in axes.lines if not line.get_label().startswith("_")]
+        routes = [tuple(line.get_label().split(" \N{EN DASH} ")) for line in lines]
+        assert {f"From {route[0]}" for route in routes} == {axes.get_title(loc="left")}
+        assert len({str(line._unscaled_dash_pattern) for line in lines}) == len(lines)
+        assert set(sector.fixes) <= set(named(axes))
+        seen += routes
+    assert sorted(seen) == sorted(sector.routes)
+
+
+@given(st.floats(-80.0, 80.0), st.floats(-3.0, 3.0))
+def test_a_line_beside_another_keeps_its_distance_round_a_corner(turn_deg, offset_nm):
+    radians = np.radians(turn_deg)
+    corner = np.array([0.0, 10.0])
+    path = np.array(
+        [[0.0, 0.0], corner, corner + 10.0 * np.array([np.sin(radians), np.cos(radians)])]
+    )
+    shifted = beside(path, offset_nm)
+    for start, end, near in zip(path[:-1], path[1:], (shifted[:2], shifted[1:]), strict=True):
+        east, north = (end - start) / 10.0
+        right = np.array([north, -east])
+        np.testing.assert_allclose((near - start) @ right, offset_nm, atol=1e-9)
+
+
+def test_points_along_a_line_are_near_to_each_other_and_keep_its_corners():
+    path = np.array([[0.0, 0.0], [7.3, 0.0], [7.3, 0.4]])
+    points = along(path)
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    assert steps.max() < 2.0
+    assert steps.sum() == pytest.approx(7.7)
+    assert all((points == corner).all(axis=1).any() for corner in path)
