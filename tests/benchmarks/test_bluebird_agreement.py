@@ -3,25 +3,16 @@
 `python benchmarks/bluebird_agreement.py` does the same on hundreds.
 """
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import pytest
 
 pytest.importorskip("bluebird_dt")
 
+from benchmarks import bluebird_agreement as agreement
 from skystack.platforms.bluebird import Bluebird
 from skystack.platforms.flight import fly_scenario
 from skystack.platforms.own import Skystack
 from skystack.simulator.scenario_file import TURNS
 from tests.scenarios import changed, load
-
-SCRIPT = Path(__file__).parents[2] / "benchmarks" / "bluebird_agreement.py"
-_spec = importlib.util.spec_from_file_location("bluebird_agreement", SCRIPT)
-agreement = importlib.util.module_from_spec(_spec)
-sys.modules[_spec.name] = agreement
-_spec.loader.exec_module(agreement)
 
 
 @pytest.fixture(scope="module")

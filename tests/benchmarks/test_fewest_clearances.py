@@ -1,14 +1,13 @@
 """The search against flights through the task with its own small turns, and against brute force."""
 
-import importlib.util
 import json
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from benchmarks import fewest_clearances
 from skystack.airspace.sector import Sector
 from skystack.airspace.xplus import x_plus
 from skystack.seeds import scenario_key
@@ -20,11 +19,6 @@ from skystack.tasks.actions import small_turns
 from skystack.tasks.build import build_task
 from skystack.tasks.navigation import NavigationTask
 from skystack.tasks.settings import TaskSettings
-
-SCRIPT = Path(__file__).parents[2] / "benchmarks" / "fewest_clearances.py"
-_spec = importlib.util.spec_from_file_location("fewest_clearances", SCRIPT)
-fewest_clearances = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(fewest_clearances)
 
 STRAIGHT = {
     ("HERON", "CRANE", "EGL", "MACAW", "QUAIL", "SWIFT"),
