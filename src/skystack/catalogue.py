@@ -7,8 +7,11 @@ from typing import Any
 from rich.table import Table
 
 from skystack.errors import unknown_name
+from skystack.evaluation.paper import paper_row
 from skystack.learning.experiment import experiment_names, load_experiment
 from skystack.learning.policy import Policy, load_policy
+from skystack.measured import read_measured
+from skystack.reporting.tables import NOTHING, mean_and_std, percent
 from skystack.simulator.performance import PERFORMANCE
 from skystack.tasks.build import SECTORS, TASKS
 
@@ -38,18 +41,34 @@ def find_policy(name: str) -> Policy:
 
 
 def catalogue() -> dict[str, Any]:
-    """Everything that has a name, with a line on each."""
+    """Everything that has a name, with what is to be said of each."""
     experiments = [load_experiment(name) for name in experiment_names()]
-    policies = [load_policy(SHIPPED / name).description for name in shipped_policies()]
     return {
         "experiments": {each.name: each.description for each in experiments},
         "tasks": list(TASKS),
         "sectors": list(SECTORS),
         "performance": list(PERFORMANCE),
-        "policies": {
-            each.experiment: f"task {each.task_name} version {each.task_version}, seed {each.seed}"
-            for each in policies
-        },
+        "policies": {name: _policy(name) for name in shipped_policies()},
+    }
+
+
+def _policy(name: str) -> dict[str, Any]:
+    """A shipped policy: its task, its row when stacked, and what the paper reports."""
+    described = load_policy(SHIPPED / name).description
+    measured = read_measured(SHIPPED / name)
+    if measured is not None and measured.sha256 != described.sha256:
+        measured = None  # numbers of another policy are worse than none
+    paper = (
+        found | {"stacking": stacking}
+        for stacking in (True, False)
+        if (found := paper_row(described.experiment, stacking))
+    )
+    return {
+        "task": described.task_name,
+        "task_version": described.task_version,
+        "seed": described.seed,
+        "stacked": None if measured is None else measured.stacked,
+        "paper": next(paper, None),
     }
 
 
@@ -57,8 +76,32 @@ def catalogue_table(found: dict[str, Any]) -> list[Table]:
     """The catalogue for a terminal."""
     tables = []
     for title, entries in found.items():
+        if title == "policies":
+            continue
         table = Table(title=title, title_justify="left", show_header=False, box=None, min_width=60)
         for name in entries:
             table.add_row(f"  {name}", entries[name] if isinstance(entries, dict) else "")
         tables.append(table)
-    return tables
+    return [*tables, _policies_table(found["policies"])]
+
+
+def _policies_table(policies: dict[str, Any]) -> Table:
+    table = Table(title="policies, stacked", title_justify="left", box=None)
+    table.add_column("", no_wrap=True)
+    for name in ("clearances", "success", "losses of\nseparation", "clearances\nin the paper"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for name, policy in policies.items():
+        row, paper = policy["stacked"], policy["paper"]
+        measured = [NOTHING] * 3
+        if row is not None:
+            measured = [
+                mean_and_std(row["clearances_mean"], row["clearances_std"]),
+                percent(row["success_rate"]),
+                f"{row['loss_of_separation_count']} of {row['episodes']}",
+            ]
+        stated = NOTHING
+        if paper is not None:
+            way = "" if paper["stacking"] else " unstacked"
+            stated = mean_and_std(paper["clearances_mean"], paper["clearances_std"]) + way
+        table.add_row(f"  {name}", *measured, stated)
+    return table
