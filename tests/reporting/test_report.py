@@ -108,3 +108,11 @@ def test_other_simulators_are_shown_where_they_were_flown_in(run, page):
     assert "In other simulators" in shown.text
     assert "97.0 %" in shown.text
     assert "In other simulators" not in page.text
+
+
+def test_the_tables_are_there_as_markdown(reported):
+    text = (reported / "results.md").read_text()
+    assert "## Lateral navigation" in text
+    assert "| damped and stacked " in text
+    assert "| fewest possible " in text
+    assert "| clearances, success | seed 0 | seed 1 |" in re.sub(" +", " ", text)

@@ -18,13 +18,11 @@ from skystack.reporting.figures import (
 )
 from skystack.reporting.flights import Clearance, Scenario, read_scenario
 from skystack.reporting.histograms import SCENARIOS
-from skystack.reporting.results import FAMILIES, Bound, Row, Run, read_run
+from skystack.reporting.markdown import as_markdown
+from skystack.reporting.results import BOUND_FAMILY, FAMILIES, Bound, Row, Run, read_run
 from skystack.reporting.style import follow_the_page
 from skystack.reporting.trajectories import clearances_text
 from skystack.reporting.typical import kind_of_scenario, typical_scenario
-
-BOUND_FAMILY = "lateral"
-"""Whose fewest possible clearances are known."""
 
 SETTING = {
     "loop": "Policy, online action-stacking and simulator, and what passes between them",
@@ -83,13 +81,14 @@ class Tile(NamedTuple):
 
 
 def write_report(run: Path) -> Path:
-    """Write `figures/` and `report.html`, and return the report's path.
+    """Write `figures/`, `results.md` and `report.html`, and return the report's path.
 
     Raises InputError that names a missing or damaged file.
     """
     drawn = {path.stem for path in write_figures(run)}
-    path = run / "report.html"
-    write_aside(path, _page(read_run(run), drawn).encode())
+    whole, path = read_run(run), run / "report.html"
+    write_aside(run / "results.md", as_markdown(whole).encode())
+    write_aside(path, _page(whole, drawn).encode())
     return path
 
 
@@ -118,7 +117,7 @@ def _family(
     run: Run, drawn: set[str], claims: Sequence[Claim], family: str, rows: list[Row]
 ) -> Family:
     scenario = typical_scenario(run, rows)
-    bound = run.bound if family == BOUND_FAMILY else None
+    bound = run.bound_of(family)
 
     def if_drawn(name: str, words: str) -> Picture | None:
         return _picture(run, name, words) if name in drawn else None

@@ -43,6 +43,8 @@ READABLE_NAMES = {
 }
 """Names of (experiment, stacking), in the order in which tables and figures show them."""
 NOBODY = "do-nothing"
+BOUND_FAMILY = "lateral"
+"""Whose fewest possible clearances are known."""
 FAMILIES = {
     "lateral": "Lateral navigation",
     "vertical": "Vertical control",
@@ -234,6 +236,10 @@ class Run:
     folder: Path
     results: Results
     bound: Bound | None
+
+    def bound_of(self, family: str) -> Bound | None:
+        """The fewest clearances possible, where they are known."""
+        return self.bound if family == BOUND_FAMILY else None
 
     def first_seed(self, row: Row) -> int:
         """The training whose flights stand for a row in pictures and histograms: the lowest."""

@@ -201,6 +201,21 @@ def by_seed(results: Results) -> Table:
     return Table(header, tuple(rows))
 
 
+def seeds_side_by_side(results: Results, rows: Sequence[Row]) -> Table:
+    """One line a row: clearances and success of every training."""
+    numbers = sorted({each.seed for each in results.rows_by_seed if each.seed is not None})
+    lines = []
+    for row in rows:
+        cells = {
+            each.seed: f"{decimal(each.clearances_mean)}, {percent(each.success_rate)}"
+            for each in results.rows_by_seed
+            if (each.experiment, each.stacking) == (row.experiment, row.stacking)
+        }
+        lines.append((row.name, *(cells.get(number, NOTHING) for number in numbers)))
+    header = ("clearances, success", *(f"seed {number}" for number in numbers))
+    return Table(header, tuple(lines))
+
+
 def trainings(results: Results) -> Table:
     """How long the policies were trained."""
     rows = [

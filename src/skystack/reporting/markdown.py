@@ -1,0 +1,35 @@
+"""`results.md`: the tables of a run as Markdown, to paste."""
+
+from collections.abc import Iterator
+
+from skystack.reporting import tables
+from skystack.reporting.claims import claims_table, judge_claims
+from skystack.reporting.results import FAMILIES, Run
+
+
+def as_markdown(run: Run) -> str:
+    """All tables of a run, family by family."""
+    return "\n".join(_parts(run))
+
+
+def _parts(run: Run) -> Iterator[str]:
+    results, claims = run.results, judge_claims(run)
+    yield f"`{results.command}`; {results.machine}; skystack {results.version}\n"
+    for family, rows in results.families.items():
+        yield f"## {FAMILIES[family]}\n"
+        yield tables.comparison(rows, run.bound_of(family)).as_markdown()
+        for table in (
+            tables.estimates(rows),
+            tables.seeds_side_by_side(results, rows),
+            claims_table([claim for claim in claims if claim.family == family]),
+        ):
+            if table.rows:
+                yield table.as_markdown()
+    if results.comparisons:
+        yield "## Row against row\n"
+        yield tables.comparisons(results).as_markdown()
+    if results.platforms:
+        yield "## In other simulators\n"
+        yield tables.platforms(results.platforms).as_markdown()
+    yield "## Trainings\n"
+    yield tables.trainings(results).as_markdown()
