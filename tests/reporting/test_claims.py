@@ -163,7 +163,7 @@ def test_the_sooner_one_converges_faster(tmp_path):
     claim = found["the count criterion is what lowers the large policy's success"]
     assert (claim.verdict, claim.found) == (
         REPRODUCED,
-        "at the end: exit 99%, bounds 99%, count 30%",
+        "at the end: exit 99 %, bounds 99 %, count 30 %",
     )
 
 

@@ -204,7 +204,6 @@ def test_estimates_and_comparisons_carry_their_intervals():
         "98.0 % [97.0, 99.0]",
         "99.0 % [98.0, 100.0]",
         "0.5 % [0.0, 1.0]",
-        "1",
     )
 
 

@@ -91,7 +91,7 @@ def _damping(run: Run) -> Iterator[Claim]:
         (row, 1.0 - _value(row, "instructions") / _value(undamped, "instructions"))
         for row in _variants(run, "lateral", False)
     ]
-    found = [Found(0.82 <= cut <= 0.92, f"{_named(row)} {cut:.0%}") for row, cut in cuts]
+    found = [Found(0.82 <= cut <= 0.92, f"{_named(row)} {_rate(cut)}") for row, cut in cuts]
     words = "damping cuts instructions by about 87 %"
     yield from _claim("lateral", words, "113.0 to 14.5", "82 to 92 %", found)
 
@@ -101,14 +101,14 @@ def _stacking(run: Run) -> Iterator[Claim]:
     for plain, stacked in _plain_and_stacked(run, "lateral"):
         cut = 1.0 - _value(stacked, "clearances") / _value(plain, "clearances")
         gained = _value(stacked, "success") - _value(plain, "success")
-        figures = f"{_named(stacked)} {cut:.0%}, success {100.0 * gained:+.1f} points"
+        figures = f"{_named(stacked)} {_rate(cut)}, success {100.0 * gained:+.1f} points"
         found.append(Found(cut >= 0.4 and gained >= -EQUAL, figures))
     words = "stacking about halves them again at equal success"
     yield from _claim("lateral", words, "14.5 to 7.2", "by 40 % or more, no less success", found)
     found = []
     for plain, stacked in _plain_and_stacked(run, "lateral-undamped"):
         cut = 1.0 - _value(stacked, "clearances") / _value(plain, "clearances")
-        figures = f"{_shown(plain)} to {_shown(stacked)}: {cut:.0%}"
+        figures = f"{_shown(plain)} to {_shown(stacked)}: {_rate(cut)}"
         found.append(Found(cut < 0.2, figures))
     words = "undamped behaviour cannot be stacked"
     yield from _claim("lateral", words, NO_FIGURE, "stacking takes less than 20 %", found)
@@ -161,12 +161,12 @@ def _learning(run: Run) -> Iterator[Claim]:
         "lateral",
         "the small action space converges faster",
         "sooner and more reliably",
-        f"{CONVERGED:.0%} success after fewer steps, median of seeds",
+        f"{_rate(CONVERGED)} success after fewer steps, median of seeds",
         [Found(steps[0] < steps[1], " against ".join(map(_million, steps)))],
     )
     ends = [_end(updates) for updates in large]
     exits, bounds, few = (float(np.mean([end[k] for end in ends])) for k in range(3))
-    figures = f"at the end: exit {exits:.0%}, bounds {bounds:.0%}, count {few:.0%}"
+    figures = f"at the end: exit {_rate(exits)}, bounds {_rate(bounds)}, count {_rate(few)}"
     yield from _claim(
         "lateral",
         "the count criterion is what lowers the large policy's success",
@@ -257,7 +257,8 @@ def _value(row: Row, measure: str) -> float:
 
 
 def _named(row: Row) -> str:
-    return f"{row.experiment}:"
+    """Whether it keeps the paper's values."""
+    return "tuned" if row.experiment.endswith("-tuned") else "as stated"
 
 
 def _shown(row: Row) -> str:
@@ -297,6 +298,10 @@ def _end(updates: Sequence[Update]) -> tuple[float, float, float]:
         for field in ("correct_exit", "excursion", "few_instructions")
     )
     return exits, 1.0 - strays, few
+
+
+def _rate(value: float) -> str:
+    return f"{100.0 * value:.0f} %"
 
 
 def _million(steps: float) -> str:

@@ -142,7 +142,6 @@ def estimates(rows: Sequence[Row]) -> Table:
         "success",
         "interquartile",
         "losses of separation",
-        "trainings",
     )
     lines = []
     for row in rows:
@@ -152,7 +151,7 @@ def estimates(rows: Sequence[Row]) -> Table:
         lost = row.statistics["loss_of_separation"].mean
         cells = (interval(clearances.mean), interval(clearances.iqm))
         rates = (percent_interval(each) for each in (success.mean, success.iqm, lost))
-        lines.append((row.name, *cells, *rates, str(row.seeds)))
+        lines.append((row.name, *cells, *rates))
     return Table(header, tuple(lines))
 
 
