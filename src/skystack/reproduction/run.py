@@ -116,8 +116,9 @@ def fewest_clearances() -> bytes:
 
 def machine() -> str:
     """What the figures were measured on."""
-    python = platform.python_version()
-    return f"{platform.machine()}, {len(cores())} cores, {platform.system()}, Python {python}"
+    python, count = platform.python_version(), len(cores())
+    many = f"{count} core" + "s" * (count > 1)
+    return f"{platform.machine()}, {many}, {platform.system()}, Python {python}"
 
 
 def _row(group: Sequence[Flown]) -> Row:

@@ -113,7 +113,7 @@ FEATURES: dict[str, Feature] = {
         time_since_instruction, 0.0, 60.0, 60.0, "time since the last instruction, s"
     ),
     "delta_t_10": Feature(
-        time_since_instruction, 0.0, 10.0, 10.0, "the same, cut to the range for vertical control"
+        time_since_instruction, 0.0, 10.0, 10.0, "time since the last instruction, cut at 10 s"
     ),
     "fl_sx": Feature(level_to_exit, -200.0, 200.0, 0.0, "cleared level minus exit level, FL"),
     "fl_nx": Feature(entry_to_exit, -200.0, 200.0, 0.0, "entry level minus exit level, FL"),
