@@ -12,6 +12,7 @@ from pathlib import Path
 
 import msgspec
 
+from skystack.cores import compile_for_one_core
 from skystack.errors import InputError, unknown_name
 from skystack.learning.experiment import Experiment, load_experiment
 from skystack.reproduction.jobs import flown_once, trained_once
@@ -83,6 +84,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("runs/ablations"))
     options = parser.parse_args()
+    compile_for_one_core()
     try:
         ablate(options.experiment, options.seed, options.out)
     except InputError as error:

@@ -262,12 +262,14 @@ def _reproduce(options: argparse.Namespace) -> int:
 
 def _train(options: argparse.Namespace) -> int:
     from skystack.console import prose, show_progress
+    from skystack.cores import compile_for_one_core
     from skystack.learning.experiment import load_experiment
     from skystack.learning.run import train_experiment
 
     experiment = load_experiment(options.experiment, options.changes)
     name = f"{experiment.name}-s{options.seed}"
     out = options.out or Path("runs") / name
+    compile_for_one_core()
     try:
         with show_progress() as report:
             trained = train_experiment(
