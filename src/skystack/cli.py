@@ -159,7 +159,9 @@ def _build_parser() -> argparse.ArgumentParser:
     how = sub.add_mutually_exclusive_group()
     how.add_argument("--greedy", action="store_true", help="the most probable action (default)")
     how.add_argument("--sample", action="store_true", help="an action drawn by its probability")
-    sub.add_argument("--out", type=Path, metavar="DIR", help="folder for the tables (Parquet)")
+    sub.add_argument(
+        "--out", type=Path, metavar="DIR", help="where a folder of tables (Parquet) is made"
+    )
     platform(sub)
 
     sub = verb("simulate", "fly a scenario file", _simulate)

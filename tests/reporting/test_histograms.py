@@ -63,3 +63,10 @@ def test_separations_count_losses_and_show_every_scenario():
     assert axes.get_title(loc="left") == "Stacked: 2 of 6 below 5 NM"
     assert sum(bar.get_height() for bar in axes.patches) == 6
     assert axes.lines[0].get_xdata() == [5.0, 5.0]
+
+
+def test_separations_end_where_the_values_do():
+    with house_style():
+        axes = separations([Nearest("Stacked", np.array([4.0, 27.0]))]).axes[0]
+    assert axes.get_xlim() == (0.0, 30.0)
+    assert axes.get_xlabel() == "least separation in a scenario, NM"

@@ -60,9 +60,11 @@ def separations(panels: Sequence[Nearest]) -> Figure:
     """The least separation of each scenario, all rows below each other on the same axes."""
     size_in = (7.2, 1.2 * len(panels) + 0.5)
     figure, axes = grid_of_axes(len(panels), 1, size_in, sharex=True, sharey=True)
-    edges = np.arange(0.0, SEPARATION_MOST_NM + SEPARATION_BIN_NM, SEPARATION_BIN_NM)
+    farthest = max(float(panel.separation_nm.max()) for panel in panels)
+    most = min(10.0 * np.ceil(farthest / 10.0 + 1e-6), SEPARATION_MOST_NM)
+    edges = np.arange(0.0, most + SEPARATION_BIN_NM, SEPARATION_BIN_NM)
     for place, panel in zip(axes, panels, strict=True):
-        shown = np.minimum(panel.separation_nm, SEPARATION_MOST_NM - 1e-6)
+        shown = np.minimum(panel.separation_nm, most - 1e-6)
         place.hist(shown, bins=list(edges), color=BLUE, edgecolor=PAPER, linewidth=0.6)
         place.axvline(SEPARATION_NM, color=INK, linewidth=1.2, linestyle=(0, (4, 2)))
         lost = int(np.sum(panel.separation_nm < SEPARATION_NM))
@@ -71,9 +73,8 @@ def separations(panels: Sequence[Nearest]) -> Figure:
         place.grid(axis="y", color=FAINT, linewidth=0.5)
         place.set_axisbelow(True)
     figure.supylabel("scenarios", color=MUTED, fontsize=8.5)
-    axes[-1].set_xlabel(
-        f"least separation in a scenario, NM (the last bar: {edges[-2]:.0f} and more)"
-    )
+    beyond = f" (the last bar: {edges[-2]:.0f} and more)" if farthest > most else ""
+    axes[-1].set_xlabel(f"least separation in a scenario, NM{beyond}")
     axes[-1].set_xlim(edges[0], edges[-1])
     return figure
 
