@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from skystack.learning import inference, network, ppo
 from skystack.learning.settings import PPOSettings
+from skystack.tasks.batch import OneByOne
 from skystack.tasks.build import build_task
 from skystack.tasks.contract import Metrics, Outcome
 from skystack.tasks.settings import TaskSettings
@@ -87,7 +88,7 @@ def test_the_normaliser_knows_mean_and_variance_of_all_it_saw(sizes, seed):
     batches = [rng.normal(3.0, 2.0, size=(size, 2)).astype(np.float32) for size in sizes]
     normaliser = network.initial_normaliser(2)._replace(count=jnp.asarray(0.0))
     for batch in batches:
-        normaliser = network.update_normaliser(normaliser, jnp.asarray(batch))
+        normaliser = network.update_normaliser(normaliser, jnp.asarray(batch.T))
     everything = np.concatenate(batches)
     np.testing.assert_allclose(normaliser.mean, everything.mean(axis=0), rtol=1e-4, atol=1e-4)
     np.testing.assert_allclose(normaliser.variance, everything.var(axis=0), rtol=1e-3, atol=1e-4)
@@ -100,6 +101,65 @@ def test_numpy_and_jax_compute_the_same_network():
     in_numpy = inference.forward(jax.device_get(parameters.actor), seen)
     assert isinstance(in_numpy, np.ndarray)
     np.testing.assert_allclose(in_jax, in_numpy, atol=1e-5)
+
+
+def test_samples_may_be_rows_or_columns():
+    parameters = network.init(jax.random.key(0), 8, (64, 64), 5)
+    normaliser = inference.Normaliser(jnp.arange(8.0) / 8.0, jnp.full(8, 0.3), jnp.ones(()))
+    rows = jnp.asarray(np.random.default_rng(0).uniform(size=(100, 8)), dtype=jnp.float32)
+    normal = inference.normalise(normaliser, rows)
+    np.testing.assert_array_equal(network.normalise_columns(normaliser, rows.T), normal.T)
+    np.testing.assert_allclose(
+        network.forward_columns(parameters.actor, normal.T),
+        inference.forward(parameters.actor, normal).T,
+        atol=1e-5,
+    )
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 64, 1000])
+def test_shuffling_moves_every_number_anywhere(count):
+    orders = np.array([ppo.shuffled(jax.random.key(seed), count) for seed in range(60)])
+    assert (np.sort(orders, axis=1) == np.arange(count)).all()
+    if count > 1:
+        assert len(np.unique(orders, axis=0)) > 1
+    if count == 1000:
+        # The mean place of a number is that of a uniform one: deviation sqrt(1/12 / 60) = 0.037.
+        assert np.abs(orders.mean(axis=0) / 999 - 0.5).max() < 5 * 0.037
+
+
+def test_actions_are_drawn_by_their_probability():
+    """At every point of the lottery the action in whose share of [0, 1) it lies."""
+    shares = np.array([0.1, 0.0, 0.5, 0.15, 0.25])
+    lottery = (np.arange(1000) + 0.5) / 1000
+    logarithms = np.log(np.maximum(shares, 1e-30), dtype=np.float32)
+    drawn = ppo.draw(
+        jnp.broadcast_to(jnp.asarray(logarithms)[:, None], (5, 1000)), jnp.float32(lottery)
+    )
+    assert np.bincount(drawn, minlength=5).tolist() == [100, 0, 500, 150, 250]
+    assert (np.diff(drawn) >= 0).all()
+
+
+@pytest.mark.parametrize("cut_short", [False, True])
+def test_the_value_after_a_step_is_of_its_own_scenario(cut_short):
+    """Of the next observation, but where the scenario was cut short of its final one."""
+    settings, task = PPOSettings(environments=1, steps=STEPS), build_task(TaskSettings())
+    learner = ppo.init(task, settings, jax.random.key(0))
+    rng = np.random.default_rng(0)
+    seen = jnp.asarray(rng.uniform(size=(STEPS, 8, 1)), dtype=jnp.float32)
+    final = seen.at[:-1].set(seen[1:]).at[-1].set(learner.observations)
+    final = final.at[4].set(0.25) if cut_short else final
+    ended = np.arange(STEPS) == 4
+    steps = steps_with(np.zeros(STEPS), ended & (not cut_short), ended & cut_short)
+    steps = steps._replace(observation=seen, final_observation=final)
+
+    def value(observation):
+        rows = inference.normalise(learner.normaliser, observation[..., 0])
+        return inference.forward(learner.parameters.critic, rows)
+
+    columns = network.normalise_columns(learner.normaliser, seen[:, :, 0].T)
+    values, next_values = ppo.judge(learner, steps, columns)
+    np.testing.assert_allclose(values, value(seen), atol=1e-5)
+    np.testing.assert_allclose(next_values, value(final), atol=1e-5)
 
 
 def test_the_first_policy_is_nearly_uniform():
@@ -156,7 +216,7 @@ def learn_sign(seed):
         epochs=4,
         reward_scale=1.0,
     )
-    task = SignTask()
+    task = OneByOne(SignTask())
     learner = ppo.init(task, settings, jax.random.key(seed))
     update = jax.jit(lambda state: ppo.update(task, settings, state))
     measured = []

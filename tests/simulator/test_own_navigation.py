@@ -79,8 +79,9 @@ def test_centreline_is_held_inside_the_sector(route, model):
     us, index = all_routes("x-plus", model), ROUTES.index(route)
     path = jnp.asarray(us.position_nm[:, index])
     fixes = x_plus().route_table.fixes_nm[index]
-    inside = inside_area(path, jnp.asarray(x_plus().area_nm, dtype=jnp.float32))
-    aside = distance_right_of_route(path, jnp.broadcast_to(fixes, (len(path), *fixes.shape)))
+    inside = inside_area(path, x_plus().area_nm)
+    route_nm = [jnp.broadcast_to(fix, path.shape) for fix in fixes]
+    aside = distance_right_of_route(path, route_nm)
     widest = float(np.max(np.abs(np.asarray(aside)[np.asarray(inside)])))
     if route in STRAIGHT:
         assert widest < 0.01
@@ -107,8 +108,7 @@ LEAVES_IN_ROW = {
 @pytest.mark.parametrize("route", ROUTES)
 def test_rows_inside_the_sector(route, model, enters_in_row):
     path = jnp.asarray(all_routes("x-plus", model).position_nm[:, ROUTES.index(route)])
-    area = jnp.asarray(x_plus().area_nm, dtype=jnp.float32)
-    inside = np.flatnonzero(np.asarray(inside_area(path, area)))
+    inside = np.flatnonzero(np.asarray(inside_area(path, x_plus().area_nm)))
     leaves_in_row = LEAVES_IN_ROW[route][MODELS.index(model)]
     assert inside.tolist() == list(range(enters_in_row, leaves_in_row))
 

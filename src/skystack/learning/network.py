@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from skystack.learning.inference import Layers, Normaliser
+from skystack.learning.inference import Layers, Normaliser, normalise
 
 
 class Parameters(NamedTuple):
@@ -41,6 +41,25 @@ def _init_layers(key: PRNGKeyArray, sizes: tuple[int, ...], last_gain: float) ->
     return tuple(layers)
 
 
+def forward_columns(
+    layers: Layers, observation: Float[Array, "observation samples"]
+) -> Float[Array, "outputs samples"]:
+    """`inference.forward` for samples that are columns: sums over them then run along memory."""
+    value = observation
+    for index, (weights, biases) in enumerate(layers):
+        value = jnp.matmul(weights.T, value) + biases[:, None]
+        if index < len(layers) - 1:
+            value = jnp.maximum(value, 0.0)
+    return value
+
+
+def normalise_columns(
+    normaliser: Normaliser, observation: Float[Array, "observation samples"]
+) -> Float[Array, "observation samples"]:
+    """`inference.normalise` for samples that are columns."""
+    return normalise(normaliser, observation.T).T
+
+
 def initial_normaliser(observation_size: int) -> Normaliser:
     """As if observations were uniform on [0, 1], forgotten with the first data."""
     return Normaliser(
@@ -51,15 +70,15 @@ def initial_normaliser(observation_size: int) -> Normaliser:
 
 
 def update_normaliser(
-    normaliser: Normaliser, observations: Float[Array, "samples observation"]
+    normaliser: Normaliser, observations: Float[Array, "observation samples"]
 ) -> Normaliser:
     """Mean and variance of everything seen so far (Chan et al. 1979)."""
-    samples = float(observations.shape[0])
+    samples = float(observations.shape[1])
     count = normaliser.count + samples
-    delta = jnp.mean(observations, axis=0) - normaliser.mean
+    delta = jnp.mean(observations, axis=1) - normaliser.mean
     spread = (
         normaliser.variance * normaliser.count
-        + jnp.var(observations, axis=0) * samples
+        + jnp.var(observations, axis=1) * samples
         + delta**2 * normaliser.count * samples / count
     )
     return Normaliser(normaliser.mean + delta * samples / count, spread / count, count)

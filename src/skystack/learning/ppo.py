@@ -9,12 +9,14 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import optax
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skystack.learning import network
-from skystack.learning.inference import Layers, Normaliser, forward, normalise
+from skystack.learning.inference import Normaliser
 from skystack.learning.network import Parameters
 from skystack.learning.settings import PPOSettings
+from skystack.tasks.batch import choose, reset_many
 from skystack.tasks.contract import Metrics, Outcome, Task, TaskState
 
 
@@ -23,10 +25,11 @@ class Learner(NamedTuple):
 
     parameters: Parameters
     optimiser: optax.OptState
+    """Of all parameters in one vector: one step of Adam on it costs less than on a dozen arrays."""
     normaliser: Normaliser
     scenarios: TaskState
-    """One state an environment."""
-    observations: Float[Array, "environments observation"]
+    """One state an environment, axis last."""
+    observations: Float[Array, "observation environments"]
     returns: Float[Array, " environments"]
     """Undiscounted, unscaled, of the scenarios under way."""
     key: PRNGKeyArray
@@ -34,10 +37,10 @@ class Learner(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """What an update collects: `[steps, environments]`."""
+    """What an update collects."""
 
-    observation: Float[Array, "steps environments observation"]
-    final_observation: Float[Array, "steps environments observation"]
+    observation: Float[Array, "steps observation environments"]
+    final_observation: Float[Array, "steps observation environments"]
     """After the step, before a new scenario takes the place of an ended one."""
     action: Int[Array, "steps environments"]
     log_probability: Float[Array, "steps environments"]
@@ -74,13 +77,13 @@ def init(task: Task, settings: PPOSettings, key: PRNGKeyArray) -> Learner:
     network_key, scenario_key, key = jax.random.split(key, 3)
     size = len(task.observation_names)
     parameters = network.init(network_key, size, settings.hidden, len(task.action_names))
-    scenarios = jax.vmap(task.reset)(jax.random.split(scenario_key, settings.environments))
+    scenarios = reset_many(task, scenario_key, settings.environments)
     return Learner(
         parameters=parameters,
-        optimiser=optimiser(settings).init(parameters),
+        optimiser=optimiser(settings).init(ravel_pytree(parameters)[0]),
         normaliser=network.initial_normaliser(size),
         scenarios=scenarios,
-        observations=jax.vmap(task.observe)(scenarios),
+        observations=task.observe(scenarios),
         returns=jnp.zeros(settings.environments),
         key=key,
         updates=jnp.zeros((), dtype=jnp.int32),
@@ -94,16 +97,14 @@ def update(
     key, collect_key, learn_key = jax.random.split(learner.key, 3)
     learner = learner._replace(key=key)
     learner, steps, episodes = collect(task, settings, learner, collect_key)
-    critic, normaliser = learner.parameters.critic, learner.normaliser
-    values = _value(critic, normaliser, steps.observation)
-    next_values = _value(critic, normaliser, steps.final_observation)
+    seen = _columns(steps.observation)
+    observation = network.normalise_columns(learner.normaliser, seen)
+    values, next_values = judge(learner, steps, observation)
     advantages = generalised_advantages(steps, values, next_values, settings)
-    batch = _pack(normaliser, steps, values, advantages)
+    batch = _pack(observation, steps, values, advantages)
     learner, losses = learn(settings, learner, batch, learn_key)
-    size = steps.observation.shape[-1]
     learner = learner._replace(
-        normaliser=network.update_normaliser(normaliser, steps.observation.reshape(-1, size)),
-        updates=learner.updates + 1,
+        normaliser=network.update_normaliser(learner.normaliser, seen), updates=learner.updates + 1
     )
     return learner, {**_report(episodes), **losses}
 
@@ -117,36 +118,77 @@ def collect(
     within the same collection too, it is started once more.
     """
     fresh_key, action_key = jax.random.split(key)
-    fresh = jax.vmap(task.reset)(jax.random.split(fresh_key, settings.environments))
-    fresh_observations = jax.vmap(task.observe)(fresh)
+    # All at once: random numbers drawn step by step cost more than the policy.
+    lottery = jax.random.uniform(action_key, (settings.steps, settings.environments))
+    fresh = reset_many(task, fresh_key, settings.environments)
+    fresh_observations = task.observe(fresh)
 
-    def step(learner: Learner, key: PRNGKeyArray) -> tuple[Learner, tuple[Steps, Episodes]]:
+    def step(
+        learner: Learner, lottery: Float[Array, " environments"]
+    ) -> tuple[Learner, tuple[Steps, Episodes]]:
         observation = learner.observations
-        logits = forward(learner.parameters.actor, normalise(learner.normaliser, observation))
-        action = jax.random.categorical(key, logits).astype(jnp.int32)
-        scenarios, outcome = jax.vmap(task.step)(learner.scenarios, action)
-        final_observation = jax.vmap(task.observe)(scenarios)
+        seen = network.normalise_columns(learner.normaliser, observation)
+        log_probabilities = jax.nn.log_softmax(
+            network.forward_columns(learner.parameters.actor, seen), axis=0
+        )
+        action = draw(log_probabilities, lottery)
+        scenarios, outcome = task.step(learner.scenarios, action)
+        final_observation = task.observe(scenarios)
         ended = outcome.terminated | outcome.truncated
         returns = learner.returns + outcome.reward
         taken = Steps(
             observation=observation,
             final_observation=final_observation,
             action=action,
-            log_probability=_log_probability(logits, action),
+            log_probability=_of_action(log_probabilities, action),
             reward=outcome.reward * settings.reward_scale,
             terminated=outcome.terminated,
             truncated=outcome.truncated,
         )
         learner = learner._replace(
-            scenarios=_choose(ended, fresh, scenarios),
-            observations=_choose(ended, fresh_observations, final_observation),
+            scenarios=choose(ended, fresh, scenarios),
+            observations=choose(ended, fresh_observations, final_observation),
             returns=jnp.where(ended, 0.0, returns),
         )
         return learner, (taken, _sum_ended(ended, returns, outcome))
 
-    keys = jax.random.split(action_key, settings.steps)
-    learner, (steps, episodes) = jax.lax.scan(step, learner, keys)
+    learner, (steps, episodes) = jax.lax.scan(step, learner, lottery)
     return learner, steps, jax.tree.map(jnp.sum, episodes)
+
+
+def draw(
+    log_probabilities: Float[Array, "actions n"], lottery: Float[Array, " n"]
+) -> Int[Array, " n"]:
+    """An action each by its probability, from a number uniform on [0, 1): the inverse of the
+    distribution function."""
+    actions = log_probabilities.shape[0]
+    up_to = jnp.tril(jnp.ones((actions, actions))) @ jnp.exp(log_probabilities)
+    beyond = lottery[None, :] >= up_to[:-1]
+    return jnp.sum(beyond.astype(jnp.int32), axis=0)
+
+
+def judge(
+    learner: Learner, steps: Steps, observation: Float[Array, "observation samples"]
+) -> tuple[Float[Array, "steps environments"], Float[Array, "steps environments"]]:
+    """The critic's values of what was seen before each step (given normalised) and after it.
+
+    After a step is before the next one, but where a scenario ended. There the value counts only if
+    it was cut short, and most tasks never do that: only then is the critic asked of all those too.
+    """
+
+    def value(columns: Float[Array, "observation n"]) -> Float[Array, " n"]:
+        return network.forward_columns(learner.parameters.critic, columns)[0]
+
+    values = value(observation).reshape(steps.reward.shape)
+    last = value(network.normalise_columns(learner.normaliser, learner.observations))
+
+    def after_every_step() -> Float[Array, "steps environments"]:
+        final = network.normalise_columns(learner.normaliser, _columns(steps.final_observation))
+        return value(final).reshape(steps.reward.shape)
+
+    following = jnp.concatenate([values[1:], last[None]])
+    next_values = jax.lax.cond(jnp.any(steps.truncated), after_every_step, lambda: following)
+    return values, next_values
 
 
 def generalised_advantages(
@@ -179,75 +221,103 @@ def generalised_advantages(
 def learn(
     settings: PPOSettings,
     learner: Learner,
-    batch: Float[Array, "samples columns"],
+    batch: Float[Array, "rows samples"],
     key: PRNGKeyArray,
 ) -> tuple[Learner, dict[str, Float[Array, ""]]]:
     """`epochs` passes over shuffled minibatches; what does not fill one is left out."""
-    size = min(settings.minibatch, batch.shape[0])
-    count = batch.shape[0] // size
+    size = min(settings.minibatch, batch.shape[1])
+    count = batch.shape[1] // size
     adam = optimiser(settings)
+    vector, as_parameters = ravel_pytree(learner.parameters)
+
+    def loss_of(
+        vector: Float[Array, " weights"], minibatch: Float[Array, "rows minibatch"]
+    ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
+        return loss(as_parameters(vector), minibatch, settings)
 
     def gradient_step(
-        carry: tuple[Parameters, optax.OptState], rows: Float[Array, "minibatch columns"]
-    ) -> tuple[tuple[Parameters, optax.OptState], dict[str, Array]]:
-        parameters, state = carry
-        gradients, losses = jax.grad(loss, has_aux=True)(parameters, rows, settings)
+        carry: tuple[Float[Array, " weights"], optax.OptState],
+        minibatch: Float[Array, "rows minibatch"],
+    ) -> tuple[tuple[Float[Array, " weights"], optax.OptState], dict[str, Array]]:
+        vector, state = carry
+        gradient, losses = jax.grad(loss_of, has_aux=True)(vector, minibatch)
         with jax.numpy_dtype_promotion("standard"):  # optax counts steps in integers
-            updates, state = adam.update(gradients, state, parameters)
-        new: Parameters = optax.apply_updates(parameters, updates)
-        return (new, state), losses
+            change, state = adam.update(gradient, state, vector)
+        return (vector + change, state), losses
 
     def epoch(
-        carry: tuple[Parameters, optax.OptState], key: PRNGKeyArray
-    ) -> tuple[tuple[Parameters, optax.OptState], dict[str, Array]]:
-        order = jax.random.permutation(key, batch.shape[0])[: count * size]
-        minibatches = batch[order].reshape(count, size, batch.shape[1])
+        carry: tuple[Float[Array, " weights"], optax.OptState], key: PRNGKeyArray
+    ) -> tuple[tuple[Float[Array, " weights"], optax.OptState], dict[str, Array]]:
+        order = shuffled(key, batch.shape[1])[: count * size]
+        minibatches = batch[:, order].reshape(-1, count, size).swapaxes(0, 1)
         return jax.lax.scan(gradient_step, carry, minibatches)
 
-    (parameters, state), losses = jax.lax.scan(
-        epoch,
-        (learner.parameters, learner.optimiser),
-        jax.random.split(key, settings.epochs),
+    (vector, state), losses = jax.lax.scan(
+        epoch, (vector, learner.optimiser), jax.random.split(key, settings.epochs)
     )
-    return learner._replace(parameters=parameters, optimiser=state), jax.tree.map(jnp.mean, losses)
+    learner = learner._replace(parameters=as_parameters(vector), optimiser=state)
+    return learner, jax.tree.map(jnp.mean, losses)
 
 
-_EXTRA_COLUMNS = 4
+def shuffled(key: PRNGKeyArray, count: int) -> Int[Array, " count"]:
+    """The numbers below `count` in random order.
+
+    They ride in the low bits of the random numbers that are sorted: one plain sort, ten times
+    faster than `jax.random.permutation`, which sorts pairs. Where the random bits above them are
+    equal (19 of them for 8,192 samples) the order stays.
+    """
+    low = jnp.uint32((1 << max(count - 1, 1).bit_length()) - 1)
+    number = jnp.arange(count, dtype=jnp.uint32)
+    lottery = jax.random.bits(key, (count,), dtype=jnp.uint32)
+    return (jnp.sort((lottery & ~low) | number) & low).astype(jnp.int32)
+
+
+_EXTRA_ROWS = 4
+
+
+def _columns(
+    observations: Float[Array, "steps observation environments"],
+) -> Float[Array, "observation samples"]:
+    """A column a sample."""
+    return jnp.moveaxis(observations, 1, 0).reshape(observations.shape[1], -1)
 
 
 def _pack(
-    normaliser: Normaliser,
+    observation: Float[Array, "observation samples"],
     steps: Steps,
     values: Float[Array, "steps environments"],
     advantages: Float[Array, "steps environments"],
-) -> Float[Array, "samples columns"]:
-    """One row a sample, so that shuffling is one gather: observation, then the extra columns."""
-    observation = normalise(normaliser, steps.observation)
-    columns = (
+) -> Float[Array, "rows samples"]:
+    """A column a sample, so that shuffling is one gather: observation, then the extra rows."""
+    extra = (
         steps.action.astype(jnp.float32),
         steps.log_probability,
         advantages,
         advantages + values,
     )
-    packed = jnp.concatenate([observation, jnp.stack(columns, axis=-1)], axis=-1)
-    return packed.reshape(-1, packed.shape[-1])
+    return jnp.concatenate([observation, *(values.reshape(1, -1) for values in extra)])
 
 
 def loss(
-    parameters: Parameters, rows: Float[Array, "minibatch columns"], settings: PPOSettings
+    parameters: Parameters, minibatch: Float[Array, "rows minibatch"], settings: PPOSettings
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
-    """Clipped surrogate, value error and entropy of one minibatch."""
-    observation = rows[:, :-_EXTRA_COLUMNS]
-    action, old_log_probability, advantage, value_target = rows[:, -_EXTRA_COLUMNS:].T
-    logits = forward(parameters.actor, observation)
-    log_probabilities = jax.nn.log_softmax(logits)
-    entropy = -jnp.mean(jnp.sum(jnp.exp(log_probabilities) * log_probabilities, axis=1))
-    change = _log_probability(logits, action.astype(jnp.int32)) - old_log_probability
+    """Clipped surrogate, value error and entropy of one minibatch.
+
+    A sample is a column here: sums over actions and products with it then run along contiguous
+    memory, which makes a gradient step up to a third faster.
+    """
+    observation = minibatch[:-_EXTRA_ROWS]
+    action, old_log_probability, advantage, value_target = minibatch[-_EXTRA_ROWS:]
+    log_probabilities = jax.nn.log_softmax(
+        network.forward_columns(parameters.actor, observation), axis=0
+    )
+    entropy = -jnp.mean(jnp.sum(jnp.exp(log_probabilities) * log_probabilities, axis=0))
+    change = _of_action(log_probabilities, action.astype(jnp.int32)) - old_log_probability
     ratio = jnp.exp(change)
     advantage = (advantage - jnp.mean(advantage)) / (jnp.std(advantage) + 1e-8)
     clipped = jnp.clip(ratio, 1.0 - settings.clip, 1.0 + settings.clip)
     policy_loss = -jnp.mean(jnp.minimum(ratio * advantage, clipped * advantage))
-    value = forward(parameters.critic, observation)[:, 0]
+    value = network.forward_columns(parameters.critic, observation)[0]
     value_loss = 0.5 * jnp.mean((value - value_target) ** 2)
     total = policy_loss + settings.value_coefficient * value_loss - settings.entropy * entropy
     return total, {
@@ -259,27 +329,11 @@ def loss(
     }
 
 
-def _value(
-    critic: Layers, normaliser: Normaliser, observation: Float[Array, "*n observation"]
-) -> Float[Array, "*n"]:
-    output: Array = forward(critic, normalise(normaliser, observation))
-    return output[..., 0]
-
-
-def _log_probability(
-    logits: Float[Array, "n actions"], action: Int[Array, " n"]
+def _of_action(
+    log_probabilities: Float[Array, "actions n"], action: Int[Array, " n"]
 ) -> Float[Array, " n"]:
-    chosen = jnp.arange(logits.shape[1])[None, :] == action[:, None]
-    return jnp.sum(jnp.where(chosen, jax.nn.log_softmax(logits), 0.0), axis=1)
-
-
-def _choose(condition: Bool[Array, " environments"], yes: TaskState, no: TaskState) -> TaskState:
-    """Per environment, one of two states."""
-
-    def pick(a: Array, b: Array) -> Array:
-        return jnp.where(condition.reshape((-1,) + (1,) * (a.ndim - 1)), a, b)
-
-    return jax.tree.map(pick, yes, no)
+    taken = jnp.arange(log_probabilities.shape[0])[:, None] == action[None, :]
+    return jnp.sum(jnp.where(taken, log_probabilities, 0.0), axis=0)
 
 
 def _sum_ended(

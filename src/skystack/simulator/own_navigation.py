@@ -1,9 +1,18 @@
 """Own navigation: an aircraft follows its route with fly-by turns, as BluebirdDT's do."""
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
-from skystack.airspace.geometry import bearing, direction, wrap_180, wrap_360
+from skystack.airspace.geometry import (
+    bearing,
+    direction,
+    dot,
+    length,
+    point_of,
+    value_of,
+    wrap_180,
+    wrap_360,
+)
 from skystack.airspace.sector import RouteTable
 from skystack.simulator.traffic import NO_TURN, Traffic
 
@@ -20,9 +29,9 @@ _G_NM_S2 = 9.80665 / 1852.0
 def steer(
     traffic: Traffic,
     routes: RouteTable,
-    turn_rate_deg_s: Float[Array, " aircraft"],
+    turn_rate_deg_s: Float[Array, "aircraft *batch"],
     route_end_nm: float,
-) -> tuple[Traffic, Float[Array, " aircraft"]]:
+) -> tuple[Traffic, Float[Array, "aircraft *batch"]]:
     """Point the aircraft on own navigation at their next fix for the coming second.
 
     Returns the traffic with its turn to fly, and the rate [deg/s] at which each aircraft turns:
@@ -30,7 +39,7 @@ def steer(
     """
     traffic = _sequence(traffic, routes, route_end_nm)
     own = traffic.own_navigation
-    target = jnp.asarray(routes.fixes_nm)[traffic.route, traffic.next_fix]
+    target = fix_of(routes, traffic.route, traffic.next_fix)
     wanted = wrap_360(bearing(target - traffic.position_nm))
     turn = wrap_180(wanted - traffic.heading_deg)
     on_track = own & (jnp.abs(turn) < ON_TRACK_DEG)
@@ -49,12 +58,11 @@ def steer(
 def _sequence(traffic: Traffic, routes: RouteTable, route_end_nm: float) -> Traffic:
     """Turn to the following fix where it is time to, and leave the route at its last fix."""
     own = traffic.own_navigation
-    fixes = jnp.asarray(routes.fixes_nm)
-    last = jnp.asarray(routes.last_fix)[traffic.route]
-    target = fixes[traffic.route, traffic.next_fix]
-    following = fixes[traffic.route, jnp.minimum(traffic.next_fix + 1, last)]
+    last = value_of(routes.last_fix, traffic.route)
+    target = fix_of(routes, traffic.route, traffic.next_fix)
+    following = fix_of(routes, traffic.route, jnp.minimum(traffic.next_fix + 1, last))
     offset = target - traffic.position_nm
-    distance = jnp.sqrt(jnp.sum(offset**2, axis=-1))
+    distance = length(offset)
     at_last = traffic.next_fix >= last
 
     turn = jnp.abs(wrap_180(bearing(following - target) - bearing(offset)))
@@ -76,9 +84,17 @@ def _sequence(traffic: Traffic, routes: RouteTable, route_end_nm: float) -> Traf
     )
 
 
+def fix_of(
+    routes: RouteTable, route: Int[Array, "aircraft *batch"], fix: Int[Array, "aircraft *batch"]
+) -> Float[Array, "aircraft 2 *batch"]:
+    """A fix of each aircraft's route, by its number in the route."""
+    longest = routes.fixes_nm.shape[1]
+    return point_of(routes.fixes_nm.reshape(-1, 2), route * longest + fix)
+
+
 def _radius_nm(
-    turn_deg: Float[Array, " aircraft"], ground_speed_kt: Float[Array, " aircraft"]
-) -> Float[Array, " aircraft"]:
+    turn_deg: Float[Array, "aircraft *batch"], ground_speed_kt: Float[Array, "aircraft *batch"]
+) -> Float[Array, "aircraft *batch"]:
     """Radius of a coordinated turn at the bank that its size calls for."""
     bank = jnp.clip(BANK_PER_TURN * turn_deg, MIN_BANK_DEG, MAX_BANK_DEG)
     speed_nm_s = ground_speed_kt / 3600.0
@@ -87,10 +103,10 @@ def _radius_nm(
 
 def _flown_past(
     traffic: Traffic,
-    offset_nm: Float[Array, "aircraft 2"],
-    distance_nm: Float[Array, " aircraft"],
-) -> Bool[Array, " aircraft"]:
+    offset_nm: Float[Array, "aircraft 2 *batch"],
+    distance_nm: Float[Array, "aircraft *batch"],
+) -> Bool[Array, "aircraft *batch"]:
     """The last fix lies behind, too close to the side to be reached by the turn under way."""
-    ahead = jnp.sum(offset_nm * direction(traffic.heading_deg), axis=-1)
+    ahead = dot(offset_nm, direction(traffic.heading_deg))
     aside = jnp.sqrt(jnp.maximum(distance_nm**2 - ahead**2, 0.0))
     return (traffic.turn_radius_nm > 0.0) & (ahead < 0.0) & (aside <= 2.0 * traffic.turn_radius_nm)

@@ -49,7 +49,9 @@ class Simulator:
             flown = self._fly_one_second(flown)
         return adopt(_where_active(flown, traffic))
 
-    def level_ground_speed_kt(self, level: Float[Array, " aircraft"]) -> Float[Array, " aircraft"]:
+    def level_ground_speed_kt(
+        self, level: Float[Array, "aircraft *batch"]
+    ) -> Float[Array, "aircraft *batch"]:
         """Ground speed in level flight (no wind: the true airspeed)."""
         return self.performance.true_airspeed_kt(level, jnp.zeros_like(level))
 
@@ -76,7 +78,7 @@ class Simulator:
 _KT_PER_FT_MIN = 0.3048 * 60.0 / 1852.0
 
 
-def _turn_and_move(traffic: Traffic, rate_deg_s: Float[Array, " aircraft"]) -> Traffic:
+def _turn_and_move(traffic: Traffic, rate_deg_s: Float[Array, "aircraft *batch"]) -> Traffic:
     """One second of turning at a rate, moved along the mid-point heading; exact at the target."""
     turned = jnp.clip(traffic.turn_deg, -rate_deg_s, rate_deg_s)
     arrived = jnp.abs(traffic.turn_deg) <= rate_deg_s
@@ -121,7 +123,7 @@ def _where_active(flown: Traffic, parked: Traffic) -> Traffic:
     """Active aircraft as flown, the others as they were."""
 
     def pick(new: Array, old: Array) -> Array:
-        active = parked.active if new.ndim == 1 else parked.active[:, None]
+        active = parked.active if new.ndim == parked.active.ndim else parked.active[:, None]
         return jnp.where(active, new, old)
 
     return jax.tree.map(pick, flown, parked)

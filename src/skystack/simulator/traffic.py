@@ -16,56 +16,56 @@ NO_TURN, SHORTEST, LEFT, RIGHT = range(4)
 class Traffic(NamedTuple):
     """Aircraft in the air. Levels are in ticks (6000 per flight level), see `performance`."""
 
-    position_nm: Float[Array, "aircraft 2"]
+    position_nm: Float[Array, "aircraft 2 *batch"]
     """East and north of the sector's origin."""
-    heading_deg: Float[Array, " aircraft"]
-    level: Float[Array, " aircraft"]
-    ground_speed_kt: Float[Array, " aircraft"]
+    heading_deg: Float[Array, "aircraft *batch"]
+    level: Float[Array, "aircraft *batch"]
+    ground_speed_kt: Float[Array, "aircraft *batch"]
     """Over the last second."""
-    vertical_speed_ft_min: Float[Array, " aircraft"]
+    vertical_speed_ft_min: Float[Array, "aircraft *batch"]
     """Over the last second."""
-    flown_heading_deg: Float[Array, " aircraft"]
+    flown_heading_deg: Float[Array, "aircraft *batch"]
     """The heading being turned to or held."""
-    turn_deg: Float[Array, " aircraft"]
+    turn_deg: Float[Array, "aircraft *batch"]
     """What is left of the turn, positive to the right."""
-    flown_level: Float[Array, " aircraft"]
+    flown_level: Float[Array, "aircraft *batch"]
     """The level being climbed or descended to or held."""
-    cleared_heading_deg: Float[Array, " aircraft"]
+    cleared_heading_deg: Float[Array, "aircraft *batch"]
     """The heading told to the pilot, flown or not yet."""
-    cleared_level: Float[Array, " aircraft"]
-    pending_turn: Int[Array, " aircraft"]
+    cleared_level: Float[Array, "aircraft *batch"]
+    pending_turn: Int[Array, "aircraft *batch"]
     """How to turn to a heading cleared since the last cycle, NO_TURN if none was."""
-    own_navigation: Bool[Array, " aircraft"]
+    own_navigation: Bool[Array, "aircraft *batch"]
     """Following the route without instructions."""
-    route: Int[Array, " aircraft"]
+    route: Int[Array, "aircraft *batch"]
     """Index in the sector's routes."""
-    next_fix: Int[Array, " aircraft"]
+    next_fix: Int[Array, "aircraft *batch"]
     """Index in the route that own navigation flies to."""
-    turn_radius_nm: Float[Array, " aircraft"]
+    turn_radius_nm: Float[Array, "aircraft *batch"]
     """Radius of a fly-by turn under way, 0 if none."""
-    active: Bool[Array, " aircraft"]
+    active: Bool[Array, "aircraft *batch"]
     """Inactive aircraft have left, or never were: they do not move."""
 
 
 class Clearance(NamedTuple):
     """What aircraft are told at one moment; rows without a turn or a level leave it as it is."""
 
-    turn: Int[Array, " aircraft"]
+    turn: Int[Array, "aircraft *batch"]
     """NO_TURN, SHORTEST, LEFT or RIGHT."""
-    heading_deg: Float[Array, " aircraft"]
+    heading_deg: Float[Array, "aircraft *batch"]
     """Absolute, whole degrees in [0, 360); counts where there is a turn."""
-    changes_level: Bool[Array, " aircraft"]
-    level: Float[Array, " aircraft"]
+    changes_level: Bool[Array, "aircraft *batch"]
+    level: Float[Array, "aircraft *batch"]
     """Absolute, in ticks; counts where the level changes."""
 
 
 def start(
-    position_nm: Float[Array, "aircraft 2"],
-    heading_deg: Float[Array, " aircraft"],
-    level: Float[Array, " aircraft"],
-    route: Int[Array, " aircraft"],
-    ground_speed_kt: Float[Array, " aircraft"],
-    own_navigation: Bool[Array, " aircraft"],
+    position_nm: Float[Array, "aircraft 2 *batch"],
+    heading_deg: Float[Array, "aircraft *batch"],
+    level: Float[Array, "aircraft *batch"],
+    route: Int[Array, "aircraft *batch"],
+    ground_speed_kt: Float[Array, "aircraft *batch"],
+    own_navigation: Bool[Array, "aircraft *batch"],
 ) -> Traffic:
     """Aircraft in level flight, cleared to what they fly."""
     zero = jnp.zeros_like(heading_deg)

@@ -36,20 +36,24 @@ class ActionTable(Protocol):
     def names(self) -> tuple[str, ...]:
         """Readable names, "none" first."""
 
-    def may_stack(self, traffic: Traffic, action: Int[Array, ""]) -> Bool[Array, ""]:
+    def may_stack(self, traffic: Traffic, action: Int[Array, "*batch"]) -> Bool[Array, "*batch"]:
         """Whether the instruction can be given: the aircraft is there, the value within limits."""
 
-    def instruct(self, traffic: Traffic, action: Int[Array, ""]) -> Traffic: ...
+    def instruct(self, traffic: Traffic, action: Int[Array, "*batch"]) -> Traffic: ...
 
 
-def addressed(table: ActionTable, traffic: Traffic, action: Int[Array, ""]) -> Bool[Array, "*n"]:
+def addressed(
+    table: ActionTable, traffic: Traffic, action: Int[Array, "*batch"]
+) -> Bool[Array, "aircraft *batch"]:
     """Which aircraft an action is for: none or one."""
     who = jnp.asarray([-1, *(aircraft for aircraft, _ in table.changes)])
-    return jnp.arange(traffic.level.shape[0]) == who[action]
+    aircraft = jnp.arange(traffic.level.shape[0], dtype=who.dtype)
+    return aircraft.reshape((-1,) + (1,) * action.ndim) == who[action][None]
 
 
-def _change(table: ActionTable, action: Int[Array, ""]) -> Float[Array, ""]:
-    return jnp.asarray([0.0, *(float(change) for _, change in table.changes)])[action]
+def _change(table: ActionTable, action: Int[Array, "*batch"]) -> Float[Array, "1 *batch"]:
+    """Of the one aircraft that it is for; the axis of aircraft has length 1."""
+    return jnp.asarray([0.0, *(float(change) for _, change in table.changes)])[action][None]
 
 
 def _every(aircraft: int, sizes: tuple[int, ...]) -> tuple[tuple[int, int], ...]:
@@ -84,13 +88,13 @@ class TurnTable:
             *(f"aircraft {who + 1} turn {turn:+d} deg" for who, turn in self.changes),
         )
 
-    def may_stack(self, traffic: Traffic, action: Int[Array, ""]) -> Bool[Array, ""]:
+    def may_stack(self, traffic: Traffic, action: Int[Array, "*batch"]) -> Bool[Array, "*batch"]:
         """Whether the aircraft is there and would still turn the way it is told."""
         turn = turn_to_deg(traffic.heading_deg, traffic.cleared_heading_deg)
         allowed = jnp.abs(turn + _change(self, action)) < STACK_LIMIT_DEG
-        return jnp.any(addressed(self, traffic, action) & traffic.active & allowed)
+        return jnp.any(addressed(self, traffic, action) & traffic.active & allowed, axis=0)
 
-    def instruct(self, traffic: Traffic, action: Int[Array, ""]) -> Traffic:
+    def instruct(self, traffic: Traffic, action: Int[Array, "*batch"]) -> Traffic:
         """Change the cleared heading, which is a whole number of degrees afterwards."""
         heading = jnp.round(traffic.cleared_heading_deg + _change(self, action))
         return instruct(
@@ -126,13 +130,13 @@ class LevelTable:
     def names(self) -> tuple[str, ...]:
         return ("none", *(f"aircraft {who + 1} level {step:+d} FL" for who, step in self.changes))
 
-    def may_stack(self, traffic: Traffic, action: Int[Array, ""]) -> Bool[Array, ""]:
+    def may_stack(self, traffic: Traffic, action: Int[Array, "*batch"]) -> Bool[Array, "*batch"]:
         """Whether the aircraft is there and the level it would be cleared to is in the sector."""
         wanted = self._wanted(traffic, action)
         allowed = wanted == self._within(wanted)
-        return jnp.any(addressed(self, traffic, action) & traffic.active & allowed)
+        return jnp.any(addressed(self, traffic, action) & traffic.active & allowed, axis=0)
 
-    def instruct(self, traffic: Traffic, action: Int[Array, ""]) -> Traffic:
+    def instruct(self, traffic: Traffic, action: Int[Array, "*batch"]) -> Traffic:
         """Change the cleared level; at the limit of the sector it stays."""
         return instruct(
             traffic,
@@ -144,10 +148,12 @@ class LevelTable:
             ),
         )
 
-    def _wanted(self, traffic: Traffic, action: Int[Array, ""]) -> Float[Array, " aircraft"]:
+    def _wanted(
+        self, traffic: Traffic, action: Int[Array, "*batch"]
+    ) -> Float[Array, "aircraft *batch"]:
         return traffic.cleared_level + TICKS_PER_FL * _change(self, action)
 
-    def _within(self, level: Float[Array, " aircraft"]) -> Float[Array, " aircraft"]:
+    def _within(self, level: Float[Array, "aircraft *batch"]) -> Float[Array, "aircraft *batch"]:
         lowest, highest = (ticks(float(fl)) for fl in self.levels_fl)
         return jnp.clip(level, lowest, highest)
 

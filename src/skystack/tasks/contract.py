@@ -1,4 +1,4 @@
-"""What every task offers: pure functions of one scenario; callers vmap them.
+"""What every task offers: pure functions of one scenario, or of many at once.
 
     reset(key) -> state                  a random scenario at cycle 0
     observe(state) -> observation        what the policy sees, each value in [0, 1]
@@ -6,6 +6,9 @@
     may_stack(state, action) -> bool     whether the instruction can be given now
     advance(state) -> (state, outcome)   one radar cycle; everybody flies
     step(state, action)                  advance(instruct(state, action)): the MDP step
+
+Given arrays with batch axes behind their own, all but `reset` compute that batch, see
+`skystack.tasks.batch`, which also makes a task for one scenario take many.
 
 Tasks never truncate by themselves: the end of a scenario is part of the task, paid and terminal.
 """
@@ -24,28 +27,28 @@ TaskState = Any
 class Metrics(NamedTuple):
     """One scenario judged so far; final once it has ended."""
 
-    success: Bool[Array, ""]
+    success: Bool[Array, "*batch"]
     """Every criterion of the task, for every aircraft."""
-    correct_exit: Bool[Array, ""]
+    correct_exit: Bool[Array, "*batch"]
     """All aircraft left through their exit at their exit level."""
-    excursion: Bool[Array, ""]
+    excursion: Bool[Array, "*batch"]
     """Some aircraft left the sector otherwise, or never entered it."""
-    few_instructions: Bool[Array, ""]
+    few_instructions: Bool[Array, "*batch"]
     """Every aircraft was given fewer than 30."""
-    instructions: Float[Array, ""]
-    bursts: Float[Array, ""]
+    instructions: Float[Array, "*batch"]
+    bursts: Float[Array, "*batch"]
     """Runs of the same instruction in consecutive cycles (or within one stack)."""
-    min_separation_nm: Float[Array, ""]
+    min_separation_nm: Float[Array, "*batch"]
     """Least distance of two active aircraft less than 1,000 ft apart; infinite if none were."""
-    cycles: Float[Array, ""]
+    cycles: Float[Array, "*batch"]
 
 
 class Outcome(NamedTuple):
     """What one cycle brought."""
 
-    reward: Float[Array, ""]
-    terminated: Bool[Array, ""]
-    truncated: Bool[Array, ""]
+    reward: Float[Array, "*batch"]
+    terminated: Bool[Array, "*batch"]
+    truncated: Bool[Array, "*batch"]
     metrics: Metrics
 
 
@@ -68,12 +71,14 @@ class Task(Protocol):
 
     def reset(self, key: PRNGKeyArray) -> TaskState: ...
 
-    def observe(self, state: TaskState) -> Float[Array, " observation"]: ...
+    def observe(self, state: TaskState) -> Float[Array, "observation *batch"]: ...
 
-    def instruct(self, state: TaskState, action: Int[Array, ""]) -> TaskState: ...
+    def instruct(self, state: TaskState, action: Int[Array, "*batch"]) -> TaskState: ...
 
-    def may_stack(self, state: TaskState, action: Int[Array, ""]) -> Bool[Array, ""]: ...
+    def may_stack(
+        self, state: TaskState, action: Int[Array, "*batch"]
+    ) -> Bool[Array, "*batch"]: ...
 
     def advance(self, state: TaskState) -> tuple[TaskState, Outcome]: ...
 
-    def step(self, state: TaskState, action: Int[Array, ""]) -> tuple[TaskState, Outcome]: ...
+    def step(self, state: TaskState, action: Int[Array, "*batch"]) -> tuple[TaskState, Outcome]: ...

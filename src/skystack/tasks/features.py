@@ -5,14 +5,28 @@ vertical control, `("d_xfl", "fl_sx", "fl_nx", "delta_t_10")`. The others are ou
 to the right, in degrees.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from skystack.airspace.geometry import bearing, cross, direction, distance_right_of_route, wrap_180
+from skystack.airspace.geometry import (
+    bearing,
+    distance_right_of_route,
+    edges,
+    length,
+    point_of,
+    points_of,
+    value_of,
+    wrap_180,
+)
 from skystack.airspace.sector import Sector
+from skystack.once import once
+from skystack.simulator.own_navigation import fix_of
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
 from skystack.simulator.traffic import Traffic
@@ -21,7 +35,7 @@ from skystack.tasks.tracking import Memory
 LEVELS_PER_MIN = 20.0
 """The set rate of the paper's d_xfl: 2,000 feet per minute."""
 
-PerAircraft = Float[Array, " aircraft"]
+PerAircraft = Float[Array, "aircraft *batch"]
 
 
 class Feature(NamedTuple):
@@ -43,7 +57,7 @@ def subsequent_fix_turn(sector: Sector, traffic: Traffic, memory: Memory) -> Per
 
 
 def centreline_distance(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
-    fixes = jnp.asarray(sector.route_table.fixes_nm)[traffic.route]
+    fixes = points_of(sector.route_table.fixes_nm, traffic.route)
     return distance_right_of_route(traffic.position_nm, fixes)
 
 
@@ -56,8 +70,7 @@ def turn_under_way(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircr
 
 
 def next_fix_distance(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
-    offset = _fix(sector, traffic, memory, ahead=0) - traffic.position_nm
-    return jnp.sqrt(jnp.sum(offset**2, axis=-1))
+    return length(_fix(sector, traffic, memory, ahead=0) - traffic.position_nm)
 
 
 def exit_left_turn(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
@@ -69,8 +82,8 @@ def exit_right_turn(sector: Sector, traffic: Traffic, memory: Memory) -> PerAirc
 
 
 def exit_distance(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
-    middle = jnp.mean(jnp.asarray(sector.route_table.exit_edge_nm)[traffic.route], axis=1)
-    return jnp.sqrt(jnp.sum((middle - traffic.position_nm) ** 2, axis=-1))
+    middle = np.mean(sector.route_table.exit_edge_nm, axis=1)
+    return length(point_of(middle, traffic.route) - traffic.position_nm)
 
 
 def level_to_exit(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
@@ -94,13 +107,15 @@ def room_ahead(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
 
     Zero: flying on leaves through the exit. From outside (before entry) the near edge is skipped.
     """
-    corners = jnp.asarray(sector.area_nm, dtype=jnp.float32)
-    edges = jnp.stack([corners, jnp.roll(corners, -1, axis=0)], axis=1)
-    hits = _distance_ahead(traffic, edges[None])
-    own_exit = jnp.asarray(sector.route_table.exit_edge_nm)[traffic.route]
-    exit_hit = _distance_ahead(traffic, own_exit[:, None])[:, 0]
-    leaving = jnp.min(hits, axis=1)
-    return jnp.minimum(exit_hit, 100.0) - jnp.minimum(leaving, 100.0)
+    exit_edge = points_of(sector.route_table.exit_edge_nm, traffic.route)
+    way, rate = _way_ahead(traffic, *(tuple(jnp.moveaxis(end, 1, 0)) for end in exit_edge))
+    nearest_way, nearest_rate = jnp.full_like(way, 100.0), jnp.ones_like(rate)
+    for start, end in edges(sector.area_nm).tolist():
+        edge_way, edge_rate = _way_ahead(traffic, start, end)
+        nearer = edge_way * nearest_rate < nearest_way * edge_rate  # two fractions: divided below
+        nearest_way = jnp.where(nearer, edge_way, nearest_way)
+        nearest_rate = jnp.where(nearer, edge_rate, nearest_rate)
+    return jnp.minimum(way / rate, 100.0) - nearest_way / nearest_rate
 
 
 FEATURES: dict[str, Feature] = {
@@ -133,38 +148,36 @@ FEATURES: dict[str, Feature] = {
 
 def observe(
     names: tuple[str, ...], sector: Sector, traffic: Traffic, memory: Memory
-) -> Float[Array, " observation"]:
+) -> Float[Array, "observation *batch"]:
     """The named features, aircraft by aircraft, in [0, 1]."""
     rows = []
     for name in names:
         feature = FEATURES[name]
-        value = feature.value(sector, traffic, memory)
+        value = once(partial(feature.value, sector), traffic, memory)
         shown = jnp.where(traffic.active, value, feature.exited)
         rows.append((shown - feature.low) / (feature.high - feature.low))
-    return jnp.clip(jnp.stack(rows, axis=1), 0.0, 1.0).reshape(-1)
+    shown = jnp.clip(jnp.stack(rows, axis=1), 0.0, 1.0)
+    return shown.reshape(-1, *shown.shape[2:])
 
 
 def _fix(
     sector: Sector, traffic: Traffic, memory: Memory, ahead: int
-) -> Float[Array, "aircraft 2"]:
+) -> Float[Array, "aircraft 2 *batch"]:
     table = sector.route_table
-    index = jnp.minimum(memory.next_fix + ahead, jnp.asarray(table.last_fix)[traffic.route])
-    return jnp.asarray(table.fixes_nm)[traffic.route, index]
+    index = jnp.minimum(memory.next_fix + ahead, value_of(table.last_fix, traffic.route))
+    return fix_of(table, traffic.route, index)
 
 
 def _route_to_exit(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
     """To the next fix and on along the route to the last but one; 0 once that is passed."""
     table = sector.route_table
-    fixes = jnp.asarray(table.fixes_nm)[traffic.route]
-    leg = jnp.sqrt(jnp.sum((fixes[:, 1:] - fixes[:, :-1]) ** 2, axis=-1))
-    exit_fix = (jnp.asarray(table.last_fix)[traffic.route] - 1)[:, None]
-    end = jnp.arange(1, fixes.shape[1])[None, :]
-    ahead = jnp.sum(
-        jnp.where((end > memory.next_fix[:, None]) & (end <= exit_fix), leg, 0.0), axis=1
-    )
-    offset = _fix(sector, traffic, memory, ahead=0) - traffic.position_nm
-    to_next = jnp.sqrt(jnp.sum(offset**2, axis=-1))
-    return jnp.where(memory.next_fix <= exit_fix[:, 0], to_next + ahead, 0.0)
+    fixes = points_of(table.fixes_nm, traffic.route)
+    exit_fix = value_of(table.last_fix, traffic.route) - 1
+    way = length(_fix(sector, traffic, memory, ahead=0) - traffic.position_nm)
+    for number, (start, end) in enumerate(pairwise(fixes), start=1):
+        counts = (number > memory.next_fix) & (number <= exit_fix)
+        way += jnp.where(counts, length(end - start), 0.0)
+    return jnp.where(memory.next_fix <= exit_fix, way, 0.0)
 
 
 def _turn_to_fix(sector: Sector, traffic: Traffic, memory: Memory, ahead: int) -> PerAircraft:
@@ -173,22 +186,24 @@ def _turn_to_fix(sector: Sector, traffic: Traffic, memory: Memory, ahead: int) -
 
 
 def _turn_to_exit_corner(sector: Sector, traffic: Traffic, corner: int) -> PerAircraft:
-    offset = (
-        jnp.asarray(sector.route_table.exit_edge_nm)[traffic.route, corner] - traffic.position_nm
-    )
-    return wrap_180(bearing(offset) - traffic.cleared_heading_deg)
+    end = point_of(sector.route_table.exit_edge_nm[:, corner], traffic.route)
+    return wrap_180(bearing(end - traffic.position_nm) - traffic.cleared_heading_deg)
 
 
-def _distance_ahead(
-    traffic: Traffic, edges_nm: Float[Array, "one_or_aircraft edges 2 2"]
-) -> Float[Array, "aircraft edges"]:
-    """Distance to where the cleared heading crosses each edge outwards; infinite if it does not."""
-    ray = direction(traffic.cleared_heading_deg)[:, None, :]
-    edge = edges_nm[:, :, 1] - edges_nm[:, :, 0]
-    offset = edges_nm[:, :, 0] - traffic.position_nm[:, None, :]
-    ray, edge = jnp.broadcast_arrays(ray, edge)
-    facing = cross(ray, edge)
-    safe = jnp.where(facing == 0.0, 1.0, facing)
-    along_ray, along_edge = cross(offset, edge) / safe, cross(offset, ray) / safe
-    hit = (facing > 0.0) & (along_ray > 0.0) & (along_edge >= 0.0) & (along_edge <= 1.0)
-    return jnp.where(hit, along_ray, jnp.inf)
+def _way_ahead(
+    traffic: Traffic, start_nm: Sequence[Any], end_nm: Sequence[Any]
+) -> tuple[PerAircraft, PerAircraft]:
+    """Distance to where the cleared heading crosses an edge outwards, as a fraction.
+
+    100 NM, as 100 / 1, where it does not. The ends of the edge are (east, north), numbers or one
+    for each aircraft.
+    """
+    heading = jnp.radians(traffic.cleared_heading_deg)
+    ray_east, ray_north = jnp.sin(heading), jnp.cos(heading)
+    edge_east, edge_north = end_nm[0] - start_nm[0], end_nm[1] - start_nm[1]
+    east, north = start_nm[0] - traffic.position_nm[:, 0], start_nm[1] - traffic.position_nm[:, 1]
+    facing = ray_east * edge_north - ray_north * edge_east
+    way = east * edge_north - north * edge_east
+    along_edge = east * ray_north - north * ray_east
+    hit = (facing > 0.0) & (way > 0.0) & (along_edge >= 0.0) & (along_edge <= facing)
+    return jnp.where(hit, way, 100.0), jnp.where(hit, facing, 1.0)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from skystack.once import once
 from skystack.simulator.generator import Scenarios
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import Simulator
@@ -20,7 +21,7 @@ from skystack.tasks.actions import ActionTable, addressed
 from skystack.tasks.contract import Metrics, Outcome
 from skystack.tasks.pairs import RANGE_NM, observe_pairs, pair_names, pairs_of
 from skystack.tasks.settings import TaskSettings
-from skystack.tasks.tracking import Memory, Tracker, separation_nm
+from skystack.tasks.tracking import Memory, Tracker
 
 
 class NavigationState(NamedTuple):
@@ -63,13 +64,13 @@ class NavigationTask:
         return self.begin(*self.scenarios.draw(key))
 
     def begin(
-        self, traffic: Traffic, exit_level: Float[Array, " aircraft"] | None = None
+        self, traffic: Traffic, exit_level: Float[Array, "aircraft *batch"] | None = None
     ) -> NavigationState:
         """A scenario from given traffic; who has no exit level is to leave as it starts."""
         level = traffic.level if exit_level is None else exit_level
         return NavigationState(traffic, self.tracker.begin(traffic, level))
 
-    def observe(self, state: NavigationState) -> Float[Array, " observation"]:
+    def observe(self, state: NavigationState) -> Float[Array, "observation *batch"]:
         seen = features.observe(
             self.settings.features, self.simulator.sector, state.traffic, state.memory
         )
@@ -77,10 +78,12 @@ class NavigationTask:
             return seen
         return jnp.concatenate([seen, observe_pairs(self.settings.pair_features, state.traffic)])
 
-    def may_stack(self, state: NavigationState, action: Int[Array, ""]) -> Bool[Array, ""]:
+    def may_stack(
+        self, state: NavigationState, action: Int[Array, "*batch"]
+    ) -> Bool[Array, "*batch"]:
         return self.actions.may_stack(state.traffic, action)
 
-    def instruct(self, state: NavigationState, action: Int[Array, ""]) -> NavigationState:
+    def instruct(self, state: NavigationState, action: Int[Array, "*batch"]) -> NavigationState:
         heard = addressed(self.actions, state.traffic, action) & state.traffic.active
         return NavigationState(
             self.actions.instruct(state.traffic, action),
@@ -88,14 +91,14 @@ class NavigationTask:
         )
 
     def advance(self, state: NavigationState) -> tuple[NavigationState, Outcome]:
-        return self.judge(state.memory, self.simulator.advance(state.traffic))
+        return self.judge(state.memory, once(self.simulator.advance, state.traffic))
 
     def judge(self, memory: Memory, flown: Traffic) -> tuple[NavigationState, Outcome]:
         """Everything of `advance` but flying, which another simulator may do."""
-        before, memory = memory, self.tracker.track(memory, flown)
+        before, memory = memory, once(self.tracker.track, memory, flown)
         traffic = flown._replace(active=flown.active & ~memory.exited)
-        ended = ~jnp.any(traffic.active) | (memory.cycles >= self.settings.cycles)
-        memory = memory._replace(strayed=memory.strayed | (ended & ~memory.entered))
+        ended = ~jnp.any(traffic.active, axis=0) | (memory.cycles >= self.settings.cycles)
+        memory = memory._replace(strayed=memory.strayed | (ended[None] & ~memory.entered))
         criteria = jnp.stack(self._criteria(memory))
         reward = self._running_reward(before, memory, flown) + jnp.where(
             ended, self.settings.reward.terminal * rewards.terminal(criteria), 0.0
@@ -104,16 +107,18 @@ class NavigationTask:
             reward=reward,
             terminated=ended,
             truncated=jnp.zeros_like(ended),
-            metrics=self._metrics(memory, jnp.all(criteria)),
+            metrics=self._metrics(memory, jnp.all(criteria, axis=(0, 1))),
         )
         return NavigationState(traffic, memory), outcome
 
     def step(
-        self, state: NavigationState, action: Int[Array, ""]
+        self, state: NavigationState, action: Int[Array, "*batch"]
     ) -> tuple[NavigationState, Outcome]:
         return self.advance(self.instruct(state, action))
 
-    def _running_reward(self, before: Memory, memory: Memory, flown: Traffic) -> Float[Array, ""]:
+    def _running_reward(
+        self, before: Memory, memory: Memory, flown: Traffic
+    ) -> Float[Array, "*batch"]:
         """Weighted sum of the terms of one cycle, averaged over all aircraft of the scenario."""
         weights, sector = self.settings.reward, self.simulator.sector
         distance = features.centreline_distance(sector, flown, memory)
@@ -133,28 +138,28 @@ class NavigationTask:
         if weights.safety:
             shared += weights.safety * self._safety(flown)
         if weights.conflict:
-            inside_nm = weights.conflict_nm - separation_nm(before, flown)
+            inside_nm = weights.conflict_nm - memory.separation_nm
             shared -= weights.conflict * jnp.maximum(inside_nm, 0.0)
-        return jnp.mean(jnp.where(flown.active, each, 0.0)) + shared
+        return jnp.mean(jnp.where(flown.active, each, 0.0), axis=0) + shared
 
-    def _safety(self, flown: Traffic) -> Float[Array, ""]:
+    def _safety(self, flown: Traffic) -> Float[Array, "*batch"]:
         """The safety reward of the scenario: its worst pair's."""
         pairs = pairs_of(flown)
         each = rewards.safety(pairs.distance_nm, pairs.closest_nm, RANGE_NM)
-        return jnp.min(jnp.where(pairs.active, each, 0.0), initial=0.0)
+        return jnp.min(jnp.where(pairs.active, each, 0.0), axis=0, initial=0.0)
 
-    def _criteria(self, memory: Memory) -> list[Bool[Array, " aircraft"]]:
+    def _criteria(self, memory: Memory) -> list[Bool[Array, "aircraft *batch"]]:
         few = memory.instructions < rewards.MAX_INSTRUCTIONS
         criteria = [memory.exited_correctly, ~memory.strayed]
         return [*criteria, few] if self.settings.reward.count_criterion else criteria
 
-    def _metrics(self, memory: Memory, success: Bool[Array, ""]) -> Metrics:
+    def _metrics(self, memory: Memory, success: Bool[Array, "*batch"]) -> Metrics:
         return Metrics(
             success=success,
-            correct_exit=jnp.all(memory.exited_correctly),
-            excursion=jnp.any(memory.strayed),
-            few_instructions=jnp.all(memory.instructions < rewards.MAX_INSTRUCTIONS),
-            instructions=jnp.sum(memory.instructions),
+            correct_exit=jnp.all(memory.exited_correctly, axis=0),
+            excursion=jnp.any(memory.strayed, axis=0),
+            few_instructions=jnp.all(memory.instructions < rewards.MAX_INSTRUCTIONS, axis=0),
+            instructions=jnp.sum(memory.instructions, axis=0),
             bursts=memory.bursts,
             min_separation_nm=memory.min_separation_nm,
             cycles=memory.cycles,

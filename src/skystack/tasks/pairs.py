@@ -10,33 +10,43 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from skystack.airspace.geometry import bearing, closest_approach, cross, direction, wrap_180
+from skystack.airspace.geometry import (
+    bearing,
+    closest_approach,
+    cross,
+    direction,
+    dot,
+    first_and_second,
+    length,
+    wrap_180,
+)
+from skystack.once import once
 from skystack.simulator.traffic import Traffic
 
 RANGE_NM = 150.0
 """d_max: how far the faster of a pair is flown ahead; pairs farther apart are no matter."""
 
-PerPair = Float[Array, " pairs"]
+PerPair = Float[Array, "pairs *batch"]
 
 
 class Pairs(NamedTuple):
     """Every two aircraft, the first the one of the lower number; east and north."""
 
-    offset_nm: Float[Array, "pairs 2"]
+    offset_nm: Float[Array, "pairs 2 *batch"]
     """From the first to the second."""
-    velocity_kt: Float[Array, "pairs 2"]
+    velocity_kt: Float[Array, "pairs 2 *batch"]
     """Of the second as seen from the first, on cleared headings."""
     horizon_h: PerPair
     """Until the faster has flown `RANGE_NM`."""
     first_heading_deg: PerPair
     """Cleared."""
     second_heading_deg: PerPair
-    active: Bool[Array, " pairs"]
+    active: Bool[Array, "pairs *batch"]
     """Both are."""
 
     @property
     def distance_nm(self) -> PerPair:
-        return jnp.sqrt(jnp.sum(self.offset_nm**2, axis=-1))
+        return length(self.offset_nm)
 
     @property
     def closest_nm(self) -> PerPair:
@@ -48,16 +58,20 @@ class Pairs(NamedTuple):
 
 def pairs_of(traffic: Traffic) -> Pairs:
     """All pairs of the traffic's aircraft."""
-    first, second = jnp.triu_indices(traffic.level.shape[0], k=1)
     speed = traffic.ground_speed_kt
-    velocity = speed[:, None] * direction(traffic.cleared_heading_deg)
+    position, other_position = first_and_second(traffic.position_nm)
+    velocity, other_velocity = first_and_second(
+        speed[:, None] * direction(traffic.cleared_heading_deg)
+    )
+    heading, other_heading = first_and_second(traffic.cleared_heading_deg)
+    active, other_active = first_and_second(traffic.active)
     return Pairs(
-        offset_nm=traffic.position_nm[second] - traffic.position_nm[first],
-        velocity_kt=velocity[second] - velocity[first],
-        horizon_h=RANGE_NM / jnp.maximum(speed[first], speed[second]),
-        first_heading_deg=traffic.cleared_heading_deg[first],
-        second_heading_deg=traffic.cleared_heading_deg[second],
-        active=traffic.active[first] & traffic.active[second],
+        offset_nm=other_position - position,
+        velocity_kt=other_velocity - velocity,
+        horizon_h=RANGE_NM / jnp.maximum(*first_and_second(speed)),
+        first_heading_deg=heading,
+        second_heading_deg=other_heading,
+        active=active & other_active,
     )
 
 
@@ -85,14 +99,12 @@ def track_difference(pairs: Pairs) -> PerPair:
 
 def signed_miss(pairs: Pairs) -> PerPair:
     """How far the second passes from the first; positive to the right of the relative motion."""
-    speed = jnp.sqrt(jnp.sum(pairs.velocity_kt**2, axis=-1))
-    side = cross(pairs.velocity_kt, pairs.offset_nm) / jnp.maximum(speed, 1.0)
-    return jnp.where(side < 0.0, -1.0, 1.0) * pairs.closest_nm
+    return jnp.where(cross(pairs.velocity_kt, pairs.offset_nm) < 0.0, -1.0, 1.0) * pairs.closest_nm
 
 
 def minutes_to_closest(pairs: Pairs) -> PerPair:
-    speed2 = jnp.maximum(jnp.sum(pairs.velocity_kt**2, axis=-1), 1.0)
-    hours = -jnp.sum(pairs.offset_nm * pairs.velocity_kt, axis=-1) / speed2
+    speed2 = jnp.maximum(dot(pairs.velocity_kt, pairs.velocity_kt), 1.0)
+    hours = -dot(pairs.offset_nm, pairs.velocity_kt) / speed2
     return 60.0 * jnp.clip(hours, 0.0, pairs.horizon_h)
 
 
@@ -113,14 +125,15 @@ PAIR_FEATURES: dict[str, PairFeature] = {
 """The paper's are `theta` and `d` (theta_12, d_12); the others are ours."""
 
 
-def observe_pairs(names: tuple[str, ...], traffic: Traffic) -> Float[Array, " observation"]:
+def observe_pairs(names: tuple[str, ...], traffic: Traffic) -> Float[Array, "observation *batch"]:
     """The named features, pair by pair, in [0, 1]."""
-    pairs, columns = pairs_of(traffic), []
+    pairs, columns = once(pairs_of, traffic), []
     for name in names:
         feature = PAIR_FEATURES[name]
-        shown = jnp.where(pairs.active, feature.value(pairs), feature.gone)
+        shown = jnp.where(pairs.active, once(feature.value, pairs), feature.gone)
         columns.append((shown - feature.low) / (feature.high - feature.low))
-    return jnp.clip(jnp.stack(columns, axis=1), 0.0, 1.0).reshape(-1)
+    shown = jnp.clip(jnp.stack(columns, axis=1), 0.0, 1.0)
+    return shown.reshape(-1, *shown.shape[2:])
 
 
 def pair_names(names: tuple[str, ...], aircraft: int) -> tuple[str, ...]:

@@ -45,7 +45,7 @@ def outside_band(distance_nm: Float[Array, "*n"], band_nm: float) -> Float[Array
     return jnp.maximum(jnp.abs(distance_nm) - band_nm, 0.0)
 
 
-def terminal(criteria: Bool[Array, "criteria aircraft"]) -> Float[Array, ""]:
+def terminal(criteria: Bool[Array, "criteria aircraft *batch"]) -> Float[Array, "*batch"]:
     """The terminal reward set: 5 a criterion, averaged over aircraft; 20 if all are satisfied."""
-    each = CRITERION_BONUS * jnp.sum(jnp.mean(criteria.astype(jnp.float32), axis=1))
-    return each + jnp.where(jnp.all(criteria), SUCCESS_BONUS, 0.0)
+    each = CRITERION_BONUS * jnp.sum(jnp.mean(criteria.astype(jnp.float32), axis=1), axis=0)
+    return each + jnp.where(jnp.all(criteria, axis=(0, 1)), SUCCESS_BONUS, 0.0)

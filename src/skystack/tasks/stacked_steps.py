@@ -7,10 +7,10 @@ instruction a cycle meets that only when it is used; with these steps it is trai
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from skystack.tasks.batch import choose
 from skystack.tasks.contract import NO_ACTION, Outcome
 from skystack.tasks.navigation import NavigationState, NavigationTask
 
@@ -19,7 +19,7 @@ class StackedState(NamedTuple):
     """A scenario and the instruction being stacked, NO_ACTION when none is."""
 
     inner: NavigationState
-    stacking: Int[Array, ""]
+    stacking: Int[Array, "*batch"]
 
 
 @dataclass(frozen=True)
@@ -51,14 +51,14 @@ class StackedSteps:
     def reset(self, key: PRNGKeyArray) -> StackedState:
         return StackedState(self.task.reset(key), jnp.zeros((), dtype=jnp.int32))
 
-    def observe(self, state: StackedState) -> Float[Array, " observation"]:
+    def observe(self, state: StackedState) -> Float[Array, "observation *batch"]:
         return self.task.observe(state.inner)
 
-    def may_stack(self, state: StackedState, action: Int[Array, ""]) -> Bool[Array, ""]:
+    def may_stack(self, state: StackedState, action: Int[Array, "*batch"]) -> Bool[Array, "*batch"]:
         same = (state.stacking == NO_ACTION) | (state.stacking == action)
         return (action != NO_ACTION) & same & self.task.may_stack(state.inner, action)
 
-    def instruct(self, state: StackedState, action: Int[Array, ""]) -> StackedState:
+    def instruct(self, state: StackedState, action: Int[Array, "*batch"]) -> StackedState:
         return StackedState(self.task.instruct(state.inner, action), action)
 
     def advance(self, state: StackedState) -> tuple[StackedState, Outcome]:
@@ -67,12 +67,13 @@ class StackedSteps:
         memory = inner.memory._replace(burst_action=jnp.zeros_like(state.stacking))
         return StackedState(inner._replace(memory=memory), jnp.zeros_like(state.stacking)), outcome
 
-    def step(self, state: StackedState, action: Int[Array, ""]) -> tuple[StackedState, Outcome]:
+    def step(
+        self, state: StackedState, action: Int[Array, "*batch"]
+    ) -> tuple[StackedState, Outcome]:
         flown, outcome = self.advance(state)
         told = self.instruct(state, action)
         frozen = self.may_stack(state, action)
-        chosen = jax.tree.map(lambda a, b: jnp.where(frozen, a, b), told, flown)
-        return chosen, outcome._replace(
+        return choose(frozen, told, flown), outcome._replace(
             reward=jnp.where(frozen, 0.0, outcome.reward),
             terminated=outcome.terminated & ~frozen,
             truncated=outcome.truncated & ~frozen,

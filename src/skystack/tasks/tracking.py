@@ -9,8 +9,17 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from skystack.airspace.geometry import closest_approach, crosses_outward, inside_area
+from skystack.airspace.geometry import (
+    closest_approach,
+    crosses_outward,
+    dot,
+    first_and_second,
+    inside_area,
+    points_of,
+    value_of,
+)
 from skystack.airspace.sector import Sector
+from skystack.once import once
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import Traffic, ticks
 from skystack.tasks.contract import NO_ACTION
@@ -26,29 +35,31 @@ SEPARATION_FL = 10.0
 class Memory(NamedTuple):
     """One scenario's past, as far as the task needs it."""
 
-    exit_level: Float[Array, " aircraft"]
+    exit_level: Float[Array, "aircraft *batch"]
     """Ticks, like every level."""
-    entry_level: Float[Array, " aircraft"]
-    previous_nm: Float[Array, "aircraft 2"]
-    previous_level: Float[Array, " aircraft"]
-    next_fix: Int[Array, " aircraft"]
+    entry_level: Float[Array, "aircraft *batch"]
+    previous_nm: Float[Array, "aircraft 2 *batch"]
+    previous_level: Float[Array, "aircraft *batch"]
+    next_fix: Int[Array, "aircraft *batch"]
     """Index in the route; starts at 1, never goes back, stays at the last."""
-    cycles_since_instruction: Float[Array, " aircraft"]
+    cycles_since_instruction: Float[Array, "aircraft *batch"]
     """n_s: 0 in the cycle of an instruction; starts at, and is capped to, n_max."""
-    instructed: Bool[Array, " aircraft"]
+    instructed: Bool[Array, "aircraft *batch"]
     """In this cycle, so far."""
-    instructions: Float[Array, " aircraft"]
-    entered: Bool[Array, " aircraft"]
-    strayed: Bool[Array, " aircraft"]
-    exited: Bool[Array, " aircraft"]
-    exited_correctly: Bool[Array, " aircraft"]
-    min_separation_nm: Float[Array, ""]
-    burst_action: Int[Array, ""]
+    instructions: Float[Array, "aircraft *batch"]
+    entered: Bool[Array, "aircraft *batch"]
+    strayed: Bool[Array, "aircraft *batch"]
+    exited: Bool[Array, "aircraft *batch"]
+    exited_correctly: Bool[Array, "aircraft *batch"]
+    separation_nm: Float[Array, "*batch"]
+    """In the last cycle, see `separation_nm` below; infinite before the first."""
+    min_separation_nm: Float[Array, "*batch"]
+    burst_action: Int[Array, "*batch"]
     """The instruction that would continue a burst; NO_ACTION if none would."""
-    bursts: Float[Array, ""]
-    new_bursts: Float[Array, ""]
+    bursts: Float[Array, "*batch"]
+    new_bursts: Float[Array, "*batch"]
     """Begun since the last cycle."""
-    cycles: Float[Array, ""]
+    cycles: Float[Array, "*batch"]
 
 
 @dataclass(frozen=True)
@@ -57,10 +68,10 @@ class Tracker:
 
     sector: Sector
 
-    def begin(self, traffic: Traffic, exit_level: Float[Array, " aircraft"]) -> Memory:
+    def begin(self, traffic: Traffic, exit_level: Float[Array, "aircraft *batch"]) -> Memory:
         """The memory at cycle 0."""
         none = jnp.zeros_like(traffic.active)
-        zero = jnp.zeros((), dtype=jnp.float32)
+        zero = jnp.zeros(traffic.level.shape[1:], dtype=jnp.float32)
         return Memory(
             exit_level=exit_level,
             entry_level=traffic.level,
@@ -74,18 +85,19 @@ class Tracker:
             strayed=none,
             exited=none,
             exited_correctly=none,
+            separation_nm=zero + jnp.inf,
             min_separation_nm=zero + jnp.inf,
-            burst_action=jnp.zeros((), dtype=jnp.int32),
+            burst_action=zero.astype(jnp.int32),
             bursts=zero,
             new_bursts=zero,
             cycles=zero,
         )
 
     def note_instruction(
-        self, memory: Memory, heard: Bool[Array, " aircraft"], action: Int[Array, ""]
+        self, memory: Memory, heard: Bool[Array, "aircraft *batch"], action: Int[Array, "*batch"]
     ) -> Memory:
         """Count an instruction for the aircraft that heard it: one, or none."""
-        any_heard = jnp.any(heard)
+        any_heard = jnp.any(heard, axis=0)
         new_burst = jnp.where(any_heard & (action != memory.burst_action), 1.0, 0.0)
         return memory._replace(
             cycles_since_instruction=jnp.where(heard, 0.0, memory.cycles_since_instruction),
@@ -98,66 +110,70 @@ class Tracker:
 
     def track(self, memory: Memory, traffic: Traffic) -> Memory:
         """Judge one cycle from the traffic after it; `traffic.active` still is as before it."""
-        inside = self._inside(traffic)
-        exits = traffic.active & memory.entered & self._crosses_exit(memory, traffic)
+        inside = once(self._inside, traffic)
+        exits = traffic.active & memory.entered & once(self._crosses_exit, memory, traffic)
+        separation = once(separation_nm, memory, traffic)
         at_exit_level = traffic.level == memory.exit_level
         strays = traffic.active & memory.entered & ~inside & ~exits
         waited = jnp.minimum(memory.cycles_since_instruction + 1.0, DAMPING_CYCLES)
         return memory._replace(
             previous_nm=traffic.position_nm,
             previous_level=traffic.level,
-            next_fix=self._next_fix(traffic, memory.next_fix),
+            next_fix=once(self._next_fix, traffic, memory.next_fix),
             cycles_since_instruction=jnp.where(memory.instructed, 0.0, waited),
             instructed=jnp.zeros_like(memory.instructed),
             entered=memory.entered | (traffic.active & inside),
             strayed=memory.strayed | strays,
             exited=memory.exited | exits,
             exited_correctly=memory.exited_correctly | (exits & at_exit_level),
-            min_separation_nm=jnp.minimum(memory.min_separation_nm, separation_nm(memory, traffic)),
-            burst_action=jnp.where(jnp.any(memory.instructed), memory.burst_action, NO_ACTION),
+            separation_nm=separation,
+            min_separation_nm=jnp.minimum(memory.min_separation_nm, separation),
+            burst_action=jnp.where(
+                jnp.any(memory.instructed, axis=0), memory.burst_action, NO_ACTION
+            ),
             new_bursts=jnp.zeros_like(memory.new_bursts),
             cycles=memory.cycles + 1.0,
         )
 
-    def _inside(self, traffic: Traffic) -> Bool[Array, " aircraft"]:
+    def _inside(self, traffic: Traffic) -> Bool[Array, "aircraft *batch"]:
         lowest, highest = (ticks(fl) for fl in self.sector.levels_fl)
         level_ok = (traffic.level >= lowest) & (traffic.level <= highest)
-        area = jnp.asarray(self.sector.area_nm, dtype=jnp.float32)
-        return level_ok & inside_area(traffic.position_nm, area)
+        return level_ok & inside_area(traffic.position_nm, self.sector.area_nm)
 
-    def _crosses_exit(self, memory: Memory, traffic: Traffic) -> Bool[Array, " aircraft"]:
-        edge = jnp.asarray(self.sector.route_table.exit_edge_nm)[traffic.route]
-        return crosses_outward(memory.previous_nm, traffic.position_nm, edge)
+    def _crosses_exit(self, memory: Memory, traffic: Traffic) -> Bool[Array, "aircraft *batch"]:
+        edge = points_of(self.sector.route_table.exit_edge_nm, traffic.route)
+        return crosses_outward(memory.previous_nm, traffic.position_nm, *edge)
 
     def _next_fix(
-        self, traffic: Traffic, next_fix: Int[Array, " aircraft"]
-    ) -> Int[Array, " aircraft"]:
+        self, traffic: Traffic, next_fix: Int[Array, "aircraft *batch"]
+    ) -> Int[Array, "aircraft *batch"]:
         """Skip every fix passed: near it, or beyond the plane that halves its legs."""
         table = self.sector.route_table
-        fixes = jnp.asarray(table.fixes_nm)[traffic.route]
-        bisector = jnp.asarray(table.bisector)[traffic.route]
-        last = jnp.asarray(table.last_fix)[traffic.route][:, None]
-        beyond = traffic.position_nm[:, None, :] - fixes
-        passed = (jnp.sum(beyond * beyond, axis=-1) < PASSED_NM**2) | (
-            jnp.sum(beyond * bisector, axis=-1) > 0.0
-        )
-        index = jnp.arange(fixes.shape[1])[None, :]
-        waits = (index >= next_fix[:, None]) & (~passed | (index >= last))
-        return jnp.argmax(waits, axis=1).astype(next_fix.dtype)
+        fixes = points_of(table.fixes_nm, traffic.route)
+        bisectors = points_of(table.bisector, traffic.route)
+        last = value_of(table.last_fix, traffic.route)
+        found = last
+        for index in reversed(range(len(fixes))):
+            beyond = traffic.position_nm - fixes[index]
+            near = dot(beyond, beyond) < PASSED_NM**2
+            passed = near | (dot(beyond, bisectors[index]) > 0.0)
+            waits = (index >= next_fix) & (index < last) & ~passed
+            found = jnp.where(waits, index, found)
+        return found
 
 
-def separation_nm(memory: Memory, traffic: Traffic) -> Float[Array, ""]:
+def separation_nm(memory: Memory, traffic: Traffic) -> Float[Array, "*batch"]:
     """Least distance in the last cycle of any two active aircraft less than 1,000 ft apart.
 
     Closed form for straight motion from one radar position to the next (a turn bends it by less
     than 0.02 NM); infinite if no two aircraft were so close vertically.
     """
-    first, second = jnp.triu_indices(traffic.level.shape[0], k=1)
-    if first.shape[0] == 0:
-        return jnp.full((), jnp.inf)
+    if traffic.level.shape[0] < 2:
+        return jnp.full_like(memory.cycles, jnp.inf)
 
     def pairs(values: Array) -> Array:
-        return values[first] - values[second]
+        first, second = first_and_second(values)
+        return first - second
 
     offset = pairs(memory.previous_nm)
     motion = pairs(traffic.position_nm) - offset
@@ -170,5 +186,5 @@ def separation_nm(memory: Memory, traffic: Traffic) -> Float[Array, ""]:
     begins = jnp.where(climb == 0.0, jnp.where(level_close, 0.0, 2.0), jnp.minimum(low, high))
     ends = jnp.where(climb == 0.0, 1.0, jnp.maximum(low, high))
     distance = closest_approach(offset, motion, jnp.maximum(begins, 0.0), jnp.minimum(ends, 1.0))
-    both = traffic.active[first] & traffic.active[second]
-    return jnp.min(jnp.where(both, distance, jnp.inf))
+    one, other = first_and_second(traffic.active)
+    return jnp.min(jnp.where(one & other, distance, jnp.inf), axis=0)

@@ -1,0 +1,78 @@
+"""Many scenarios at once are the same as each by itself."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from skystack.learning.experiment import experiment_names, load_experiment
+from skystack.once import once
+from skystack.tasks.batch import OneByOne, choose, reset_many
+from skystack.tasks.build import build_training_task
+
+SCENARIOS, STEPS = 12, 60
+
+
+def fly(task, state, actions):
+    def step(state, action):
+        state, outcome = task.step(state, action)
+        return state, (state, outcome, task.observe(state))
+
+    return jax.lax.scan(step, state, actions)[1]
+
+
+@pytest.mark.parametrize("name", experiment_names())
+def test_a_batch_flies_like_its_scenarios_one_by_one(name):
+    task = build_training_task(load_experiment(name).task)
+    rng = np.random.default_rng(0)
+    shape = (STEPS, SCENARIOS)
+    spoken = rng.integers(0, len(task.action_names), shape) * (rng.random(shape) < 0.3)
+    actions = jnp.asarray(spoken, dtype=jnp.int32)
+    start = reset_many(task, jax.random.key(3), SCENARIOS)
+    together = jax.jit(lambda s, a: fly(task, s, a))(start, actions)
+    one_by_one = jax.jit(lambda s, a: fly(OneByOne(task), s, a))(start, actions)
+    for a, b in zip(jax.tree.leaves(together), jax.tree.leaves(one_by_one), strict=True):
+        assert a.shape == b.shape
+        assert a.dtype == b.dtype
+        np.testing.assert_allclose(a, b, rtol=1e-5, atol=2e-4)
+
+
+def test_the_batch_is_the_last_axis():
+    task = build_training_task(load_experiment("avoidance-best").task)
+    state = reset_many(task, jax.random.key(0), SCENARIOS)
+    assert {leaf.shape[-1] for leaf in jax.tree.leaves(state)} == {SCENARIOS}
+    assert task.observe(state).shape == (len(task.observation_names), SCENARIOS)
+
+
+def test_choosing_picks_whole_scenarios():
+    yes = (jnp.ones((2, 3)), jnp.ones(3))
+    no = (jnp.zeros((2, 3)), jnp.zeros(3))
+    matrix, vector = choose(jnp.array([True, False, True]), yes, no)
+    assert matrix.tolist() == [[1, 0, 1]] * 2
+    assert vector.tolist() == [1, 0, 1]
+
+
+def test_once_is_the_function_itself():
+    def both(x):
+        return jnp.sin(x), x + 1.0
+
+    for f in (lambda x: once(both, x), jax.jit(lambda x: once(both, x))):
+        for found, expected in zip(f(jnp.arange(3.0)), both(jnp.arange(3.0)), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def test_once_is_one_subroutine_however_many_read_it():
+    """Without it the long sum would be repeated in every reader's loop."""
+
+    def long_sum(x):
+        for number in range(20):
+            x = x * 1.5 + number
+        return x
+
+    def readers(x):
+        y = once(long_sum, x)
+        return y + 1.0, y * y, jnp.max(y), y[::2]
+
+    compiled = jax.jit(readers).lower(jnp.arange(8.0)).compile().as_text()
+    assert compiled.count(" call(") == 1
+    assert "long_sum" in compiled
