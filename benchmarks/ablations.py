@@ -12,9 +12,9 @@ from pathlib import Path
 
 import msgspec
 
-from skystack.cores import compile_for_one_core
 from skystack.errors import InputError, unknown_name
 from skystack.learning.experiment import Experiment, load_experiment
+from skystack.programs import compile_for_one_core
 from skystack.reproduction.jobs import flown_once, trained_once
 from skystack.reproduction.plan import Plan
 

@@ -179,6 +179,10 @@ def _build_parser() -> argparse.ArgumentParser:
     sub.add_argument("--format", choices=["scn"], default="scn", help="scn: BlueSky (default)")
     sub.add_argument("--scenario", type=_seed, metavar="N", help="which of the folder, default 0")
     sub.add_argument("-o", dest="output", type=Path, required=True, metavar="FILE")
+
+    sub = verb("bench", "measure how fast it is here", _bench)
+    sub.add_argument("--peers", action="store_true", help="and what others are, where installed")
+    sub.add_argument("--quick", action="store_true", help="each thing once or twice")
     return parser
 
 
@@ -220,6 +224,7 @@ def _list(options: argparse.Namespace) -> int:
 def _reproduce(options: argparse.Namespace) -> int:
     from skystack.console import count_scenarios, output, prose, show_progress
     from skystack.platforms.registry import said_of
+    from skystack.programs import compile_for_one_core, kept_programs
     from skystack.reporting.report import write_report
     from skystack.reporting.tables import comparison_of, platforms_of
     from skystack.reproduction.plan import QUICK_EPISODES, plan_families
@@ -236,7 +241,8 @@ def _reproduce(options: argparse.Namespace) -> int:
     command = " ".join(words)
     seeds, platforms = options.seeds, options.platforms
     plan = plan_families(families, seeds, episodes, out, quick, command, platforms)
-    with show_progress() as report:
+    compile_for_one_core()
+    with kept_programs(), show_progress() as report:
         results = run_plan(plan, report)
     if results["kept"]:
         prose().print(f"{len(results['kept'])} finished pieces kept from an earlier run")
@@ -264,16 +270,16 @@ def _reproduce(options: argparse.Namespace) -> int:
 
 def _train(options: argparse.Namespace) -> int:
     from skystack.console import prose, show_progress
-    from skystack.cores import compile_for_one_core
     from skystack.learning.experiment import load_experiment
     from skystack.learning.run import train_experiment
+    from skystack.programs import compile_for_one_core, kept_programs
 
     experiment = load_experiment(options.experiment, options.changes)
     name = f"{experiment.name}-s{options.seed}"
     out = options.out or Path("runs") / name
     compile_for_one_core()
     try:
-        with show_progress() as report:
+        with kept_programs(), show_progress() as report:
             trained = train_experiment(
                 experiment, options.seed, out, options.resume, lambda step: report(name, step)
             )
@@ -296,6 +302,7 @@ def _evaluate(options: argparse.Namespace) -> int:
     from skystack.evaluation.judge import Conditions, judge
     from skystack.evaluation.summary import aggregate
     from skystack.platforms.registry import said_of
+    from skystack.programs import compile_for_one_core, kept_programs
     from skystack.reporting.tables import comparison_of
 
     begun = time.monotonic()
@@ -308,7 +315,9 @@ def _evaluate(options: argparse.Namespace) -> int:
         time_limit_s=options.time_limit,
     )
     policy = find_policy(options.policy)
-    with count_scenarios(options.platform, options.episodes) as on_scenario:
+    compile_for_one_core()
+    counting = count_scenarios(options.platform, options.episodes)
+    with kept_programs(), counting as on_scenario:
         judged = judge(policy, conditions, options.out, on_scenario)
     for line in said_of(options.platform):
         prose().print(line, soft_wrap=True, highlight=False)
@@ -346,4 +355,32 @@ def _export(options: argparse.Namespace) -> int:
         prose().print(line, soft_wrap=True, highlight=False)
     if options.json:
         _print_json({"source": str(options.source), "output": str(options.output)})
+    return DONE
+
+
+def _bench(options: argparse.Namespace) -> int:
+    from skystack.benchmarking.run import QUICK, Effort, machine, measure_ourselves
+    from skystack.benchmarking.shown import figures_table, machine_line
+    from skystack.console import output, prose
+
+    begun = time.monotonic()
+
+    def told(what: str) -> None:
+        prose().print(f"{time.monotonic() - begun:4.0f} s  {what}", highlight=False)
+
+    effort = QUICK if options.quick else Effort()
+    figures, missing = measure_ourselves(effort, told), {}
+    if options.peers:
+        from skystack.benchmarking.peers import measure_peers
+
+        found, missing = measure_peers(effort, told)
+        figures += found
+    if options.json:
+        shown = [figure.as_json for figure in figures]
+        _print_json({"machine": machine(), "figures": shown, "not_measured": missing})
+    else:
+        output().print(figures_table(figures).as_rich())
+        output().print(machine_line(machine()), highlight=False, soft_wrap=True)
+        for name, why in missing.items():
+            output().print(f"not measured: {name}: {why}", highlight=False, soft_wrap=True)
     return DONE

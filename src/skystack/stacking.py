@@ -68,7 +68,7 @@ def stack(
 
     Returns the instructed state, ready to be advanced one cycle, and what was issued.
     """
-    burst = _Burst(environment, lambda state, _: policy(environment.observe(state)), limit)
+    burst = _Burst(environment, lambda state, _: policy(environment.observe(state)), limit, _and)
     return burst.compile(state, python_while, zero=0)
 
 
@@ -90,7 +90,12 @@ def stack_traced(
         return policy(environment.observe(state), jax.random.fold_in(key, query))
 
     zero = jnp.zeros((), dtype=jnp.int32)
-    return _Burst(environment, ask, limit).compile(state, jax.lax.while_loop, zero)
+    burst = _Burst(environment, ask, limit, lambda first, second: first & second())
+    return burst.compile(state, jax.lax.while_loop, zero)
+
+
+def _and(first: Any, second: Callable[[], Any]) -> Any:
+    return first and second()
 
 
 class _Asked(NamedTuple):
@@ -107,6 +112,8 @@ class _Burst(NamedTuple):
     ask: Callable[[Any, Any], Any]
     """From a state and the number of the query to an action."""
     limit: int | None
+    both: Callable[[Any, Callable[[], Any]], Any]
+    """Logical and. In plain Python the second is not asked where the first says no."""
 
     def compile(self, state: Any, while_loop: WhileLoop[Any], zero: Any) -> tuple[Any, Stack]:
         action = self.ask(state, zero)
@@ -116,7 +123,7 @@ class _Burst(NamedTuple):
     def goes_on(self, asked: _Asked) -> Any:
         same = (asked.wanted == asked.action) & (asked.action != NO_ACTION)
         room = True if self.limit is None else asked.instructions < self.limit
-        return same & room & self.environment.may_stack(asked.state, asked.action)
+        return self.both(same & room, lambda: self.environment.may_stack(asked.state, asked.action))
 
     def give(self, asked: _Asked) -> _Asked:
         told = self.environment.instruct(asked.state, asked.action)

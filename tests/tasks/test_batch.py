@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skystack.learning.experiment import experiment_names, load_experiment
-from skystack.once import once
+from skystack.subroutine import subroutine
 from skystack.tasks.batch import OneByOne, choose, reset_many
 from skystack.tasks.build import build_training_task
 
@@ -52,16 +52,16 @@ def test_choosing_picks_whole_scenarios():
     assert vector.tolist() == [1, 0, 1]
 
 
-def test_once_is_the_function_itself():
+def test_a_subroutine_is_the_function_itself():
     def both(x):
         return jnp.sin(x), x + 1.0
 
-    for f in (lambda x: once(both, x), jax.jit(lambda x: once(both, x))):
+    for f in (lambda x: subroutine(both, x), jax.jit(lambda x: subroutine(both, x))):
         for found, expected in zip(f(jnp.arange(3.0)), both(jnp.arange(3.0)), strict=True):
             np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
-def test_once_is_one_subroutine_however_many_read_it():
+def test_a_subroutine_is_one_subroutine_however_many_read_it():
     """Without it the long sum would be repeated in every reader's loop."""
 
     def long_sum(x):
@@ -70,7 +70,7 @@ def test_once_is_one_subroutine_however_many_read_it():
         return x
 
     def readers(x):
-        y = once(long_sum, x)
+        y = subroutine(long_sum, x)
         return y + 1.0, y * y, jnp.max(y), y[::2]
 
     compiled = jax.jit(readers).lower(jnp.arange(8.0)).compile().as_text()

@@ -85,15 +85,15 @@ def train_experiment(
     if resume and checkpoint.exists():
         learner = load_checkpoint(checkpoint, learner, fingerprint)
     first = int(learner.updates)
-    phases = _phases(experiment, task, first)
+    tasks = phases(experiment, task, first)
     metrics = _Metrics(folder / "metrics.jsonl", first)
     begun = start - metrics.wall_s
     write_aside(folder / "config.toml", to_toml(experiment))
     saved = warm = time.monotonic()
     try:
         for number in range(first, settings.updates):
-            if number in phases:
-                phase = partial(ppo.update, phases[number], settings)
+            if number in tasks:
+                phase = partial(ppo.update, tasks[number], settings)
                 update = jax.jit(phase)
             # Nothing is donated, so that the old learner is whole whenever an interruption comes.
             updated, measured = update(learner)
@@ -121,7 +121,7 @@ def train_experiment(
     return Trained(policy, settings.updates * settings.samples, time.monotonic() - begun)
 
 
-def _phases(experiment: Experiment, task: Task, first: int) -> dict[int, Task]:
+def phases(experiment: Experiment, task: Task, first: int) -> dict[int, Task]:
     """The task to train on from an update on: pre-training's until its steps are done."""
     before = experiment.pretraining
     if before is None:

@@ -31,6 +31,7 @@ from skystack.evaluation.summary import Row
 from skystack.learning.experiment import Experiment, to_toml
 from skystack.learning.policy import Policy, load_policy
 from skystack.learning.run import Progress, train_experiment
+from skystack.programs import kept_programs
 from skystack.reproduction.pieces import once
 from skystack.reproduction.plan import Plan
 
@@ -110,6 +111,11 @@ def _listen(messages: Messages, report: Report) -> None:
 
 
 def _run_job(plan: Plan, experiment: Experiment, seed: int, messages: Messages) -> Done:
+    with kept_programs():
+        return _train_and_judge(plan, experiment, seed, messages)
+
+
+def _train_and_judge(plan: Plan, experiment: Experiment, seed: int, messages: Messages) -> Done:
     name = f"{experiment.name}-s{seed}"
     policy, train, kept = trained_once(
         plan, experiment, seed, lambda progress: messages.put((name, progress))

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from skystack.airspace.geometry import direction
+from skystack.airspace.geometry import bearing, direction, value_of, wrap_360
+from skystack.simulator.own_navigation import fix_of
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import Traffic, start, ticks
 
@@ -74,6 +75,38 @@ class LateralScenarios:
     def _shares_start(self) -> Bool[np.ndarray, "routes routes"]:
         first = np.array([route[0] for route in self.simulator.sector.routes])
         return first[:, None] == first[None, :]
+
+
+@dataclass(frozen=True)
+class Crowd:
+    """Any number of aircraft, anywhere along the legs of random routes, flying along them.
+
+    Nobody keeps them apart at the start: for measuring, and for tasks with many aircraft.
+    """
+
+    simulator: Simulator
+    aircraft: int
+    level_fl: int = 300
+
+    def draw(self, key: PRNGKeyArray) -> Drawn:
+        table = self.simulator.sector.route_table
+        count = (self.aircraft,)
+        route_key, leg_key, along_key = jax.random.split(key, 3)
+        route = jax.random.randint(route_key, count, 0, table.last_fix.shape[0], dtype=jnp.int32)
+        # Up to the exit fix, the last but one.
+        legs = value_of(table.last_fix, route) - 1
+        leg = jnp.floor(jax.random.uniform(leg_key, count) * legs).astype(jnp.int32)
+        begin, end = fix_of(table, route, leg), fix_of(table, route, leg + 1)
+        level = jnp.full(count, ticks(self.level_fl), dtype=jnp.float32)
+        traffic = start(
+            position_nm=begin + jax.random.uniform(along_key, count)[:, None] * (end - begin),
+            heading_deg=wrap_360(bearing(end - begin)),
+            level=level,
+            route=route,
+            ground_speed_kt=self.simulator.level_ground_speed_kt(level),
+            own_navigation=jnp.zeros(count, dtype=bool),
+        )
+        return Drawn(traffic, level)
 
 
 @dataclass(frozen=True)

@@ -25,11 +25,11 @@ from skystack.airspace.geometry import (
     wrap_180,
 )
 from skystack.airspace.sector import Sector
-from skystack.once import once
 from skystack.simulator.own_navigation import fix_of
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
 from skystack.simulator.traffic import Traffic
+from skystack.subroutine import subroutine
 from skystack.tasks.tracking import Memory
 
 LEVELS_PER_MIN = 20.0
@@ -153,7 +153,7 @@ def observe(
     rows = []
     for name in names:
         feature = FEATURES[name]
-        value = once(partial(feature.value, sector), traffic, memory)
+        value = subroutine(partial(feature.value, sector), traffic, memory)
         shown = jnp.where(traffic.active, value, feature.exited)
         rows.append((shown - feature.low) / (feature.high - feature.low))
     shown = jnp.clip(jnp.stack(rows, axis=1), 0.0, 1.0)

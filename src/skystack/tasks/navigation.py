@@ -11,11 +11,11 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from skystack.once import once
 from skystack.simulator.generator import Scenarios
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import Traffic
+from skystack.subroutine import subroutine
 from skystack.tasks import features, rewards
 from skystack.tasks.actions import ActionTable, addressed
 from skystack.tasks.contract import Metrics, Outcome
@@ -91,11 +91,11 @@ class NavigationTask:
         )
 
     def advance(self, state: NavigationState) -> tuple[NavigationState, Outcome]:
-        return self.judge(state.memory, once(self.simulator.advance, state.traffic))
+        return self.judge(state.memory, subroutine(self.simulator.advance, state.traffic))
 
     def judge(self, memory: Memory, flown: Traffic) -> tuple[NavigationState, Outcome]:
         """Everything of `advance` but flying, which another simulator may do."""
-        before, memory = memory, once(self.tracker.track, memory, flown)
+        before, memory = memory, subroutine(self.tracker.track, memory, flown)
         traffic = flown._replace(active=flown.active & ~memory.exited)
         ended = ~jnp.any(traffic.active, axis=0) | (memory.cycles >= self.settings.cycles)
         memory = memory._replace(strayed=memory.strayed | (ended[None] & ~memory.entered))

@@ -20,8 +20,8 @@ from skystack.airspace.geometry import (
     length,
     wrap_180,
 )
-from skystack.once import once
 from skystack.simulator.traffic import Traffic
+from skystack.subroutine import subroutine
 
 RANGE_NM = 150.0
 """d_max: how far the faster of a pair is flown ahead; pairs farther apart are no matter."""
@@ -127,10 +127,10 @@ PAIR_FEATURES: dict[str, PairFeature] = {
 
 def observe_pairs(names: tuple[str, ...], traffic: Traffic) -> Float[Array, "observation *batch"]:
     """The named features, pair by pair, in [0, 1]."""
-    pairs, columns = once(pairs_of, traffic), []
+    pairs, columns = subroutine(pairs_of, traffic), []
     for name in names:
         feature = PAIR_FEATURES[name]
-        shown = jnp.where(pairs.active, once(feature.value, pairs), feature.gone)
+        shown = jnp.where(pairs.active, subroutine(feature.value, pairs), feature.gone)
         columns.append((shown - feature.low) / (feature.high - feature.low))
     shown = jnp.clip(jnp.stack(columns, axis=1), 0.0, 1.0)
     return shown.reshape(-1, *shown.shape[2:])

@@ -19,9 +19,9 @@ from skystack.airspace.geometry import (
     value_of,
 )
 from skystack.airspace.sector import Sector
-from skystack.once import once
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import Traffic, ticks
+from skystack.subroutine import subroutine
 from skystack.tasks.contract import NO_ACTION
 from skystack.tasks.rewards import DAMPING_CYCLES
 
@@ -110,16 +110,16 @@ class Tracker:
 
     def track(self, memory: Memory, traffic: Traffic) -> Memory:
         """Judge one cycle from the traffic after it; `traffic.active` still is as before it."""
-        inside = once(self._inside, traffic)
-        exits = traffic.active & memory.entered & once(self._crosses_exit, memory, traffic)
-        separation = once(separation_nm, memory, traffic)
+        inside = subroutine(self._inside, traffic)
+        exits = traffic.active & memory.entered & subroutine(self._crosses_exit, memory, traffic)
+        separation = subroutine(separation_nm, memory, traffic)
         at_exit_level = traffic.level == memory.exit_level
         strays = traffic.active & memory.entered & ~inside & ~exits
         waited = jnp.minimum(memory.cycles_since_instruction + 1.0, DAMPING_CYCLES)
         return memory._replace(
             previous_nm=traffic.position_nm,
             previous_level=traffic.level,
-            next_fix=once(self._next_fix, traffic, memory.next_fix),
+            next_fix=subroutine(self._next_fix, traffic, memory.next_fix),
             cycles_since_instruction=jnp.where(memory.instructed, 0.0, waited),
             instructed=jnp.zeros_like(memory.instructed),
             entered=memory.entered | (traffic.active & inside),

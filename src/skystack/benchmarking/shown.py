@@ -1,0 +1,35 @@
+"""The figures as a table."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from skystack.benchmarking.figures import Figure
+from skystack.reporting.tables import Table
+
+
+def figures_table(figures: Sequence[Figure]) -> Table:
+    """One line a figure: median and extremes."""
+    lines = tuple(
+        (
+            figure.name,
+            _number(figure.median),
+            f"{_number(min(figure.values))} to {_number(max(figure.values))}",
+            figure.unit,
+            str(len(figure.values)),
+        )
+        for figure in figures
+    )
+    return Table(("figure", "median", "range", "unit", "times"), lines)
+
+
+def _number(value: float) -> str:
+    """Three digits at least, no more after the point than those need."""
+    size = abs(value)
+    return f"{value:,.{0 if size >= 100 else 1 if size >= 10 else 2}f}"
+
+
+def machine_line(machine: Mapping[str, Any]) -> str:
+    """The machine in a line."""
+    packages = ", ".join(f"{name} {version}" for name, version in machine["packages"].items())
+    where = f"{machine['processor']}, {machine['cores']} cores, {machine['system']}"
+    return f"{where}, Python {machine['python']}, {packages}, {machine['date']}"

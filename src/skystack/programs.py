@@ -1,0 +1,127 @@
+"""How JAX's programs are made here: for one core, and kept on disk, so that each is made once."""
+
+import hashlib
+import os
+import platform
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import jax
+from jax.experimental.compilation_cache import compilation_cache
+
+CACHE_VARIABLE = "SKYSTACK_CACHE"
+"""Names the folder for compiled programs; `off` keeps none."""
+MOST_BYTES = 512 * 1024**2
+"""Beyond this the oldest are deleted."""
+
+
+def compile_for_one_core() -> None:
+    """Make JAX's programs those of a machine with one core; before JAX is used.
+
+    JAX splits sums among the cores that it sees, their number decides how they are rounded, and
+    that decides how a training goes.
+    """
+    if not hasattr(os, "sched_setaffinity"):
+        return
+    everything = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(everything)})
+    jax.devices()
+    os.sched_setaffinity(0, everything)
+
+
+@contextmanager
+def kept_programs() -> Iterator[None]:
+    """Within it, programs that were compiled before are read from disk, and new ones are kept.
+
+    JAX writes its files in place, so it is given a folder of its own with links to what is there;
+    what it adds is moved over when all is done, whole. Does nothing where JAX has a folder for its
+    programs already, or ours cannot be written.
+    """
+    already: str | None = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
+    folder = None if already else _folder()
+    if folder is None:
+        yield
+        return
+    with TemporaryDirectory(prefix="running-", dir=folder, ignore_cleanup_errors=True) as name:
+        mine = Path(name)
+        _link(folder, mine)
+        _use(str(mine))
+        try:
+            yield
+        finally:
+            _use(None)
+            with suppress(OSError):
+                _keep(mine, folder)
+
+
+def _folder() -> Path | None:
+    """The folder for this kind of machine and these versions; None for none."""
+    named = os.environ.get(CACHE_VARIABLE)
+    if named == "off":
+        return None
+    base = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache") / "skystack"
+    folder = Path(named or base).expanduser() / _fingerprint()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return None
+    return folder if os.access(folder, os.W_OK | os.X_OK) else None
+
+
+def _fingerprint() -> str:
+    """A program runs on processors with the same instructions, under the same versions."""
+    cores = 1 if hasattr(os, "sched_setaffinity") else os.cpu_count()
+    words = [version("jax"), version("jaxlib"), platform.platform(), _instructions(), str(cores)]
+    return hashlib.sha256("\n".join(words).encode()).hexdigest()[:16]
+
+
+def _instructions() -> str:
+    """The processor's model and what it can do, as far as the system tells."""
+    wanted = ("model name", "flags", "Features")
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return f"{platform.machine()} {platform.processor()}"
+    return "\n".join(sorted({line for line in lines if line.startswith(wanted)}))
+
+
+def _use(folder: str | None) -> None:
+    settings = {
+        "jax_compilation_cache_dir": folder,
+        "jax_persistent_cache_min_compile_time_secs": 0.2,
+        # Would make the name of the folder a part of what a program is looked up by.
+        "jax_persistent_cache_enable_xla_caches": "none",
+    }
+    for name, value in settings.items():
+        jax.config.update(name, value)  # type: ignore[no-untyped-call]
+    compilation_cache.reset_cache()  # it looks for the folder once only
+
+
+def _link(folder: Path, mine: Path) -> None:
+    for path in folder.iterdir():
+        with suppress(OSError):
+            if path.is_file():
+                os.link(path, mine / path.name)
+
+
+def _keep(mine: Path, folder: Path) -> None:
+    for path in mine.iterdir():
+        if not (folder / path.name).exists():
+            path.replace(folder / path.name)
+    left = MOST_BYTES
+    for path in sorted(folder.iterdir(), key=lambda path: -path.stat().st_mtime):
+        if path.is_file():
+            left -= path.stat().st_size
+            if left < 0:
+                path.unlink(missing_ok=True)
+        elif path.name.startswith("running-") and _old(path):
+            shutil.rmtree(path, ignore_errors=True)  # of a process that was killed
+
+
+def _old(path: Path) -> bool:
+    return time.time() - path.stat().st_mtime > 7 * 24 * 3600
