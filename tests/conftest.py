@@ -30,5 +30,7 @@ settings.load_profile("skystack")
 @pytest.fixture(scope="session", autouse=True)
 def compile_once(tmp_path_factory):
     """Programs that several tests compile alike are compiled once a session."""
+    common = tmp_path_factory.getbasetemp().parent  # of all workers
+    os.environ["SKYSTACK_CACHE"] = str(common / "programs")  # for commands in their own processes
     jax.config.update("jax_compilation_cache_dir", str(tmp_path_factory.mktemp("compiled")))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)

@@ -10,6 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from skystack.benchmarking import peers
+from skystack.benchmarking import run as benchmarking
+from skystack.benchmarking.figures import Figure
+from skystack.benchmarking.peers import Peer
 from skystack.cli import main
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -328,9 +332,47 @@ def test_interrupting_training_ends_cleanly_and_can_be_resumed(tmp_path):
     assert not (out_folder / "policy.json").exists()
 
 
+@pytest.mark.parametrize("words", [[], ["--peers"]])
+def test_bench_measures_us_and_names_the_peers_that_are_not_there(capsys, monkeypatch, words):
+    fast = Figure("fast", "steps/s", (3.0, 5.0, 4.0), "sitting")
+    if words:
+        monkeypatch.setattr(benchmarking, "measure_ourselves", lambda effort, told: [fast])
+        monkeypatch.setattr(peers, "PEERS", (*PEERS_THERE, Peer("absent", "fast", absent, "")))
+    assert main(["bench", "--quick", "--json", *words]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["machine"]["cores"] >= 1
+    figures = {figure["name"]: figure for figure in found["figures"]}
+    for figure in figures.values():
+        assert 0.0 < figure["least"] <= figure["median"] <= figure["greatest"]
+    if not words:
+        assert found["ratios"] == found["not_measured"] == {}
+        units = {(name, figure["unit"]) for name, figure in figures.items()}
+        assert {("training, lateral", "steps/s"), ("first update, cold", "s")} <= units
+        assert figures["first update, warm"]["median"] < figures["first update, cold"]["median"]
+        assert figures["simulator, 2 aircraft"]["median"] > 1e4
+    else:
+        assert found["not_measured"] == {"absent": "No module named 'absent'"}
+        assert found["ratios"] == {"half as fast": 2.0}
+
+
+def absent(repetitions):
+    raise ModuleNotFoundError("No module named 'absent'")
+
+
+def two_a_second(repetitions):
+    return (2.0,) * repetitions
+
+
+PEERS_THERE = (Peer("half as fast", "fast", two_a_second, ""),)
+
+
 def test_help_needs_no_jax():
     program = """
 import sys
+from skystack.benchmarking import peers
+from skystack.benchmarking import run as benchmarking
+from skystack.benchmarking.figures import Figure
+from skystack.benchmarking.peers import Peer
 from skystack.cli import main
 try:
     main(["--help"])

@@ -182,7 +182,7 @@ def _build_parser() -> argparse.ArgumentParser:
 
     sub = verb("bench", "measure how fast it is here", _bench)
     sub.add_argument("--peers", action="store_true", help="and what others are, where installed")
-    sub.add_argument("--quick", action="store_true", help="each thing once or twice")
+    sub.add_argument("--quick", action="store_true", help="few things, once: to see that it works")
     return parser
 
 
@@ -369,18 +369,30 @@ def _bench(options: argparse.Namespace) -> int:
         prose().print(f"{time.monotonic() - begun:4.0f} s  {what}", highlight=False)
 
     effort = QUICK if options.quick else Effort()
-    figures, missing = measure_ourselves(effort, told), {}
+    figures = measure_ourselves(effort, told)
+    missing: dict[str, str] = {}
+    faster: dict[str, float] = {}
     if options.peers:
-        from skystack.benchmarking.peers import measure_peers
+        from skystack.benchmarking.peers import measure_peers, ratios
 
         found, missing = measure_peers(effort, told)
         figures += found
+        faster = ratios(figures)
     if options.json:
         shown = [figure.as_json for figure in figures]
-        _print_json({"machine": machine(), "figures": shown, "not_measured": missing})
+        _print_json(
+            {
+                "machine": machine(),
+                "figures": shown,
+                "ratios": faster,
+                "not_measured": missing,
+            }
+        )
     else:
         output().print(figures_table(figures).as_rich())
         output().print(machine_line(machine()), highlight=False, soft_wrap=True)
+        for name, times in faster.items():
+            output().print(f"{times:,.0f} times as fast as {name}", highlight=False)
         for name, why in missing.items():
             output().print(f"not measured: {name}: {why}", highlight=False, soft_wrap=True)
     return DONE

@@ -1,7 +1,10 @@
 """What a user would pick instead, measured in the same run. Each peer in a process of its own."""
 
+import io
+import os
 import tempfile
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -104,19 +107,24 @@ def bluebird_environment(repetitions: int) -> tuple[float, ...]:
 
 def _bluebird() -> Any:
     """X-Plus with two aircraft under one controller: the paper's five actions."""
-    from bluebird_gymnasium.envs.sector_x_plus import SectorXPlusEnv  # noqa: PLC0415
+    from bluebird_gymnasium.envs import SectorXPlusEnv  # noqa: PLC0415
 
     config = SectorXPlusEnv.get_default_env_config()
-    config.scenario_config.num_aircraft = 2
+    config.scenario_config["args"]["num_aircraft"] = 2
+    config.view_config["centralized_params"]["num_sampled_aircraft"] = 2
+    config.action_config["simple_heading_route_parallel"] = False
     return SectorXPlusEnv(config)
 
 
 def bluesky_environment(repetitions: int) -> tuple[float, ...]:
-    import bluesky_gym  # noqa: PLC0415
-    import gymnasium  # noqa: PLC0415
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["HOME"] = folder  # it writes there
+        import bluesky_gym  # noqa: PLC0415
+        import gymnasium  # noqa: PLC0415
 
-    bluesky_gym.register_envs()
-    return _random_steps(gymnasium.make("SectorCREnv-v0"), repetitions)
+        with redirect_stdout(io.StringIO()):
+            bluesky_gym.register_envs()
+            return _random_steps(gymnasium.make("SectorCREnv-v0"), repetitions)
 
 
 def _random_steps(environment: Any, repetitions: int) -> tuple[float, ...]:

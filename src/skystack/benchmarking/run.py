@@ -18,7 +18,6 @@ from skystack.benchmarking.training import SCENARIOS, SUCCESS, reaches_success, 
 from skystack.cores import cores
 from skystack.learning.policy import package_versions
 
-TRAININGS = ("lateral", "lateral-best", "avoidance", "avoidance-best")
 SOONEST = "lateral-best"
 """The configuration that learns lateral navigation soonest."""
 
@@ -32,21 +31,26 @@ class Effort(NamedTuple):
     processes: int = 3
     """Of what takes a process of its own each time."""
     scenarios: int = 20
+    trainings: tuple[str, ...] = ("lateral", "lateral-best", "avoidance", "avoidance-best")
+    aircraft: tuple[int, ...] = (2, 10, 50, 200)
+    seeds: int = 3
+    """For the time to success."""
 
 
-QUICK = Effort(repetitions=2, processes=1, scenarios=1)
+QUICK = Effort(1, 1, scenarios=1, trainings=("lateral",), aircraft=(2,), seeds=0)
+"""To see that it works."""
 
 
 def measure_ourselves(effort: Effort, told: Callable[[str], None]) -> list[Figure]:
     """Our own figures; `told` is called with what is about to be measured."""
     groups: list[tuple[str, Callable[[], list[Figure]]]] = [
         ("start", partial(starting_figures, effort.processes)),
-        ("simulator", partial(alone, simulator_figures, effort.repetitions)),
+        ("simulator", partial(alone, simulator_figures, effort.aircraft, effort.repetitions)),
         *(
             (f"training, {name}", partial(alone, training_figures, name, effort.repetitions))
-            for name in TRAININGS
+            for name in effort.trainings
         ),
-        ("time to success", partial(success_figures, effort.processes)),
+        *[("time to success", partial(success_figures, effort.seeds))] * (effort.seeds > 0),
         ("decisions", partial(alone, decision_figures, SOONEST, effort.scenarios)),
     ]
     figures: list[Figure] = []

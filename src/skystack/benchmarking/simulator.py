@@ -3,6 +3,7 @@
 Everybody speaks at random: one instruction in ten steps. A step is one radar cycle of one scenario.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,16 +20,15 @@ from skystack.tasks.batch import choose, reset_many
 from skystack.tasks.build import build_task
 from skystack.tasks.contract import Task
 
-AIRCRAFT = (2, 10, 50, 200)
 AIRCRAFT_AT_ONCE = 4096
 STEPS = 64
 
 
-def simulator_figures(repetitions: int) -> list[Figure]:
+def simulator_figures(numbers: Sequence[int], repetitions: int) -> list[Figure]:
     """Steps a second for each number of aircraft, and what one aircraft-step costs."""
     compile_for_one_core()
     figures = []
-    for aircraft in AIRCRAFT:
+    for aircraft in numbers:
         scenarios = max(AIRCRAFT_AT_ONCE // aircraft, 16)
         stepper = Stepper(task_of(aircraft), scenarios)
         found = rates(stepper.run, scenarios * STEPS, repetitions)
@@ -60,13 +60,13 @@ class Stepper:
 
     def __post_init__(self) -> None:
         self._key = jax.random.key(0)
-        self._state = jax.jit(lambda key: reset_many(self.task, key, self.scenarios))(self._key)
+        self.state = jax.jit(lambda key: reset_many(self.task, key, self.scenarios))(self._key)
         self._compiled = jax.jit(self._steps, donate_argnums=0)
 
     def run(self) -> None:
         """`STEPS` steps of every scenario."""
         self._key, key = jax.random.split(self._key)
-        self._state, seen = self._compiled(self._state, key)
+        self.state, seen = self._compiled(self.state, key)
         jax.device_get(seen)
 
     def _steps(self, state: Any, key: PRNGKeyArray) -> tuple[Any, Any]:

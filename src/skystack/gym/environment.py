@@ -1,6 +1,6 @@
 """One scenario as a Gymnasium environment: a step is `advance(instruct(state, action))`."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import jax
@@ -19,8 +19,6 @@ class TaskEnvironment(gymnasium.Env[Observation, np.int64]):
     Observations are float32 in [0, 1], actions numbers into the task's action table, rewards as the
     task pays them, unscaled. When a scenario has ended, `info` holds its metrics.
     """
-
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
 
     def __init__(self, task: Task) -> None:
         self.task = task

@@ -94,7 +94,7 @@ class Crowd:
         route_key, leg_key, along_key = jax.random.split(key, 3)
         route = jax.random.randint(route_key, count, 0, table.last_fix.shape[0], dtype=jnp.int32)
         # Up to the exit fix, the last but one.
-        legs = value_of(table.last_fix, route) - 1
+        legs = (value_of(table.last_fix, route) - 1).astype(jnp.float32)
         leg = jnp.floor(jax.random.uniform(leg_key, count) * legs).astype(jnp.int32)
         begin, end = fix_of(table, route, leg), fix_of(table, route, leg + 1)
         level = jnp.full(count, ticks(self.level_fl), dtype=jnp.float32)

@@ -44,12 +44,12 @@ class PlainTask:
     def observe(self, seen: Seen) -> Float[np.ndarray, " observation"]:
         return np.asarray(seen.observation)
 
-    def may_stack(self, seen: Seen, action: int) -> bool:
+    def may_stack(self, seen: Seen, action: int | np.integer) -> bool:
         if int(action) == seen.said:
             return bool(seen.may_stack)
         return bool(self._allowed(seen.state, np.int32(action)))
 
-    def instruct(self, seen: Seen, action: int) -> Seen:
+    def instruct(self, seen: Seen, action: int | np.integer) -> Seen:
         state, observation, allowed = self._told(seen.state, np.int32(action))
         return Seen(state, observation, int(action), allowed)
 

@@ -1,0 +1,56 @@
+"""A task in plain Python is the task."""
+
+import jax
+import numpy as np
+
+from skystack.catalogue import find_policy
+from skystack.evaluation.judge import task_of
+from skystack.learning.inference import forward, normalise
+from skystack.seeds import scenario_key
+from skystack.stacking import TwoPhase, stack, stack_traced
+from skystack.tasks.plain import PlainTask
+
+
+def test_stacking_in_plain_python_is_stacking_in_a_compiled_program():
+    """A shipped policy, in numpy and in JAX, over a whole scenario: the same clearances."""
+    policy = find_policy("lateral-best")
+    task = task_of(policy)
+    plain = PlainTask(task)
+    assert isinstance(plain, TwoPhase)
+
+    def decide(seen):
+        return forward(policy.actor, normalise(policy.normaliser, seen)).argmax()
+
+    def traced(seen, _):
+        return decide(seen).astype("int32")
+
+    compiled = jax.jit(lambda state, key: stack_traced(task, traced, state, key))
+    advance, key = jax.jit(task.advance), scenario_key(0, 3)
+    seen, state = plain.reset(key), jax.jit(task.reset)(key)
+    spoken = 0
+    for _ in range(120):
+        seen, issued = stack(plain, decide, seen)
+        state, expected = compiled(state, key)
+        assert (issued.action, issued.instructions) == (expected.action, expected.instructions)
+        spoken += int(issued.instructions)
+        np.testing.assert_allclose(
+            seen.state.traffic.cleared_heading_deg, state.traffic.cleared_heading_deg
+        )
+        seen, outcome = plain.advance(seen)
+        state, judged = advance(state)
+        assert float(outcome.reward) == float(judged.reward)
+        assert np.array_equal(plain.observe(seen), jax.jit(task.observe)(state))
+    assert spoken > 3
+
+
+def test_whether_something_may_be_said_is_known_for_every_instruction():
+    task = task_of(find_policy("lateral"))
+    plain = PlainTask(task)
+    seen = plain.reset(scenario_key(0, 0))
+    said = 0
+    while plain.may_stack(seen, 1):
+        seen, said = plain.instruct(seen, 1), said + 1
+    # Ten degrees more would be half a turn; back to the right is none.
+    assert said in (17, 18)
+    assert plain.may_stack(seen, 2)
+    assert not plain.may_stack(seen, 0)
