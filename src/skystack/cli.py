@@ -360,7 +360,7 @@ def _export(options: argparse.Namespace) -> int:
 
 def _bench(options: argparse.Namespace) -> int:
     from skystack.benchmarking.run import QUICK, Effort, machine, measure_ourselves
-    from skystack.benchmarking.shown import figures_table, machine_line
+    from skystack.benchmarking.shown import figures_table, machine_line, number
     from skystack.console import output, prose
 
     begun = time.monotonic()
@@ -392,7 +392,7 @@ def _bench(options: argparse.Namespace) -> int:
         output().print(figures_table(figures).as_rich())
         output().print(machine_line(machine()), highlight=False, soft_wrap=True)
         for name, times in faster.items():
-            output().print(f"{times:,.0f} times as fast as {name}", highlight=False)
+            output().print(f"{number(times)} times as fast as {name}", highlight=False)
         for name, why in missing.items():
             output().print(f"not measured: {name}: {why}", highlight=False, soft_wrap=True)
     return DONE

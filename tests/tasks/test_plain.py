@@ -34,8 +34,12 @@ def test_stacking_in_plain_python_is_stacking_in_a_compiled_program():
         assert (issued.action, issued.instructions) == (expected.action, expected.instructions)
         spoken += int(issued.instructions)
         np.testing.assert_allclose(
-            seen.state.traffic.cleared_heading_deg, state.traffic.cleared_heading_deg
+            plain.state_of(seen).traffic.cleared_heading_deg, state.traffic.cleared_heading_deg
         )
+        own = plain.state_of(seen)
+        assert [leaf.dtype for leaf in jax.tree.leaves(own)] == [
+            leaf.dtype for leaf in jax.tree.leaves(state)
+        ]
         seen, outcome = plain.advance(seen)
         state, judged = advance(state)
         assert float(outcome.reward) == float(judged.reward)

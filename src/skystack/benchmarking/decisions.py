@@ -18,32 +18,37 @@ CYCLES = 150
 
 
 def decision_figures(name: str, scenarios: int) -> list[Figure]:
-    """Microseconds of a decision in a cycle without and in one with a clearance."""
+    """Microseconds from traffic to observation, and of a decision with and without a clearance."""
     policy = find_policy(name)
     task = task_of(policy)
     environment = PlainTask(task)
+    look: list[float] = []
     silent: list[float] = []
     spoken: list[float] = []
     for number in range(scenarios + 1):
-        state = environment.reset(scenario_key(0, number))
+        seen = environment.reset(scenario_key(0, number))
         for _ in range(CYCLES):
-            traffic = jax.device_get(state.state)  # as another simulator would report it
+            # As another simulator would report it: many small arrays.
+            reported = jax.device_get(environment.state_of(seen))
             begun = time.perf_counter()
-            state = environment.begin(traffic)
-            state, issued = stack(environment, lambda seen: act(policy, seen), state)
-            np.asarray(state.observation)  # nothing is left under way
-            taken = 1e6 * (time.perf_counter() - begun)
+            seen = environment.begin(reported)
+            environment.observe(seen)
+            looked = time.perf_counter()
+            seen, issued = stack(environment, lambda shown: act(policy, shown), seen)
+            environment.observe(seen)  # nothing is left under way
+            done = time.perf_counter()
             if number:  # the first compiles
-                (spoken if issued.instructions else silent).append(taken)
-            state, outcome = environment.advance(state)
+                look.append(1e6 * (looked - begun))
+                (spoken if issued.instructions else silent).append(1e6 * (done - looked))
+            seen, outcome = environment.advance(seen)
             if outcome.terminated:
                 break
-    how = (
-        f"policy `{name}` in numpy, two aircraft, {scenarios} scenarios, `skystack.stacking.stack`"
-    )
+    how = f"policy `{name}` in numpy, two aircraft, {scenarios} scenarios; "
+    deciding = how + "`skystack.stacking.stack`, all queries of a cycle"
     return [
-        Figure("stacked decision, nothing to say", "us", tuple(silent), how),
-        Figure("stacked decision, a clearance", "us", tuple(spoken), how),
+        Figure("traffic to observation", "us", tuple(look), how + "`PlainTask.begin`"),
+        Figure("stacked decision, nothing to say", "us", tuple(silent), deciding),
+        Figure("stacked decision, a clearance", "us", tuple(spoken), deciding),
     ]
 
 

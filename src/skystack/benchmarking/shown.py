@@ -12,8 +12,8 @@ def figures_table(figures: Sequence[Figure]) -> Table:
     lines = tuple(
         (
             figure.name,
-            _number(figure.median),
-            f"{_number(min(figure.values))} to {_number(max(figure.values))}",
+            number(figure.median),
+            f"{number(min(figure.values))} to {number(max(figure.values))}",
             figure.unit,
             str(len(figure.values)),
         )
@@ -22,7 +22,7 @@ def figures_table(figures: Sequence[Figure]) -> Table:
     return Table(("figure", "median", "range", "unit", "times"), lines)
 
 
-def _number(value: float) -> str:
+def number(value: float) -> str:
     """Three digits at least, no more after the point than those need."""
     size = abs(value)
     return f"{value:,.{0 if size >= 100 else 1 if size >= 10 else 2}f}"

@@ -1,27 +1,34 @@
 """A task for plain Python: one scenario, numpy observations, each call a small compiled program.
 
-For policies of any library, `skystack.stacking.stack` and environments of other interfaces. Telling
-somebody something needs three answers afterwards (the new state, what is seen of it, whether more
-may be said), so one program gives all three.
+For policies of any library, `skystack.stacking.stack` and environments of other interfaces. Whoever
+has told somebody something asks three things next (the new state, what is seen of it, what may be
+said now), so one program answers them all.
 """
 
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from skystack.tasks.contract import NO_ACTION, Outcome, Task, TaskState
+from skystack.tasks.contract import Outcome, Task, TaskState
+
+
+class View(NamedTuple):
+    """What is asked of a state."""
+
+    observation: Float[Array, " observation"]
+    allowed: Bool[Array, " actions"]
+    """`may_stack` of every action."""
 
 
 class Seen(NamedTuple):
-    """A scenario's state and what goes with it."""
+    """A scenario and the view of it."""
 
-    state: TaskState
-    observation: Any
-    said: int
-    """The instruction that `may_stack` is known for."""
-    may_stack: Any
+    packed: Float[Array, " values"]
+    """Its state as one vector: handing over three dozen small arrays takes longer than all else."""
+    view: View
 
 
 class PlainTask:
@@ -29,42 +36,60 @@ class PlainTask:
 
     def __init__(self, task: Task) -> None:
         self._task = task
-        self._reset, self._see = jax.jit(task.reset), jax.jit(self._seen)
+        self._like = jax.eval_shape(task.reset, jax.random.key(0))
+        self._reset, self._begin = jax.jit(self._drawn), jax.jit(self._seen)
         self._told, self._flown = jax.jit(self._tell), jax.jit(self._fly)
-        self._allowed = jax.jit(task.may_stack)
+        self._unpacked = jax.jit(self._unpack)
 
     def reset(self, key: PRNGKeyArray) -> Seen:
         """The scenario of a key."""
-        return self.begin(self._reset(key))
+        return self._reset(key)
 
     def begin(self, state: TaskState) -> Seen:
         """A scenario in any state of the task."""
-        return Seen(state, self._see(state), NO_ACTION, False)
+        return self._begin(state)
+
+    def state_of(self, seen: Seen) -> TaskState:
+        """The task's own state of a scenario."""
+        return self._unpacked(seen.packed)
 
     def observe(self, seen: Seen) -> Float[np.ndarray, " observation"]:
-        return np.asarray(seen.observation)
+        return np.asarray(seen.view.observation)
 
     def may_stack(self, seen: Seen, action: int | np.integer) -> bool:
-        if int(action) == seen.said:
-            return bool(seen.may_stack)
-        return bool(self._allowed(seen.state, np.int32(action)))
+        return bool(np.asarray(seen.view.allowed)[action])
 
     def instruct(self, seen: Seen, action: int | np.integer) -> Seen:
-        state, observation, allowed = self._told(seen.state, np.int32(action))
-        return Seen(state, observation, int(action), allowed)
+        return self._told(seen.packed, np.int32(action))
 
     def advance(self, seen: Seen) -> tuple[Seen, Outcome]:
         """One radar cycle."""
-        state, observation, outcome = self._flown(seen.state)
-        return Seen(state, observation, NO_ACTION, False), outcome
+        return self._flown(seen.packed)
 
-    def _seen(self, state: TaskState) -> Float[Array, " observation"]:
-        return self._task.observe(state)
+    def _drawn(self, key: PRNGKeyArray) -> Seen:
+        return self._seen(self._task.reset(key))
 
-    def _tell(self, state: TaskState, action: Int[Array, ""]) -> tuple[TaskState, Array, Array]:
-        told = self._task.instruct(state, action)
-        return told, self._task.observe(told), self._task.may_stack(told, action)
+    def _seen(self, state: TaskState) -> Seen:
+        leaves = [jnp.ravel(leaf).astype(jnp.float32) for leaf in jax.tree.leaves(state)]
+        return Seen(jnp.concatenate(leaves), self._view(state))
 
-    def _fly(self, state: TaskState) -> tuple[TaskState, Array, Outcome]:
-        flown, outcome = self._task.advance(state)
-        return flown, self._task.observe(flown), outcome
+    def _unpack(self, packed: Float[Array, " values"]) -> TaskState:
+        leaves, tree = jax.tree.flatten(self._like)
+        parts = jnp.split(packed, np.cumsum([leaf.size for leaf in leaves])[:-1])
+        shaped = [
+            part.reshape(leaf.shape).astype(leaf.dtype)
+            for part, leaf in zip(parts, leaves, strict=True)
+        ]
+        return jax.tree.unflatten(tree, shaped)
+
+    def _view(self, state: TaskState) -> View:
+        every = jnp.arange(len(self._task.action_names), dtype=jnp.int32)
+        allowed: Any = jax.vmap(self._task.may_stack, (None, 0))(state, every)
+        return View(self._task.observe(state), allowed)
+
+    def _tell(self, packed: Float[Array, " values"], action: Int[Array, ""]) -> Seen:
+        return self._seen(self._task.instruct(self._unpack(packed), action))
+
+    def _fly(self, packed: Float[Array, " values"]) -> tuple[Seen, Outcome]:
+        state, outcome = self._task.advance(self._unpack(packed))
+        return self._seen(state), outcome
