@@ -369,10 +369,6 @@ PEERS_THERE = (Peer("half as fast", "fast", two_a_second, ""),)
 def test_help_needs_no_jax():
     program = """
 import sys
-from skystack.benchmarking import peers
-from skystack.benchmarking import run as benchmarking
-from skystack.benchmarking.figures import Figure
-from skystack.benchmarking.peers import Peer
 from skystack.cli import main
 try:
     main(["--help"])
