@@ -14,6 +14,8 @@ from tempfile import TemporaryDirectory
 import jax
 from jax.experimental.compilation_cache import compilation_cache
 
+from skystack.cores import processor_lines
+
 CACHE_VARIABLE = "SKYSTACK_CACHE"
 """Names the folder for compiled programs; `off` keeps none."""
 MOST_BYTES = 512 * 1024**2
@@ -82,12 +84,8 @@ def _fingerprint() -> str:
 
 def _instructions() -> str:
     """The processor's model and what it can do, as far as the system tells."""
-    wanted = ("model name", "flags", "Features")
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return f"{platform.machine()} {platform.processor()}"
-    return "\n".join(sorted({line for line in lines if line.startswith(wanted)}))
+    lines = processor_lines("model name", "flags", "Features")
+    return "\n".join(sorted(set(lines))) or f"{platform.machine()} {platform.processor()}"
 
 
 def _use(folder: str | None) -> None:

@@ -3,13 +3,10 @@
 import time
 
 import jax
-import numpy as np
 
 from skystack.benchmarking.figures import Figure
 from skystack.catalogue import find_policy
 from skystack.evaluation.judge import task_of
-from skystack.learning.inference import forward, normalise
-from skystack.learning.policy import Policy
 from skystack.seeds import scenario_key
 from skystack.stacking import stack
 from skystack.tasks.plain import PlainTask
@@ -34,7 +31,7 @@ def decision_figures(name: str, scenarios: int) -> list[Figure]:
             seen = environment.begin(reported)
             environment.observe(seen)
             looked = time.perf_counter()
-            seen, issued = stack(environment, lambda shown: act(policy, shown), seen)
+            seen, issued = stack(environment, policy, seen)
             environment.observe(seen)  # nothing is left under way
             done = time.perf_counter()
             if number:  # the first compiles
@@ -50,8 +47,3 @@ def decision_figures(name: str, scenarios: int) -> list[Figure]:
         Figure("stacked decision, nothing to say", "us", tuple(silent), deciding),
         Figure("stacked decision, a clearance", "us", tuple(spoken), deciding),
     ]
-
-
-def act(policy: Policy, seen: np.ndarray) -> int:
-    """The most probable action."""
-    return int(np.argmax(forward(policy.actor, normalise(policy.normaliser, seen))))

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from skystack.benchmarking.decisions import decision_figures
@@ -15,7 +14,7 @@ from skystack.benchmarking.figures import Figure
 from skystack.benchmarking.simulator import simulator_figures
 from skystack.benchmarking.starting import starting_figures
 from skystack.benchmarking.training import SCENARIOS, SUCCESS, reaches_success, training_figures
-from skystack.cores import cores
+from skystack.cores import cores, processor_lines
 from skystack.learning.policy import package_versions
 
 SOONEST = "lateral-best"
@@ -93,9 +92,5 @@ def machine() -> dict[str, Any]:
 
 
 def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        lines = []
-    named = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    named = [line.partition(":")[2].strip() for line in processor_lines("model name")]
     return named[0] if named else platform.processor() or platform.machine()

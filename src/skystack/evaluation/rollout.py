@@ -13,6 +13,7 @@ from skystack.learning.inference import Layers, Normaliser, forward, normalise
 from skystack.seeds import scenario_key
 from skystack.simulator.traffic import Traffic
 from skystack.stacking import Stack, stack_traced
+from skystack.tasks.batch import choose
 from skystack.tasks.contract import NO_ACTION, Metrics, Outcome
 from skystack.tasks.navigation import NavigationState, NavigationTask
 
@@ -147,7 +148,7 @@ def _fly_one(
         state, over = carry
         told, stack = stack_traced(task, policy, state, key, limit)
         flown, outcome = task.advance(told)
-        state = jax.tree.map(lambda new, old: jnp.where(over, old, new), flown, state)
+        state = choose(over, state, flown)
         return (state, over | outcome.terminated), keep(stack, state, outcome, over)
 
     over = jnp.zeros((), dtype=bool)

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skystack.tasks.contract import Outcome, Task, TaskState
+from skystack.tasks.wrapper import TaskWrapper
 
 Tree = TypeVar("Tree")
 
@@ -34,26 +35,8 @@ def reset_many(task: Task, key: PRNGKeyArray, scenarios: int) -> TaskState:
 
 
 @dataclass(frozen=True)
-class OneByOne:
+class OneByOne(TaskWrapper[Task]):
     """Makes a task that is written for one scenario take a batch, axis last: for users' tasks."""
-
-    task: Task
-
-    @property
-    def name(self) -> str:
-        return self.task.name
-
-    @property
-    def version(self) -> int:
-        return self.task.version
-
-    @property
-    def action_names(self) -> tuple[str, ...]:
-        return self.task.action_names
-
-    @property
-    def observation_names(self) -> tuple[str, ...]:
-        return self.task.observation_names
 
     def reset(self, key: PRNGKeyArray) -> TaskState:
         return self.task.reset(key)

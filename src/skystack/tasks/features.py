@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 
 from skystack.airspace.geometry import (
     bearing,
+    direction,
     distance_right_of_route,
     edges,
     length,
@@ -107,11 +108,12 @@ def room_ahead(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
 
     Zero: flying on leaves through the exit. From outside (before entry) the near edge is skipped.
     """
+    ray = direction(traffic.cleared_heading_deg)
     exit_edge = points_of(sector.route_table.exit_edge_nm, traffic.route)
-    way, rate = _way_ahead(traffic, *(tuple(jnp.moveaxis(end, 1, 0)) for end in exit_edge))
+    way, rate = _way_ahead(traffic, ray, *((end[:, 0], end[:, 1]) for end in exit_edge))
     nearest_way, nearest_rate = jnp.full_like(way, 100.0), jnp.ones_like(rate)
     for start, end in edges(sector.area_nm).tolist():
-        edge_way, edge_rate = _way_ahead(traffic, start, end)
+        edge_way, edge_rate = _way_ahead(traffic, ray, start, end)
         nearer = edge_way * nearest_rate < nearest_way * edge_rate  # two fractions: divided below
         nearest_way = jnp.where(nearer, edge_way, nearest_way)
         nearest_rate = jnp.where(nearer, edge_rate, nearest_rate)
@@ -191,15 +193,17 @@ def _turn_to_exit_corner(sector: Sector, traffic: Traffic, corner: int) -> PerAi
 
 
 def _way_ahead(
-    traffic: Traffic, start_nm: Sequence[Any], end_nm: Sequence[Any]
+    traffic: Traffic,
+    ray: Float[Array, "aircraft 2 *batch"],
+    start_nm: Sequence[Any],
+    end_nm: Sequence[Any],
 ) -> tuple[PerAircraft, PerAircraft]:
-    """Distance to where the cleared heading crosses an edge outwards, as a fraction.
+    """Distance to where a ray from each aircraft crosses an edge outwards, as a fraction.
 
     100 NM, as 100 / 1, where it does not. The ends of the edge are (east, north), numbers or one
     for each aircraft.
     """
-    heading = jnp.radians(traffic.cleared_heading_deg)
-    ray_east, ray_north = jnp.sin(heading), jnp.cos(heading)
+    ray_east, ray_north = ray[:, 0], ray[:, 1]
     edge_east, edge_north = end_nm[0] - start_nm[0], end_nm[1] - start_nm[1]
     east, north = start_nm[0] - traffic.position_nm[:, 0], start_nm[1] - traffic.position_nm[:, 1]
     facing = ray_east * edge_north - ray_north * edge_east

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from skystack.tasks.batch import choose
 from skystack.tasks.contract import NO_ACTION, Outcome
 from skystack.tasks.navigation import NavigationState, NavigationTask
+from skystack.tasks.wrapper import TaskWrapper
 
 
 class StackedState(NamedTuple):
@@ -23,30 +24,12 @@ class StackedState(NamedTuple):
 
 
 @dataclass(frozen=True)
-class StackedSteps:
+class StackedSteps(TaskWrapper[NavigationTask]):
     """A task whose step gives one more instruction, or else flies one cycle.
 
     An instruction that would stop the stack (another one than the first of the cycle) is not
     executed, and time goes on, as in `skystack.stacking`.
     """
-
-    task: NavigationTask
-
-    @property
-    def name(self) -> str:
-        return self.task.name
-
-    @property
-    def version(self) -> int:
-        return self.task.version
-
-    @property
-    def action_names(self) -> tuple[str, ...]:
-        return self.task.action_names
-
-    @property
-    def observation_names(self) -> tuple[str, ...]:
-        return self.task.observation_names
 
     def reset(self, key: PRNGKeyArray) -> StackedState:
         return StackedState(self.task.reset(key), jnp.zeros((), dtype=jnp.int32))
