@@ -26,14 +26,16 @@ def compile_for_one_core() -> None:
     """Make JAX's programs those of a machine with one core; before JAX is used.
 
     JAX splits sums among the cores that it sees, their number decides how they are rounded, and
-    that decides how a training goes.
+    that decides how a training goes. Its threads then run wherever there is room.
     """
     if not hasattr(os, "sched_setaffinity"):
         return
     everything = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {min(everything)})
     jax.devices()
-    os.sched_setaffinity(0, everything)
+    for thread in Path("/proc/self/task").iterdir():
+        with suppress(OSError):  # it has ended
+            os.sched_setaffinity(int(thread.name), everything)
 
 
 @contextmanager

@@ -1,16 +1,15 @@
 """How fast training is, and how soon a policy is good."""
 
 import resource
-from collections.abc import Iterator
 from functools import partial
 
 import jax
 
 from skystack.benchmarking.figures import Figure, rates
-from skystack.evaluation.rollout import fly, network_controller
+from skystack.evaluation.rollout import most_probable, prepare
 from skystack.learning import ppo
-from skystack.learning.experiment import Experiment, load_experiment
-from skystack.learning.run import phases
+from skystack.learning.experiment import load_experiment
+from skystack.learning.phases import compiled_updates, learners, phases
 from skystack.programs import compile_for_one_core
 from skystack.seeds import training_key
 from skystack.tasks.build import build_task, build_training_task
@@ -18,7 +17,7 @@ from skystack.tasks.build import build_task, build_training_task
 STEPS = 150_000
 """At least so many steps a repetition."""
 SUCCESS, SCENARIOS = 0.95, 200
-CHECKED_EVERY = 20
+CHECKED_EVERY = 10
 """Updates."""
 
 
@@ -53,24 +52,14 @@ def reaches_success(experiment: str, seed: int) -> bool:
     """Train until success on held-out scenarios reaches `SUCCESS`, stacked; False if never."""
     compile_for_one_core()
     chosen = load_experiment(experiment)
-    task = build_task(chosen.task)
-    for learner in _trained(chosen, seed):
-        controller = network_controller(learner.parameters.actor, learner.normaliser, greedy=True)
-        flown = fly(task, controller, seed=0, scenarios=SCENARIOS, stacking=True)
-        if float(flown.metrics.success.mean()) >= SUCCESS:
-            return True
+    settings, task = chosen.ppo, build_training_task(chosen.task)
+    init, key = jax.jit(partial(ppo.init, task, settings)), training_key(seed)
+    fly = prepare(build_task(chosen.task), most_probable, stacking=True)
+    compiled = compiled_updates(phases(chosen, task, first=0), settings, jax.eval_shape(init, key))
+    with compiled as updates:
+        for number, learner, _ in learners(updates, settings, init(key)):
+            if number % CHECKED_EVERY == 0:
+                weights = (learner.parameters.actor, learner.normaliser)
+                if float(fly(weights, 0, SCENARIOS).metrics.success.mean()) >= SUCCESS:
+                    return True
     return False
-
-
-def _trained(experiment: Experiment, seed: int) -> Iterator[ppo.Learner]:
-    """The learner every so many updates."""
-    settings, task = experiment.ppo, build_training_task(experiment.task)
-    learner = jax.jit(partial(ppo.init, task, settings))(training_key(seed))
-    tasks = phases(experiment, task, first=0)
-    for number in range(settings.updates):
-        if number in tasks:
-            phase = partial(ppo.update, tasks[number], settings)
-            update = jax.jit(phase)
-        learner, _ = update(learner)
-        if (number + 1) % CHECKED_EVERY == 0:
-            yield learner

@@ -22,25 +22,39 @@ _POLICY = 0x90_11C7
 """Folded into a scenario's key for a policy that samples."""
 
 
-class Controller(NamedTuple):
-    """What decides: a traceable function of (weights, observation, key), and its weights."""
+Decide = Callable[[Any, Float[Array, " observation"], PRNGKeyArray], Int[Array, ""]]
+"""A traceable function of (weights, observation, key)."""
 
-    decide: Callable[[Any, Float[Array, " observation"], PRNGKeyArray], Int[Array, ""]]
+
+class Controller(NamedTuple):
+    """What decides, and its weights."""
+
+    decide: Decide
     weights: Any = ()
 
 
 def network_controller(actor: Layers, normaliser: Normaliser, greedy: bool) -> Controller:
     """A policy's network: the most probable action, or one drawn by its probability."""
+    return Controller(most_probable if greedy else _drawn, (actor, normaliser))
 
-    def decide(
-        weights: tuple[Layers, Normaliser], observation: Array, key: PRNGKeyArray
-    ) -> Int[Array, ""]:
-        actor, normaliser = weights
-        logits: Array = forward(actor, normalise(normaliser, observation))
-        chosen = jnp.argmax(logits) if greedy else jax.random.categorical(key, logits)
-        return chosen.astype(jnp.int32)
 
-    return Controller(decide, (actor, normaliser))
+def most_probable(
+    weights: tuple[Layers, Normaliser], observation: Array, key: PRNGKeyArray
+) -> Int[Array, ""]:
+    """The action that a network, (actor, normaliser), holds most probable."""
+    return jnp.argmax(_logits(weights, observation)).astype(jnp.int32)
+
+
+def _drawn(
+    weights: tuple[Layers, Normaliser], observation: Array, key: PRNGKeyArray
+) -> Int[Array, ""]:
+    return jax.random.categorical(key, _logits(weights, observation)).astype(jnp.int32)
+
+
+def _logits(weights: tuple[Layers, Normaliser], observation: Array) -> Array:
+    actor, normaliser = weights
+    logits: Array = forward(actor, normalise(normaliser, observation))
+    return logits
 
 
 def _say_nothing(weights: Any, observation: Array, key: PRNGKeyArray) -> Int[Array, ""]:
@@ -82,6 +96,10 @@ class Recording(NamedTuple):
         return np.concatenate([np.asarray(start)[:, None], np.asarray(later)[:, :-1]], axis=1)
 
 
+Fly = Callable[[Any, int, int], Recording]
+"""Flies the first scenarios of an evaluation seed: (weights, seed, scenarios)."""
+
+
 def fly(
     task: NavigationTask,
     controller: Controller,
@@ -90,16 +108,23 @@ def fly(
     stacking: bool,
 ) -> Recording:
     """Fly scenarios 0, 1, ... of an evaluation seed, stacked or one instruction a cycle."""
+    return prepare(task, controller.decide, stacking)(controller.weights, seed, scenarios)
+
+
+def prepare(task: NavigationTask, decide: Decide, stacking: bool) -> Fly:
+    """`fly` for controllers with the same `decide`: compiled once, when first used."""
     limit = None if stacking else 1
-    flown = jax.jit(
-        jax.vmap(partial(_fly_one, task, controller.decide, limit), in_axes=(None, 0, 0))
-    )
-    parts = []
-    for first in range(0, scenarios, SCENARIOS_AT_ONCE):
-        numbers = np.arange(first, min(first + SCENARIOS_AT_ONCE, scenarios), dtype=np.int32)
-        keys = jnp.stack([scenario_key(seed, int(number)) for number in numbers])
-        parts.append(jax.device_get(flown(controller.weights, keys, numbers)))
-    return together(parts)
+    flown = jax.jit(jax.vmap(partial(_fly_one, task, decide, limit), in_axes=(None, 0, 0)))
+
+    def fly(weights: Any, seed: int, scenarios: int) -> Recording:
+        parts = []
+        for first in range(0, scenarios, SCENARIOS_AT_ONCE):
+            numbers = np.arange(first, min(first + SCENARIOS_AT_ONCE, scenarios), dtype=np.int32)
+            keys = jnp.stack([scenario_key(seed, int(number)) for number in numbers])
+            parts.append(jax.device_get(flown(weights, keys, numbers)))
+        return together(parts)
+
+    return fly
 
 
 def together(parts: Sequence[Recording]) -> Recording:
@@ -132,7 +157,7 @@ def keep(
 
 def _fly_one(
     task: NavigationTask,
-    decide: Callable[[Any, Array, PRNGKeyArray], Array],
+    decide: Decide,
     limit: int | None,
     weights: Any,
     key: PRNGKeyArray,

@@ -13,6 +13,8 @@ from skystack.errors import InputError
 from skystack.files import write_aside
 from skystack.learning.ppo import Learner
 
+Leaf = jax.Array | jax.ShapeDtypeStruct
+
 
 def save_checkpoint(path: Path, learner: Learner, fingerprint: str) -> None:
     """Write the learner; `fingerprint` tells which experiment and seed it belongs to."""
@@ -25,7 +27,7 @@ def save_checkpoint(path: Path, learner: Learner, fingerprint: str) -> None:
 
 
 def load_checkpoint(path: Path, like: Learner, fingerprint: str) -> Learner:
-    """Read a learner of the same structure as `like`.
+    """Read a learner of the same structure as `like`, whose arrays may be mere shapes.
 
     Raises InputError for a damaged file or one of another experiment, seed or configuration.
     """
@@ -48,20 +50,19 @@ def load_checkpoint(path: Path, like: Learner, fingerprint: str) -> Learner:
     return result
 
 
-def _plain(leaf: jax.Array) -> np.ndarray:
-    data = jax.random.key_data(leaf) if _is_key(leaf) else leaf
-    return np.asarray(data)
+def _plain(leaf: jax.Array) -> jax.Array:
+    return jax.random.key_data(leaf) if _is_key(leaf) else leaf
 
 
-def _like(old: jax.Array, new: np.ndarray) -> jax.Array:
+def _like(old: Leaf, new: np.ndarray) -> jax.Array:
     array = jnp.asarray(new)
     return jax.random.wrap_key_data(array) if _is_key(old) else array
 
 
-def _is_key(leaf: jax.Array) -> bool:
+def _is_key(leaf: Leaf) -> bool:
     return bool(jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key))
 
 
 def _shapes(learner: Learner) -> str:
-    plain = (_plain(leaf) for leaf in jax.tree.leaves(learner))
+    plain = (jax.eval_shape(_plain, leaf) for leaf in jax.tree.leaves(learner))
     return json.dumps([[str(array.dtype), *array.shape] for array in plain])

@@ -6,12 +6,12 @@ import math
 import subprocess
 import time
 from collections.abc import Callable
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
-import msgspec
 import numpy as np
 
 from skystack.errors import InputError, TrainingError
@@ -19,6 +19,7 @@ from skystack.files import make_folder, write_aside
 from skystack.learning import ppo
 from skystack.learning.checkpoint import load_checkpoint, save_checkpoint
 from skystack.learning.experiment import Experiment, resolved, to_toml
+from skystack.learning.phases import compiled_updates, learners, phases
 from skystack.learning.policy import (
     FORMAT,
     Policy,
@@ -26,6 +27,7 @@ from skystack.learning.policy import (
     package_versions,
     save_policy,
 )
+from skystack.learning.settings import PPOSettings
 from skystack.seeds import training_key
 from skystack.tasks.build import build_training_task
 from skystack.tasks.contract import Task
@@ -77,72 +79,73 @@ def train_experiment(
     is one. Raises TrainingError when a loss is no number, InputError for a folder or checkpoint
     that cannot be used; on KeyboardInterrupt the checkpoint is written first.
     """
-    start = time.monotonic()
+    begun = time.monotonic()
     task, settings = build_training_task(experiment.task), experiment.ppo
     checkpoint = make_folder(folder / "checkpoint") / "learner.safetensors"
     fingerprint = hashlib.sha256(to_toml(experiment) + str(seed).encode()).hexdigest()
-    learner = jax.jit(partial(ppo.init, task, settings))(training_key(seed))
-    if resume and checkpoint.exists():
-        learner = load_checkpoint(checkpoint, learner, fingerprint)
-    first = int(learner.updates)
-    tasks = phases(experiment, task, first)
-    metrics = _Metrics(folder / "metrics.jsonl", first)
-    begun = start - metrics.wall_s
+    init, key = jax.jit(partial(ppo.init, task, settings)), training_key(seed)
+    like = jax.eval_shape(init, key)
+    going_on = resume and checkpoint.exists()
+    resumed = load_checkpoint(checkpoint, like, fingerprint) if going_on else None
+    first = int(resumed.updates) if resumed else 0
+    metrics = _Metrics(folder / "metrics.jsonl", first, begun)
     write_aside(folder / "config.toml", to_toml(experiment))
-    saved = warm = time.monotonic()
-    try:
-        for number in range(first, settings.updates):
-            if number in tasks:
-                phase = partial(ppo.update, tasks[number], settings)
-                update = jax.jit(phase)
-            # Nothing is donated, so that the old learner is whole whenever an interruption comes.
-            updated, measured = update(learner)
-            values = {name: _number(value) for name, value in jax.device_get(measured).items()}
-            steps = (number + 1) * settings.samples
-            _check(values, experiment.name, seed, steps)
-            now = time.monotonic()
-            metrics.append({"update": number + 1, "steps": steps, "wall_s": now - begun} | values)
-            learner = updated  # after its line, which is cut off if it is to be written again
-            warm = now if number == first else warm
-            done = (number - first) * settings.samples
-            rate = done / (now - warm) if done else math.nan
-            on_update(Progress(steps, settings.updates * settings.samples, rate, values))
-            if now - saved > CHECKPOINT_EVERY_S:
-                save_checkpoint(checkpoint, learner, fingerprint)
-                saved = now
-    except KeyboardInterrupt:
-        save_checkpoint(checkpoint, learner, fingerprint)
-        raise
-    finally:
-        metrics.close()
+    compiled = compiled_updates(phases(experiment, task, first), settings, like)
+    with closing(metrics), compiled as updates:
+        learner = resumed or init(key)
+        pace, saved = _Pace(settings, first), time.monotonic()
+        try:
+            for number, updated, measured in learners(updates, settings, learner):
+                values = {name: _number(value) for name, value in jax.device_get(measured).items()}
+                steps = number * settings.samples
+                _check(values, experiment.name, seed, steps)
+                metrics.append({"update": number, "steps": steps}, values)
+                learner = updated  # after its line, which is cut off if it is to be written again
+                on_update(pace.progress(number, values))
+                if time.monotonic() - saved > CHECKPOINT_EVERY_S:
+                    save_checkpoint(checkpoint, learner, fingerprint)
+                    saved = time.monotonic()
+        except KeyboardInterrupt:
+            save_checkpoint(checkpoint, learner, fingerprint)
+            raise
     save_checkpoint(checkpoint, learner, fingerprint)
     policy = _policy(experiment, seed, task, learner)
     save_policy(folder, policy)
-    return Trained(policy, settings.updates * settings.samples, time.monotonic() - begun)
+    return Trained(policy, settings.updates * settings.samples, metrics.wall_s())
 
 
-def phases(experiment: Experiment, task: Task, first: int) -> dict[int, Task]:
-    """The task to train on from an update on: pre-training's until its steps are done."""
-    before = experiment.pretraining
-    if before is None:
-        return {first: task}
-    reward = msgspec.structs.replace(experiment.task, reward=before.reward)
-    change = -(-before.steps // experiment.ppo.samples)
-    return {first: build_training_task(reward), max(first, change): task}
+class _Pace:
+    """Steps a second since the first update."""
+
+    def __init__(self, settings: PPOSettings, first: int) -> None:
+        self._settings, self._first = settings, first
+        self._warm = math.nan
+
+    def progress(self, number: int, values: dict[str, float | None]) -> Progress:
+        settings, now = self._settings, time.monotonic()
+        done = number - 1 - self._first
+        self._warm = self._warm if done else now
+        rate = done * settings.samples / (now - self._warm) if done else math.nan
+        total = settings.updates * settings.samples
+        return Progress(number * settings.samples, total, rate, values)
 
 
 class _Metrics:
     """`metrics.jsonl`, cut back to the lines of the updates already made."""
 
-    def __init__(self, path: Path, updates: int) -> None:
+    def __init__(self, path: Path, updates: int, begun: float) -> None:
         lines = _lines(path, updates) if updates else []
         write_aside(path, "".join(lines).encode())
-        self.wall_s: float = json.loads(lines[-1])["wall_s"] if lines else 0.0
-        """What the updates made before took."""
+        # As if the updates made before had been made just before this run.
+        self._begun: float = begun - (json.loads(lines[-1])["wall_s"] if lines else 0.0)
         self._file = path.open("a", encoding="utf-8")
 
-    def append(self, line: dict[str, Any]) -> None:
-        self._file.write(json.dumps(line) + "\n")
+    def wall_s(self) -> float:
+        """What all has taken until now, earlier runs included as far as their lines tell."""
+        return time.monotonic() - self._begun
+
+    def append(self, line: dict[str, Any], values: dict[str, float | None]) -> None:
+        self._file.write(json.dumps(line | {"wall_s": self.wall_s()} | values) + "\n")
         self._file.flush()
 
     def close(self) -> None:

@@ -1,0 +1,62 @@
+"""The phases of a training and their programs: the next one's is made while one trains."""
+
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import partial
+
+import jax
+import msgspec
+
+from skystack.learning import ppo
+from skystack.learning.experiment import Experiment
+from skystack.learning.settings import PPOSettings
+from skystack.tasks.build import build_training_task
+from skystack.tasks.contract import Task
+
+Update = Callable[[ppo.Learner], tuple[ppo.Learner, dict[str, jax.Array]]]
+"""`ppo.update` of a phase, compiled."""
+
+
+def phases(experiment: Experiment, task: Task, first: int) -> dict[int, Task]:
+    """The task to train on from an update on: pre-training's until its steps are done."""
+    before, settings = experiment.pretraining, experiment.ppo
+    change = 0 if before is None else -(-before.steps // settings.samples)
+    if before is None or change <= first:
+        return {first: task}
+    reward = msgspec.structs.replace(experiment.task, reward=before.reward)
+    begun = {first: build_training_task(reward)}
+    return begun | {change: task} if change < settings.updates else begun
+
+
+@contextmanager
+def compiled_updates(
+    tasks: Mapping[int, Task], settings: PPOSettings, like: ppo.Learner
+) -> Iterator[Mapping[int, Future[Update]]]:
+    """The program of each phase, made in a thread beside the caller's, the first one first.
+
+    `like` has the learner's shapes and types; its arrays are not looked at. What is not begun when
+    the caller leaves is not made.
+    """
+    maker = ThreadPoolExecutor(1, thread_name_prefix="compile")
+    try:
+        yield {first: maker.submit(_compile, task, settings, like) for first, task in tasks.items()}
+    finally:
+        maker.shutdown(wait=False, cancel_futures=True)
+
+
+def learners(
+    updates: Mapping[int, Future[Update]], settings: PPOSettings, learner: ppo.Learner
+) -> Iterator[tuple[int, ppo.Learner, dict[str, jax.Array]]]:
+    """Train to the end: how many updates are made, the learner and what was measured, each time."""
+    for number in range(int(learner.updates), settings.updates):
+        if number in updates:
+            update = updates[number].result()
+        learner, measured = update(learner)
+        yield number + 1, learner, measured
+
+
+def _compile(task: Task, settings: PPOSettings, like: ppo.Learner) -> Update:
+    # Nothing is donated, so that the old learner is whole whenever an interruption comes.
+    compiled: Update = jax.jit(partial(ppo.update, task, settings)).lower(like).compile()
+    return compiled
