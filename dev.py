@@ -19,8 +19,8 @@ ENVIRONMENT = ROOT / ".venv"
 PYTHON = ENVIRONMENT / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
 EXTRAS = {
     "reproduce": (),
-    "test": ("test", "bluebird", "bluesky"),
-    "check": ("test", "bluebird", "bluesky"),
+    "test": ("test", "bluebird", "bluesky", "ray"),
+    "check": ("test", "bluebird", "bluesky", "ray"),
 }
 """What each verb needs beside the package itself."""
 

@@ -15,6 +15,7 @@ from skystack.benchmarking import run as benchmarking
 from skystack.benchmarking.figures import Figure
 from skystack.benchmarking.peers import Peer
 from skystack.cli import main
+from skystack.reproduction import cluster
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -118,6 +119,14 @@ def test_a_platform_that_is_not_installed_names_its_extra(capsys, monkeypatch):
     assert err.count("\n") == 1
 
 
+def test_an_engine_that_is_not_installed_names_its_extra(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(cluster, "find_spec", lambda name: None)
+    code, _, err = run(capsys, "reproduce", "--engine", "ray", "--out", str(tmp_path / "out"))
+    assert code == 2
+    assert err.splitlines()[-1].endswith("(install skystack with the extra [ray])")
+    assert not list(tmp_path.glob("out/*"))
+
+
 def test_scenarios_that_a_platform_did_not_finish_are_named(capsys, monkeypatch):
     from skystack.evaluation import judge
 
@@ -214,6 +223,8 @@ MISTAKES = [
     (["export", "nowhere", "-o", "x.scn"], "nowhere"),
     (["export", str(EXAMPLES / "climb.json"), "-o", "x.scn", "--format", "xml"], "scn"),
     ([], "VERB"),
+    (["reproduce", "lateral", "--engine", "rya"], "invalid choice: 'rya'"),
+    (["reproduce", "lateral", "--ray-address", "127.0.0.1:9"], "--ray-address is for --engine ray"),
 ]
 
 

@@ -63,3 +63,19 @@ def test_without_a_folder_programs_are_compiled(named, tmp_path, monkeypatch):
     run(named)
     assert run(named)[1] == 0
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="Linux")
+def test_programs_for_one_core_run_on_any(tmp_path):
+    """Two trainings side by side do not wait for the same core."""
+    program = """
+import os
+from pathlib import Path
+from skystack.programs import compile_for_one_core
+before = os.sched_getaffinity(0)
+compile_for_one_core()
+threads = [int(path.name) for path in Path("/proc/self/task").iterdir()]
+bound = [thread for thread in threads if os.sched_getaffinity(thread) != before]
+print(len(bound), int(len(threads) > 1))
+"""
+    assert run(tmp_path, program) == (0.0, 1)

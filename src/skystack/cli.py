@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -131,6 +132,17 @@ def _build_parser() -> argparse.ArgumentParser:
         dest="platforms",
         help="fly the policies in another simulator too: bluebird, bluesky; may be repeated",
     )
+    sub.add_argument(
+        "--engine",
+        choices=["processes", "ray"],
+        default="processes",
+        help="where it trains: processes, one a core (default); ray, on a cluster (extra)",
+    )
+    sub.add_argument(
+        "--ray-address",
+        metavar="HOST:PORT",
+        help="the cluster (default: what RAY_ADDRESS names, or this machine's)",
+    )
 
     sub = verb("train", "train a policy", _train)
     sub.add_argument("experiment", metavar="EXPERIMENT", help="a name (see list) or a .toml file")
@@ -230,6 +242,7 @@ def _reproduce(options: argparse.Namespace) -> int:
     from skystack.reproduction.plan import QUICK_EPISODES, plan_families
     from skystack.reproduction.run import run_plan, run_platforms
 
+    engine = _engine(options)
     quick = options.quick or not options.families
     families = options.families or ["lateral"]
     default = Path("runs") / ("-".join(families) + ("-quick" if quick else ""))
@@ -243,7 +256,7 @@ def _reproduce(options: argparse.Namespace) -> int:
     plan = plan_families(families, seeds, episodes, out, quick, command, platforms)
     compile_for_one_core()
     with kept_programs(), show_progress() as report:
-        results = run_plan(plan, report)
+        results = run_plan(plan, report, engine)
     if results["kept"]:
         prose().print(f"{len(results['kept'])} finished pieces kept from an earlier run")
     prose().print("writing figures and report ...")
@@ -266,6 +279,17 @@ def _reproduce(options: argparse.Namespace) -> int:
     for line in failed:
         _complain(line, FAILED)
     return FAILED if failed else DONE
+
+
+def _engine(options: argparse.Namespace) -> Any:
+    from skystack.reproduction.cluster import run_on_cluster
+    from skystack.reproduction.processes import run_in_processes
+
+    if options.engine == "ray":
+        return partial(run_on_cluster, address=options.ray_address)
+    if options.ray_address:
+        raise InputError("reproduce: --ray-address is for --engine ray")
+    return run_in_processes
 
 
 def _train(options: argparse.Namespace) -> int:

@@ -1,21 +1,16 @@
 """One job is one seed of one experiment: trained, then judged plain and stacked.
 
-Jobs run in processes of their own, one a core.
+Which process runs it, and where, is the business of `processes` and `cluster`.
 """
 
 import hashlib
-import multiprocessing
-import os
-import signal
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from threading import Thread
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import pyarrow as pa
 
 import skystack
-from skystack.cores import cores
 from skystack.errors import InputError
 from skystack.evaluation.judge import (
     DO_NOTHING,
@@ -54,71 +49,50 @@ class Done(NamedTuple):
     """Pieces that an earlier run had finished."""
 
 
+Message = tuple[str, Progress]
+"""How far the job of that name is."""
 Report = Callable[[str, Progress], None]
-Messages = Any
-"""A queue of `multiprocessing.Manager` (its proxy is no `Queue`): names with their progress."""
+"""Hears messages."""
 
 
-def run_jobs(plan: Plan, report: Report) -> list[Done]:
-    """All seeds of all experiments, in order of the plan; their progress goes to `report`."""
-    jobs = [(experiment, seed) for seed in range(plan.seeds) for experiment in plan.experiments]
-    context = multiprocessing.get_context("spawn")
-    with context.Manager() as manager:
-        messages: Messages = manager.Queue()
-        free_cores = manager.Queue()
-        for core in cores():
-            free_cores.put(core)
-        listener = Thread(target=_listen, args=(messages, report), daemon=True)
-        listener.start()
-        pool = ProcessPoolExecutor(
-            min(len(cores()), len(jobs)), context, initializer=_pin, initargs=(free_cores,)
+class Job(NamedTuple):
+    """What to train and judge; picklable."""
+
+    plan: Plan
+    experiment: Experiment
+    seed: int
+
+    @property
+    def name(self) -> str:
+        return f"{self.experiment.name}-s{self.seed}"
+
+    @property
+    def folders(self) -> tuple[Path, ...]:
+        """All that it writes to."""
+        judged = (
+            evaluation_folder(self.plan.evaluation, self.experiment.name, self.seed, stacking)
+            for stacking in (False, True)
         )
-        try:
-            # The longest first keeps all cores busy to the end.
-            longest_first = sorted(jobs, key=lambda job: -job[0].ppo.total_steps)
-            futures = {
-                (experiment.name, seed): pool.submit(_run_job, plan, experiment, seed, messages)
-                for experiment, seed in longest_first
-            }
-            return [futures[experiment.name, seed].result() for experiment, seed in jobs]
-        except BaseException:
-            _stop_workers()
-            raise
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
-            messages.put(None)
-            listener.join(timeout=5.0)
+        return (self.plan.training(self.name), *judged)
 
 
-def _stop_workers() -> None:
-    """Do not wait for trainings whose results nobody will read."""
-    for child in multiprocessing.active_children():
-        if not child.name.startswith("SyncManager"):
-            child.terminate()
+def jobs_of(plan: Plan) -> list[Job]:
+    """All jobs of a plan, in its order."""
+    return [
+        Job(plan, experiment, seed) for seed in range(plan.seeds) for experiment in plan.experiments
+    ]
 
 
-def _pin(free_cores: Any) -> None:
-    """One process, one core: two learners on the same cores slow each other down."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # the parent tells of an interruption
-    core = free_cores.get()
-    if core is not None:
-        os.sched_setaffinity(0, {core})
-
-
-def _listen(messages: Messages, report: Report) -> None:
-    while (message := messages.get()) is not None:
-        report(*message)
-
-
-def _run_job(plan: Plan, experiment: Experiment, seed: int, messages: Messages) -> Done:
+def run_job(job: Job, put: Callable[[Message], None]) -> Done:
+    """Train and judge; `put` hears of the progress."""
     with kept_programs():
-        return _train_and_judge(plan, experiment, seed, messages)
+        return _train_and_judge(job, put)
 
 
-def _train_and_judge(plan: Plan, experiment: Experiment, seed: int, messages: Messages) -> Done:
-    name = f"{experiment.name}-s{seed}"
+def _train_and_judge(job: Job, put: Callable[[Message], None]) -> Done:
+    plan, name = job.plan, job.name
     policy, train, kept = trained_once(
-        plan, experiment, seed, lambda progress: messages.put((name, progress))
+        plan, job.experiment, job.seed, lambda progress: put((name, progress))
     )
     flown, names = [], [f"training {name}"] * kept
     for stacking in (False, True):

@@ -3,7 +3,7 @@
 import json
 import platform
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -15,9 +15,10 @@ from skystack.evaluation.statistics import MEASURES, comparison, row_statistics
 from skystack.evaluation.summary import Row, aggregate
 from skystack.files import make_folder, write_aside
 from skystack.learning.policy import Policy, load_policy
-from skystack.reproduction.jobs import Flown, Report, nobody_once, run_jobs
+from skystack.reproduction.jobs import Done, Flown, Report, nobody_once
 from skystack.reproduction.pieces import once
 from skystack.reproduction.plan import PLATFORM_EPISODES, Plan
+from skystack.reproduction.processes import run_in_processes
 
 COMPARED = (
     (("lateral", False), ("lateral-undamped", False)),
@@ -35,11 +36,15 @@ COMPARED = (
 """Rows, (experiment, stacked), that the paper or we compare."""
 
 
-def run_plan(plan: Plan, report: Report) -> dict[str, Any]:
+Engine = Callable[[Plan, Report], list[Done]]
+"""Runs all jobs of a plan, somewhere, and leaves their files in its folder."""
+
+
+def run_plan(plan: Plan, report: Report, engine: Engine = run_in_processes) -> dict[str, Any]:
     """Run all jobs and write `results.json`; returns its contents (see docs/formats.md)."""
     begun = time.monotonic()
     make_folder(plan.out)
-    done = run_jobs(plan, report)
+    done = engine(plan, report)
     by_row: dict[tuple[str, bool], list[Flown]] = {}
     for job in done:
         for flown in job.flown:

@@ -1,0 +1,67 @@
+"""Jobs in processes of their own on this machine, one a core."""
+
+import multiprocessing
+import os
+import signal
+from concurrent.futures import ProcessPoolExecutor
+from threading import Thread
+from typing import Any
+
+from skystack.cores import cores
+from skystack.reproduction.jobs import Done, Job, Report, jobs_of, run_job
+from skystack.reproduction.plan import Plan
+
+Messages = Any
+"""A queue of `multiprocessing.Manager` (its proxy is no `Queue`) for messages."""
+
+
+def run_in_processes(plan: Plan, report: Report) -> list[Done]:
+    """All seeds of all experiments, in order of the plan; their progress goes to `report`."""
+    jobs = jobs_of(plan)
+    context = multiprocessing.get_context("spawn")
+    with context.Manager() as manager:
+        messages: Messages = manager.Queue()
+        free_cores = manager.Queue()
+        for core in cores():
+            free_cores.put(core)
+        listener = Thread(target=_listen, args=(messages, report), daemon=True)
+        listener.start()
+        pool = ProcessPoolExecutor(
+            min(len(cores()), len(jobs)), context, initializer=_pin, initargs=(free_cores,)
+        )
+        try:
+            # The longest first keeps all cores busy to the end.
+            longest_first = sorted(jobs, key=lambda job: -job.experiment.ppo.total_steps)
+            futures = {job.name: pool.submit(_run, job, messages) for job in longest_first}
+            return [futures[job.name].result() for job in jobs]
+        except BaseException:
+            _stop_workers()
+            raise
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+            messages.put(None)
+            listener.join(timeout=5.0)
+
+
+def _stop_workers() -> None:
+    """Do not wait for trainings whose results nobody will read."""
+    for child in multiprocessing.active_children():
+        if not child.name.startswith("SyncManager"):
+            child.terminate()
+
+
+def _pin(free_cores: Any) -> None:
+    """One process, one core: two learners on the same cores slow each other down."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # the parent tells of an interruption
+    core = free_cores.get()
+    if core is not None:
+        os.sched_setaffinity(0, {core})
+
+
+def _listen(messages: Messages, report: Report) -> None:
+    while (message := messages.get()) is not None:
+        report(*message)
+
+
+def _run(job: Job, messages: Messages) -> Done:
+    return run_job(job, messages.put)

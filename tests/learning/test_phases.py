@@ -1,0 +1,60 @@
+"""The phases of a training: which there are, and their programs."""
+
+import jax
+import numpy as np
+import pytest
+
+from skystack.learning import ppo
+from skystack.learning.experiment import load_experiment
+from skystack.learning.phases import compiled_updates, learners, phases
+from skystack.seeds import training_key
+from skystack.tasks.build import build_training_task
+
+SMALL = ("ppo.environments=8", "ppo.steps=32", "ppo.minibatch=64", "ppo.total_steps=1024")
+
+
+def experiment_with(*changes):
+    return load_experiment("lateral", SMALL + changes)
+
+
+@pytest.mark.parametrize(
+    ("pretraining", "first", "begins"),
+    [
+        (None, 0, {0: "later"}),
+        (None, 2, {2: "later"}),
+        (512, 0, {0: "before", 2: "later"}),
+        (512, 1, {1: "before", 2: "later"}),
+        (512, 2, {2: "later"}),  # resumed after the change
+        (513, 0, {0: "before", 3: "later"}),  # the update that it ends in is whole
+        (1024, 0, {0: "before"}),  # never changes
+        (1000, 3, {3: "before"}),
+    ],
+)
+def test_which_task_is_trained_on_from_which_update_on(pretraining, first, begins):
+    changes = ["task.reward.damping=0.25"]
+    if pretraining is not None:
+        changes += [f"pretraining.steps={pretraining}", "pretraining.reward.damping=5.0"]
+    experiment = experiment_with(*changes)
+    task = build_training_task(experiment.task)
+    found = phases(experiment, task, first)
+    names = {0.25: "later", 5.0: "before"}
+    assert {at: names[each.settings.reward.damping] for at, each in found.items()} == begins
+
+
+def test_compiled_beside_is_compiled_here():
+    """The programs of the thread are those that the caller would have made."""
+    experiment = experiment_with("ppo.total_steps=512")
+    task, settings = build_training_task(experiment.task), experiment.ppo
+    learner = ppo.init(task, settings, training_key(0))
+    like = jax.eval_shape(lambda: learner)
+    with compiled_updates({0: task}, settings, like) as updates:
+        trained = list(learners(updates, settings, learner))
+    assert [number for number, _, _ in trained] == [1, 2]
+    update = jax.jit(lambda learner: ppo.update(task, settings, learner))
+    expected, _ = update(update(learner)[0])
+    for ours, theirs in zip(
+        jax.tree.leaves(trained[-1][1].parameters),
+        jax.tree.leaves(expected.parameters),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(ours, theirs)
