@@ -13,7 +13,13 @@ from skystack.benchmarking.decisions import decision_figures
 from skystack.benchmarking.figures import Figure
 from skystack.benchmarking.simulator import simulator_figures
 from skystack.benchmarking.starting import starting_figures
-from skystack.benchmarking.training import SCENARIOS, SUCCESS, reaches_success, training_figures
+from skystack.benchmarking.training import (
+    SCENARIOS,
+    SUCCESS,
+    accelerator_figures,
+    reaches_success,
+    training_figures,
+)
 from skystack.cores import cores, processor_lines
 from skystack.learning.policy import package_versions
 
@@ -49,6 +55,7 @@ def measure_ourselves(effort: Effort, told: Callable[[str], None]) -> list[Figur
             (f"training, {name}", partial(alone, training_figures, name, effort.repetitions))
             for name in effort.trainings
         ),
+        ("training on a GPU", partial(alone, accelerator_figures, "lateral", effort.repetitions)),
         *[("time to success", partial(success_figures, effort.seeds))] * (effort.seeds > 0),
         ("decisions", partial(alone, decision_figures, SOONEST, effort.scenarios)),
     ]

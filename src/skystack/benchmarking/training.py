@@ -1,9 +1,12 @@
 """How fast training is, and how soon a policy is good."""
 
 import resource
+from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 
 from skystack.benchmarking.figures import Figure, rates
 from skystack.evaluation.rollout import most_probable, prepare
@@ -19,33 +22,53 @@ STEPS = 150_000
 SUCCESS, SCENARIOS = 0.95, 200
 CHECKED_EVERY = 10
 """Updates."""
+SEEDS_AT_ONCE = 32
+PEAK = "peak, whole process"
 
 
-def training_figures(experiment: str, repetitions: int) -> list[Figure]:
-    """Steps a second of an experiment's second phase, compilation not counted, and the memory."""
+def training_figures(experiment: str, repetitions: int, seeds: int = 1) -> list[Figure]:
+    """Steps a second of an experiment's second phase, compilation not counted, and the memory.
+
+    Several seeds are trained at once, by one program, and their steps added up.
+    """
     compile_for_one_core()
     chosen = load_experiment(experiment)
     settings, task = chosen.ppo, build_training_task(chosen.task)
-    learner = jax.jit(partial(ppo.init, task, settings))(training_key(0))
-    update = jax.jit(partial(ppo.update, task, settings))
+    init = jax.jit(partial(ppo.init, task, settings))
+    update: Callable[..., Any] = partial(ppo.update, task, settings)
+    learner = init(training_key(0))
+    if seeds > 1:
+        # Begun one by one: many QR decompositions at once can wait for each other for ever.
+        begun = [init(training_key(seed)) for seed in range(seeds)]
+        learner, update = jax.tree.map(lambda *leaves: jnp.stack(leaves), *begun), jax.vmap(update)
+    compiled = jax.jit(update)
     updates = -(-STEPS // settings.samples)
 
     def run() -> None:
         nonlocal learner
         for _ in range(updates):
-            learner, measured = update(learner)
+            learner, measured = compiled(learner)
             jax.device_get(measured)
 
-    found = rates(run, updates * settings.samples, repetitions)
+    found = rates(run, updates * settings.samples * seeds, repetitions)
     how = (
         f"settings of `{experiment}`: {settings.environments} environments, {settings.steps} steps,"
-        f" {settings.epochs} epochs, minibatches of {settings.minibatch}; one process"
+        f" {settings.epochs} epochs, minibatches of {settings.minibatch}; one process, on "
+        f"{jax.devices()[0].device_kind}"
     )
+    name = f"training, {experiment}" + f", {seeds} seeds at once" * (seeds > 1)
     megabytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return [
-        Figure(f"training, {experiment}", "steps/s", found, how),
-        Figure(f"memory while training, {experiment}", "MB", (megabytes,), "peak, whole process"),
+        Figure(name, "steps/s", found, how),
+        Figure(name.replace("training", "memory while training"), "MB", (megabytes,), PEAK),
     ]
+
+
+def accelerator_figures(experiment: str, repetitions: int) -> list[Figure]:
+    """Many seeds at once, where that is worth it: on a GPU. Nothing without one."""
+    if jax.default_backend() == "cpu":
+        return []
+    return training_figures(experiment, repetitions, SEEDS_AT_ONCE)
 
 
 def reaches_success(experiment: str, seed: int) -> bool:

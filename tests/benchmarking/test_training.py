@@ -1,0 +1,55 @@
+"""Trainings that are timed are trainings."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from skystack.benchmarking import training
+from skystack.learning import ppo
+from skystack.learning.experiment import load_experiment
+from skystack.seeds import training_key
+from skystack.tasks.build import build_training_task
+
+SMALL = ("ppo.environments=4", "ppo.steps=8", "ppo.minibatch=16", "ppo.epochs=2")
+
+
+@pytest.fixture
+def small(monkeypatch):
+    experiment = load_experiment("lateral", SMALL)
+    monkeypatch.setattr(training, "load_experiment", lambda name: experiment)
+    monkeypatch.setattr(training, "STEPS", 1)
+    return experiment
+
+
+def test_several_seeds_at_once_learn_what_each_would_alone(small):
+    task, settings = build_training_task(small.task), small.ppo
+    init, update = jax.jit(partial(ppo.init, task, settings)), partial(ppo.update, task, settings)
+    begun = [init(training_key(seed)) for seed in range(2)]
+    both = jax.tree.map(lambda *leaves: jnp.stack(leaves), *begun)
+    together, _ = jax.jit(jax.vmap(update))(both)
+    for seed, learner in enumerate(begun):
+        alone, _ = jax.jit(update)(learner)
+        for ours, theirs in zip(
+            jax.tree.leaves(together.parameters), jax.tree.leaves(alone.parameters), strict=True
+        ):
+            np.testing.assert_allclose(ours[seed], theirs, atol=2e-5)
+
+
+def test_figures_name_what_was_trained(small):
+    rate, memory = training.training_figures("lateral", 2, seeds=2)
+    assert (rate.name, rate.unit, len(rate.values)) == (
+        "training, lateral, 2 seeds at once",
+        "steps/s",
+        2,
+    )
+    assert "4 environments, 8 steps, 2 epochs, minibatches of 16" in rate.configuration
+    assert jax.devices()[0].device_kind in rate.configuration
+    assert memory.values[0] > 50.0
+
+
+def test_many_seeds_at_once_are_for_accelerators():
+    assert jax.default_backend() == "cpu"
+    assert training.accelerator_figures("lateral", 1) == []
