@@ -3,7 +3,8 @@
     python benchmarks/ablations.py EXPERIMENT [--seed N] [--out DIR]
 
 EXPERIMENT is one of those below. Prints a Markdown table as it grows: clearances, success and
-losses of separation on 1,000 held-out scenarios, stacked. What is in DIR is not trained again.
+losses of separation on 1,000 held-out scenarios, stacked. What is in DIR is not trained again; DIR
+may be the run of a `skystack reproduce`, which has the unchanged one.
 """
 
 import argparse
@@ -64,7 +65,7 @@ def ablate(name: str, seed: int, out: Path) -> None:
     )
     for number, (words, changes) in enumerate(ABLATIONS[name].items()):
         variant = load_experiment(name, changes)
-        variant = msgspec.structs.replace(variant, name=f"{name}-{number}")
+        variant = msgspec.structs.replace(variant, name=f"{name}-{number}" if changes else name)
         sys.stdout.write(f"| {words} | {_judged(variant, seed, out)} |\n")
         sys.stdout.flush()
 
