@@ -250,6 +250,7 @@ def _reproduce(options: argparse.Namespace) -> int:
     episodes = options.episodes or (QUICK_EPISODES if quick else 1000)
     words = ["skystack", "reproduce", *families]
     words += ["--seeds", str(options.seeds), "--episodes", str(episodes)]
+    words += ["--engine ray"] * (options.engine == "ray")
     words += ["--quick"] * quick + [f"--platform {name}" for name in options.platforms]
     command = " ".join(words)
     seeds, platforms = options.seeds, options.platforms

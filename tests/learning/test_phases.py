@@ -1,5 +1,7 @@
 """The phases of a training: which there are, and their programs."""
 
+from functools import partial
+
 import jax
 import numpy as np
 import pytest
@@ -28,6 +30,8 @@ def experiment_with(*changes):
         (513, 0, {0: "before", 3: "later"}),  # the update that it ends in is whole
         (1024, 0, {0: "before"}),  # never changes
         (1000, 3, {3: "before"}),
+        (512, 4, {}),  # all updates are made
+        (None, 4, {}),
     ],
 )
 def test_which_task_is_trained_on_from_which_update_on(pretraining, first, begins):
@@ -45,8 +49,8 @@ def test_compiled_beside_is_compiled_here():
     """The programs of the thread are those that the caller would have made."""
     experiment = experiment_with("ppo.total_steps=512")
     task, settings = build_training_task(experiment.task), experiment.ppo
-    learner = ppo.init(task, settings, training_key(0))
-    like = jax.eval_shape(lambda: learner)
+    init = jax.jit(partial(ppo.init, task, settings))
+    like, learner = jax.eval_shape(init, training_key(0)), init(training_key(0))
     with compiled_updates({0: task}, settings, like) as updates:
         trained = list(learners(updates, settings, learner))
     assert [number for number, _, _ in trained] == [1, 2]

@@ -11,11 +11,13 @@ import tempfile
 import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from skystack.errors import InputError, TrainingError
 from skystack.learning.experiment import load_experiment
+from skystack.learning.run import Progress
 from skystack.reproduction import cluster
 from skystack.reproduction.jobs import Job, trained_once
 from skystack.reproduction.plan import Plan
@@ -172,9 +174,51 @@ def test_checkpoints_are_news_once(experiment, tmp_path):
     assert news() == {}
 
 
+def test_a_checkpoint_that_comes_back_lands_after_its_metrics(experiment, tmp_path, monkeypatch):
+    plan = plan_of(experiment, tmp_path)
+    names = ["checkpoint/learner.safetensors", "config.toml", "metrics.jsonl"]
+    files = {f"train/lateral-s0/{name}": name.encode() for name in names}
+    progress = Progress(256, 1024, 1.0, {})
+    sent, heard, written = (
+        [(("lateral-s0", progress), files), (("lateral-s1", progress), {})],
+        [],
+        [],
+    )
+    queue = SimpleNamespace(qsize=lambda: 2, get_nowait_batch=lambda count: sent[:count])
+    write = cluster.write_aside
+    monkeypatch.setattr(
+        cluster, "write_aside", lambda path, data: (written.append(path.name), write(path, data))
+    )
+    cluster._hear(queue, plan, lambda name, progress: heard.append(name))
+    assert heard == ["lateral-s0", "lateral-s1"]
+    assert written == ["config.toml", "metrics.jsonl", "learner.safetensors"]
+    assert cluster._pack(plan, [tmp_path]) == files
+
+
+def test_a_job_whose_worker_always_dies_is_given_up(nodes, experiment, tmp_path, monkeypatch):
+    fatal = {"__name__": "__main__"}  # sent whole, since no worker could import it
+    exec("def die(*given):\n    import os\n    os.kill(os.getpid(), 9)", fatal)
+    monkeypatch.setattr(cluster, "_run", fatal["die"])
+    monkeypatch.setattr(cluster, "ATTEMPTS", 2)
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(TrainingError, match="lateral-s0: its worker died 2 times"):
+        cluster.run_on_cluster(plan_of(experiment, tmp_path, seeds=1), print, nodes[0])
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_whatever_else_fails_on_a_worker_is_one_line(nodes, experiment, tmp_path, monkeypatch):
+    fatal = {"__name__": "__main__"}
+    exec("def fail(*given):\n    raise ImportError('no skystack here')", fatal)
+    monkeypatch.setattr(cluster, "_run", fatal["fail"])
+    with pytest.raises(
+        TrainingError, match=r"^lateral-s0: failed .* ImportError: no skystack here$"
+    ):
+        cluster.run_on_cluster(plan_of(experiment, tmp_path, seeds=1), print, nodes[0])
+
+
 @pytest.mark.parametrize("address", ["127.0.0.1:9", "nonsense", "no.such.host.invalid:6379"])
 def test_where_no_cluster_is(address, experiment, tmp_path):
-    with pytest.raises(InputError, match=f"no Ray cluster at {address}"):
+    with pytest.raises(InputError, match=f"cannot join a Ray cluster at {address}"):
         cluster.run_on_cluster(plan_of(experiment, tmp_path), print, address)
 
 

@@ -23,7 +23,7 @@ SUCCESS, SCENARIOS = 0.95, 200
 CHECKED_EVERY = 10
 """Updates."""
 SEEDS_AT_ONCE = 32
-PEAK = "peak, whole process"
+PEAK = "peak, whole process, not counting a GPU's"
 
 
 def training_figures(experiment: str, repetitions: int, seeds: int = 1) -> list[Figure]:

@@ -19,8 +19,13 @@ Update = Callable[[ppo.Learner], tuple[ppo.Learner, dict[str, jax.Array]]]
 
 
 def phases(experiment: Experiment, task: Task, first: int) -> dict[int, Task]:
-    """The task to train on from an update on: pre-training's until its steps are done."""
+    """The task to train on from an update on: pre-training's until its steps are done.
+
+    Only what is still trained on after `first` updates.
+    """
     before, settings = experiment.pretraining, experiment.ppo
+    if first >= settings.updates:
+        return {}
     change = 0 if before is None else -(-before.steps // settings.samples)
     if before is None or change <= first:
         return {first: task}
@@ -36,13 +41,13 @@ def compiled_updates(
     """The program of each phase, made in a thread beside the caller's, the first one first.
 
     `like` has the learner's shapes and types; its arrays are not looked at. What is not begun when
-    the caller leaves is not made.
+    the caller leaves is not made; what is begun is waited for.
     """
     maker = ThreadPoolExecutor(1, thread_name_prefix="compile")
     try:
         yield {first: maker.submit(_compile, task, settings, like) for first, task in tasks.items()}
     finally:
-        maker.shutdown(wait=False, cancel_futures=True)
+        maker.shutdown(cancel_futures=True)
 
 
 def learners(

@@ -41,7 +41,7 @@ class Progress(NamedTuple):
     steps: int
     total_steps: int
     steps_per_s: float
-    """Since the first update, which compiles."""
+    """Since the first update, for which the program is compiled."""
     measured: dict[str, float | None]
 
 

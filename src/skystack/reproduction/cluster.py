@@ -1,14 +1,17 @@
 """Jobs on a Ray cluster, a core each, wherever there is one free (extra `[ray]`).
 
 Nothing is shared but what Ray carries: a job takes along the files that its piece has already,
-works in a folder of its own, and its files come back into the folder of the plan. Checkpoints come
-back while it trains, so that a worker that dies or an interruption costs a minute at most.
+works in a folder of its own, and its files come back into the folder of the plan when it is done.
+Checkpoints come back once a minute, so that a worker that dies or an interruption costs no more of
+a training.
 """
 
 import logging
 import os
+import signal
 import socket
 import tempfile
+import threading
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
@@ -40,6 +43,19 @@ def run_on_cluster(plan: Plan, report: Report, address: str | None = None) -> li
     TrainingError for a job whose worker dies every time.
     """
     ray = _connect(address)
+    running: dict[Any, Job] = {}
+    try:
+        return _run_all(ray, plan, report, running)
+    finally:
+        try:
+            for reference in running:
+                ray.cancel(reference, force=True)
+        finally:
+            ray.shutdown()
+
+
+def _run_all(ray: Any, plan: Plan, report: Report, running: dict[Any, Job]) -> list[Done]:
+    """`running` holds what the cluster works on, at any time."""
     jobs = jobs_of(plan)
     here = ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy(
         ray.get_runtime_context().get_node_id(), soft=False
@@ -48,32 +64,26 @@ def run_on_cluster(plan: Plan, report: Report, address: str | None = None) -> li
         actor_options={"num_cpus": 0, "scheduling_strategy": here, "max_concurrency": 1000}
     )
     submit = ray.remote(num_cpus=1, max_retries=0)(_run).remote
-    longest_first = sorted(jobs, key=lambda job: -job.experiment.ppo.total_steps)
-    running = {_submit(submit, job, messages): job for job in longest_first}
+    for job in sorted(jobs, key=lambda job: -job.experiment.ppo.total_steps):  # the longest first
+        running[_submit(submit, job, messages)] = job
     attempts = dict.fromkeys((job.name for job in jobs), 1)
     done: dict[str, Done] = {}
-    try:
-        while running:
-            ended, _ = ray.wait(list(running), timeout=WAIT_S)
-            _hear(messages, plan, report)
-            for reference in ended:
-                job = running.pop(reference)
-                try:
-                    done[job.name], files = ray.get(reference)
-                    _unpack(plan, files)
-                except ray.exceptions.RayTaskError as error:
-                    known = isinstance(error.cause, InputError | TrainingError)
-                    raise error.cause if known else error from None
-                except ray.exceptions.RayError as error:
-                    if attempts[job.name] == ATTEMPTS:
-                        raise _given_up(job, error) from None
-                    attempts[job.name] += 1
-                    running[_submit(submit, job, messages)] = job
-        return [done[job.name] for job in jobs]
-    finally:
-        for reference in running:
-            ray.cancel(reference, force=True)
-        ray.shutdown()
+    while running:
+        ended, _ = ray.wait(list(running), timeout=WAIT_S)
+        _hear(messages, plan, report)
+        for reference in ended:
+            job = running.pop(reference)
+            try:
+                done[job.name], files = ray.get(reference)
+                _unpack(plan, files)
+            except ray.exceptions.RayTaskError as error:
+                raise _told(job, error.cause) from None
+            except ray.exceptions.RayError as error:
+                if attempts[job.name] == ATTEMPTS:
+                    raise _given_up(job, error) from None
+                attempts[job.name] += 1
+                running[_submit(submit, job, messages)] = job
+    return [done[job.name] for job in jobs]
 
 
 def _connect(address: str | None) -> Any:
@@ -86,15 +96,20 @@ def _connect(address: str | None) -> Any:
     import ray.util.scheduling_strategies  # noqa: PLC0415
 
     wanted = address or os.environ.get("RAY_ADDRESS") or "auto"
+    main = threading.current_thread() is threading.main_thread()
+    terminated = signal.getsignal(signal.SIGTERM)
     try:
         _knock(wanted)
         ray.init(address=wanted, log_to_driver=False, logging_level=logging.CRITICAL)
     except (RuntimeError, ValueError, OverflowError, OSError) as error:
         reason = str(error).strip().partition("\n")[0]
         raise InputError(
-            f"no Ray cluster at {wanted} (allowed: HOST:PORT of one started with "
-            f"`ray start --head`): {reason}"
+            f"cannot join a Ray cluster at {wanted} (allowed: HOST:PORT of one started with "
+            f"`ray start --head` and joined by this machine): {reason}"
         ) from None
+    finally:
+        if main:
+            signal.signal(signal.SIGTERM, terminated)  # Ray sets its own
     return ray
 
 
@@ -161,10 +176,19 @@ def _read(plan: Plan, paths: Iterable[Path]) -> Files:
 
 
 def _unpack(plan: Plan, files: Files) -> None:
-    for name, data in files.items():
+    # A checkpoint after its metrics, which must hold at least its updates.
+    for name, data in sorted(files.items(), key=lambda file: "/checkpoint/" in file[0]):
         path = plan.out / name
         make_folder(path.parent)
         write_aside(path, data)
+
+
+def _told(job: Job, error: Exception) -> Exception:
+    """What a job failed of, as it would be told here."""
+    if isinstance(error, InputError | TrainingError):
+        return error
+    reason = str(error).strip().rpartition("\n")[2]
+    return TrainingError(f"{job.name}: failed on its worker: {type(error).__name__}: {reason}")
 
 
 def _given_up(job: Job, error: Exception) -> TrainingError:
