@@ -23,7 +23,7 @@ import skystack
 from skystack.errors import InputError, TrainingError
 from skystack.files import make_folder, write_aside
 from skystack.programs import compile_for_one_core
-from skystack.reproduction.jobs import Done, Job, Message, Report, jobs_of, run_job
+from skystack.reproduction.jobs import Done, Job, Message, Report, jobs_of, longest_first, run_job
 from skystack.reproduction.plan import Plan
 
 ATTEMPTS = 5
@@ -64,7 +64,7 @@ def _run_all(ray: Any, plan: Plan, report: Report, running: dict[Any, Job]) -> l
         actor_options={"num_cpus": 0, "scheduling_strategy": here, "max_concurrency": 1000}
     )
     submit = ray.remote(num_cpus=1, max_retries=0)(_run).remote
-    for job in sorted(jobs, key=lambda job: -job.experiment.ppo.total_steps):  # the longest first
+    for job in longest_first(jobs):
         running[_submit(submit, job, messages)] = job
     attempts = dict.fromkeys((job.name for job in jobs), 1)
     done: dict[str, Done] = {}

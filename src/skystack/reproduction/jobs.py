@@ -4,7 +4,7 @@ Which process runs it, and where, is the business of `processes` and `cluster`.
 """
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -81,6 +81,11 @@ def jobs_of(plan: Plan) -> list[Job]:
     return [
         Job(plan, experiment, seed) for seed in range(plan.seeds) for experiment in plan.experiments
     ]
+
+
+def longest_first(jobs: Iterable[Job]) -> list[Job]:
+    """The order to begin them in: it keeps all cores busy to the end."""
+    return sorted(jobs, key=lambda job: -job.experiment.ppo.total_steps)
 
 
 def run_job(job: Job, put: Callable[[Message], None]) -> Done:

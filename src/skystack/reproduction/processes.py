@@ -8,7 +8,7 @@ from threading import Thread
 from typing import Any
 
 from skystack.cores import cores
-from skystack.reproduction.jobs import Done, Job, Report, jobs_of, run_job
+from skystack.reproduction.jobs import Done, Job, Report, jobs_of, longest_first, run_job
 from skystack.reproduction.plan import Plan
 
 Messages = Any
@@ -30,9 +30,7 @@ def run_in_processes(plan: Plan, report: Report) -> list[Done]:
             min(len(cores()), len(jobs)), context, initializer=_pin, initargs=(free_cores,)
         )
         try:
-            # The longest first keeps all cores busy to the end.
-            longest_first = sorted(jobs, key=lambda job: -job.experiment.ppo.total_steps)
-            futures = {job.name: pool.submit(_run, job, messages) for job in longest_first}
+            futures = {job.name: pool.submit(_run, job, messages) for job in longest_first(jobs)}
             return [futures[job.name].result() for job in jobs]
         except BaseException:
             _stop_workers()
