@@ -17,11 +17,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent
 ENVIRONMENT = ROOT / ".venv"
 PYTHON = ENVIRONMENT / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-EXTRAS = {
-    "reproduce": (),
-    "test": ("test", "bluebird", "bluesky", "ray"),
-    "check": ("test", "bluebird", "bluesky", "ray"),
-}
+_ALL = ("test", "bluebird", "bluesky", "docs", "onnx", "pettingzoo", "ray", "sb3", "tensorboard")
+EXTRAS = {"reproduce": (), "test": _ALL, "check": _ALL}
 """What each verb needs beside the package itself."""
 
 
