@@ -4,10 +4,8 @@ import copy
 import json
 from pathlib import Path
 
-from skystack.airspace.xplus import x_plus
 from skystack.simulator.scenario_file import load_scenario
 
-SECTORS = {"x-plus": x_plus}
 EXAMPLES = Path(__file__).parents[1] / "examples"
 NORTHBOUND = ["HERON", "CRANE", "EGL", "MACAW", "QUAIL", "SWIFT"]
 
@@ -39,4 +37,4 @@ def changed(where, value):
 def load(scenario, folder):
     path = folder / "scenario.json"
     path.write_text(scenario if isinstance(scenario, str) else json.dumps(scenario))
-    return load_scenario(path, SECTORS)
+    return load_scenario(path)

@@ -15,6 +15,7 @@ from skystack.benchmarking import run as benchmarking
 from skystack.benchmarking.figures import Figure
 from skystack.benchmarking.peers import Peer
 from skystack.cli import main
+from skystack.evaluation.stored import stored_scenario
 from skystack.reproduction import cluster
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -39,7 +40,7 @@ def test_list_names_everything(capsys):
         found["experiments"]
     )
     assert set(found["policies"]) <= set(found["experiments"])
-    assert found["sectors"] == ["x-plus"]
+    assert found["sectors"] == ["x-plus", "crossing", "highland", "merge"]
     code, out, _ = run(capsys, "list")
     assert "lateral-undamped" in out
 
@@ -77,8 +78,41 @@ def test_train_then_evaluate_the_run(capsys, tmp_path):
     assert json.loads(out)["rows"][0]["experiment"] == "lateral-large"
 
 
+def test_a_sector_of_ones_own_in_every_command(capsys, tmp_path):
+    """Train in it by its file, judge there and elsewhere, read it back from the tables, fly it."""
+    folder = EXAMPLES / "own-sector"
+    out = tmp_path / "run"
+    code, _, _ = run(capsys, "train", str(folder / "valley.toml"), "--out", str(out), *SMALL)
+    assert code == 0
+    few = ["--episodes", "3", "--json"]
+    code, _, _ = run(capsys, "evaluate", str(out), *few, "--out", str(tmp_path / "e"))
+    assert code == 0
+    (tables,) = (tmp_path / "e").iterdir()
+    scenario = stored_scenario(tables, 1)
+    assert scenario.sector.name == "valley"
+    assert {one.route[0] for one in scenario.aircraft} <= {"GATEN", "GATEW", "GATEO"}
+    code, _, _ = run(capsys, "simulate", str(folder / "meeting.json"), "--json")
+    assert code == 0
+    code, _, err = run(capsys, "evaluate", str(out), *few, "--sector", "merg")
+    assert (code, err.count("\n")) == (2, 1)
+
+
+@pytest.mark.parametrize("sector", ["crossing", "highland", "merge"])
+def test_policies_train_in_the_sectors_that_ship(capsys, tmp_path, sector):
+    """At small budget; judged in another sector too, where they see the same."""
+    out = str(tmp_path / "run")
+    change = ["--set", f"task.sector={sector}"]
+    assert run(capsys, "train", "lateral-best", "--out", out, *SMALL, *change)[0] == 0
+    few = ["--episodes", "3", "--json", "--out", str(tmp_path / "e")]
+    code, printed, _ = run(capsys, "evaluate", out, *few, "--sector", "x-plus")
+    assert code == 0
+    assert json.loads(printed)["rows"][0]["episodes"] == 3
+    (tables,) = (tmp_path / "e").iterdir()
+    assert stored_scenario(tables, 0).sector.name == "x-plus"
+
+
 def test_simulate_the_examples(capsys, tmp_path):
-    for example in sorted(EXAMPLES.glob("*.json")):
+    for example in sorted(EXAMPLES.glob("*.json")) + sorted(EXAMPLES.glob("*/meeting.json")):
         target = tmp_path / "trajectories.parquet"
         code, out, _ = run(capsys, "simulate", str(example), "-o", str(target), "--json")
         assert code == 0
@@ -381,6 +415,7 @@ def test_help_needs_no_jax():
     program = """
 import sys
 from skystack.cli import main
+from skystack.evaluation.stored import stored_scenario
 try:
     main(["--help"])
 except SystemExit:

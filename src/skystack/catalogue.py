@@ -6,6 +6,7 @@ from typing import Any
 
 from rich.table import Table
 
+from skystack.airspace.sectors import sector_names
 from skystack.errors import unknown_name
 from skystack.evaluation.paper import paper_row
 from skystack.learning.experiment import experiment_names, load_experiment
@@ -13,7 +14,7 @@ from skystack.learning.policy import Policy, load_policy
 from skystack.measured import read_measured
 from skystack.reporting.tables import NOTHING, mean_and_std, percent
 from skystack.simulator.performance import PERFORMANCE
-from skystack.tasks.build import SECTORS, TASKS
+from skystack.tasks.build import TASKS
 
 SHIPPED = Path(str(files("skystack").joinpath("policies")))
 
@@ -46,7 +47,7 @@ def catalogue() -> dict[str, Any]:
     return {
         "experiments": {each.name: each.description for each in experiments},
         "tasks": list(TASKS),
-        "sectors": list(SECTORS),
+        "sectors": sector_names(),
         "performance": list(PERFORMANCE),
         "policies": {name: _policy(name) for name in shipped_policies()},
     }

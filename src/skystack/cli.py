@@ -174,6 +174,9 @@ def _build_parser() -> argparse.ArgumentParser:
     sub.add_argument(
         "--out", type=Path, metavar="DIR", help="where a folder of tables (Parquet) is made"
     )
+    sub.add_argument(
+        "--sector", metavar="NAME", help="another sector (see list) or a sector file (.json)"
+    )
     platform(sub)
 
     sub = verb("simulate", "fly a scenario file", _simulate)
@@ -322,6 +325,7 @@ def _train(options: argparse.Namespace) -> int:
 
 
 def _evaluate(options: argparse.Namespace) -> int:
+    from skystack.airspace.sectors import named_or_read
     from skystack.catalogue import find_policy
     from skystack.console import count_scenarios, output, prose
     from skystack.evaluation.judge import Conditions, judge
@@ -338,6 +342,7 @@ def _evaluate(options: argparse.Namespace) -> int:
         greedy=not options.sample,
         platform=options.platform,
         time_limit_s=options.time_limit,
+        sector=named_or_read(options.sector) if options.sector else None,
     )
     policy = find_policy(options.policy)
     compile_for_one_core()

@@ -8,7 +8,6 @@ from skystack.files import write_aside
 from skystack.platforms.bluesky_scenario import scenario_text
 from skystack.platforms.registry import said_of
 from skystack.simulator.scenario_file import Scenario, load_scenario
-from skystack.tasks.build import SECTORS
 
 
 def export_scenario(source: Path, number: int | None, output: Path) -> list[str]:
@@ -34,4 +33,4 @@ def _scenario(source: Path, number: int | None) -> Scenario:
         return stored_scenario(source, number or 0)
     if number is not None:
         raise InputError(f"--scenario is {number} (allowed: only with the folder of an evaluation)")
-    return load_scenario(source, SECTORS)
+    return load_scenario(source)

@@ -22,7 +22,6 @@ from skystack.platforms.registry import (
     said_of,
 )
 from skystack.simulator.scenario_file import Scenario, load_scenario
-from skystack.tasks.build import SECTORS
 
 
 def simulate_file(
@@ -35,7 +34,7 @@ def simulate_file(
     written; PlatformError when the platform fails.
     """
     check_platform(platform)
-    scenario = load_scenario(path, SECTORS)
+    scenario = load_scenario(path)
     if output is not None and not output.parent.is_dir():
         raise InputError(f"{output}: the folder {output.parent} does not exist")
     flight = _fly(path, scenario, platform, time_limit_s)

@@ -1,12 +1,18 @@
 """Experiments: those that ship, changes to them, and what is refused."""
 
 import tomllib
+from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
+from skystack.airspace.sector_file import SectorEntry
 from skystack.errors import InputError
 from skystack.learning.experiment import experiment_names, load_experiment, to_toml
+from skystack.tasks.build import build_task
 from skystack.tasks.settings import PAPER_FEATURES
+
+LATERAL = load_experiment("lateral")
 
 
 @pytest.mark.parametrize("name", experiment_names())
@@ -133,3 +139,42 @@ def test_files_that_are_no_experiments(tmp_path):
         load_experiment(str(path))
     with pytest.raises(InputError, match="cannot be read"):
         load_experiment(str(tmp_path / "missing.toml"))
+
+
+OWN_SECTOR = Path(__file__).parents[2] / "examples" / "own-sector"
+
+
+def test_an_experiment_takes_the_sector_of_a_file_along(tmp_path):
+    """The file's name counts from the experiment's folder; afterwards the file is not needed."""
+    experiment = load_experiment(str(OWN_SECTOR / "valley.toml"))
+    assert build_task(experiment.task).simulator.sector.name == "valley"
+    path = tmp_path / "alone.toml"
+    path.write_bytes(to_toml(experiment))
+    assert load_experiment(str(path)) == experiment
+
+
+def test_a_sector_set_on_the_command_line_counts_from_where_one_is(monkeypatch):
+    monkeypatch.chdir(OWN_SECTOR)
+    experiment = load_experiment("lateral", ["task.sector=valley.json"])
+    assert experiment.task == replace(LATERAL.task, sector=experiment.task.sector)
+    assert isinstance(experiment.task.sector, SectorEntry)
+    assert load_experiment("lateral", ["task.sector=merge"]).task.sector == "merge"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("task.sector=merg", "task.sector: unknown sector 'merg'; did you mean 'merge'?"),
+        ("task.sector=merg.json", "task.sector: merg.json: cannot be read"),
+        ("task.sector.name=x", "experiment lateral: task.sector"),
+    ],
+)
+def test_a_sector_that_is_none_is_refused(change, message):
+    with pytest.raises(InputError) as error:
+        load_experiment("lateral", [change])
+    assert str(error.value).startswith(message)
+
+
+def test_more_aircraft_than_first_fixes_are_refused():
+    with pytest.raises(InputError, match="each needs a first fix of its own and merge has 3"):
+        load_experiment("lateral", ["task.sector=merge", "task.aircraft=4"])

@@ -1,5 +1,6 @@
 """BluebirdDT behind the protocol: the documented delay, no traces, nothing carried over."""
 
+import re
 import subprocess
 import sys
 
@@ -8,13 +9,14 @@ import pytest
 
 pytest.importorskip("bluebird_dt")
 
+from skystack.airspace.sectors import sector_named
 from skystack.errors import InputError, PlatformError
 from skystack.platforms.bluebird import Bluebird
 from skystack.platforms.flight import fly_scenario
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.protocol import Platform
 from skystack.simulator.scenario_file import load_scenario
-from tests.scenarios import EXAMPLES, MINIMAL, SECTORS, changed, load
+from tests.scenarios import EXAMPLES, MINIMAL, changed, load
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +31,7 @@ def test_it_is_a_platform(platform):
 @pytest.mark.parametrize("performance", ["table", "constant"])
 def test_the_reference_rollout_comes_out_as_measured(platform, performance, tmp_path):
     """Last rows as they were measured on the package itself, without this adapter."""
-    scenario = load_scenario(EXAMPLES / "reference.json", SECTORS)
+    scenario = load_scenario(EXAMPLES / "reference.json")
     scenario = scenario.__class__(**vars(scenario) | {"performance": performance})
     last = fly_scenario(platform, scenario).reports[300]
     expected = {
@@ -56,7 +58,7 @@ def test_heading_and_level_of_one_transmission_are_both_obeyed(platform, tmp_pat
 
 def test_a_scenario_is_flown_the_same_after_another(platform, tmp_path):
     first = load(MINIMAL, tmp_path)
-    other = load_scenario(EXAMPLES / "climb.json", SECTORS)
+    other = load_scenario(EXAMPLES / "climb.json")
     flights = [fly_scenario(platform, scenario).reports for scenario in (first, other, first)]
     np.testing.assert_array_equal(flights[0], flights[2])
 
@@ -74,10 +76,9 @@ from pathlib import Path
 from skystack.platforms.flight import fly_scenario
 from skystack.platforms.registry import open_platform
 from skystack.simulator.scenario_file import load_scenario
-from skystack.tasks.build import SECTORS
 import sys
 platform = open_platform("bluebird", Path("work"))
-fly_scenario(platform, load_scenario(Path(sys.argv[1]), SECTORS))
+fly_scenario(platform, load_scenario(Path(sys.argv[1])))
 platform.close()
 """
 
@@ -97,3 +98,31 @@ def test_it_prints_nothing_and_leaves_no_file(tmp_path):
     )
     assert (done.stdout, done.stderr) == ("", "")
     assert list(home.iterdir()) == list(here.iterdir()) == []
+
+
+def test_its_sectors_are_read_from_it():
+    """Ours is made from the paper's parameters, theirs comes out of BluebirdDT: the same sector."""
+    theirs, ours = sector_named("bluebird:Xplus-Sector"), sector_named("x-plus")
+    assert set(theirs.routes) == set(ours.routes)
+    assert theirs.levels_fl == ours.levels_fl
+    for fix, place in ours.fixes.items():
+        assert np.allclose(theirs.fixes[fix], place, rtol=0.0, atol=1e-12)
+    assert np.allclose(sorted(theirs.area), sorted(ours.area), rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "routes"), [("I-Sector", 2), ("Y-Sector", 6), ("X-Sector", 12)])
+def test_its_smaller_sectors_can_be_flown_in(name, routes):
+    assert len(sector_named(f"bluebird:{name}").routes) == routes
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("X-sector", "unknown sector of BluebirdDT 'X-sector'; did you mean 'X-Sector'?"),
+        ("Two Sector", "BluebirdDT's Two Sector: routes[0]: starts or ends at SANTA inside"),
+        ("Springfield", "BluebirdDT's Springfield: routes[2]: its exit SMUDJ is not on an edge"),
+    ],
+)
+def test_what_is_not_one_sector_is_refused(name, message):
+    with pytest.raises(InputError, match=re.escape(message)):
+        sector_named(f"bluebird:{name}")

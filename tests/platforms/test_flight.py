@@ -11,7 +11,7 @@ from skystack.platforms.flight import flight_rows, fly_scenario
 from skystack.platforms.own import Skystack
 from skystack.platforms.phraseology import written
 from skystack.simulator.scenario_file import load_scenario
-from tests.scenarios import EXAMPLES, MINIMAL, SECTORS, changed, load
+from tests.scenarios import EXAMPLES, MINIMAL, changed, load
 
 TANGENT_PLANE_NM = 0.04
 """How far the tangent plane may be off BluebirdDT's ellipsoid 140 to 190 NM from the origin."""
@@ -66,7 +66,7 @@ def off_nm(columns, aircraft, lat, lon):
 
 
 def test_the_reference_starts_three_miles_from_its_fix():
-    scenario = load_scenario(EXAMPLES / "reference.json", SECTORS)
+    scenario = load_scenario(EXAMPLES / "reference.json")
     second = scenario.aircraft[1]
     bearing, distance = geodesic_leg(scenario.sector.fixes["PEL"], (second.lat, second.lon))
     assert bearing == pytest.approx(200.0, abs=1e-4)
@@ -91,7 +91,7 @@ def test_the_reference_rollout_agrees_with_bluebird_on_the_table(tmp_path):
 
 
 def test_the_climb_agrees_with_bluebird():
-    columns = flown(load_scenario(EXAMPLES / "climb.json", SECTORS))
+    columns = flown(load_scenario(EXAMPLES / "climb.json"))
     assert columns["cleared_fl"][[2, 3], 0].tolist() == [100.0, 300.0]
     assert columns["fl"][[3, 4, 83], 0].tolist() == [100.0, 102.5, 300.0]
     assert columns["fl"][82, 0] < 300.0
@@ -104,7 +104,7 @@ def test_the_climb_agrees_with_bluebird():
 
 
 def test_the_head_on_pair_keeps_apart():
-    scenario = load_scenario(EXAMPLES / "head-on.json", SECTORS)
+    scenario = load_scenario(EXAMPLES / "head-on.json")
     columns = flown(scenario)
     east, north = scenario.sector.plane.to_plane(columns["lat"], columns["lon"]).T
     apart_nm = np.hypot(east[0] - east[1], north[0] - north[1])
@@ -147,7 +147,7 @@ def test_a_type_that_nobody_has_measured_is_refused(tmp_path):
 
 
 def test_a_platform_flies_a_scenario_the_same_after_another(tmp_path):
-    first, other = load(MINIMAL, tmp_path), load_scenario(EXAMPLES / "climb.json", SECTORS)
+    first, other = load(MINIMAL, tmp_path), load_scenario(EXAMPLES / "climb.json")
     platform = Skystack()
     flights = [fly_scenario(platform, scenario) for scenario in (first, other, first)]
     np.testing.assert_array_equal(flights[0].reports, flights[2].reports)

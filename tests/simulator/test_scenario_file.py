@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
-from skystack.simulator.scenario_file import MAX_BYTES, GivenClearance, load_scenario
-from tests.scenarios import MINIMAL, SECTORS, changed, load
+from skystack.json_file import MAX_BYTES
+from skystack.simulator.scenario_file import GivenClearance, load_scenario
+from tests.scenarios import MINIMAL, changed, load
 
 A1, C0 = ("aircraft", 1), ("clearances", 0)
 ONE_AIRCRAFT = MINIMAL["aircraft"][0]
@@ -30,7 +31,11 @@ REFUSED = [
     ((*A1, "own_navigation"), 1, "aircraft[1].own_navigation is 1 (allowed: true or false)"),
     ((*C0, "heading_deg"), 35.5, "clearances[0].heading_deg is 35.5 (allowed: whole number)"),
     # The sector and the aircraft's names.
-    (("sector",), "xplus", "sector: unknown sector 'xplus'; did you mean 'x-plus'? (allowed: x"),
+    (
+        ("sector",),
+        "xplus",
+        "sector: unknown sector 'xplus'; did you mean 'x-plus'? (allowed: crossing, ",
+    ),
     (("performance",), "tabel", "performance: unknown performance model 'tabel'; did you mean 't"),
     (
         (*A1, "route", 2),
@@ -120,7 +125,7 @@ def test_a_file_that_is_no_scenario_is_refused(data, message, tmp_path):
     path = tmp_path / "scenario.json"
     path.write_bytes(data)
     with pytest.raises(InputError) as error:
-        load_scenario(path, SECTORS)
+        load_scenario(path)
     assert str(error.value).startswith(f"{path}: {message}")
 
 
@@ -141,7 +146,7 @@ def test_a_number_beyond_floating_point_is_refused(number, message, tmp_path):
 def test_a_file_that_is_not_there_is_refused(tmp_path):
     for path, why in [(tmp_path / "no.json", "No such file"), (tmp_path, "Is a directory")]:
         with pytest.raises(InputError) as error:
-            load_scenario(path, SECTORS)
+            load_scenario(path)
         assert str(error.value).startswith(f"{path}: cannot be read ({why}")
 
 
@@ -166,7 +171,7 @@ def test_any_value_anywhere_is_taken_or_refused_in_one_line(tmp_path_factory, wh
     path = tmp_path_factory.getbasetemp() / "any.json"
     path.write_text(json.dumps(changed(where, value)))
     try:
-        scenario = load_scenario(path, SECTORS)
+        scenario = load_scenario(path)
     except InputError as error:
         assert len(str(error).splitlines()) == 1  # noqa: PT017
     else:
@@ -203,7 +208,7 @@ def test_what_is_given_is_kept(tmp_path):
 def test_a_byte_order_mark_is_no_mistake(tmp_path):
     path = tmp_path / "scenario.json"
     path.write_text(json.dumps(MINIMAL), encoding="utf-8-sig")
-    assert load_scenario(path, SECTORS).cycles == 12
+    assert load_scenario(path).cycles == 12
 
 
 def told(tmp_path, *entries):
@@ -249,5 +254,5 @@ def test_every_whole_heading_is_cleared_as_it_is(tmp_path_factory, heading_deg, 
     path = tmp_path_factory.getbasetemp() / "heading.json"
     one = {"cycle": 0, "callsign": "AC2", "heading_deg": heading_deg, "turn": turn}
     path.write_text(json.dumps(changed(C0, one)))
-    transmissions = load_scenario(path, SECTORS).transmissions()
+    transmissions = load_scenario(path).transmissions()
     assert transmissions == {0: [GivenClearance(0, "AC2", heading_deg, turn)]}

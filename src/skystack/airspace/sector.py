@@ -14,6 +14,9 @@ from skystack.errors import InputError, unknown_name
 
 LatLon = tuple[float, float]
 
+MAX_DISTANCE_NM = 250.0
+"""Nothing lies further from a sector's origin: the plane is no map of the world."""
+
 
 class RouteTable(NamedTuple):
     """All routes of a sector as arrays, shorter ones padded with their last fix; float32, NM."""
@@ -87,11 +90,12 @@ class Sector:
                 [self.first_heading_deg(route) for route in self.routes], dtype=np.float32
             ),
             exit_edge_nm=np.array(
-                [self._edge_through(route[-2]) for route in self.routes], dtype=np.float32
+                [self.edge_through(route[-2]) for route in self.routes], dtype=np.float32
             ),
         )
 
-    def _edge_through(self, fix: str) -> Float[np.ndarray, "2 2"]:
+    def edge_through(self, fix: str) -> Float[np.ndarray, "2 2"]:
+        """The edge of the area nearest to a fix: its two ends in the plane, counter-clockwise."""
         point, start = self.fixes_nm[fix], self.area_nm
         edge = np.roll(start, -1, axis=0) - start
         along = np.sum((point - start) * edge, axis=1) / np.sum(edge * edge, axis=1)

@@ -7,8 +7,10 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+import msgspec
 import pyarrow as pa
 
+from skystack.airspace.sector_file import SectorEntry
 from skystack.errors import InputError
 from skystack.evaluation.elsewhere import FlownElsewhere, Job, fly_elsewhere
 from skystack.evaluation.rollout import NOBODY, Controller, fly, network_controller
@@ -37,6 +39,8 @@ class Conditions(NamedTuple):
     platform: str = OWN
     time_limit_s: float = TIME_LIMIT_S
     """For one scenario on another platform."""
+    sector: str | SectorEntry | None = None
+    """Another sector than the one that it was trained in."""
 
 
 class Judged(NamedTuple):
@@ -49,15 +53,19 @@ class Judged(NamedTuple):
     """Scenarios that the platform did not finish, and why; they are in neither."""
 
 
-def task_of(policy: Policy) -> NavigationTask:
-    """The task that a policy was trained for, as it is flown.
+def task_of(policy: Policy, sector: str | SectorEntry | None = None) -> NavigationTask:
+    """The task that a policy was trained for, as it is flown; in another sector if one is given.
 
-    Raises InputError when this version's task is another one than the policy's.
+    Raises InputError when this version's task is another one than the policy's, or cannot be flown
+    in that sector.
     """
     described = policy.description
     where = f"policy {described.experiment}-s{described.seed}"
     experiment: Experiment = experiment_from(described.config, where)
-    task = build_task(experiment.task)
+    settings = experiment.task
+    if sector is not None:
+        settings = msgspec.structs.replace(settings, sector=sector)
+    task = build_task(settings)
     if (described.task_name, described.task_version) != (task.name, task.version):
         raise InputError(
             f"{where} was trained for task {described.task_name} version "
@@ -80,7 +88,7 @@ def judge(
     platform that is not there, PlatformError when it finishes no scenario.
     """
     check_platform(conditions.platform)
-    described, task = policy.description, task_of(policy)
+    described, task = policy.description, task_of(policy, conditions.sector)
     controller = partial(network_controller, policy.actor, policy.normaliser, conditions.greedy)
     name, seed = described.experiment, described.seed
     return _judge(name, seed, task, controller, conditions, out, on_scenario)

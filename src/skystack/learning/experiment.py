@@ -9,7 +9,9 @@ from typing import Any
 import msgspec
 import tomli_w
 
+from skystack.airspace.sectors import named_or_read
 from skystack.errors import InputError, unknown_name
+from skystack.json_file import inside
 from skystack.learning.settings import PPOSettings, Pretraining
 from skystack.tasks.build import build_task
 from skystack.tasks.settings import TaskSettings
@@ -53,9 +55,19 @@ def load_experiment(name: str, changes: Iterable[str] = ()) -> Experiment:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{where}: not TOML: {error}") from None
+    _read_sector(values, Path(name).parent)
     for change in changes:
         _set(values, change)
+    _read_sector(values, Path())
     return experiment_from(values, where)
+
+
+def _read_sector(values: dict[str, Any], folder: Path) -> None:
+    """Put the sector of a file in the place of its name: an experiment is whole by itself."""
+    task = values.get("task")
+    if isinstance(task, dict) and isinstance(task.get("sector"), str):
+        with inside("task.sector"):
+            task["sector"] = msgspec.to_builtins(named_or_read(task["sector"], folder))
 
 
 def experiment_from(values: Mapping[str, Any], where: str) -> Experiment:

@@ -7,16 +7,21 @@ Needs `bluebird-dt` (the extra `[bluebird]`, AGPL); this module alone imports it
 
 import json
 import logging
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bluebird_dt.airspace_generator.airspace_loader import AirspaceLoader
 from bluebird_dt.core import Airspace, Area, Fixes, Pos2D, Pos3D, Route, Sector, Volume
 from bluebird_dt.predictor import LinearPredictor, SimplePredictor
 from bluebird_dt.scenario_manager.custom import Custom
 from bluebird_dt.utility.paths import AIRCRAFT_WEIGHT_MAPPING_FILE
 
-from skystack.errors import PlatformError
+from skystack.airspace.sector import Sector as OurSector
+from skystack.airspace.sector_file import Point, SectorEntry, make_sector
+from skystack.errors import InputError, PlatformError, unknown_name
+from skystack.json_file import inside
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.languages import bluebird_actions
 from skystack.platforms.protocol import Report, check_types
@@ -154,3 +159,30 @@ def _airspace(scenario: Scenario) -> Any:
     volume = Volume(area, *sector.levels_fl)
     fixes = Fixes({name: Pos2D(lat, lon) for name, (lat, lon) in sector.fixes.items()})
     return Airspace({sector.name: Sector([volume])}, fixes)
+
+
+def sector_named(name: str) -> OurSector:
+    """A sector of BluebirdDT's own, read from it now: area, levels, fixes and routes.
+
+    Raises InputError for a name that it does not know, and for an airspace of several volumes or
+    with routes that do not lead through one area.
+    """
+    if name not in AirspaceLoader.list_airspaces():
+        raise unknown_name("sector of BluebirdDT", name, AirspaceLoader.list_airspaces())
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of shapely, for its authors
+        airspace, routes, sector_name = AirspaceLoader.load(name)
+    volumes = airspace.sectors[sector_name].volumes
+    with inside(f"BluebirdDT's {name}"):
+        if len(volumes) != 1:
+            raise InputError(f"has {len(volumes)} volumes (allowed: 1)")
+        corners = [(at.lon, at.lat) for at in volumes[0].area.boundary_vertices]
+        fixes = {fix: Point(at.lat, at.lon) for fix, at in airspace.fixes.places.items()}
+        entry = SectorEntry(
+            name=f"bluebird:{name}",
+            levels_fl=(int(volumes[0].min_fl), int(volumes[0].max_fl)),
+            area={"type": "Polygon", "coordinates": [corners]},
+            fixes=fixes,
+            routes=tuple(tuple(route.filed) for route in routes),
+        )
+        return make_sector(entry)

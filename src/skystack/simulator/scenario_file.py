@@ -3,28 +3,23 @@
 `docs/formats.md` (section "Scenario file") describes the fields.
 """
 
-import json
-import re
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import jax.numpy as jnp
 import msgspec
 import numpy as np
 from msgspec import Meta
 
-from skystack.airspace.sector import Sector
+from skystack.airspace.sector import MAX_DISTANCE_NM, Sector
+from skystack.airspace.sectors import find_sector
 from skystack.errors import InputError, unknown_name
+from skystack.json_file import convert, inside, not_allowed, read_json
 from skystack.simulator.performance import performance as performance_named
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import Traffic, start, ticks
 
-MAX_BYTES = 10_000_000
-MAX_DISTANCE_NM = 250.0
-"""Aircraft further from the sector's origin are refused: the plane is no map of the world."""
 DEFAULT_TYPE = "B753"
 TURNS = ("shortest", "left", "right")
 
@@ -60,7 +55,8 @@ class _AircraftEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class _FileEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The whole file as it stands."""
 
-    sector: Name
+    sector: Annotated[str, Meta(max_length=200)]
+    """A name, or a sector file in the scenario's folder."""
     cycles: Annotated[int, Meta(ge=1, le=10_000)]
     aircraft: Annotated[tuple[_AircraftEntry, ...], Meta(min_length=1, max_length=200)]
     levels_fl: tuple[Level, Level] | None = None
@@ -137,82 +133,6 @@ class Scenario:
         return {cycle: list(told.values()) for cycle, told in sorted(merged.items())}
 
 
-def load_scenario(path: Path, sectors: Mapping[str, Callable[[], Sector]]) -> Scenario:
-    """The scenario of a JSON file, checked.
-
-    `sectors` are the sectors that a file may name. Raises InputError for a file that cannot be
-    read or flown: one line with the file, the field, its value and what is allowed.
-    """
-    with _inside(str(path)):
-        return _checked(_decode(_read(path)), sectors)
-
-
-@contextmanager
-def _inside(where: str) -> Iterator[None]:
-    """Input errors raised inside say where."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
-
-
-def _read(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})") from None
-    if len(data) > MAX_BYTES:
-        raise InputError(f"is too large (allowed: {MAX_BYTES // 1_000_000} MB)")
-    return data
-
-
-def _decode(data: bytes) -> _FileEntry:
-    """From bytes to fields of the right types."""
-    try:
-        raw = json.loads(
-            data.decode("utf-8-sig"),
-            object_pairs_hook=_object,
-            parse_constant=_refuse_constant,
-        )
-    except UnicodeDecodeError as error:
-        raise InputError(f"is not UTF-8 (byte {error.start})") from None
-    except InputError:
-        raise
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"is not JSON ({error})") from None
-    try:
-        return msgspec.convert(raw, _FileEntry)
-    except msgspec.ValidationError as error:
-        raise _refusal(str(error), raw) from None
-
-
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """An object of the file; `json` itself would silently let the last of two fields win."""
-    found: dict[str, Any] = {}
-    for name, value in pairs:
-        if not name.isprintable() or "`" in name:
-            # msgspec cannot name these in its message, which `_refusal` reads.
-            fields = {field for entry in _ENTRIES.values() for field in entry.__struct_fields__}
-            raise unknown_name("field", name, fields)
-        if name in found:
-            raise InputError(f"field {name!r} stands twice in one object (allowed: once)")
-        found[name] = value
-    return found
-
-
-def _refuse_constant(name: str) -> float:
-    raise InputError(f"{name} is no number of JSON (allowed: finite numbers)")
-
-
-_REFUSAL = re.compile(r"(?P<what>.*?)(?: - at `\$\.(?P<where>.*)`)?", re.DOTALL)
-_JSON_WORDS = {
-    "int": "whole number",
-    "float": "number",
-    "str": "text",
-    "bool": "true or false",
-    "array": "list",
-}
 _ENTRIES: dict[str, type[msgspec.Struct]] = {
     "": _FileEntry,
     "aircraft": _AircraftEntry,
@@ -220,46 +140,25 @@ _ENTRIES: dict[str, type[msgspec.Struct]] = {
 }
 
 
-def _refusal(message: str, raw: Any) -> InputError:
-    """What msgspec refused in the words of a scenario file, with the value."""
-    found = _REFUSAL.fullmatch(message)
-    what, where = (found["what"], found["where"] or "") if found else (message, "")
-    value = raw
-    for step in re.findall(r"\w+", where):
-        value = value[int(step)] if isinstance(value, list) else value[step]
-    if what.startswith("Object contains unknown field"):
-        fields = _ENTRIES[where.partition("[")[0]].__struct_fields__
-        unknown = unknown_name("field", next(name for name in value if name not in fields), fields)
-        return InputError(f"{where}: {unknown}".removeprefix(": "))
-    if what.startswith("Object missing required field"):
-        missing = what.split("`")[1]
-        return InputError(f"{where}.{missing} is missing".removeprefix("."))
-    if what.startswith("Number out of range"):
-        return _not_allowed(where, value, "finite number")
-    allowed = what.partition(", got")[0].removeprefix("Expected ")
-    allowed = allowed.replace("`", "").replace(" | null", "")
-    allowed = re.sub(r"\w+", lambda word: _JSON_WORDS.get(word[0], word[0]), allowed)
-    return _not_allowed(where or "the file", value, allowed)
+def load_scenario(path: Path) -> Scenario:
+    """The scenario of a JSON file, checked.
+
+    Raises InputError for a file that cannot be read or flown: one line with the file, the field,
+    its value and what is allowed.
+    """
+    with inside(str(path)):
+        return _checked(convert(read_json(path), _ENTRIES), path.parent)
 
 
-def _not_allowed(where: str, value: object, allowed: str) -> InputError:
-    """The error for a value, shown as JSON and cut where it is long."""
-    shown = json.dumps(value)
-    shown = shown if len(shown) <= 60 else f"{shown[:60]}..."
-    return InputError(f"{where} is {shown} (allowed: {allowed})")
-
-
-def _checked(file: _FileEntry, sectors: Mapping[str, Callable[[], Sector]]) -> Scenario:
-    """What the types alone do not tell."""
-    if file.sector not in sectors:
-        with _inside("sector"):
-            raise unknown_name("sector", file.sector, sectors)
-    sector = sectors[file.sector]()
+def _checked(file: _FileEntry, folder: Path) -> Scenario:
+    """What the types alone do not tell; a sector's file lies in the folder."""
+    with inside("sector"):
+        sector = find_sector(file.sector, folder)
     low, high = file.levels_fl or sector.levels_fl
     if low >= high:
-        raise _not_allowed("levels_fl", [low, high], "the lowest level, then a higher one")
+        raise not_allowed("levels_fl", [low, high], "the lowest level, then a higher one")
     sector = replace(sector, levels_fl=(low, high))
-    with _inside("performance"):
+    with inside("performance"):
         performance_named(file.performance)
     _check_callsigns(file.aircraft)
     aircraft = tuple(
@@ -270,11 +169,11 @@ def _checked(file: _FileEntry, sectors: Mapping[str, Callable[[], Sector]]) -> S
     for index, given in enumerate(file.clearances):
         where = f"clearances[{index}]"
         if given.callsign not in callsigns:
-            with _inside(f"{where}.callsign"):
+            with inside(f"{where}.callsign"):
                 raise unknown_name("callsign", given.callsign, callsigns)
         if not 0 <= given.cycle < file.cycles:
             allowed = f"0 to {file.cycles - 1}, which is cycles - 1"
-            raise _not_allowed(f"{where}.cycle", given.cycle, allowed)
+            raise not_allowed(f"{where}.cycle", given.cycle, allowed)
         _check_clearance(where, given, sector)
     return Scenario(sector, file.performance, file.cycles, aircraft, file.clearances)
 
@@ -285,19 +184,19 @@ def _check_callsigns(aircraft: tuple[_AircraftEntry, ...]) -> None:
         callsign, where = entry.callsign, f"aircraft[{index}].callsign"
         if not callsign.isprintable() or not callsign or callsign != callsign.strip():
             allowed = "printable characters, none of them a blank at either end"
-            raise _not_allowed(where, callsign, allowed)
+            raise not_allowed(where, callsign, allowed)
         if callsign in seen:
             other = f"aircraft[{seen[callsign]}]"
-            raise _not_allowed(where, callsign, f"a callsign of its own, {other} has this one")
+            raise not_allowed(where, callsign, f"a callsign of its own, {other} has this one")
         seen[callsign] = index
 
 
 def _checked_aircraft(where: str, entry: _AircraftEntry, sector: Sector) -> Aircraft:
     for index, fix in enumerate(entry.route):
         if fix not in sector.fixes:
-            with _inside(f"{where}.route[{index}]"):
+            with inside(f"{where}.route[{index}]"):
                 raise unknown_name("fix", fix, sector.fixes)
-    with _inside(f"{where}.route"):
+    with inside(f"{where}.route"):
         sector.route_index(entry.route)
     distance_nm = float(np.hypot(*sector.plane.to_plane(entry.lat, entry.lon)))
     if distance_nm > MAX_DISTANCE_NM:
@@ -307,7 +206,7 @@ def _checked_aircraft(where: str, entry: _AircraftEntry, sector: Sector) -> Airc
         )
     low, high = sector.levels_fl
     if not low <= entry.fl <= high:
-        raise _not_allowed(f"{where}.fl", entry.fl, f"{low} to {high}")
+        raise not_allowed(f"{where}.fl", entry.fl, f"{low} to {high}")
     exit_fl = entry.fl if entry.exit_fl is None else entry.exit_fl
     given = "" if entry.exit_fl is not None else " (not given, so fl)"
     _check_level(f"{where}.exit_fl{given}", exit_fl, sector)
@@ -329,10 +228,10 @@ def _check_clearance(where: str, given: GivenClearance, sector: Sector) -> None:
     if given.heading_deg is None and given.fl is None:
         raise InputError(f"{where} clears nothing (allowed: heading_deg, fl or both)")
     if given.turn is not None and given.turn not in TURNS:
-        with _inside(f"{where}.turn"):
+        with inside(f"{where}.turn"):
             raise unknown_name("turn", given.turn, TURNS)
     if given.turn is not None and given.heading_deg is None:
-        raise _not_allowed(f"{where}.turn", given.turn, "only together with heading_deg")
+        raise not_allowed(f"{where}.turn", given.turn, "only together with heading_deg")
     if given.fl is not None:
         _check_level(f"{where}.fl", given.fl, sector)
 
@@ -340,4 +239,4 @@ def _check_clearance(where: str, given: GivenClearance, sector: Sector) -> None:
 def _check_level(where: str, fl: int | float, sector: Sector) -> None:
     low, high = sector.levels_fl
     if fl % 10 != 0 or not low <= fl <= high:
-        raise _not_allowed(where, fl, f"multiples of 10 from {low} to {high}")
+        raise not_allowed(where, fl, f"multiples of 10 from {low} to {high}")

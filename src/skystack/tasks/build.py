@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from skystack.airspace.sector import Sector
-from skystack.airspace.xplus import x_plus
+from skystack.airspace.sectors import sector_from
 from skystack.errors import InputError, unknown_name
 from skystack.simulator.generator import LateralScenarios, VerticalScenarios, first_fixes
 from skystack.simulator.performance import performance
@@ -17,20 +17,12 @@ from skystack.tasks.pairs import PAIR_FEATURES
 from skystack.tasks.settings import TaskSettings
 from skystack.tasks.stacked_steps import StackedSteps
 
-SECTORS = {"x-plus": x_plus}
 TASKS = ("lateral", "vertical", "avoidance")
-
-
-def sector_named(name: str) -> Sector:
-    """The sector of a name. Raises InputError for an unknown one."""
-    if name not in SECTORS:
-        raise unknown_name("sector", name, SECTORS)
-    return SECTORS[name]()
 
 
 def build_task(settings: TaskSettings) -> NavigationTask:
     """The task as it is flown and judged. Raises InputError for settings that cannot be."""
-    sector = sector_named(settings.sector)
+    sector = sector_from(settings.sector)
     if settings.levels_fl is not None:
         sector = replace(sector, levels_fl=_checked_levels(settings.levels_fl))
     vertical = settings.name == "vertical"

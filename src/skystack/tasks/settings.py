@@ -4,6 +4,8 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from skystack.airspace.sector_file import SectorEntry
+
 PAPER_FEATURES = ("theta_f", "theta_sf", "d_c", "delta_t")
 
 Weight = Annotated[float, msgspec.Meta(ge=0.0, le=1000.0)]
@@ -37,7 +39,8 @@ class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     name: Literal["lateral", "vertical", "avoidance"] = "lateral"
     """`avoidance` is `lateral` by another name: what it sees and pays for is in the settings."""
-    sector: str = "x-plus"
+    sector: str | SectorEntry = "x-plus"
+    """A name, or the sector itself; in an experiment's file also the name of a sector file."""
     levels_fl: tuple[int, int] | None = None
     """The sector's lowest and highest level; its own where none is given."""
     performance: str = "table"

@@ -1,0 +1,77 @@
+"""Sectors by name: the paper's, ours (files of the package), and other simulators' where installed.
+
+`bluebird:NAME` is a sector of BluebirdDT, read from it when asked for; no copy of it is kept here.
+"""
+
+from functools import cache
+from importlib import import_module
+from importlib.resources import as_file, files
+from pathlib import Path
+
+from skystack.airspace.sector import Sector
+from skystack.airspace.sector_file import SectorEntry, file_beside, make_sector, read_sector
+from skystack.airspace.xplus import x_plus
+from skystack.errors import InputError, unknown_name
+
+_FOLDER = files("skystack").joinpath("sectors")
+_ELSEWHERE = {"bluebird": "skystack.platforms.bluebird"}
+"""By name, not by import: adapters stand at the edge, and their packages are extras."""
+
+
+def sector_names() -> list[str]:
+    """The sectors that come with the package."""
+    shipped = (entry.name for entry in _FOLDER.iterdir())
+    return ["x-plus", *sorted(n.removesuffix(".json") for n in shipped if n.endswith(".json"))]
+
+
+@cache
+def sector_named(name: str) -> Sector:
+    """The sector of a name. Raises InputError for an unknown one."""
+    if name == "x-plus":
+        return x_plus()
+    platform, colon, inner = name.partition(":")
+    if colon and platform in _ELSEWHERE:
+        return _from_elsewhere(platform, inner)
+    if name not in sector_names():
+        raise unknown_name("sector", name, sector_names())
+    with as_file(_FOLDER.joinpath(f"{name}.json")) as path:
+        return make_sector(read_sector(path))
+
+
+def _from_elsewhere(platform: str, name: str) -> Sector:
+    try:
+        adapter = import_module(_ELSEWHERE[platform])
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"sector {platform}:{name} needs {error.name}, not installed here "
+            f"(install skystack with the extra [{platform}])"
+        ) from None
+    found: Sector = adapter.sector_named(name)
+    return found
+
+
+def find_sector(name: str, folder: Path) -> Sector:
+    """The sector of a name, or of a `.json` file beside the one that names it.
+
+    Raises InputError for an unknown name or a file that is no sector.
+    """
+    if name.endswith(".json"):
+        return make_sector(read_sector(file_beside(folder, name, ".json")))
+    return sector_named(name)
+
+
+def sector_from(given: str | SectorEntry) -> Sector:
+    """The sector of settings: a name, or the sector itself."""
+    return sector_named(given) if isinstance(given, str) else make_sector(given)
+
+
+def named_or_read(given: str, folder: Path | None = None) -> str | SectorEntry:
+    """What a user wrote, for settings: a name as it is, the name of a `.json` file as its sector.
+
+    The file may lie anywhere; `folder` is where its name counts from. Raises InputError for an
+    unknown name or a file that is no sector.
+    """
+    if given.endswith(".json"):
+        return read_sector((folder or Path()) / given)
+    sector_named(given)
+    return given

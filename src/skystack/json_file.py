@@ -1,0 +1,133 @@
+"""JSON from strangers, read strictly: one line says which field is wrong and what is allowed."""
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NoReturn
+
+import msgspec
+
+from skystack.errors import InputError, unknown_name
+
+MAX_BYTES = 10_000_000
+
+Entries = Mapping[str, type[msgspec.Struct]]
+"""The structures of a file by where they stand: "" is the whole, "aircraft" the members of a list
+(or the one that stands there), "fixes.*" those of an object with names of the file's own."""
+
+
+@contextmanager
+def inside(where: str) -> Iterator[None]:
+    """Input errors raised inside say where."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def read_json(path: Path) -> Any:
+    """The plain values of a file: UTF-8, finite numbers, no field twice in an object.
+
+    Raises InputError for a file that cannot be read, is too large or is not such JSON.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except (OSError, ValueError) as error:  # a ValueError for a null byte in the name
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"cannot be read ({reason})") from None
+    if len(data) > MAX_BYTES:
+        raise InputError(f"is too large (allowed: {MAX_BYTES // 1_000_000} MB)")
+    try:
+        return json.loads(
+            data.decode("utf-8-sig"), object_pairs_hook=_object, parse_constant=_refuse_constant
+        )
+    except UnicodeDecodeError as error:
+        raise InputError(f"is not UTF-8 (byte {error.start})") from None
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"is not JSON ({error})") from None
+
+
+def convert(raw: Any, entries: Entries) -> Any:
+    """Plain values as the structure `entries[""]`. Raises InputError that names the field."""
+    _check_names(raw, entries)
+    for place, entry in entries.items():
+        table = raw.get(place.removesuffix(".*")) if isinstance(raw, dict) else None
+        if place.endswith(".*") and isinstance(table, dict):
+            for name, value in table.items():  # msgspec would say [...] in place of the name
+                with inside(f"{place[:-2]}.{name}"):
+                    convert(value, {"": entry})
+    try:
+        return msgspec.convert(raw, entries[""])
+    except msgspec.ValidationError as error:
+        raise _refusal(str(error), raw, entries) from None
+
+
+def not_allowed(where: str, value: object, allowed: str) -> InputError:
+    """The error for a value, shown as JSON and cut where it is long."""
+    shown = json.dumps(value)
+    shown = shown if len(shown) <= 60 else f"{shown[:60]}..."
+    return InputError(f"{where} is {shown} (allowed: {allowed})")
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of the file; `json` itself would silently let the last of two fields win."""
+    found: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in found:
+            raise InputError(f"field {name!r} stands twice in one object (allowed: once)")
+        found[name] = value
+    return found
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise InputError(f"{name} is no number of JSON (allowed: finite numbers)")
+
+
+def _check_names(raw: Any, entries: Entries) -> None:
+    """Refuse names that msgspec could not name in its message, which `_refusal` reads."""
+    if isinstance(raw, dict):
+        for name, value in raw.items():
+            if not name.isprintable() or "`" in name:
+                fields = {field for entry in entries.values() for field in entry.__struct_fields__}
+                raise unknown_name("field", name, fields)
+            _check_names(value, entries)
+    elif isinstance(raw, list):
+        for value in raw:
+            _check_names(value, entries)
+
+
+_REFUSAL = re.compile(r"(?P<what>.*?)(?: - at `\$\.(?P<where>.*)`)?", re.DOTALL)
+_JSON_WORDS = {
+    "int": "whole number",
+    "float": "number",
+    "str": "text",
+    "bool": "true or false",
+    "array": "list",
+}
+
+
+def _refusal(message: str, raw: Any, entries: Entries) -> InputError:
+    """What msgspec refused in the words of a JSON file, with the value."""
+    found = _REFUSAL.fullmatch(message)
+    what, where = (found["what"], found["where"] or "") if found else (message, "")
+    value = raw
+    for step in re.findall(r"\w+", where):
+        value = value[int(step)] if isinstance(value, list) else value[step]
+    if what.startswith("Object contains unknown field"):
+        fields = entries[where.partition("[")[0]].__struct_fields__
+        unknown = unknown_name("field", next(name for name in value if name not in fields), fields)
+        return InputError(f"{where}: {unknown}".removeprefix(": "))
+    if what.startswith("Object missing required field"):
+        missing = what.split("`")[1]
+        return InputError(f"{where}.{missing} is missing".removeprefix("."))
+    if what.startswith("Number out of range"):
+        return not_allowed(where, value, "finite number")
+    allowed = what.partition(", got")[0].removeprefix("Expected ")
+    allowed = allowed.replace("`", "").replace(" | null", "")
+    allowed = re.sub(r"\w+", lambda word: _JSON_WORDS.get(word[0], word[0]), allowed)
+    return not_allowed(where or "the file", value, allowed)
