@@ -26,7 +26,8 @@ from skystack.platforms.bluebird import Bluebird
 from skystack.platforms.flight import Flight, fly_scenario
 from skystack.platforms.own import Skystack
 from skystack.platforms.protocol import Platform, Report
-from skystack.simulator.scenario_file import DEFAULT_TYPE, Aircraft, GivenClearance, Scenario
+from skystack.simulator.performance import DEFAULT_TYPE
+from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario
 
 CYCLES = 300
 WITHIN_NM, NEAR_NM = 100.0, 80.0

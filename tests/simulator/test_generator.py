@@ -120,7 +120,9 @@ def test_the_same_key_draws_the_same_scenario_and_another_another():
 
 
 def test_settings_are_followed():
-    lateral = LateralScenarios(flights("constant").simulator, aircraft=3, level_fl=250, disc_nm=1.0)
+    lateral = LateralScenarios(
+        flights("constant").simulator, aircraft=3, levels_fl=(250,), disc_nm=1.0
+    )
     traffic = jax.jit(lateral.draw)(jax.random.key(0)).traffic
     assert traffic.level.tolist() == [250.0 * TICKS_PER_FL] * 3
     assert traffic.ground_speed_kt.tolist() == [400.0] * 3

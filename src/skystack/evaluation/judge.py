@@ -21,7 +21,6 @@ from skystack.learning.experiment import Experiment, experiment_from
 from skystack.learning.policy import Policy
 from skystack.platforms.processes import TIME_LIMIT_S
 from skystack.platforms.registry import OWN, check_platform, flown_type, open_platform
-from skystack.simulator.scenario_file import DEFAULT_TYPE
 from skystack.tasks.build import build_task
 from skystack.tasks.navigation import NavigationTask
 
@@ -127,7 +126,7 @@ def _judge(
     else:
         flown = _fly_elsewhere(task, controller, conditions, out, on_scenario)
     wall_s = time.monotonic() - begun
-    tables = make_tables(task, flown.recording, flown_type(platform, DEFAULT_TYPE))
+    tables = make_tables(task, flown.recording, partial(flown_type, platform))
     if out is not None:
         folder = evaluation_folder(out, name, trained_seed, stacking, platform)
         tables.write(folder, task.simulator.sector, task.settings.performance)

@@ -1,6 +1,6 @@
 """What happened, as four tables: episodes, aircraft, trajectories, clearances (Parquet)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +17,6 @@ from skystack.files import make_folder
 from skystack.platforms.instruction import worded
 from skystack.platforms.phraseology import written
 from skystack.simulator.performance import TICKS_PER_FL
-from skystack.simulator.scenario_file import DEFAULT_TYPE
 from skystack.simulator.simulator import CYCLE_S
 from skystack.simulator.traffic import Traffic, trajectory_columns
 from skystack.tasks.navigation import NavigationTask
@@ -44,12 +43,12 @@ class Tables:
 
 
 def make_tables(
-    task: NavigationTask, recording: Recording, flown_type: str = DEFAULT_TYPE
+    task: NavigationTask, recording: Recording, flown_as: Callable[[str], str] = str
 ) -> Tables:
-    """All four tables of what was flown, by aircraft of one type."""
+    """All four tables of what was flown; a platform may fly a type as another."""
     return Tables(
         episodes=episode_table(task, recording),
-        aircraft=_aircraft_table(task, recording, flown_type),
+        aircraft=_aircraft_table(task, recording, flown_as),
         trajectories=_trajectory_table(task, recording),
         clearances=_clearance_table(task, recording),
     )
@@ -95,14 +94,17 @@ def clearances_by_aircraft(
     return (who[:, :, None] == numbers).sum(axis=1)
 
 
-def _aircraft_table(task: NavigationTask, recording: Recording, flown_type: str) -> pa.Table:
+def _aircraft_table(
+    task: NavigationTask, recording: Recording, flown_as: Callable[[str], str]
+) -> pa.Table:
     scenarios, count = recording.start.level.shape
     routes = [" ".join(route) for route in task.simulator.sector.routes]
+    types = np.array([flown_as(each) for each in task.simulator.performance.types])
     return pa.table(
         {
             "scenario": np.repeat(recording.number, count),
             "callsign": _repeated(callsigns(task), scenarios),
-            "type": _repeated([flown_type] * count, scenarios),
+            "type": pa.array(types[np.asarray(recording.start.kind).reshape(-1)]),
             "route": pa.array(np.array(routes)[recording.start.route.reshape(-1)]),
             "entry_fl": _flight_levels(recording.start.level).reshape(-1),
             "exit_fl": _flight_levels(recording.exit_level).reshape(-1),

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from skystack.airspace.projection import TangentPlane
 from skystack.platforms.protocol import Report
 from skystack.simulator.performance import TICKS_PER_FL
-from skystack.simulator.scenario_file import DEFAULT_TYPE, Aircraft, Scenario
+from skystack.simulator.scenario_file import Aircraft, Scenario
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import NO_TURN, Traffic
 
@@ -63,7 +63,7 @@ def scenario_of(
     aircraft = tuple(
         Aircraft(
             callsign=callsign,
-            type=DEFAULT_TYPE,
+            type=simulator.performance.types[int(traffic.kind[number])],
             route=sector.routes[int(traffic.route[number])],
             lat=float(lat_lon[number, 0]),
             lon=float(lat_lon[number, 1]),

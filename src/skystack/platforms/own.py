@@ -8,7 +8,8 @@ import numpy as np
 
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.protocol import Report, check_types
-from skystack.simulator.scenario_file import DEFAULT_TYPE, Scenario
+from skystack.simulator.performance import DEFAULT_TYPE
+from skystack.simulator.scenario_file import Scenario
 from skystack.simulator.simulator import Simulator, instruct
 from skystack.simulator.traffic import (
     LEFT,

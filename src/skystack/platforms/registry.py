@@ -9,7 +9,7 @@ from skystack.errors import InputError, unknown_name
 from skystack.platforms.bluesky_scenario import flown_type as bluesky_flown_type
 from skystack.platforms.guard import Guarded
 from skystack.platforms.protocol import Platform
-from skystack.simulator.scenario_file import DEFAULT_TYPE
+from skystack.simulator.performance import DEFAULT_TYPE
 
 OWN = "skystack"
 PLATFORMS = (OWN, "bluebird", "bluesky")

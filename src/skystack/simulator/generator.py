@@ -38,12 +38,15 @@ class LateralScenarios:
 
     Every aircraft gets a random route with a first fix of its own, a position uniform in a disc
     round that fix, the geodesic heading of the first leg, and the one level, at which it leaves.
+    With several levels or several types of aircraft (not in the paper), each gets one of them.
     """
 
     simulator: Simulator
     aircraft: int = 2
-    level_fl: int = 300
+    levels_fl: tuple[int, ...] = (300,)
     disc_nm: float = 4.0
+    shares: tuple[float, ...] = (1.0,)
+    """How often each type of the performance model comes."""
 
     def draw(self, key: PRNGKeyArray) -> Drawn:
         table = self.simulator.sector.route_table
@@ -51,16 +54,24 @@ class LateralScenarios:
         route = self._draw_routes(route_key)
         radius = self.disc_nm * jnp.sqrt(jax.random.uniform(radius_key, (self.aircraft,)))
         angle = jax.random.uniform(angle_key, (self.aircraft,), maxval=360.0)
-        level = jnp.full(self.aircraft, ticks(self.level_fl), dtype=jnp.float32)
+        level = self._draw_levels(key)
+        kind = draw_kinds(key, self.shares, self.aircraft)
         traffic = start(
             position_nm=jnp.asarray(table.fixes_nm)[route, 0] + radius[:, None] * direction(angle),
             heading_deg=jnp.asarray(table.first_heading_deg)[route],
             level=level,
             route=route,
-            ground_speed_kt=self.simulator.level_ground_speed_kt(level),
+            ground_speed_kt=self.simulator.level_ground_speed_kt(level, kind),
             own_navigation=jnp.zeros(self.aircraft, dtype=bool),
+            kind=kind,
         )
         return Drawn(traffic, level)
+
+    def _draw_levels(self, key: PRNGKeyArray) -> Float[Array, " aircraft"]:
+        levels = jnp.array([ticks(float(fl)) for fl in self.levels_fl], dtype=jnp.float32)
+        if len(self.levels_fl) == 1:
+            return jnp.full(self.aircraft, levels[0])
+        return jax.random.choice(jax.random.fold_in(key, _LEVELS), levels, (self.aircraft,))
 
     def _draw_routes(self, key: PRNGKeyArray) -> Int[Array, " aircraft"]:
         """One after another, uniform over the routes whose first fix is still free."""
@@ -118,6 +129,8 @@ class VerticalScenarios:
     """
 
     simulator: Simulator
+    shares: tuple[float, ...] = (1.0,)
+    """How often each type of the performance model comes."""
 
     aircraft = 1
 
@@ -130,15 +143,30 @@ class VerticalScenarios:
         route = jax.random.randint(route_key, (1,), 0, table.last_fix.shape[0], dtype=jnp.int32)
         levels = jnp.asarray([ticks(float(fl)) for fl in range(lowest, highest + 1, 10)])
         entry = jax.random.choice(entry_key, levels, (1,))
+        kind = draw_kinds(key, self.shares, 1)
         traffic = start(
             position_nm=jnp.asarray(table.fixes_nm)[route, 0],
             heading_deg=jnp.asarray(table.first_heading_deg)[route],
             level=entry,
             route=route,
-            ground_speed_kt=self.simulator.level_ground_speed_kt(entry),
+            ground_speed_kt=self.simulator.level_ground_speed_kt(entry, kind),
             own_navigation=jnp.ones(1, dtype=bool),
+            kind=kind,
         )
         return Drawn(traffic, jax.random.choice(exit_key, levels, (1,)))
+
+
+_LEVELS, _KINDS = 1, 2
+"""Keys of their own: what the paper draws stays as it is, whatever is drawn beside it."""
+
+
+def draw_kinds(key: PRNGKeyArray, shares: tuple[float, ...], count: int) -> Int[Array, " {count}"]:
+    """A type for each aircraft."""
+    if len(shares) == 1:
+        return jnp.zeros(count, dtype=jnp.int32)
+    weights = jnp.log(jnp.array(shares, dtype=jnp.float32))
+    drawn = jax.random.categorical(jax.random.fold_in(key, _KINDS), weights, shape=(count,))
+    return drawn.astype(jnp.int32)
 
 
 def first_fixes(simulator: Simulator) -> int:

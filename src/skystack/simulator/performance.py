@@ -10,7 +10,7 @@ from typing import Protocol, runtime_checkable
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from skystack.errors import unknown_name
 
@@ -18,21 +18,37 @@ TICKS_PER_FL = 6000.0
 """One tick is what 1 ft/min gains in one second: rates are whole ticks, so levels stay exact in
 float32 (up to FL2796) and cannot drift."""
 
+DEFAULT_TYPE = "B753"
+"""Whose speeds are known: the table's default is BluebirdDT's MEDIUM class, which holds it."""
+
 
 @runtime_checkable
 class Performance(Protocol):
-    """Speeds and rates as functions of the level [ticks] and the phase (1 climb, 0, -1 descent)."""
+    """Speeds and rates as functions of the level [ticks] and the phase (1 climb, 0, -1 descent).
+
+    Where aircraft of several types fly, `kind` says of each which; see `skystack.simulator.fleet`.
+    """
+
+    @property
+    def types(self) -> tuple[str, ...]:
+        """ICAO designators, by kind."""
 
     @property
     def route_end_nm(self) -> float:
         """Own navigation ends this close to a route's last fix [NM]."""
 
     def true_airspeed_kt(
-        self, level: Float[Array, "*n"], phase: Float[Array, "*n"]
+        self,
+        level: Float[Array, "*n"],
+        phase: Float[Array, "*n"],
+        kind: Int[Array, "*n"] | None = None,
     ) -> Float[Array, "*n"]: ...
 
     def vertical_speed_ft_min(
-        self, level: Float[Array, "*n"], phase: Float[Array, "*n"]
+        self,
+        level: Float[Array, "*n"],
+        phase: Float[Array, "*n"],
+        kind: Int[Array, "*n"] | None = None,
     ) -> Float[Array, "*n"]:
         """Signed rate: the ticks gained per second."""
 
@@ -44,14 +60,21 @@ class ConstantPerformance:
     airspeed_kt: float = 400.0
     rate_ft_min: float = 2000.0
     route_end_nm: float = 2.0
+    types: tuple[str, ...] = (DEFAULT_TYPE,)
 
     def true_airspeed_kt(
-        self, level: Float[Array, "*n"], phase: Float[Array, "*n"]
+        self,
+        level: Float[Array, "*n"],
+        phase: Float[Array, "*n"],
+        kind: Int[Array, "*n"] | None = None,
     ) -> Float[Array, "*n"]:
         return jnp.full_like(level, self.airspeed_kt)
 
     def vertical_speed_ft_min(
-        self, level: Float[Array, "*n"], phase: Float[Array, "*n"]
+        self,
+        level: Float[Array, "*n"],
+        phase: Float[Array, "*n"],
+        kind: Int[Array, "*n"] | None = None,
     ) -> Float[Array, "*n"]:
         return phase * self.rate_ft_min
 
@@ -73,6 +96,7 @@ class TablePerformance:
     ceiling_fl: float = 400.0
     """At or above it nothing climbs."""
     route_end_nm: float = 0.5
+    types: tuple[str, ...] = (DEFAULT_TYPE,)
 
     @cached_property
     def airspeeds_kt(self) -> Float[np.ndarray, "3 levels"]:
@@ -90,7 +114,10 @@ class TablePerformance:
         return np.interp(fl, [100.0, 150.0], [self.low_cas_kt[phase], self.high_cas_kt[phase]])
 
     def true_airspeed_kt(
-        self, level: Float[Array, "*n"], phase: Float[Array, "*n"]
+        self,
+        level: Float[Array, "*n"],
+        phase: Float[Array, "*n"],
+        kind: Int[Array, "*n"] | None = None,
     ) -> Float[Array, "*n"]:
         table = jnp.asarray(self.airspeeds_kt.reshape(-1), dtype=jnp.float32)
         levels = self.airspeeds_kt.shape[1]
@@ -100,7 +127,10 @@ class TablePerformance:
         return table[row] + (fl - below) * (table[row + 1] - table[row])
 
     def vertical_speed_ft_min(
-        self, level: Float[Array, "*n"], phase: Float[Array, "*n"]
+        self,
+        level: Float[Array, "*n"],
+        phase: Float[Array, "*n"],
+        kind: Int[Array, "*n"] | None = None,
     ) -> Float[Array, "*n"]:
         at_ceiling = (phase > 0.0) & (level >= self.ceiling_fl * TICKS_PER_FL)
         return jnp.where(at_ceiling, 0.0, phase * self.rate_ft_min)

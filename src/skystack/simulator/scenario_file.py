@@ -16,11 +16,11 @@ from skystack.airspace.sector import MAX_DISTANCE_NM, Sector
 from skystack.airspace.sectors import find_sector
 from skystack.errors import InputError, unknown_name
 from skystack.json_file import convert, inside, not_allowed, read_json
+from skystack.simulator.performance import DEFAULT_TYPE
 from skystack.simulator.performance import performance as performance_named
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import Traffic, start, ticks
 
-DEFAULT_TYPE = "B753"
 TURNS = ("shortest", "left", "right")
 
 Name = Annotated[str, Meta(max_length=40)]

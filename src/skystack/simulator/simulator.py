@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from skystack.airspace.geometry import direction, wrap_180, wrap_360
 from skystack.airspace.sector import Sector
@@ -50,17 +50,19 @@ class Simulator:
         return adopt(_where_active(flown, traffic))
 
     def level_ground_speed_kt(
-        self, level: Float[Array, "aircraft *batch"]
+        self,
+        level: Float[Array, "aircraft *batch"],
+        kind: Int[Array, "aircraft *batch"] | None = None,
     ) -> Float[Array, "aircraft *batch"]:
         """Ground speed in level flight (no wind: the true airspeed)."""
-        return self.performance.true_airspeed_kt(level, jnp.zeros_like(level))
+        return self.performance.true_airspeed_kt(level, jnp.zeros_like(level), kind)
 
     def _fly_one_second(self, traffic: Traffic) -> Traffic:
         """Speed, then lateral move, then level: BluebirdDT's order."""
         to_go = traffic.flown_level - traffic.level
         phase = jnp.sign(to_go)
-        airspeed = self.performance.true_airspeed_kt(traffic.level, phase)
-        rate = self.performance.vertical_speed_ft_min(traffic.level, phase)
+        airspeed = self.performance.true_airspeed_kt(traffic.level, phase, traffic.kind)
+        rate = self.performance.vertical_speed_ft_min(traffic.level, phase, traffic.kind)
         ground_speed = jnp.sqrt(airspeed**2 - (rate * _KT_PER_FT_MIN) ** 2)
         traffic = traffic._replace(ground_speed_kt=ground_speed, vertical_speed_ft_min=rate)
         turn_rate = jnp.full_like(rate, self.turn_rate_deg_s)

@@ -45,6 +45,8 @@ class Traffic(NamedTuple):
     """Radius of a fly-by turn under way, 0 if none."""
     active: Bool[Array, "aircraft *batch"]
     """Inactive aircraft have left, or never were: they do not move."""
+    kind: Int[Array, "aircraft *batch"]
+    """Index in the types of the performance model."""
 
 
 class Clearance(NamedTuple):
@@ -66,8 +68,9 @@ def start(
     route: Int[Array, "aircraft *batch"],
     ground_speed_kt: Float[Array, "aircraft *batch"],
     own_navigation: Bool[Array, "aircraft *batch"],
+    kind: Int[Array, "aircraft *batch"] | None = None,
 ) -> Traffic:
-    """Aircraft in level flight, cleared to what they fly."""
+    """Aircraft in level flight, cleared to what they fly; of the first kind if none is given."""
     zero = jnp.zeros_like(heading_deg)
     return Traffic(
         position_nm=position_nm,
@@ -86,6 +89,7 @@ def start(
         next_fix=jnp.ones_like(route),
         turn_radius_nm=zero,
         active=jnp.ones_like(own_navigation),
+        kind=jnp.zeros_like(route) if kind is None else kind,
     )
 
 

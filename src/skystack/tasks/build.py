@@ -6,8 +6,9 @@ from dataclasses import replace
 from skystack.airspace.sector import Sector
 from skystack.airspace.sectors import sector_from
 from skystack.errors import InputError, unknown_name
+from skystack.simulator.fleet import fleet
 from skystack.simulator.generator import LateralScenarios, VerticalScenarios, first_fixes
-from skystack.simulator.performance import performance
+from skystack.simulator.performance import Performance, performance
 from skystack.simulator.simulator import Simulator
 from skystack.tasks.actions import ActionTable, LevelTable, large_turns, small_turns
 from skystack.tasks.contract import Task
@@ -26,7 +27,7 @@ def build_task(settings: TaskSettings) -> NavigationTask:
     if settings.levels_fl is not None:
         sector = replace(sector, levels_fl=_checked_levels(settings.levels_fl))
     vertical = settings.name == "vertical"
-    simulator = Simulator(sector, performance(settings.performance), own_navigation=vertical)
+    simulator = Simulator(sector, _performance(settings), own_navigation=vertical)
     _check_names("features", settings.features, FEATURES)
     _check_names("pair_features", settings.pair_features, PAIR_FEATURES)
     if not settings.features:
@@ -50,7 +51,7 @@ def _actions(settings: TaskSettings, sector: Sector) -> ActionTable:
 def _vertical(settings: TaskSettings, simulator: Simulator) -> VerticalScenarios:
     if settings.aircraft != 1:
         raise InputError(f"task.aircraft is {settings.aircraft} (allowed for vertical: 1)")
-    return VerticalScenarios(simulator)
+    return VerticalScenarios(simulator, _shares(settings))
 
 
 def _lateral(settings: TaskSettings, simulator: Simulator) -> LateralScenarios:
@@ -60,12 +61,31 @@ def _lateral(settings: TaskSettings, simulator: Simulator) -> LateralScenarios:
             f"task.aircraft is {settings.aircraft}, but each needs a first fix of its own and "
             f"{sector.name} has {first_fixes(simulator)}"
         )
+    given = settings.level_fl
+    levels = (given,) if isinstance(given, int) else given
     low, high = sector.levels_fl
-    if settings.level_fl % 10 or not low <= settings.level_fl <= high:
+    for level in levels:
+        if level % 10 or not low <= level <= high:
+            raise InputError(
+                f"task.level_fl is {level} (allowed: multiples of 10 from {low} to {high})"
+            )
+    return LateralScenarios(
+        simulator, settings.aircraft, levels, settings.disc_nm, _shares(settings)
+    )
+
+
+def _performance(settings: TaskSettings) -> Performance:
+    if not settings.fleet:
+        return performance(settings.performance)
+    if settings.performance != "table":
         raise InputError(
-            f"task.level_fl is {settings.level_fl} (allowed: multiples of 10 from {low} to {high})"
+            f"task.performance is {settings.performance} (allowed with task.fleet: table)"
         )
-    return LateralScenarios(simulator, settings.aircraft, settings.level_fl, settings.disc_nm)
+    return fleet(settings.fleet)
+
+
+def _shares(settings: TaskSettings) -> tuple[float, ...]:
+    return tuple(each.share for each in settings.fleet) or (1.0,)
 
 
 def _checked_levels(levels_fl: tuple[int, int]) -> tuple[int, int]:

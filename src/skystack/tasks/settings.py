@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from skystack.airspace.sector_file import SectorEntry
+from skystack.simulator.fleet import AircraftType
 
 PAPER_FEATURES = ("theta_f", "theta_sf", "d_c", "delta_t")
 
@@ -45,7 +46,10 @@ class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The sector's lowest and highest level; its own where none is given."""
     performance: str = "table"
     aircraft: Annotated[int, msgspec.Meta(ge=1, le=200)] = 2
-    level_fl: int = 300
+    level_fl: int | Annotated[tuple[int, ...], msgspec.Meta(min_length=1, max_length=61)] = 300
+    """At which aircraft enter and leave; of several, each gets one (but not in `vertical`)."""
+    fleet: Annotated[tuple[AircraftType, ...], msgspec.Meta(max_length=20)] = ()
+    """Types of aircraft, one drawn for each; the B753 alone where none is given."""
     disc_nm: Annotated[float, msgspec.Meta(ge=0.0, le=50.0)] = 4.0
     """Radius of the disc round the first fix in which aircraft start."""
     cycles: Annotated[int, msgspec.Meta(ge=1, le=100_000)] = 300
