@@ -197,3 +197,24 @@ def test_the_shipped_vertical_policy_says_one_thing_where_one_is_needed():
     first = stacked.clearances.slice(0, 1).to_pylist()[0]
     assert first["kind"] == "level"
     assert first["text"] == f"AC1 {first['direction']} FL{first['value']}"
+
+
+def test_the_tables_say_of_which_type_each_aircraft_is(tmp_path):
+    """Types and levels come from the experiment; a slow one flies its own table's airspeed."""
+    slow = '{type="AT76", mach=[0.4,0.4,0.4]}'
+    changes = [f"task.fleet=[{{}},{slow}]", "task.level_fl=[280,300]", "task.cycles=5"]
+    experiment = load_experiment("lateral", changes)
+    judge_nobody(experiment, Conditions(episodes=20), tmp_path)
+    (where,) = tmp_path.iterdir()
+    aircraft = pq.read_table(where / "aircraft.parquet").to_pylist()
+    rows = pq.read_table(where / "trajectories.parquet").to_pylist()
+    types = {(one["scenario"], one["callsign"]): one["type"] for one in aircraft}
+    assert set(types.values()) == {"B753", "AT76"}
+    assert {one["entry_fl"] for one in aircraft} == {280, 300}
+    for row in rows:
+        kelvin = 288.15 - 0.0065 * 30.48 * row["fl"]
+        mach = row["ground_speed_kt"] / (np.sqrt(1.4 * 287.05287 * kelvin) * 3600.0 / 1852.0)
+        if types[row["scenario"], row["callsign"]] == "AT76":
+            assert mach == pytest.approx(0.4, rel=1e-4)
+        else:
+            assert mach > 0.75
