@@ -3,6 +3,7 @@
     python3 dev.py reproduce [ARGUMENT ...]   the main job: `skystack reproduce` (default: quick)
     python3 dev.py test [ARGUMENT ...]        the tests (arguments go to pytest)
     python3 dev.py check                      lint, format and types
+    python3 dev.py docs                       the documentation as a site, docs/_build/index.html
 
 Each first makes the virtual environment `.venv` with all that it needs.
 """
@@ -18,7 +19,7 @@ ROOT = Path(__file__).resolve().parent
 ENVIRONMENT = ROOT / ".venv"
 PYTHON = ENVIRONMENT / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
 _ALL = ("test", "bluebird", "bluesky", "docs", "onnx", "pettingzoo", "ray", "sb3", "tensorboard")
-EXTRAS = {"reproduce": (), "test": _ALL, "check": _ALL}
+EXTRAS = {"reproduce": (), "test": _ALL, "check": _ALL, "docs": ("docs",)}
 """What each verb needs beside the package itself."""
 
 
@@ -53,6 +54,8 @@ def main(arguments: list[str]) -> int:
         return run("skystack", "reproduce", *rest)
     if verb == "test":
         return run("pytest", *rest)
+    if verb == "docs":
+        return run("sphinx", "-W", "--keep-going", "-q", "docs", "docs/_build", *rest)
     checks = (["ruff", "check"], ["ruff", "format", "--check"], ["mypy"])
     return max(run(*check) for check in checks)
 

@@ -36,7 +36,7 @@ def safety(
 
 
 def vertical(cleared_minus_exit_fl: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """Equation (eq:vertical_reward): exp(-|dFL| / 40) - 1."""
+    """Equation (eq:vertical_reward): exp(-abs(dFL) / 40) - 1."""
     return jnp.exp(-jnp.abs(cleared_minus_exit_fl) / VERTICAL_SCALE_FL) - 1.0
 
 

@@ -1,0 +1,37 @@
+"""What a page shows as code: fenced blocks with a language, and commands."""
+
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+_FENCE = re.compile(r"^```(?P<language>\w+)\n(?P<text>.*?)^```$", re.DOTALL | re.MULTILINE)
+_COMMAND = re.compile(r"^    (?P<text>(?:skystack|python3?|pip) .*)$", re.MULTILINE)
+_INLINE = re.compile(r"`(?P<text>skystack [^`]+)`")
+
+
+class Block(NamedTuple):
+    """A piece of code on a page, where it begins."""
+
+    at: int
+    language: str
+    """`python`, `toml`, `json`; `command` for a line of a shell; `inline` for one in a sentence."""
+    text: str
+
+
+def blocks(page: Path) -> list[Block]:
+    """In the order of the page."""
+    text = page.read_text()
+    found = [Block(m.start(), m["language"], m["text"]) for m in _FENCE.finditer(text)]
+    found += [Block(m.start(), "command", m["text"]) for m in _COMMAND.finditer(text)]
+    found += [Block(m.start(), "inline", m["text"]) for m in _INLINE.finditer(text)]
+    return sorted(found)
+
+
+def anchors(page: Path) -> set[str]:
+    """Of a page's headings, as forges that show Markdown make them."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(), re.MULTILINE)
+    kept = (re.sub(r"[^\w\- ]", "", heading.lower()) for heading in headings)
+    return {each.replace(" ", "-") for each in kept}

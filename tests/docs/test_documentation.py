@@ -1,0 +1,118 @@
+"""The documentation: every block of code runs, every link leads somewhere, the site is built."""
+
+import json
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tomllib
+
+import pytest
+
+import dev
+from skystack.airspace.sector_file import read_sector
+from skystack.cli import _build_parser, _parse, _verbs, main
+from skystack.learning.experiment import load_experiment
+from skystack.simulator.scenario_file import load_scenario
+from tests.docs.blocks import PAGES, ROOT, anchors, blocks
+
+QUICK = {
+    "evaluate": ["--episodes", "2"],
+    "train": [
+        word
+        for change in (
+            *("ppo.total_steps=512", "ppo.environments=8", "ppo.steps=32"),
+            *("ppo.minibatch=64", "ppo.epochs=1"),
+        )
+        for word in ("--set", change)
+    ],
+}
+"""What makes a command of a page short enough for a test."""
+ELSEWHERE = {"reproduce", "bench"}
+"""Too long whatever is said: tests/test_cli.py runs these verbs, here they are only understood."""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Where a reader would be: the examples at hand, nothing else."""
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    for file in (ROOT / "examples" / "own-sector").iterdir():
+        shutil.copy(file, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run_command(text):
+    program, *words = shlex.split(text, comments=True)
+    if program == "pip":
+        assert words[0] == "install"
+        extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+        for group in re.findall(r"\[(.*?)\]", text):
+            assert set(group.split(",")) <= set(extras["optional-dependencies"]), text
+    elif program.startswith("python"):
+        assert (ROOT / words[0]).exists(), text
+        assert words[0] != "dev.py" or words[1] in dev.EXTRAS, text
+    elif words[0] in ELSEWHERE:
+        _parse(words)
+    else:
+        assert main([*words, *QUICK.get(words[0], ())]) == 0, text
+
+
+def check_named(text):
+    """A command in a sentence leaves out what does not matter there; what it names exists."""
+    _, *words = shlex.split(text)
+    if not words[0].startswith("-"):
+        parser = _verbs(_build_parser())[words[0]]
+        options = {word.split("=")[0] for word in words if word.startswith("--")}
+        assert options <= set(parser._option_string_actions), text
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_block_of_code_runs(page, folder, capsys):
+    """In the order of the page, in one folder, Python in one session."""
+    session: dict[str, object] = {}
+    for number, block in enumerate(blocks(page)):
+        if block.language == "python":
+            exec(compile(block.text, f"{page.name} block {number}", "exec"), session)
+        elif block.language == "toml":
+            name = tomllib.loads(block.text)["name"]
+            (folder / f"{name}.toml").write_text(block.text)
+            assert load_experiment(f"{name}.toml").name == name
+        elif block.language == "json":
+            path = folder / "block.json"
+            path.write_text(block.text)
+            (load_scenario if "aircraft" in json.loads(block.text) else read_sector)(path)
+        elif block.language == "command":
+            run_command(block.text)
+        elif block.language == "inline":
+            check_named(block.text)
+        else:
+            assert page.name in ("index.md", "api.md")  # directives of the site
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_leads_somewhere(page):
+    for target in re.findall(r"\]\(([^)]+)\)", page.read_text()):
+        if target.startswith("https://"):
+            continue
+        path, _, anchor = target.partition("#")
+        file = page.parent / path if path else page
+        assert file.exists(), target
+        assert not anchor or anchor in anchors(file), target
+
+
+def test_the_site_is_built_without_a_warning(tmp_path):
+    pytest.importorskip("sphinx")
+    command = [sys.executable, "-m", "sphinx", "-W", "-q", "docs", str(tmp_path / "site")]
+    built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr
+    page = (tmp_path / "site" / "api.html").read_text()
+    assert "skystack.stacking.stack" in page
+    # Nothing is fetched when it is looked at.
+    for file in (tmp_path / "site").glob("*.html"):
+        loaded = re.findall(
+            r'<(?:script|link|img)[^>]*(?:src|href)="(https?:[^"]*)"', file.read_text()
+        )
+        assert loaded == [], file.name
