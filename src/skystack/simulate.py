@@ -40,7 +40,8 @@ def simulate_file(
     flight = _fly(path, scenario, platform, time_limit_s)
     table = pa.table(flight_rows(scenario, flight))
     if output is not None:
-        write_table(output, table, scenario.sector, scenario.performance)
+        beside = {"aircraft": _aircraft(scenario), "clearances": _clearances(flight)}
+        write_table(output, table, scenario.sector, scenario.performance, beside)
     return {
         "scenario": str(path),
         "platform": platform,
@@ -54,6 +55,33 @@ def simulate_file(
         ],
         "final": table.slice(table.num_rows - len(scenario.aircraft)).to_pylist(),
     }
+
+
+def _aircraft(scenario: Scenario) -> list[dict[str, Any]]:
+    """Who flies, with the columns of an evaluation's table of the same name."""
+    return [
+        {
+            "callsign": one.callsign,
+            "type": one.type,
+            "route": " ".join(one.route),
+            "entry_fl": one.fl,
+            "exit_fl": one.exit_fl,
+        }
+        for one in scenario.aircraft
+    ]
+
+
+def _clearances(flight: Flight) -> list[dict[str, Any]]:
+    """What was said, with the columns of an evaluation's table; a heading and a level are two."""
+    rows = []
+    for cycle, told in flight.issued:
+        parts = (("heading", told.heading_deg, told.turn), ("level", told.level_fl, told.vertical))
+        for kind, value, direction in parts:
+            if value is not None:
+                row = {"cycle": cycle, "callsign": told.callsign, "kind": kind, "value": value}
+                rows.append(row | {"direction": direction, "instructions": 1})
+                rows[-1]["text"] = written(told)
+    return rows
 
 
 def _fly(path: Path, scenario: Scenario, platform: str, time_limit_s: float) -> Flight:

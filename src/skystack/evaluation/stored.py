@@ -1,6 +1,6 @@
 """Parquet tables that carry their sector: written, read and checked; a flown scenario from them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +17,21 @@ from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario
 _SECTOR, _PERFORMANCE = b"sector", b"performance"
 
 
-def write_table(path: Path, table: pa.Table, sector: Sector, performance: str) -> None:
+def write_table(
+    path: Path,
+    table: pa.Table,
+    sector: Sector,
+    performance: str,
+    beside: Mapping[str, list[dict[str, Any]]] | None = None,
+) -> None:
     """Write one table as Parquet, its sector and the name of the performance in the metadata.
 
-    Raises InputError if it cannot be written.
+    `beside` are small tables that go along in the metadata as JSON. Raises InputError if it cannot
+    be written.
     """
     sink = pa.BufferOutputStream()
     metadata = {_SECTOR: msgspec.json.encode(sector), _PERFORMANCE: performance.encode()}
+    metadata |= {key.encode(): msgspec.json.encode(rows) for key, rows in (beside or {}).items()}
     pq.write_table(table.replace_schema_metadata(metadata), sink, compression="zstd")
     write_aside(path, sink.getvalue().to_pybytes())
 
@@ -53,6 +61,17 @@ def sector_of(path: Path, table: pa.Table) -> Sector:
         return msgspec.json.decode(data, type=Sector)
     except msgspec.DecodeError as error:
         raise InputError(f"{path}: the sector in its metadata is damaged: {error}") from None
+
+
+def metadata_of(path: Path, table: pa.Table, key: str) -> list[dict[str, Any]]:
+    """A small table in a table's metadata. Raises InputError where there is none."""
+    data = (table.schema.metadata or {}).get(key.encode())
+    if data is None:
+        raise InputError(f"{path}: has no {key} in its metadata (simulate writes them)")
+    try:
+        return msgspec.json.decode(data, type=list[dict[str, Any]])
+    except msgspec.DecodeError as error:
+        raise InputError(f"{path}: the {key} in its metadata are damaged: {error}") from None
 
 
 def stored_scenario(folder: Path, number: int) -> Scenario:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from skystack.airspace.geometry import (
     closest_approach,
@@ -170,21 +170,33 @@ def separation_nm(memory: Memory, traffic: Traffic) -> Float[Array, "*batch"]:
     """
     if traffic.level.shape[0] < 2:
         return jnp.full_like(memory.cycles, jnp.inf)
+    distance = pair_distance_nm(
+        memory.previous_nm, traffic.position_nm, memory.previous_level, traffic.level
+    )
+    one, other = first_and_second(traffic.active)
+    return jnp.min(jnp.where(one & other, distance, jnp.inf), axis=0)
 
-    def pairs(values: Array) -> Array:
-        first, second = first_and_second(values)
+
+def pair_distance_nm(
+    previous_nm: Float[ArrayLike, "aircraft 2 *batch"],
+    position_nm: Float[ArrayLike, "aircraft 2 *batch"],
+    previous_level: Float[ArrayLike, "aircraft *batch"],
+    level: Float[ArrayLike, "aircraft *batch"],
+) -> Float[Array, "pairs *batch"]:
+    """Least distance of every pair in a cycle, as above; levels are in ticks."""
+
+    def pairs(values: ArrayLike) -> Array:
+        first, second = first_and_second(jnp.asarray(values))
         return first - second
 
-    offset = pairs(memory.previous_nm)
-    motion = pairs(traffic.position_nm) - offset
-    gap = pairs(memory.previous_level) / TICKS_PER_FL
-    climb = pairs(traffic.level) / TICKS_PER_FL - gap
+    offset = pairs(previous_nm)
+    motion = pairs(position_nm) - offset
+    gap = pairs(previous_level) / TICKS_PER_FL
+    climb = pairs(level) / TICKS_PER_FL - gap
     # The part of the cycle, from 0 to 1, in which |gap + climb * time| < 10 levels.
     moving = jnp.where(climb == 0.0, 1.0, climb)
     low, high = (-SEPARATION_FL - gap) / moving, (SEPARATION_FL - gap) / moving
     level_close = jnp.abs(gap) < SEPARATION_FL
     begins = jnp.where(climb == 0.0, jnp.where(level_close, 0.0, 2.0), jnp.minimum(low, high))
     ends = jnp.where(climb == 0.0, 1.0, jnp.maximum(low, high))
-    distance = closest_approach(offset, motion, jnp.maximum(begins, 0.0), jnp.minimum(ends, 1.0))
-    one, other = first_and_second(traffic.active)
-    return jnp.min(jnp.where(one & other, distance, jnp.inf), axis=0)
+    return closest_approach(offset, motion, jnp.maximum(begins, 0.0), jnp.minimum(ends, 1.0))

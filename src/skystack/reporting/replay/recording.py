@@ -1,0 +1,276 @@
+"""What is replayed: scenarios with everybody's rows, all clearances and losses of separation.
+
+Read from the folder of an evaluation, or from what `skystack simulate` wrote.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+import pyarrow as pa
+from jaxtyping import Float
+
+from skystack.airspace.sector import Sector
+from skystack.errors import InputError
+from skystack.evaluation.stored import metadata_of, read_table, sector_of
+from skystack.simulator.performance import TICKS_PER_FL
+from skystack.tasks.tracking import SEPARATION_NM, pair_distance_nm
+
+NUMBERS = (
+    *("lat", "lon", "fl", "heading_deg", "cleared_heading_deg", "cleared_fl"),
+    *("ground_speed_kt", "vertical_speed_ft_min"),
+)
+"""Columns of trajectories that are drawn."""
+CLEARANCE = ("callsign", "cycle", "kind", "value", "direction", "instructions", "text")
+FLYING = "in_sector"
+
+
+class Said(NamedTuple):
+    """A clearance as it was issued before cycle `cycle` + 1 was flown."""
+
+    aircraft: int
+    """Index in the scenario's aircraft."""
+    cycle: int
+    kind: str
+    """`heading` or `level`."""
+    value: int
+    direction: str | None
+    instructions: int
+    """How many were stacked into it."""
+    text: str
+
+
+class Loss(NamedTuple):
+    """A loss of separation: two aircraft, and the rows between which they were too close."""
+
+    first: int
+    second: int
+    begins: int
+    ends: int
+    least_nm: float
+
+
+@dataclass(frozen=True)
+class Flown:
+    """One aircraft, row 0 the start; it ends with the row in which it has exited."""
+
+    callsign: str
+    type: str
+    route: tuple[str, ...]
+    entry_fl: float
+    exit_fl: int
+    position_nm: Float[np.ndarray, "rows 2"]
+    """In the sector's plane."""
+    fl: Float[np.ndarray, " rows"]
+    heading_deg: Float[np.ndarray, " rows"]
+    cleared_heading_deg: Float[np.ndarray, " rows"]
+    cleared_fl: Float[np.ndarray, " rows"]
+    ground_speed_kt: Float[np.ndarray, " rows"]
+    vertical_speed_ft_min: Float[np.ndarray, " rows"]
+    status: tuple[str, ...]
+    """Of each row, as in the tables."""
+
+
+@dataclass(frozen=True)
+class ReplayScenario:
+    """One scenario as it was flown."""
+
+    number: int
+    cycles: int
+    success: bool | None
+    """None where nobody judged it."""
+    aircraft: tuple[Flown, ...]
+    clearances: tuple[Said, ...]
+    losses: tuple[Loss, ...]
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Scenarios of one sector, flown under one policy or from one file."""
+
+    title: str
+    sector: Sector
+    scenarios: tuple[ReplayScenario, ...]
+
+
+def read_replay(path: Path, scenarios: int = 100) -> Replay:
+    """The first scenarios of an evaluation, or the flight in a `.parquet` file of `simulate`.
+
+    `path` may also be a folder that holds just one evaluation. Raises InputError that names a
+    missing or damaged table, or the evaluations among which one is to be chosen.
+    """
+    if path.is_dir():
+        return _evaluation(_evaluation_in(path), scenarios)
+    if not path.exists():
+        raise InputError(
+            f"{path}: does not exist (allowed: the folder of an evaluation, or a .parquet file "
+            "of simulate)"
+        )
+    return _simulated(path)
+
+
+def _evaluation_in(path: Path) -> Path:
+    if (path / "trajectories.parquet").exists() or (path / "episodes.parquet").exists():
+        return path
+    found = sorted(
+        {
+            table.parent
+            for depth in ("*", "evaluation/*")
+            for table in path.glob(f"{depth}/episodes.parquet")
+        }
+    )
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        raise InputError(f"{path}: holds no evaluation (evaluate --out and reproduce write them)")
+    names = ", ".join(str(folder.relative_to(path)) for folder in found)
+    raise InputError(f"{path}: holds {len(found)} evaluations: choose one or two of {names}")
+
+
+def _evaluation(folder: Path, count: int) -> Replay:
+    episodes = read_table(folder / "episodes.parquet", ("scenario", "cycles", "success"))
+    episodes = episodes.sort_by("scenario").slice(0, count)
+    if not episodes.num_rows:
+        raise InputError(f"{folder}: holds no scenario")
+    numbers = episodes["scenario"].to_pylist()
+    only = [("scenario", "in", numbers)]
+    path = folder / "trajectories.parquet"
+    flown = read_table(path, ("scenario", "cycle", "callsign", "status", *NUMBERS), only)
+    who = read_table(
+        folder / "aircraft.parquet",
+        ("scenario", "callsign", "type", "route", "entry_fl", "exit_fl"),
+        only,
+    )
+    said = read_table(folder / "clearances.parquet", ("scenario", *CLEARANCE), only)
+    sector = sector_of(path, flown)
+    rows, aircraft, clearances = (_by_scenario(table) for table in (flown, who, said))
+    return Replay(
+        folder.name,
+        sector,
+        tuple(
+            _scenario(sector, path, row, rows, aircraft, clearances) for row in episodes.to_pylist()
+        ),
+    )
+
+
+def _scenario(
+    sector: Sector,
+    path: Path,
+    episode: Mapping[str, Any],
+    rows: Mapping[int, pa.Table],
+    aircraft: Mapping[int, pa.Table],
+    clearances: Mapping[int, pa.Table],
+) -> ReplayScenario:
+    number = episode["scenario"]
+    if number not in rows or number not in aircraft:
+        raise InputError(f"{path.parent}: its tables do not agree on scenario {number}")
+    who = aircraft[number].to_pylist()
+    said = clearances[number].to_pylist() if number in clearances else []
+    flying = tuple(_aircraft(sector, path, rows[number], each) for each in who)
+    return _assembled(number, episode["cycles"], episode["success"], flying, said, path)
+
+
+def _simulated(path: Path) -> Replay:
+    flown = read_table(path, ("cycle", "callsign", *NUMBERS))
+    who, said = (metadata_of(path, flown, key) for key in ("aircraft", "clearances"))
+    sector = sector_of(path, flown)
+    status = pa.array([FLYING] * flown.num_rows)
+    flown = flown.append_column("status", status)
+    flying = tuple(_aircraft(sector, path, flown, each) for each in who)
+    cycles = int(flown["cycle"].to_numpy().max())
+    return Replay(path.stem, sector, (_assembled(0, cycles, None, flying, said, path),))
+
+
+def _aircraft(sector: Sector, path: Path, rows: pa.Table, entry: Mapping[str, Any]) -> Flown:
+    callsign = entry["callsign"]
+    own = rows.filter(pa.compute.equal(rows["callsign"].cast(pa.string()), callsign))
+    own = own.sort_by("cycle")
+    if not own.num_rows or own["cycle"].to_pylist() != list(range(own.num_rows)):
+        raise InputError(f"{path}: the rows of {callsign} are not complete")
+    status = own["status"].to_pylist()
+    end = status.index("exited") + 1 if "exited" in status else len(status)
+    columns = {name: own[name].to_numpy().astype(np.float64)[:end] for name in NUMBERS}
+    if not all(np.all(np.isfinite(values)) for values in columns.values()):
+        raise InputError(f"{path}: the rows of {callsign} hold a non-finite number")
+    route = tuple(entry["route"].split())
+    for fix in route:
+        if fix not in sector.fixes:
+            raise InputError(f"{path}: the route of {callsign} has an unknown fix {fix!r}")
+    return Flown(
+        callsign=callsign,
+        type=entry["type"],
+        route=route,
+        entry_fl=float(entry["entry_fl"]),
+        exit_fl=entry["exit_fl"],
+        position_nm=sector.plane.to_plane(columns.pop("lat"), columns.pop("lon")),
+        status=tuple(status[:end]),
+        **columns,
+    )
+
+
+def _assembled(
+    number: int,
+    cycles: int,
+    success: bool | None,
+    aircraft: tuple[Flown, ...],
+    said: list[dict[str, Any]],
+    path: Path,
+) -> ReplayScenario:
+    index = {each.callsign: place for place, each in enumerate(aircraft)}
+    for row in said:
+        if row["callsign"] not in index:
+            raise InputError(f"{path}: a clearance is for {row['callsign']!r}, who does not fly")
+    clearances = (
+        Said(index[row["callsign"]], *(row[name] for name in CLEARANCE[1:])) for row in said
+    )
+    in_order = tuple(sorted(clearances, key=lambda each: each.cycle))
+    return ReplayScenario(number, cycles, success, aircraft, in_order, tuple(_losses(aircraft)))
+
+
+_distance_nm = jax.jit(pair_distance_nm)
+_ROWS = 512
+"""Rows are filled up to a multiple of this, so that the program is compiled once, not for every
+length; what was filled in is no number and close to nothing."""
+
+
+def _losses(aircraft: tuple[Flown, ...]) -> Iterator[Loss]:
+    """By the tasks' own closed form, for every pair from one row to the next."""
+    for (first, one), (second, other) in combinations(enumerate(aircraft), 2):
+        place = np.stack([_filled(each.position_nm.T) for each in (one, other)])
+        level = np.stack([_filled(each.fl * TICKS_PER_FL) for each in (one, other)])
+        cycles = place[..., :-1], place[..., 1:], level[..., :-1], level[..., 1:]
+        distance = np.asarray(_distance_nm(*cycles))[0]
+        close = np.flatnonzero(distance < SEPARATION_NM)
+        for run in np.split(close, np.flatnonzero(np.diff(close) > 1) + 1):
+            if len(run):
+                least = float(distance[run].min())
+                yield Loss(first, second, int(run[0]), int(run[-1]) + 1, least)
+
+
+def _filled(values: Float[np.ndarray, "*axes rows"]) -> Float[np.ndarray, "*axes filled"]:
+    missing = -values.shape[-1] % _ROWS
+    widths = [(0, 0)] * (values.ndim - 1) + [(0, missing)]
+    return np.pad(values, widths, constant_values=np.nan).astype(np.float32)
+
+
+def _by_scenario(table: pa.Table) -> dict[int, pa.Table]:
+    """The table cut where the scenario changes."""
+    table = table.sort_by("scenario") if table.num_rows else table
+    number = table["scenario"].to_numpy()
+    starts = np.flatnonzero(np.diff(number, prepend=-1))
+    ends = np.append(starts[1:], len(number))
+    return {
+        int(number[start]): table.slice(start, end - start)
+        for start, end in zip(starts.tolist(), ends.tolist(), strict=True)
+    }
+
+
+def as_json(value: Any) -> str:
+    """JSON that may stand inside a script element of a page: no `<` ends it."""
+    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
