@@ -167,6 +167,17 @@ def test_a_scenario_is_exported(capsys, tmp_path):
     assert "00:00:12.00>ALT AC1 FL300" in target.read_text().splitlines()
 
 
+@pytest.mark.parametrize("kind", ["onnx", "numpy"])
+def test_a_policy_is_exported(capsys, tmp_path, kind):
+    if kind == "onnx":
+        pytest.importorskip("onnx")
+    target = tmp_path / "policy"
+    arguments = ["export", "lateral", "--format", kind, "-o", str(target), "--json"]
+    code, out, err = run(capsys, *arguments)
+    assert (code, json.loads(out)["source"], err) == (0, "lateral", "")
+    assert list(tmp_path.iterdir()) == [target]
+
+
 def test_reproduce_quick_from_end_to_end(capsys, tmp_path, monkeypatch):
     """Tiny trainings in real worker processes; every file of the run folder."""
     from skystack.reproduction import plan
@@ -222,6 +233,9 @@ MISTAKES = [
     (["export", str(EXAMPLES / "climb.json")], "-o"),
     (["export", "nowhere", "-o", "x.scn"], "nowhere"),
     (["export", str(EXAMPLES / "climb.json"), "-o", "x.scn", "--format", "xml"], "scn"),
+    (["export", "lateral", "-o", "x.scn"], "--format scn is for flown scenarios"),
+    (["export", "laterla", "-o", "x", "--format", "numpy"], "did you mean 'lateral'"),
+    (["export", "lateral", "-o", "x", "--format", "onnx", "--scenario", "1"], "--scenario is 1"),
     ([], "VERB"),
     (["reproduce", "lateral", "--engine", "rya"], "invalid choice: 'rya'"),
     (["reproduce", "lateral", "--ray-address", "127.0.0.1:9"], "--ray-address is for --engine ray"),

@@ -181,14 +181,18 @@ def _build_parser() -> argparse.ArgumentParser:
     sub.add_argument("-o", dest="output", type=Path, metavar="FILE", help="trajectories (Parquet)")
     platform(sub)
 
-    sub = verb("export", "write a flown scenario as a file of another simulator", _export)
+    sub = verb("export", "write a flown scenario or a policy for another program", _export)
     sub.add_argument(
         "source",
-        type=Path,
         metavar="SOURCE",
-        help="a scenario file, or the folder of an evaluation",
+        help="scn: a scenario file, or the folder of an evaluation; else: a policy, as in evaluate",
     )
-    sub.add_argument("--format", choices=["scn"], default="scn", help="scn: BlueSky (default)")
+    sub.add_argument(
+        "--format",
+        choices=["scn", "onnx", "numpy"],
+        default="scn",
+        help="scn: a scenario for BlueSky (default); onnx (extra), numpy: a policy",
+    )
     sub.add_argument("--scenario", type=_seed, metavar="N", help="which of the folder, default 0")
     sub.add_argument("-o", dest="output", type=Path, required=True, metavar="FILE")
 
@@ -374,12 +378,12 @@ def _simulate(options: argparse.Namespace) -> int:
 
 def _export(options: argparse.Namespace) -> int:
     from skystack.console import prose
-    from skystack.export import export_scenario
+    from skystack.export.formats import export
 
-    for line in export_scenario(options.source, options.scenario, options.output):
+    for line in export(options.source, options.format, options.scenario, options.output):
         prose().print(line, soft_wrap=True, highlight=False)
     if options.json:
-        _print_json({"source": str(options.source), "output": str(options.output)})
+        _print_json({"source": options.source, "output": str(options.output)})
     return DONE
 
 
