@@ -77,6 +77,22 @@ def test_train_then_evaluate_the_run(capsys, tmp_path):
     assert json.loads(out)["rows"][0]["experiment"] == "lateral-large"
 
 
+def test_train_with_event_files_and_go_on(capsys, tmp_path):
+    """A finished training resumed is no training, but has event files all the same."""
+    pytest.importorskip("tensorboardX")
+    command = ["train", "lateral-large", "--out", str(tmp_path / "run"), *SMALL]
+    assert run(capsys, *command)[0] == 0
+    assert not (tmp_path / "run" / "tensorboard").exists()
+    code, _, err = run(capsys, *command, "--resume", "--tensorboard")
+    assert code == 0, err
+    (file,) = (tmp_path / "run" / "tensorboard").iterdir()
+    assert file.read_bytes().count(b"value_loss") == 2
+    code, _, err = run(capsys, *command, "--tensorboard")
+    assert code == 0, err
+    (file,) = (tmp_path / "run" / "tensorboard").iterdir()
+    assert file.read_bytes().count(b"value_loss") == 2
+
+
 def test_simulate_the_examples(capsys, tmp_path):
     for example in sorted(EXAMPLES.glob("*.json")):
         target = tmp_path / "trajectories.parquet"
@@ -125,6 +141,15 @@ def test_an_engine_that_is_not_installed_names_its_extra(capsys, monkeypatch, tm
     assert code == 2
     assert err.splitlines()[-1].endswith("(install skystack with the extra [ray])")
     assert not list(tmp_path.glob("out/*"))
+
+
+def test_event_files_without_their_package_name_its_extra(capsys, monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "tensorboardX", None)
+    out = tmp_path / "out"
+    code, _, err = run(capsys, "train", "lateral", "--tensorboard", "--out", str(out))
+    assert code == 2
+    assert err.endswith("(install skystack with the extra [tensorboard])\n")
+    assert not out.exists()
 
 
 def test_scenarios_that_a_platform_did_not_finish_are_named(capsys, monkeypatch):

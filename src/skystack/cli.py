@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
@@ -158,6 +159,12 @@ def _build_parser() -> argparse.ArgumentParser:
         help="change a setting, as ppo.total_steps=500000; may be repeated",
     )
 
+    sub.add_argument(
+        "--tensorboard",
+        action="store_true",
+        help="write the curves for TensorBoard too (extra), into the folder",
+    )
+
     sub = verb("evaluate", "judge a policy on held-out scenarios", _evaluate)
     sub.add_argument("policy", metavar="POLICY", help="a shipped policy's name or a run folder")
     sub.add_argument("--episodes", type=_positive, default=1000, help="default 1000")
@@ -299,23 +306,30 @@ def _engine(options: argparse.Namespace) -> Any:
 
 def _train(options: argparse.Namespace) -> int:
     from skystack.console import prose, show_progress
+    from skystack.learning.event_files import event_files
     from skystack.learning.experiment import load_experiment
-    from skystack.learning.run import train_experiment
+    from skystack.learning.run import Progress, train_experiment
     from skystack.programs import compile_for_one_core, kept_programs
 
     experiment = load_experiment(options.experiment, options.changes)
     name = f"{experiment.name}-s{options.seed}"
     out = options.out or Path("runs") / name
     compile_for_one_core()
+    events = event_files(out) if options.tensorboard else nullcontext(lambda: None)
     try:
-        with kept_programs(), show_progress() as report:
-            trained = train_experiment(
-                experiment, options.seed, out, options.resume, lambda step: report(name, step)
-            )
+        with kept_programs(), events as follow, show_progress() as report:
+
+            def on_update(step: Progress) -> None:
+                report(name, step)
+                follow()
+
+            trained = train_experiment(experiment, options.seed, out, options.resume, on_update)
     except KeyboardInterrupt:
         return _complain(
             f"interrupted; to go on: skystack train {options.experiment} --seed {options.seed} "
-            f"--out {out} --resume" + "".join(f" --set {change}" for change in options.changes),
+            f"--out {out} --resume"
+            + " --tensorboard" * options.tensorboard
+            + "".join(f" --set {change}" for change in options.changes),
             INTERRUPTED,
         )
     prose().print(f"{trained.wall_s:.0f} s; policy: {out / 'policy.json'}", soft_wrap=True)
