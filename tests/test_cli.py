@@ -16,6 +16,7 @@ from skystack.benchmarking.figures import Figure
 from skystack.benchmarking.peers import Peer
 from skystack.cli import main
 from skystack.reproduction import cluster
+from tests.reporting.conftest import write_run
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -91,6 +92,31 @@ def test_train_with_event_files_and_go_on(capsys, tmp_path):
     assert code == 0, err
     (file,) = (tmp_path / "run" / "tensorboard").iterdir()
     assert file.read_bytes().count(b"value_loss") == 2
+
+
+def test_a_report_is_written_again(capsys, tmp_path):
+    folder = write_run(tmp_path / "run", rows=[("lateral", True)], seeds=(0,), scenarios=2)
+    results = json.loads((folder / "results.json").read_text())
+    code, out, err = run(capsys, "report", str(folder), "-o", "page.html")
+    assert (code, out) == (2, "")
+    assert "-o is for comparisons" in err
+    assert not (folder / "figures").exists()
+    code, out, err = run(capsys, "report", str(folder), "--json")
+    assert code == 0, err
+    assert json.loads(out) == {
+        key: results[key] for key in ("rows", "rows_by_seed", "train", "wall_s")
+    }
+    assert "damped and stacked" in (folder / "report.html").read_text()
+    assert (folder / "figures" / "loop.png").exists()
+
+
+def test_one_training_has_a_page_of_its_own(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run(capsys, "train", "lateral-large", "--out", "run", "--seed", "4", *SMALL)[0] == 0
+    code, out, err = run(capsys, "report", "run")
+    assert (code, err) == (0, "comparison: comparison.html\n")
+    assert out.split("\n")[2].split()[:4] == ["run", "lateral-large", "4", "512"]
+    assert "Learning curves of run" in (tmp_path / "comparison.html").read_text()
 
 
 def test_simulate_the_examples(capsys, tmp_path):
@@ -230,6 +256,14 @@ def test_reproduce_quick_from_end_to_end(capsys, tmp_path, monkeypatch):
     assert "16 finished pieces kept from an earlier run" in err  # 5 trainings, 11 evaluations
     same = ("rows", "rows_by_seed", "comparisons", "train")
     assert [json.loads(again)[key] for key in same] == [result[key] for key in same]
+    one = str(out_folder / "train" / "lateral-s0")
+    page = tmp_path / "page.html"
+    code, out, err = run(capsys, "report", str(out_folder), one, "--json", "-o", str(page))
+    assert code == 0, err
+    compared = json.loads(out)
+    assert len(compared["train"]) == len(names) + 1
+    assert {each["run"] for each in compared["rows"]} == {"run"}
+    assert "Runs side by side" in page.read_text()
 
 
 MISTAKES = [
@@ -261,6 +295,9 @@ MISTAKES = [
     (["export", "lateral", "-o", "x.scn"], "--format scn is for flown scenarios"),
     (["export", "laterla", "-o", "x", "--format", "numpy"], "did you mean 'lateral'"),
     (["export", "lateral", "-o", "x", "--format", "onnx", "--scenario", "1"], "--scenario is 1"),
+    (["report"], "RUN"),
+    (["report", "nowhere"], "nowhere: not a run folder"),
+    (["report", "nowhere", "neither", "-o", "page.html"], "nowhere: not a run folder"),
     ([], "VERB"),
     (["reproduce", "lateral", "--engine", "rya"], "invalid choice: 'rya'"),
     (["reproduce", "lateral", "--ray-address", "127.0.0.1:9"], "--ray-address is for --engine ray"),

@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
@@ -115,35 +115,7 @@ def _build_parser() -> argparse.ArgumentParser:
     verb("list", "experiments, tasks, sectors, shipped policies", _list)
 
     sub = verb("reproduce", "train, evaluate, compare with the paper, write the report", _reproduce)
-    sub.add_argument(
-        "families",
-        nargs="*",
-        metavar="FAMILY",
-        help="lateral, vertical, avoidance, all (default: lateral --quick)",
-    )
-    sub.add_argument("--seeds", type=_positive, default=1, help="training seeds (default 1)")
-    sub.add_argument("--episodes", type=_positive, help="scenarios to judge on (default 1000)")
-    sub.add_argument("--out", type=Path, metavar="DIR", help="folder for everything written")
-    sub.add_argument("--quick", action="store_true", help="a short training, to see it work")
-    sub.add_argument(
-        "--platform",
-        action="append",
-        default=[],
-        metavar="NAME",
-        dest="platforms",
-        help="fly the policies in another simulator too: bluebird, bluesky; may be repeated",
-    )
-    sub.add_argument(
-        "--engine",
-        choices=["processes", "ray"],
-        default="processes",
-        help="where it trains: processes, one a core (default); ray, on a cluster (extra)",
-    )
-    sub.add_argument(
-        "--ray-address",
-        metavar="HOST:PORT",
-        help="the cluster (default: what RAY_ADDRESS names, or this machine's)",
-    )
+    _reproduce_arguments(sub)
 
     sub = verb("train", "train a policy", _train)
     sub.add_argument("experiment", metavar="EXPERIMENT", help="a name (see list) or a .toml file")
@@ -183,6 +155,18 @@ def _build_parser() -> argparse.ArgumentParser:
     )
     platform(sub)
 
+    sub = verb("report", "write the report of a run again, or compare several runs", _report)
+    sub.add_argument(
+        "runs", nargs="+", type=Path, metavar="RUN", help="a folder of reproduce or of train"
+    )
+    sub.add_argument(
+        "-o",
+        dest="output",
+        type=Path,
+        metavar="FILE.html",
+        help="the page of a comparison (default comparison.html)",
+    )
+
     sub = verb("simulate", "fly a scenario file", _simulate)
     sub.add_argument("scenario", type=Path, metavar="SCENARIO.json")
     sub.add_argument("-o", dest="output", type=Path, metavar="FILE", help="trajectories (Parquet)")
@@ -207,6 +191,38 @@ def _build_parser() -> argparse.ArgumentParser:
     sub.add_argument("--peers", action="store_true", help="and what others are, where installed")
     sub.add_argument("--quick", action="store_true", help="few things, once: to see that it works")
     return parser
+
+
+def _reproduce_arguments(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument(
+        "families",
+        nargs="*",
+        metavar="FAMILY",
+        help="lateral, vertical, avoidance, all (default: lateral --quick)",
+    )
+    sub.add_argument("--seeds", type=_positive, default=1, help="training seeds (default 1)")
+    sub.add_argument("--episodes", type=_positive, help="scenarios to judge on (default 1000)")
+    sub.add_argument("--out", type=Path, metavar="DIR", help="folder for everything written")
+    sub.add_argument("--quick", action="store_true", help="a short training, to see it work")
+    sub.add_argument(
+        "--platform",
+        action="append",
+        default=[],
+        metavar="NAME",
+        dest="platforms",
+        help="fly the policies in another simulator too: bluebird, bluesky; may be repeated",
+    )
+    sub.add_argument(
+        "--engine",
+        choices=["processes", "ray"],
+        default="processes",
+        help="where it trains: processes, one a core (default); ray, on a cluster (extra)",
+    )
+    sub.add_argument(
+        "--ray-address",
+        metavar="HOST:PORT",
+        help="the cluster (default: what RAY_ADDRESS names, or this machine's)",
+    )
 
 
 def _integer(text: str, least: int) -> int:
@@ -245,11 +261,10 @@ def _list(options: argparse.Namespace) -> int:
 
 
 def _reproduce(options: argparse.Namespace) -> int:
-    from skystack.console import count_scenarios, output, prose, show_progress
+    from skystack.console import count_scenarios, prose, show_progress
     from skystack.platforms.registry import said_of
     from skystack.programs import compile_for_one_core, kept_programs
     from skystack.reporting.report import write_report
-    from skystack.reporting.tables import comparison_of, platforms_of
     from skystack.reproduction.plan import QUICK_EPISODES, plan_families
     from skystack.reproduction.run import run_plan, run_platforms
 
@@ -279,18 +294,27 @@ def _reproduce(options: argparse.Namespace) -> int:
             prose().print(line, soft_wrap=True, highlight=False)
         failed = run_platforms(plan, results, count_scenarios)
         write_report(out)
-    if options.json:
-        shown = ["rows", "rows_by_seed", "comparisons", "train", "wall_s"]
-        shown += ["platforms"] * bool(plan.platforms)
-        _print_json({key: results[key] for key in shown})
-    else:
-        output().print(comparison_of(results["rows"]).as_rich())
-        if plan.platforms:
-            output().print(platforms_of(results["platforms"]).as_rich())
+    _show_results(results, options.json)
     prose().print(f"{results['wall_s']:.0f} s; report: {path}", highlight=False, soft_wrap=True)
     for line in failed:
         _complain(line, FAILED)
     return FAILED if failed else DONE
+
+
+def _show_results(results: Mapping[str, Any], as_json: bool) -> None:
+    """The contents of a `results.json`."""
+    from skystack.console import output
+    from skystack.reporting.tables import comparison_of, platforms_of
+
+    elsewhere = results.get("platforms", [])
+    if as_json:
+        shown = ["rows", "rows_by_seed", "comparisons", "train", "wall_s"]
+        shown += ["platforms"] * bool(elsewhere)
+        _print_json({key: results[key] for key in shown if key in results})
+    else:
+        output().print(comparison_of(results["rows"]).as_rich())
+        if elsewhere:
+            output().print(platforms_of(elsewhere).as_rich())
 
 
 def _engine(options: argparse.Namespace) -> Any:
@@ -374,6 +398,39 @@ def _evaluate(options: argparse.Namespace) -> int:
     for number, why in judged.failed.items():
         _complain(f"{options.platform}: scenario {number} {why}", FAILED)
     return FAILED if judged.failed else DONE
+
+
+def _report(options: argparse.Namespace) -> int:
+    from skystack.console import prose
+    from skystack.reporting.report import write_report
+    from skystack.reporting.trainings import is_reproduction
+
+    first, *others = options.runs
+    if others or not is_reproduction(first):
+        return _compare(options)
+    if options.output:
+        raise InputError(f"report: -o is for comparisons; the report of {first} lies in it")
+    path = write_report(first)
+    _show_results(json.loads((first / "results.json").read_bytes()), options.json)
+    prose().print(f"report: {path}", highlight=False, soft_wrap=True)
+    return DONE
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from skystack.console import output, prose
+    from skystack.reporting.comparison import comparison_json, comparison_tables, write_comparison
+    from skystack.reporting.trainings import read_runs
+
+    path = options.output or Path("comparison.html")
+    runs = read_runs(options.runs)
+    write_comparison(runs, path)
+    if options.json:
+        _print_json(comparison_json(runs))
+    else:
+        for table in comparison_tables(runs):
+            output().print(table.as_rich())
+    prose().print(f"comparison: {path}", highlight=False, soft_wrap=True)
+    return DONE
 
 
 def _simulate(options: argparse.Namespace) -> int:
