@@ -78,20 +78,16 @@ def test_train_then_evaluate_the_run(capsys, tmp_path):
     assert json.loads(out)["rows"][0]["experiment"] == "lateral-large"
 
 
-def test_train_with_event_files_and_go_on(capsys, tmp_path):
-    """A finished training resumed is no training, but has event files all the same."""
+def test_event_files_of_a_training_and_of_a_finished_one(capsys, tmp_path):
     pytest.importorskip("tensorboardX")
-    command = ["train", "lateral-large", "--out", str(tmp_path / "run"), *SMALL]
-    assert run(capsys, *command)[0] == 0
-    assert not (tmp_path / "run" / "tensorboard").exists()
-    code, _, err = run(capsys, *command, "--resume", "--tensorboard")
-    assert code == 0, err
-    (file,) = (tmp_path / "run" / "tensorboard").iterdir()
-    assert file.read_bytes().count(b"value_loss") == 2
-    code, _, err = run(capsys, *command, "--tensorboard")
-    assert code == 0, err
-    (file,) = (tmp_path / "run" / "tensorboard").iterdir()
-    assert file.read_bytes().count(b"value_loss") == 2
+    events = tmp_path / "run" / "tensorboard"
+    command = ["train", "lateral-large", "--out", str(tmp_path / "run"), "--tensorboard", *SMALL]
+    for words in ([], ["--resume"]):
+        code, _, err = run(capsys, *command, *words)
+        assert code == 0, err
+        (file,) = events.iterdir()
+        assert file.read_bytes().count(b"value_loss") == 2
+        file.unlink()
 
 
 def test_a_report_is_written_again(capsys, tmp_path):

@@ -1,5 +1,7 @@
 """Evaluations to export from."""
 
+from functools import cache
+
 import pytest
 
 from skystack.catalogue import find_policy
@@ -20,6 +22,8 @@ def folder(out):
     return evaluated(out, "lateral-best")
 
 
+@cache
 def evaluated(out, policy):
+    """The folder of a stacked evaluation."""
     judge(find_policy(policy), Conditions(episodes=EPISODES), out)
     return evaluation_folder(out, policy, 0, stacking=True)

@@ -17,8 +17,8 @@ from skystack.export.formats import export
 from tests.scenarios import EXAMPLES
 
 DOCS = Path(__file__).parents[2] / "docs"
-KINDS = ["lateral-large", "avoidance-best", "vertical"]
-"""Observations of one aircraft after the other, with those of a pair, and of one aircraft alone."""
+KINDS = ["lateral", "lateral-large", "avoidance-best", "vertical"]
+"""Two aircraft with few and many actions, a pair that sees each other, and one aircraft alone."""
 SAMPLES = 10_000
 
 
