@@ -17,6 +17,7 @@ from skystack.benchmarking.peers import Peer
 from skystack.cli import main
 from skystack.evaluation.stored import stored_scenario
 from skystack.reproduction import cluster
+from tests.reporting.conftest import write_run
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -111,6 +112,43 @@ def test_policies_train_in_the_sectors_that_ship(capsys, tmp_path, sector):
     assert stored_scenario(tables, 0).sector.name == "x-plus"
 
 
+def test_event_files_of_a_training_and_of_a_finished_one(capsys, tmp_path):
+    pytest.importorskip("tensorboardX")
+    events = tmp_path / "run" / "tensorboard"
+    command = ["train", "lateral-large", "--out", str(tmp_path / "run"), "--tensorboard", *SMALL]
+    for words in ([], ["--resume"]):
+        code, _, err = run(capsys, *command, *words)
+        assert code == 0, err
+        (file,) = events.iterdir()
+        assert file.read_bytes().count(b"value_loss") == 2
+        file.unlink()
+
+
+def test_a_report_is_written_again(capsys, tmp_path):
+    folder = write_run(tmp_path / "run", rows=[("lateral", True)], seeds=(0,), scenarios=2)
+    results = json.loads((folder / "results.json").read_text())
+    code, out, err = run(capsys, "report", str(folder), "-o", "page.html")
+    assert (code, out) == (2, "")
+    assert "-o is for comparisons" in err
+    assert not (folder / "figures").exists()
+    code, out, err = run(capsys, "report", str(folder), "--json")
+    assert code == 0, err
+    assert json.loads(out) == {
+        key: results[key] for key in ("rows", "rows_by_seed", "train", "wall_s")
+    }
+    assert "damped and stacked" in (folder / "report.html").read_text()
+    assert (folder / "figures" / "loop.png").exists()
+
+
+def test_one_training_has_a_page_of_its_own(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run(capsys, "train", "lateral-large", "--out", "run", "--seed", "4", *SMALL)[0] == 0
+    code, out, err = run(capsys, "report", "run")
+    assert (code, err) == (0, "comparison: comparison.html\n")
+    assert out.split("\n")[2].split()[:4] == ["run", "lateral-large", "4", "512"]
+    assert "Learning curves of run" in (tmp_path / "comparison.html").read_text()
+
+
 def test_simulate_the_examples(capsys, tmp_path):
     for example in sorted(EXAMPLES.glob("*.json")) + sorted(EXAMPLES.glob("*/meeting.json")):
         target = tmp_path / "trajectories.parquet"
@@ -161,6 +199,15 @@ def test_an_engine_that_is_not_installed_names_its_extra(capsys, monkeypatch, tm
     assert not list(tmp_path.glob("out/*"))
 
 
+def test_event_files_without_their_package_name_its_extra(capsys, monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "tensorboardX", None)
+    out = tmp_path / "out"
+    code, _, err = run(capsys, "train", "lateral", "--tensorboard", "--out", str(out))
+    assert code == 2
+    assert err.endswith("(install skystack with the extra [tensorboard])\n")
+    assert not out.exists()
+
+
 def test_scenarios_that_a_platform_did_not_finish_are_named(capsys, monkeypatch):
     from skystack.evaluation import judge
 
@@ -201,6 +248,17 @@ def test_a_scenario_is_exported(capsys, tmp_path):
     assert "00:00:12.00>ALT AC1 FL300" in target.read_text().splitlines()
 
 
+@pytest.mark.parametrize("kind", ["onnx", "numpy"])
+def test_a_policy_is_exported(capsys, tmp_path, kind):
+    if kind == "onnx":
+        pytest.importorskip("onnx")
+    target = tmp_path / "policy"
+    arguments = ["export", "lateral", "--format", kind, "-o", str(target), "--json"]
+    code, out, err = run(capsys, *arguments)
+    assert (code, json.loads(out)["source"], err) == (0, "lateral", "")
+    assert list(tmp_path.iterdir()) == [target]
+
+
 def test_reproduce_quick_from_end_to_end(capsys, tmp_path, monkeypatch):
     """Tiny trainings in real worker processes; every file of the run folder."""
     from skystack.reproduction import plan
@@ -228,6 +286,14 @@ def test_reproduce_quick_from_end_to_end(capsys, tmp_path, monkeypatch):
     assert "16 finished pieces kept from an earlier run" in err  # 5 trainings, 11 evaluations
     same = ("rows", "rows_by_seed", "comparisons", "train")
     assert [json.loads(again)[key] for key in same] == [result[key] for key in same]
+    one = str(out_folder / "train" / "lateral-s0")
+    page = tmp_path / "page.html"
+    code, out, err = run(capsys, "report", str(out_folder), one, "--json", "-o", str(page))
+    assert code == 0, err
+    compared = json.loads(out)
+    assert len(compared["train"]) == len(names) + 1
+    assert {each["run"] for each in compared["rows"]} == {"run"}
+    assert "Runs side by side" in page.read_text()
 
 
 MISTAKES = [
@@ -256,6 +322,12 @@ MISTAKES = [
     (["export", str(EXAMPLES / "climb.json")], "-o"),
     (["export", "nowhere", "-o", "x.scn"], "nowhere"),
     (["export", str(EXAMPLES / "climb.json"), "-o", "x.scn", "--format", "xml"], "scn"),
+    (["export", "lateral", "-o", "x.scn"], "--format scn is for flown scenarios"),
+    (["export", "laterla", "-o", "x", "--format", "numpy"], "did you mean 'lateral'"),
+    (["export", "lateral", "-o", "x", "--format", "onnx", "--scenario", "1"], "--scenario is 1"),
+    (["report"], "RUN"),
+    (["report", "nowhere"], "nowhere: not a run folder"),
+    (["report", "nowhere", "neither", "-o", "page.html"], "nowhere: not a run folder"),
     ([], "VERB"),
     (["reproduce", "lateral", "--engine", "rya"], "invalid choice: 'rya'"),
     (["reproduce", "lateral", "--ray-address", "127.0.0.1:9"], "--ray-address is for --engine ray"),
@@ -415,7 +487,6 @@ def test_help_needs_no_jax():
     program = """
 import sys
 from skystack.cli import main
-from skystack.evaluation.stored import stored_scenario
 try:
     main(["--help"])
 except SystemExit:

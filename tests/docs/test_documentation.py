@@ -12,7 +12,8 @@ import pytest
 
 import dev
 from skystack.airspace.sector_file import read_sector
-from skystack.cli import _build_parser, _parse, _verbs, main
+from skystack.cli import main
+from skystack.cli.arguments import build_parser, parse, verbs_of
 from skystack.learning.experiment import load_experiment
 from skystack.simulator.scenario_file import load_scenario
 from tests.docs.blocks import PAGES, ROOT, anchors, blocks
@@ -54,7 +55,7 @@ def run_command(text):
         assert (ROOT / words[0]).exists(), text
         assert words[0] != "dev.py" or words[1] in dev.EXTRAS, text
     elif words[0] in ELSEWHERE:
-        _parse(words)
+        parse(words)
     else:
         assert main([*words, *QUICK.get(words[0], ())]) == 0, text
 
@@ -63,7 +64,7 @@ def check_named(text):
     """A command in a sentence leaves out what does not matter there; what it names exists."""
     _, *words = shlex.split(text)
     if not words[0].startswith("-"):
-        parser = _verbs(_build_parser())[words[0]]
+        parser = verbs_of(build_parser())[words[0]]
         options = {word.split("=")[0] for word in words if word.startswith("--")}
         assert options <= set(parser._option_string_actions), text
 

@@ -18,7 +18,7 @@ from skystack.airspace.xplus import x_plus  # noqa: E402
 from skystack.catalogue import find_policy  # noqa: E402
 from skystack.errors import InputError, PlatformError  # noqa: E402
 from skystack.evaluation.judge import Conditions, evaluation_folder, judge  # noqa: E402
-from skystack.export import export_scenario  # noqa: E402
+from skystack.export.scenario import export_scenario  # noqa: E402
 from skystack.platforms.bluesky import BlueSky  # noqa: E402
 from skystack.platforms.bluesky_scenario import TYPES, scenario_text  # noqa: E402
 from skystack.platforms.flight import fly_scenario  # noqa: E402

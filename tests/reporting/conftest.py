@@ -13,6 +13,7 @@ from matplotlib.path import Path as MatplotlibPath
 
 from skystack.airspace.sector import Sector
 from skystack.airspace.xplus import x_plus
+from skystack.learning.experiment import load_experiment, to_toml
 from skystack.reporting.report import write_report
 
 NM_PER_CYCLE, DEG_PER_CYCLE, CYCLES = 0.776, 9.0, 300
@@ -251,7 +252,9 @@ def write_run(
         results["rows"].append(row)
     for number, experiment in enumerate(dict.fromkeys(name for name, _ in rows)):
         for seed in () if experiment in UNTRAINED else seeds:
-            write_metrics(folder / "train" / f"{experiment}-s{seed}", updates, seed, 8.0 - number)
+            training = folder / "train" / f"{experiment}-s{seed}"
+            write_metrics(training, updates, seed, 8.0 - number)
+            (training / "config.toml").write_bytes(to_toml(load_experiment(experiment)))
             results["train"].append(
                 {"experiment": experiment, "seed": seed, "steps": 8192 * updates}
                 | {"wall_s": 62.0, "steps_per_s": 8192 * updates / 62.0}

@@ -5,9 +5,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skystack.reporting.learning_curves import (
+    at_the_end,
     convergence,
     learning_curves,
     mean_over_seeds,
+    overlaid_curves,
     running_mean,
     steps_until,
     success_curves,
@@ -79,6 +81,27 @@ def test_experiments_share_one_picture():
         (axes,) = success_curves(curves).axes
     np.testing.assert_allclose(curve(axes, "Damped"), 0.2)
     np.testing.assert_allclose(curve(axes, "Ours"), 0.9)
+
+
+def test_runs_are_drawn_over_each_other_measure_by_measure():
+    runs = {"before": [updates(0.2, None)], "after": [updates(0.9, None), updates(0.7, None)]}
+    with house_style():
+        figure = overlaid_curves(runs)
+    returns, rates, counts = figure.axes
+    np.testing.assert_allclose(curve(rates, "before"), 0.2)
+    np.testing.assert_allclose(curve(rates, "after"), 0.8)
+    np.testing.assert_allclose(curve(returns, "after"), 1.0)
+    assert "before" not in [line.get_label() for line in counts.lines]  # nothing is known
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["before", "after"]
+
+
+def test_a_training_ends_where_its_thick_line_does():
+    rising = [Update(steps=n, success=n / 100.0, episodes=1.0) for n in range(101)]
+    # A window of five, of which three are left.
+    np.testing.assert_allclose(at_the_end(rising, "success"), 0.99)
+    unknown = Update(steps=101)
+    np.testing.assert_allclose(at_the_end([*rising, unknown], "success"), 0.99)
+    assert at_the_end(rising, "instructions") is None
 
 
 def test_steps_until_success_are_those_of_the_mean_over_seeds():

@@ -97,6 +97,7 @@ def test_a_missing_table_is_named_and_no_report_is_written(run):
     with pytest.raises(InputError, match=r"aircraft\.parquet: missing"):
         write_report(run)
     assert not (run / "report.html").exists()
+    assert not (run / "figures").exists()
 
 
 def test_other_simulators_are_shown_where_they_were_flown_in(run, page):

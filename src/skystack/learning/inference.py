@@ -19,7 +19,8 @@ class Normaliser(NamedTuple):
 
 CLIP = 10.0
 """Normalised values beyond this many standard deviations are cut."""
-_SMALLEST_VARIANCE = 1e-8
+SMALLEST_VARIANCE = 1e-8
+"""Added to a variance before its root is taken."""
 
 
 def forward(layers: Layers, observation: Any) -> Any:
@@ -36,4 +37,4 @@ def normalise(normaliser: Normaliser, observation: Any) -> Any:
     """Centred and scaled observations `[..., observation]`, in numpy or in JAX."""
     shape = (1,) * (observation.ndim - 1) + normaliser.mean.shape
     mean, variance = normaliser.mean.reshape(shape), normaliser.variance.reshape(shape)
-    return ((observation - mean) / (variance + _SMALLEST_VARIANCE) ** 0.5).clip(-CLIP, CLIP)
+    return ((observation - mean) / (variance + SMALLEST_VARIANCE) ** 0.5).clip(-CLIP, CLIP)

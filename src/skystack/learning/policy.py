@@ -48,6 +48,18 @@ class Policy:
     actor: Layers
     normaliser: Normaliser
 
+    @property
+    def tensors(self) -> dict[str, np.ndarray]:
+        """Its arrays by the names that they have in `policy.safetensors`, float32."""
+        tensors = {
+            "normaliser.mean": self.normaliser.mean,
+            "normaliser.variance": self.normaliser.variance,
+        }
+        for index, (weights, biases) in enumerate(self.actor):
+            tensors[f"actor.{index}.weights"] = weights
+            tensors[f"actor.{index}.biases"] = biases
+        return {name: np.ascontiguousarray(value, np.float32) for name, value in tensors.items()}
+
     def logits(self, observation: Float[np.ndarray, "*n observation"]) -> np.ndarray:
         """Unnormalised log probabilities of the actions, float32."""
         result: np.ndarray = forward(self.actor, normalise(self.normaliser, observation))
@@ -59,16 +71,7 @@ class Policy:
 
 def save_policy(folder: Path, policy: Policy) -> None:
     """Write both files; the hash in the description is made to fit."""
-    tensors = {
-        "normaliser.mean": policy.normaliser.mean,
-        "normaliser.variance": policy.normaliser.variance,
-    }
-    for index, (weights, biases) in enumerate(policy.actor):
-        tensors[f"actor.{index}.weights"] = weights
-        tensors[f"actor.{index}.biases"] = biases
-    data = save(
-        {name: np.ascontiguousarray(value, dtype=np.float32) for name, value in tensors.items()}
-    )
+    data = save(policy.tensors)
     description = msgspec.structs.replace(
         policy.description, sha256=hashlib.sha256(data).hexdigest()
     )

@@ -51,10 +51,10 @@ def write_figures(run: Path) -> list[Path]:
 
     Raises InputError that names a missing or damaged file.
     """
-    whole = read_run(run)
-    folder = make_folder(run / "figures")
     with house_style():
-        return [path for name, figure in _figures(whole) for path in save(figure, folder / name)]
+        figures = list(_figures(read_run(run)))  # all is read before anything is written
+        folder = make_folder(run / "figures")
+        return [path for name, figure in figures for path in save(figure, folder / name)]
 
 
 def _figures(run: Run) -> Iterator[tuple[str, Figure]]:

@@ -88,14 +88,32 @@ def success_curves(experiments: Mapping[str, Curves]) -> Figure:
     """Success of all experiments on one pair of axes."""
     figure, (axes,) = grid_of_axes(1, 1, (5.0, 3.4))
     axes.set_title("Success during training")
-    for number, (name, seeds) in enumerate(experiments.items()):
-        colour = SERIES[number % len(SERIES)]
-        _draw(axes, seeds, "success", colour, style=number % len(LINES), label=name)
+    _draw_all(axes, experiments, "success")
     _rates(axes)
-    _steps(axes)
-    if axes.get_legend_handles_labels()[0]:
-        figure.legend(loc="outside lower center", ncols=3, labelcolor=MUTED, handlelength=2.4)
+    _common_legend(figure, axes)
     return figure
+
+
+def overlaid_curves(runs: Mapping[str, Curves]) -> Figure:
+    """Return, success and instructions of several runs, each measure on axes of its own."""
+    figure, (returns, rates, counts) = grid_of_axes(1, 3, (10.5, 3.9), sharex=True)
+    _draw_all(returns, runs, "episode_return")
+    returns.set_title("Return")
+    _draw_all(rates, runs, "success")
+    rates.set_title("Success")
+    _rates(rates)
+    _draw_all(counts, runs, "instructions")
+    counts.set_title("Instructions")
+    counts.set_ylabel("in a scenario")
+    counts.set_ylim(bottom=0.0)
+    _common_legend(figure, returns)
+    return figure
+
+
+def at_the_end(updates: Sequence[Update], field: str) -> float | None:
+    """Where the thick line of a training ends; None if nothing is known."""
+    smooth = _smooth([updates], field)
+    return float(smooth[0][1][-1]) if smooth else None
 
 
 def running_mean(
@@ -142,6 +160,26 @@ def _draw(
             linewidth=width,
             linestyle=LINES[style],
             label=label,
+        )
+
+
+def _draw_all(axes: Axes, runs: Mapping[str, Curves], field: str) -> None:
+    """One measure of several runs, each in a colour and dash pattern of its own."""
+    for number, (name, seeds) in enumerate(runs.items()):
+        colour = SERIES[number % len(SERIES)]
+        _draw(axes, seeds, field, colour, style=number % len(LINES), label=name)
+    _steps(axes)
+
+
+def _common_legend(figure: Figure, axes: Axes) -> None:
+    """Below everything, for all axes that show the same runs as these."""
+    if axes.get_legend_handles_labels()[0]:
+        figure.legend(
+            *axes.get_legend_handles_labels(),
+            loc="outside lower center",
+            ncols=3,
+            labelcolor=MUTED,
+            handlelength=2.4,
         )
 
 

@@ -1,12 +1,8 @@
 """`report.html`: one file that holds everything a reader wants to know about a run."""
 
-import base64
 from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
-
-import jinja2
 
 from skystack.files import write_aside
 from skystack.reporting import tables
@@ -19,8 +15,8 @@ from skystack.reporting.figures import (
 from skystack.reporting.flights import Clearance, Scenario, read_scenario
 from skystack.reporting.histograms import SCENARIOS
 from skystack.reporting.markdown import as_markdown
+from skystack.reporting.page import Picture, picture_of, render
 from skystack.reporting.results import BOUND_FAMILY, FAMILIES, Bound, Row, Run, read_run
-from skystack.reporting.style import follow_the_page
 from skystack.reporting.trajectories import clearances_text
 from skystack.reporting.typical import kind_of_scenario, typical_scenario
 
@@ -30,14 +26,6 @@ SETTING = {
     "routes": "The routes through the sector from each of its first fixes",
 }
 """The pictures of what is flown, and what they show."""
-
-
-class Picture(NamedTuple):
-    """An image inside the page, and what it shows in words."""
-
-    source: str
-    """A data address: the page needs no other file."""
-    words: str
 
 
 class Section(NamedTuple):
@@ -88,17 +76,14 @@ def write_report(run: Path) -> Path:
     drawn = {path.stem for path in write_figures(run)}
     whole, path = read_run(run), run / "report.html"
     write_aside(run / "results.md", as_markdown(whole).encode())
-    write_aside(path, _page(whole, drawn).encode())
+    write_aside(path, _page(whole, drawn))
     return path
 
 
-def _page(run: Run, drawn: set[str]) -> str:
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    source = files("skystack.reporting").joinpath("report.html.jinja").read_text("utf-8")
+def _page(run: Run, drawn: set[str]) -> bytes:
     results, claims = run.results, judge_claims(run)
-    return environment.from_string(source).render(
+    return render(
+        "report.html.jinja",
         results=results,
         tiles=_tiles(run),
         setting={name: _picture(run, name, SETTING[name]) for name in SETTING if name in drawn},
@@ -189,5 +174,4 @@ def _in_words(scenario: Scenario) -> str:
 
 def _picture(run: Run, name: str, words: str) -> Picture:
     drawing = (run.folder / "figures" / f"{name}.svg").read_text("utf-8")
-    data = base64.b64encode(follow_the_page(drawing).encode()).decode()
-    return Picture(f"data:image/svg+xml;base64,{data}", words)
+    return picture_of(drawing, words)

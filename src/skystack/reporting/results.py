@@ -54,6 +54,12 @@ FAMILIES = {
 scenarios: only within it can rows be compared."""
 
 
+def family_of(experiment: str) -> str:
+    """The first word of an experiment's name, if that is a family; else the first of all."""
+    word = experiment.partition("-")[0]
+    return word if word in FAMILIES else next(iter(FAMILIES))
+
+
 class Paper(msgspec.Struct, frozen=True):
     """What the paper states for a row."""
 
@@ -126,9 +132,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def family(self) -> str:
-        """The first word of the experiment's name, if that is a family; else the first of all."""
-        word = self.experiment.partition("-")[0]
-        return word if word in FAMILIES else next(iter(FAMILIES))
+        """That of its experiment."""
+        return family_of(self.experiment)
 
     @property
     def policy(self) -> str:
@@ -218,6 +223,8 @@ class Update(msgspec.Struct, frozen=True):
     """One update of a training: means over the scenarios that ended in it; null where none did."""
 
     steps: int
+    wall_s: Number = None
+    """Since training began."""
     episode_return: Number = msgspec.field(default=None, name="return")
     success: Number = None
     correct_exit: Number = None
@@ -259,39 +266,47 @@ class Run:
 
     def updates(self, training: Training) -> list[Update]:
         """The learning curve of a training. Raises InputError for a missing or damaged file."""
-        folder = self.folder / "train" / f"{training.experiment}-s{training.seed}"
-        path = folder / "metrics.jsonl"
-        lines = _read(path).splitlines()
-        if not lines:
-            raise InputError(f"{path}: empty (allowed: one JSON object a line)")
-        return [
-            _decode(line, Update, f"{path}: line {number}")
-            for number, line in enumerate(lines, start=1)
-        ]
+        return read_updates(self.training(training))
+
+    def training(self, training: Training) -> Path:
+        """The folder of a training."""
+        return self.folder / "train" / f"{training.experiment}-s{training.seed}"
+
+
+def read_updates(folder: Path) -> list[Update]:
+    """The learning curve in a training's folder. Raises InputError: missing or damaged file."""
+    path = folder / "metrics.jsonl"
+    lines = read_file(path).splitlines()
+    if not lines:
+        raise InputError(f"{path}: empty (allowed: one JSON object a line)")
+    return [
+        decode(line, Update, f"{path}: line {number}") for number, line in enumerate(lines, start=1)
+    ]
 
 
 def read_run(folder: Path) -> Run:
     """Read what is small. Raises InputError that names a missing or damaged file."""
     path = folder / "results.json"
-    results = _decode(_read(path), Results, str(path))
+    results = decode(read_file(path), Results, str(path))
     ordered = msgspec.structs.replace(
         results,
         rows=in_order(results.rows),
         platforms=in_order(results.platforms),
-        rows_by_seed=sorted(results.rows_by_seed, key=lambda row: (_row_order(row), row.seed or 0)),
+        rows_by_seed=sorted(results.rows_by_seed, key=lambda row: (row_order(row), row.seed or 0)),
         train=sorted(results.train, key=lambda run: (_experiment_order(run.experiment), run.seed)),
     )
     path = folder / "bound.json"
-    bound = _decode(_read(path), Bound, str(path)) if path.exists() else None
+    bound = decode(read_file(path), Bound, str(path)) if path.exists() else None
     return Run(folder, ordered, bound)
 
 
 def in_order(rows: Iterable[Row]) -> list[Row]:
     """Known rows as listed above, unknown ones after them by name."""
-    return sorted(rows, key=_row_order)
+    return sorted(rows, key=row_order)
 
 
-def _row_order(row: Row) -> tuple[int, str, bool, int, str]:
+def row_order(row: Row) -> tuple[int, str, bool, int, str]:
+    """What rows are sorted by."""
     known, simulators = list(READABLE_NAMES), list(SIMULATORS)
     key = (row.experiment, row.stacking)
     place = known.index(key) if key in known else len(known)
@@ -304,7 +319,8 @@ def _experiment_order(experiment: str) -> tuple[int, str]:
     return (known.index(experiment) if experiment in known else len(known)), experiment
 
 
-def _read(path: Path) -> bytes:
+def read_file(path: Path) -> bytes:
+    """A whole file. Raises InputError that names it when it cannot be read."""
     try:
         return path.read_bytes()
     except OSError as error:
@@ -314,7 +330,8 @@ def _read(path: Path) -> bytes:
 Decoded = TypeVar("Decoded")
 
 
-def _decode(data: bytes, kind: type[Decoded], where: str) -> Decoded:
+def decode(data: bytes, kind: type[Decoded], where: str) -> Decoded:
+    """JSON of a known shape. Raises InputError that says where it is damaged."""
     try:
         return msgspec.json.decode(data, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:

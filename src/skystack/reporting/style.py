@@ -94,20 +94,28 @@ def settle(figure: Figure) -> None:
 
 def save(figure: Figure, stem: Path) -> list[Path]:
     """Write `<stem>.png` and `<stem>.svg`; the same figure gives the same bytes."""
+    paths = []
+    for kind, data in (("png", _drawn(figure, "png")), ("svg", as_svg(figure).encode())):
+        paths.append(stem.with_name(f"{stem.name}.{kind}"))
+        write_aside(paths[-1], data)
+    return paths
+
+
+def as_svg(figure: Figure) -> str:
+    """The figure as a drawing; the same figure gives the same text."""
+    return _shortened(_drawn(figure, "svg").decode())
+
+
+def _drawn(figure: Figure, kind: str) -> bytes:
     settle(figure)
     plain: dict[str, Any] = {
         "png": {"dpi": PIXELS_PER_INCH, "metadata": {"Software": None}},
         "svg": {"metadata": {"Date": None, "Creator": None}},
     }
-    paths = []
-    for kind, options in plain.items():
-        drawn = io.BytesIO()
-        # Cut to what is drawn: titles may stand out of the laid-out area.
-        figure.savefig(drawn, format=kind, bbox_inches="tight", pad_inches=0.12, **options)
-        data = drawn.getvalue() if kind == "png" else _shortened(drawn.getvalue().decode()).encode()
-        paths.append(stem.with_name(f"{stem.name}.{kind}"))
-        write_aside(paths[-1], data)
-    return paths
+    drawn = io.BytesIO()
+    # Cut to what is drawn: titles may stand out of the laid-out area.
+    figure.savefig(drawn, format=kind, bbox_inches="tight", pad_inches=0.12, **plain[kind])
+    return drawn.getvalue()
 
 
 def _shortened(svg: str) -> str:

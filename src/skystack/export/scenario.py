@@ -1,4 +1,4 @@
-"""The verb `export`: what was flown, in the files of other simulators."""
+"""What was flown, as a scenario file of BlueSky."""
 
 from pathlib import Path
 
@@ -15,10 +15,8 @@ def export_scenario(source: Path, number: int | None, output: Path) -> list[str]
 
     `source` is a scenario file (JSON), or the folder of an evaluation and the number of one of its
     scenarios. Returns what must be said: types that are flown as others. Raises InputError for a
-    source that cannot be read, or said in BlueSky's language.
+    source that cannot be read, or said in BlueSky's language, or an output that cannot be written.
     """
-    if not output.parent.is_dir():
-        raise InputError(f"{output}: the folder {output.parent} does not exist")
     scenario = _scenario(source, number)
     try:
         text = scenario_text(scenario)

@@ -4,31 +4,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from skystack.catalogue import find_policy
 from skystack.errors import InputError
-from skystack.evaluation.judge import Conditions, evaluation_folder, judge
 from skystack.evaluation.stored import stored_scenario
-from skystack.export import export_scenario
+from skystack.export.scenario import export_scenario
 from skystack.platforms.flight import fly_scenario
 from skystack.platforms.own import Skystack
+from tests.export.conftest import EPISODES, evaluated
 from tests.scenarios import EXAMPLES
-
-EPISODES = 3
-
-
-@pytest.fixture(scope="module")
-def out(tmp_path_factory):
-    return tmp_path_factory.mktemp("evaluation")
-
-
-@pytest.fixture(scope="module")
-def folder(out):
-    return evaluated(out, "lateral-best")
-
-
-def evaluated(out, policy):
-    judge(find_policy(policy), Conditions(episodes=EPISODES), out)
-    return evaluation_folder(out, policy, 0, stacking=True)
 
 
 @pytest.mark.parametrize("policy", ["lateral-best", "vertical"])
@@ -73,6 +55,4 @@ def test_what_cannot_be_exported_is_refused_and_leaves_no_file(folder, tmp_path)
         export_scenario(EXAMPLES / "reference.json", None, target)
     with pytest.raises(InputError, match=r"trajectories\.parquet: missing"):
         export_scenario(tmp_path, None, target)
-    with pytest.raises(InputError, match="does not exist"):
-        export_scenario(folder, 0, tmp_path / "no" / "out.scn")
     assert list(tmp_path.iterdir()) == []

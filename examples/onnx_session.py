@@ -1,0 +1,55 @@
+"""Online action-stacking round a policy of another library, here an ONNX session.
+
+Exports a shipped policy as ONNX, forgets it, and flies one scenario with the session alone: to
+`skystack.stacking.stack` a policy is whatever turns an observation into an action. Run it with
+
+    python examples/onnx_session.py
+
+where skystack is installed with the extra [onnx]; it prints the clearances of one scenario and
+from how many instructions each was stacked.
+"""
+
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import onnxruntime
+
+from skystack.catalogue import find_policy
+from skystack.evaluation.judge import task_of
+from skystack.export.onnx_file import export_onnx
+from skystack.platforms.instruction import worded
+from skystack.platforms.phraseology import written
+from skystack.seeds import scenario_key
+from skystack.stacking import stack
+from skystack.tasks.plain import PlainTask
+
+policy = find_policy("lateral-best")
+task = task_of(policy)
+with TemporaryDirectory() as folder:
+    path = Path(folder) / "lateral-best.onnx"
+    export_onnx(policy, path)
+    session = onnxruntime.InferenceSession(path)
+
+
+def decide(observation: np.ndarray) -> int:
+    """The most probable action; the session takes batches."""
+    (actions,) = session.run(["action"], {"observation": observation[None]})
+    return int(actions[0])
+
+
+environment = PlainTask(task)
+seen = environment.reset(scenario_key(seed=0, scenario=2))
+cycle, over = 0, False
+while not over:
+    seen, clearance = stack(environment, decide, seen)  # no time passes
+    if clearance.instructions:
+        traffic = environment.state_of(seen).traffic
+        who, _ = task.actions.changes[clearance.action - 1]
+        cleared, actual = traffic.cleared_heading_deg[who], traffic.heading_deg[who]
+        said = written(worded(f"AC{who + 1}", int(cleared), None, float(actual)))
+        sys.stdout.write(f"{6 * cycle:4d} s  {said} (from {clearance.instructions})\n")
+    seen, outcome = environment.advance(seen)  # one radar cycle
+    cycle, over = cycle + 1, bool(outcome.terminated)
+sys.stdout.write(f"success: {bool(outcome.metrics.success)}\n")

@@ -1,0 +1,33 @@
+"""The command line: `skystack <verb>`. Thin: parses, calls, prints.
+
+Results go to standard output, progress and prose to standard error. Exit code 0: done; 1: failed
+while running; 2: wrong usage or input, told in one line. Heavy imports wait until they are needed.
+"""
+
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+
+from skystack.cli.arguments import parse
+from skystack.cli.shown import FAILED, INTERRUPTED, WRONG, complain
+from skystack.errors import InputError, PlatformError, TrainingError
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code."""
+    # Terminated like interrupted: workers are stopped and checkpoints written on the way out.
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        options = parse(list(sys.argv[1:] if arguments is None else arguments))
+        code: int = options.run(options)
+        return code
+    except InputError as error:
+        return complain(str(error), WRONG)
+    except (TrainingError, PlatformError) as error:
+        return complain(str(error), FAILED)
+    except BrokenPipeError:
+        return FAILED
+    except KeyboardInterrupt:
+        return complain("interrupted", INTERRUPTED)

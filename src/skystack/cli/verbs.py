@@ -1,0 +1,266 @@
+"""What each verb does; imports wait until the verb is asked for."""
+
+import argparse
+import json
+import time
+from collections.abc import Mapping
+from contextlib import nullcontext
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from skystack.cli.shown import DONE, FAILED, INTERRUPTED, complain, print_json
+from skystack.errors import InputError
+
+
+def list_all(options: argparse.Namespace) -> int:
+    from skystack.catalogue import catalogue, catalogue_table
+    from skystack.console import output
+
+    found = catalogue()
+    if options.json:
+        print_json(found)
+    else:
+        for table in catalogue_table(found):
+            output().print(table)
+    return DONE
+
+
+def reproduce(options: argparse.Namespace) -> int:
+    from skystack.console import count_scenarios, prose, show_progress
+    from skystack.platforms.registry import said_of
+    from skystack.programs import compile_for_one_core, kept_programs
+    from skystack.reporting.report import write_report
+    from skystack.reproduction.plan import QUICK_EPISODES, plan_families
+    from skystack.reproduction.run import run_plan, run_platforms
+
+    engine = _engine(options)
+    quick = options.quick or not options.families
+    families = options.families or ["lateral"]
+    default = Path("runs") / ("-".join(families) + ("-quick" if quick else ""))
+    out = options.out or default
+    episodes = options.episodes or (QUICK_EPISODES if quick else 1000)
+    words = ["skystack", "reproduce", *families]
+    words += ["--seeds", str(options.seeds), "--episodes", str(episodes)]
+    words += ["--engine ray"] * (options.engine == "ray")
+    words += ["--quick"] * quick + [f"--platform {name}" for name in options.platforms]
+    command = " ".join(words)
+    seeds, platforms = options.seeds, options.platforms
+    plan = plan_families(families, seeds, episodes, out, quick, command, platforms)
+    compile_for_one_core()
+    with kept_programs(), show_progress() as report:
+        results = run_plan(plan, report, engine)
+    if results["kept"]:
+        prose().print(f"{len(results['kept'])} finished pieces kept from an earlier run")
+    prose().print("writing figures and report ...")
+    path = write_report(out)
+    failed: list[str] = []
+    if plan.platforms:
+        for line in (line for name in plan.platforms for line in said_of(name)):
+            prose().print(line, soft_wrap=True, highlight=False)
+        failed = run_platforms(plan, results, count_scenarios)
+        write_report(out)
+    _show_results(results, options.json)
+    prose().print(f"{results['wall_s']:.0f} s; report: {path}", highlight=False, soft_wrap=True)
+    for line in failed:
+        complain(line, FAILED)
+    return FAILED if failed else DONE
+
+
+def _show_results(results: Mapping[str, Any], as_json: bool) -> None:
+    """The contents of a `results.json`."""
+    from skystack.console import output
+    from skystack.reporting.tables import comparison_of, platforms_of
+
+    elsewhere = results.get("platforms", [])
+    if as_json:
+        shown = ["rows", "rows_by_seed", "comparisons", "train", "wall_s"]
+        shown += ["platforms"] * bool(elsewhere)
+        print_json({key: results[key] for key in shown if key in results})
+    else:
+        output().print(comparison_of(results["rows"]).as_rich())
+        if elsewhere:
+            output().print(platforms_of(elsewhere).as_rich())
+
+
+def _engine(options: argparse.Namespace) -> Any:
+    from skystack.reproduction.cluster import run_on_cluster
+    from skystack.reproduction.processes import run_in_processes
+
+    if options.engine == "ray":
+        return partial(run_on_cluster, address=options.ray_address)
+    if options.ray_address:
+        raise InputError("reproduce: --ray-address is for --engine ray")
+    return run_in_processes
+
+
+def train(options: argparse.Namespace) -> int:
+    from skystack.console import prose, show_progress
+    from skystack.learning.event_files import event_files
+    from skystack.learning.experiment import load_experiment
+    from skystack.learning.run import Progress, train_experiment
+    from skystack.programs import compile_for_one_core, kept_programs
+
+    experiment = load_experiment(options.experiment, options.changes)
+    name = f"{experiment.name}-s{options.seed}"
+    out = options.out or Path("runs") / name
+    compile_for_one_core()
+    events = event_files(out) if options.tensorboard else nullcontext(lambda: None)
+    try:
+        with kept_programs(), events as follow, show_progress() as report:
+
+            def on_update(step: Progress) -> None:
+                report(name, step)
+                follow()
+
+            trained = train_experiment(experiment, options.seed, out, options.resume, on_update)
+    except KeyboardInterrupt:
+        return complain(
+            f"interrupted; to go on: skystack train {options.experiment} --seed {options.seed} "
+            f"--out {out} --resume"
+            + " --tensorboard" * options.tensorboard
+            + "".join(f" --set {change}" for change in options.changes),
+            INTERRUPTED,
+        )
+    prose().print(f"{trained.wall_s:.0f} s; policy: {out / 'policy.json'}", soft_wrap=True)
+    if options.json:
+        summary = [trained.summary]
+        print_json({"rows": [], "rows_by_seed": [], "train": summary, "wall_s": trained.wall_s})
+    return DONE
+
+
+def evaluate(options: argparse.Namespace) -> int:
+    from skystack.airspace.sectors import named_or_read
+    from skystack.catalogue import find_policy
+    from skystack.console import count_scenarios, output, prose
+    from skystack.evaluation.judge import Conditions, judge
+    from skystack.evaluation.summary import aggregate
+    from skystack.platforms.registry import said_of
+    from skystack.programs import compile_for_one_core, kept_programs
+    from skystack.reporting.tables import comparison_of
+
+    begun = time.monotonic()
+    conditions = Conditions(
+        seed=options.seed,
+        episodes=options.episodes,
+        stacking=options.stacking,
+        greedy=not options.sample,
+        platform=options.platform,
+        time_limit_s=options.time_limit,
+        sector=named_or_read(options.sector) if options.sector else None,
+    )
+    policy = find_policy(options.policy)
+    compile_for_one_core()
+    counting = count_scenarios(options.platform, options.episodes)
+    with kept_programs(), counting as on_scenario:
+        judged = judge(policy, conditions, options.out, on_scenario)
+    for line in said_of(options.platform):
+        prose().print(line, soft_wrap=True, highlight=False)
+    rows = [aggregate([judged.row], [judged.episodes])]
+    if options.json:
+        wall_s = time.monotonic() - begun
+        result = {"rows": rows, "rows_by_seed": [judged.row], "train": [], "wall_s": wall_s}
+        print_json(result | ({"failed": judged.failed} if judged.failed else {}))
+    else:
+        output().print(comparison_of(rows).as_rich())
+    for number, why in judged.failed.items():
+        complain(f"{options.platform}: scenario {number} {why}", FAILED)
+    return FAILED if judged.failed else DONE
+
+
+def report(options: argparse.Namespace) -> int:
+    from skystack.console import prose
+    from skystack.reporting.report import write_report
+    from skystack.reporting.trainings import is_reproduction
+
+    first, *others = options.runs
+    if others or not is_reproduction(first):
+        return _compare(options)
+    if options.output:
+        raise InputError(f"report: -o is for comparisons; the report of {first} lies in it")
+    path = write_report(first)
+    _show_results(json.loads((first / "results.json").read_bytes()), options.json)
+    prose().print(f"report: {path}", highlight=False, soft_wrap=True)
+    return DONE
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from skystack.console import output, prose
+    from skystack.reporting.comparison import comparison_json, comparison_tables, write_comparison
+    from skystack.reporting.trainings import read_runs
+
+    path = options.output or Path("comparison.html")
+    runs = read_runs(options.runs)
+    write_comparison(runs, path)
+    if options.json:
+        print_json(comparison_json(runs))
+    else:
+        for table in comparison_tables(runs):
+            output().print(table.as_rich())
+    prose().print(f"comparison: {path}", highlight=False, soft_wrap=True)
+    return DONE
+
+
+def simulate(options: argparse.Namespace) -> int:
+    from skystack.console import output, prose
+    from skystack.simulate import simulate_file, summary_table
+
+    summary = simulate_file(options.scenario, options.output, options.platform, options.time_limit)
+    for line in summary["notes"]:
+        prose().print(line, soft_wrap=True, highlight=False)
+    if options.json:
+        print_json(summary)
+    else:
+        output().print(summary_table(summary))
+    return DONE
+
+
+def export(options: argparse.Namespace) -> int:
+    from skystack.console import prose
+    from skystack.export import formats
+
+    for line in formats.export(options.source, options.format, options.scenario, options.output):
+        prose().print(line, soft_wrap=True, highlight=False)
+    if options.json:
+        print_json({"source": options.source, "output": str(options.output)})
+    return DONE
+
+
+def bench(options: argparse.Namespace) -> int:
+    from skystack.benchmarking.run import QUICK, Effort, machine, measure_ourselves
+    from skystack.benchmarking.shown import figures_table, machine_line, number
+    from skystack.console import output, prose
+
+    begun = time.monotonic()
+
+    def told(what: str) -> None:
+        prose().print(f"{time.monotonic() - begun:4.0f} s  {what}", highlight=False)
+
+    effort = QUICK if options.quick else Effort()
+    figures = measure_ourselves(effort, told)
+    missing: dict[str, str] = {}
+    faster: dict[str, float] = {}
+    if options.peers:
+        from skystack.benchmarking.peers import measure_peers, ratios
+
+        found, missing = measure_peers(effort, told)
+        figures += found
+        faster = ratios(figures)
+    if options.json:
+        shown = [figure.as_json for figure in figures]
+        print_json(
+            {
+                "machine": machine(),
+                "figures": shown,
+                "ratios": faster,
+                "not_measured": missing,
+            }
+        )
+    else:
+        output().print(figures_table(figures).as_rich())
+        output().print(machine_line(machine()), highlight=False, soft_wrap=True)
+        for name, times in faster.items():
+            output().print(f"{number(times)} times as fast as {name}", highlight=False)
+        for name, why in missing.items():
+            output().print(f"not measured: {name}: {why}", highlight=False, soft_wrap=True)
+    return DONE

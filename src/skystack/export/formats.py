@@ -1,0 +1,57 @@
+"""Which format is made of what: scenarios become BlueSky's files, policies ONNX or numpy's."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from skystack.catalogue import find_policy, shipped_policies
+from skystack.errors import InputError
+from skystack.export.numpy_file import export_numpy
+from skystack.export.onnx_file import export_onnx
+from skystack.export.scenario import export_scenario
+from skystack.learning.policy import Policy
+
+POLICY_FORMATS: Mapping[str, Callable[[Policy, Path], None]] = {
+    "onnx": export_onnx,
+    "numpy": export_numpy,
+}
+"""How a policy is written in each."""
+
+
+def export(source: str, kind: str, scenario: int | None, output: Path) -> list[str]:
+    """Write a source as a file of a format.
+
+    `source` is a scenario file or an evaluation's folder for `scn`, with the number of a scenario
+    in the latter; a shipped policy's name or a run folder for the formats of policies. Returns what
+    must be said. Raises InputError for a source that is missing, damaged or not of the format, and
+    for an output that cannot be written.
+    """
+    if not output.parent.is_dir():
+        raise InputError(f"{output}: the folder {output.parent} does not exist")
+    if kind not in POLICY_FORMATS:
+        _refuse_policy(source)
+        return export_scenario(Path(source), scenario, output)
+    if scenario is not None:
+        raise InputError(f"--scenario is {scenario} (allowed: only with --format scn)")
+    _refuse_scenario(source, kind)
+    POLICY_FORMATS[kind](find_policy(source), output)
+    return []
+
+
+def _refuse_policy(source: str) -> None:
+    path = Path(source)
+    named = source in shipped_policies() and not path.exists()
+    if named or path.name == "policy.json" or (path / "policy.json").exists():
+        raise InputError(
+            f"--format scn is for flown scenarios, and {source} is a policy "
+            f"(allowed: {', '.join(f'--format {kind}' for kind in POLICY_FORMATS)})"
+        )
+
+
+def _refuse_scenario(source: str, kind: str) -> None:
+    path = Path(source)
+    scenario = path.is_file() and path.name != "policy.json"
+    if scenario or (path / "trajectories.parquet").exists():
+        raise InputError(
+            f"--format {kind} is for policies, and {source} holds flown scenarios "
+            "(allowed: --format scn)"
+        )

@@ -1,0 +1,21 @@
+"""A policy as one `.npz` file: its tensors and names, asked with a few lines of numpy."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+
+from skystack.export.facts import facts
+from skystack.files import write_aside
+from skystack.learning.policy import Policy
+
+
+def export_numpy(policy: Policy, output: Path) -> None:
+    """Write the policy so that `np.load` reads it without pickle; see docs/formats.md.
+
+    Raises InputError when the file cannot be written.
+    """
+    arrays = {name: np.asarray(value) for name, value in facts(policy).items()}
+    data = io.BytesIO()
+    np.savez(data, allow_pickle=False, **policy.tensors, **arrays)
+    write_aside(output, data.getvalue())

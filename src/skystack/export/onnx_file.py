@@ -1,0 +1,94 @@
+"""A policy as an ONNX graph, for every runtime that reads ONNX (extra `[onnx]`).
+
+Observations go in as the task gives them: the normaliser is part of the graph.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import skystack
+from skystack.errors import InputError
+from skystack.export.facts import facts
+from skystack.files import write_aside
+from skystack.learning.inference import CLIP, SMALLEST_VARIANCE
+from skystack.learning.policy import Policy
+
+OPSET, IR_VERSION = 17, 8
+"""Of 2022, so that runtimes need not be new."""
+
+
+def export_onnx(policy: Policy, output: Path) -> None:
+    """Write the policy as ONNX, from observations to logits and actions, see docs/formats.md.
+
+    Raises InputError when the extra is missing or the file cannot be written.
+    """
+    onnx = _onnx()
+    model = _model(onnx, policy)
+    onnx.checker.check_model(model, full_check=True)
+    write_aside(output, model.SerializeToString())
+
+
+def _onnx() -> Any:
+    try:
+        import onnx  # noqa: PLC0415
+    except ImportError:
+        raise InputError(
+            "--format onnx needs onnx, not installed here (install skystack with the extra [onnx])"
+        ) from None
+    return onnx
+
+
+def _model(onnx: Any, policy: Policy) -> Any:
+    helper, kinds = onnx.helper, onnx.TensorProto
+    described = facts(policy)
+    seen, actions = len(described["observation"]), len(described["actions"])
+    graph = helper.make_graph(
+        _nodes(helper, len(policy.actor)),
+        described["experiment"],
+        [helper.make_tensor_value_info("observation", kinds.FLOAT, ["batch", seen])],
+        [
+            helper.make_tensor_value_info("logits", kinds.FLOAT, ["batch", actions]),
+            helper.make_tensor_value_info("action", kinds.INT64, ["batch"]),
+        ],
+        [onnx.numpy_helper.from_array(value, name) for name, value in _constants(policy).items()],
+    )
+    model = helper.make_model(
+        graph,
+        ir_version=IR_VERSION,
+        opset_imports=[helper.make_opsetid("", OPSET)],
+        producer_name="skystack",
+        producer_version=skystack.__version__,
+    )
+    texts = {
+        name: value if isinstance(value, str) else json.dumps(value)
+        for name, value in described.items()
+    }
+    helper.set_model_props(model, texts)
+    return model
+
+
+def _nodes(helper: Any, layers: int) -> list[Any]:
+    """Normalise and cut; layer by layer with ReLU between; the first of the greatest logits."""
+    nodes = [
+        helper.make_node("Sub", ["observation", "normaliser.mean"], ["centred"]),
+        helper.make_node("Div", ["centred", "normaliser.deviation"], ["scaled"]),
+        helper.make_node("Clip", ["scaled", "least", "greatest"], ["value.0"]),
+    ]
+    for layer in range(layers):
+        inputs = [f"value.{layer}", f"actor.{layer}.weights", f"actor.{layer}.biases"]
+        last = layer == layers - 1
+        summed = "logits" if last else f"sum.{layer}"
+        nodes.append(helper.make_node("Gemm", inputs, [summed]))
+        if not last:
+            nodes.append(helper.make_node("Relu", [summed], [f"value.{layer + 1}"]))
+    return [*nodes, helper.make_node("ArgMax", ["logits"], ["action"], axis=1, keepdims=0)]
+
+
+def _constants(policy: Policy) -> dict[str, np.ndarray]:
+    tensors = policy.tensors
+    variance = tensors.pop("normaliser.variance")
+    tensors["normaliser.deviation"] = np.sqrt(variance + np.float32(SMALLEST_VARIANCE))
+    return tensors | {"least": np.array(-CLIP, np.float32), "greatest": np.array(CLIP, np.float32)}

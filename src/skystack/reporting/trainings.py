@@ -1,0 +1,159 @@
+"""What lies in run folders, of `train` and of `reproduce`, read so that it can be compared."""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from skystack.errors import InputError
+from skystack.reporting.learning_curves import at_the_end
+from skystack.reporting.results import (
+    Row,
+    Update,
+    decode,
+    family_of,
+    read_file,
+    read_run,
+    read_updates,
+    row_order,
+)
+
+NOT_COMPARED = ("name", "description")
+"""Settings that change nothing."""
+
+
+class Learned(NamedTuple):
+    """One training: where it lies, what it was and how it went."""
+
+    curve: str
+    """Which line it belongs to: its run, with the experiment where the run has several."""
+    run: str
+    experiment: str
+    seed: int | None
+    """None where it is not finished: the policy tells."""
+    updates: list[Update]
+    settings: dict[str, Any]
+    """By dotted key, as in `--set`."""
+
+    @property
+    def family(self) -> str:
+        return family_of(self.experiment)
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """Its line of the table; success and instructions as the thick line shows them at last."""
+        last = self.updates[-1]
+        return {
+            "run": self.run,
+            "experiment": self.experiment,
+            "seed": self.seed,
+            "steps": last.steps,
+            "wall_s": last.wall_s,
+            "success": at_the_end(self.updates, "success"),
+            "instructions": at_the_end(self.updates, "instructions"),
+        }
+
+
+class RowOf(NamedTuple):
+    """A row of the results of a run."""
+
+    run: str
+    row: Row
+
+
+class Runs(NamedTuple):
+    """Everything that several run folders hold."""
+
+    trainings: list[Learned]
+    rows: list[RowOf]
+    """In the order of the tables: equal rows of different runs together."""
+
+
+def is_reproduction(folder: Path) -> bool:
+    """Whether `skystack reproduce` has made it."""
+    return (folder / "results.json").exists()
+
+
+def read_runs(folders: Sequence[Path]) -> Runs:
+    """Read run folders. Raises InputError that names what is missing, damaged or given twice."""
+    trainings: list[Learned] = []
+    rows: list[RowOf] = []
+    for folder, name in zip(folders, short_names(folders), strict=True):
+        if is_reproduction(folder):
+            run = read_run(folder)
+            rows += [RowOf(name, row) for row in run.results.rows]
+            several = len(run.results.experiments) > 1
+            for each in run.results.train:
+                curve = f"{name}, {each.experiment}" if several else name
+                learned = _read_training(run.training(each), name)
+                trainings.append(learned._replace(curve=curve, seed=each.seed))
+        elif (folder / "metrics.jsonl").exists():
+            trainings.append(_read_training(folder, name))
+        else:
+            raise InputError(
+                f"{folder}: not a run folder (allowed: one with the metrics.jsonl of train or the "
+                "results.json of reproduce)"
+            )
+    return Runs(trainings, sorted(rows, key=lambda each: row_order(each.row)))
+
+
+def short_names(folders: Sequence[Path]) -> list[str]:
+    """Of each path as many last parts as tell it from the others. Raises InputError for twins."""
+    parts = [folder.resolve().parts for folder in folders]
+    names = []
+    for folder, own in zip(folders, parts, strict=True):
+        if parts.count(own) > 1:
+            raise InputError(f"{folder}: given twice")
+        alone = (
+            own[-count:]
+            for count in range(1, len(own) + 1)
+            if sum(each[-count:] == own[-count:] for each in parts) == 1
+        )
+        names.append("/".join(next(alone)))
+    return names
+
+
+def differences(settings: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """By key, the values of those settings that are not the same for all; None where unset."""
+    keys = dict.fromkeys(key for each in settings.values() for key in each)
+    found = {
+        key: {name: each.get(key) for name, each in settings.items()}
+        for key in keys
+        if key not in NOT_COMPARED
+    }
+    return {
+        key: values
+        for key, values in found.items()
+        if any(value != other for value in values.values() for other in values.values())
+    }
+
+
+class _Described(msgspec.Struct):
+    """What is needed of `policy.json`."""
+
+    seed: int
+
+
+def _read_training(folder: Path, run: str) -> Learned:
+    path = folder / "config.toml"
+    try:
+        config = tomllib.loads(read_file(path).decode())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: damaged: {error}") from None
+    experiment = config.get("name")
+    if not isinstance(experiment, str):
+        raise InputError(f"{path}: damaged: has no name of an experiment")
+    path = folder / "policy.json"
+    seed = decode(read_file(path), _Described, str(path)).seed if path.exists() else None
+    return Learned(run, run, experiment, seed, read_updates(folder), _flat(config))
+
+
+def _flat(table: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    """`{"ppo": {"gamma": 0.99}}` as `{"ppo.gamma": 0.99}`."""
+    flat: dict[str, Any] = {}
+    for key, value in table.items():
+        inner = isinstance(value, dict)
+        flat |= _flat(value, f"{before}{key}.") if inner else {f"{before}{key}": value}
+    return flat

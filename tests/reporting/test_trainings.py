@@ -1,0 +1,109 @@
+"""What lies in run folders is found, and what does not is named."""
+
+import json
+
+import pytest
+
+from skystack.errors import InputError
+from skystack.learning.experiment import load_experiment, to_toml
+from skystack.reporting.trainings import differences, read_runs, short_names
+
+LINES = [
+    {"update": n, "steps": 256 * n, "wall_s": 2.0 * n, "return": -1.0, "success": 0.75}
+    | {"instructions": 12.0, "episodes": 3.0}
+    for n in (1, 2, 3)
+]
+
+
+def write_training(folder, experiment="lateral", *changes, seed=None):
+    folder.mkdir(parents=True)
+    (folder / "config.toml").write_bytes(to_toml(load_experiment(experiment, changes)))
+    (folder / "metrics.jsonl").write_text("".join(json.dumps(line) + "\n" for line in LINES))
+    if seed is not None:
+        (folder / "policy.json").write_text(json.dumps({"format": 1, "seed": seed}))
+    return folder
+
+
+def test_a_training_is_summed_up(tmp_path):
+    done = write_training(tmp_path / "done", "vertical", seed=3)
+    broken_off = write_training(tmp_path / "broken-off")
+    first, second = read_runs([done, broken_off]).trainings
+    assert first.summary == {
+        "run": "done",
+        "experiment": "vertical",
+        "seed": 3,
+        "steps": 768,
+        "wall_s": 6.0,
+        "success": pytest.approx(0.75),
+        "instructions": pytest.approx(12.0),
+    }
+    assert (first.family, first.curve) == ("vertical", "done")
+    assert (second.experiment, second.seed) == ("lateral", None)
+
+
+def test_a_reproduction_is_its_trainings_and_rows(reported, tmp_path):
+    alone = write_training(tmp_path / "alone")
+    runs = read_runs([reported, alone])
+    found = [(each.run, each.experiment, each.seed) for each in runs.trainings]
+    assert found == [
+        ("run", experiment, seed)
+        for experiment in ("lateral-undamped", "lateral")
+        for seed in (0, 1)
+    ] + [("alone", "lateral", None)]
+    assert {each.curve for each in runs.trainings} == {
+        "run, lateral-undamped",
+        "run, lateral",
+        "alone",
+    }
+    assert [each.row.name for each in runs.rows] == [
+        "undamped",
+        "damped",
+        "damped and stacked",
+        "do nothing",
+    ]
+
+
+def test_names_are_as_short_as_they_can_be(tmp_path):
+    paths = [tmp_path / "a" / "s0", tmp_path / "b" / "s0", tmp_path / "b" / "s1"]
+    assert short_names(paths) == ["a/s0", "b/s0", "s1"]
+    assert short_names([tmp_path / "a", tmp_path / "b" / "a"]) == [f"{tmp_path.name}/a", "b/a"]
+    with pytest.raises(InputError, match="given twice"):
+        short_names([tmp_path / "a", tmp_path / "b" / ".." / "a"])
+
+
+def test_settings_that_differ_are_told_by_key(tmp_path):
+    folders = [
+        write_training(tmp_path / "a"),
+        write_training(tmp_path / "b", "lateral", "ppo.gamma=0.9", "pretraining.steps=512"),
+    ]
+    settings = {each.run: each.settings for each in read_runs(folders).trainings}
+    found = differences(settings)
+    gamma, steps = found.pop("ppo.gamma"), found.pop("pretraining.steps")
+    assert (gamma, steps) == ({"a": 0.99, "b": 0.9}, {"a": None, "b": 512})
+    assert all(key.startswith("pretraining.reward.") for key in found)
+    assert differences({"a": settings["a"], "c": settings["a"] | {"name": "other"}}) == {}
+
+
+@pytest.mark.parametrize(
+    ("name", "contents", "message"),
+    [
+        ("config.toml", None, "config.toml: cannot be read"),
+        ("config.toml", b"name = ", "config.toml: damaged"),
+        ("config.toml", b"\xff", "config.toml: damaged"),
+        ("config.toml", b"name = 3", "no name of an experiment"),
+        ("metrics.jsonl", b"", "metrics.jsonl: empty"),
+        ("metrics.jsonl", b'{"steps": 1}\n{"st', "metrics.jsonl: line 2: damaged"),
+        ("metrics.jsonl", None, "not a run folder"),
+        ("policy.json", b"{}", "policy.json: damaged"),
+        ("results.json", b"{}", "results.json: damaged"),
+    ],
+)
+def test_what_is_missing_or_damaged_is_named(tmp_path, name, contents, message):
+    folder = write_training(tmp_path / "run", seed=0)
+    if contents is None:
+        (folder / name).unlink()
+    else:
+        (folder / name).write_bytes(contents)
+    with pytest.raises(InputError, match=message) as error:
+        read_runs([folder])
+    assert "\n" not in str(error.value)
