@@ -20,9 +20,9 @@ MINIMAL = {
 }
 
 
-def changed(where, value):
-    """The minimal scenario with one field set (or, for `...`, taken out)."""
-    scenario = copy.deepcopy(MINIMAL)
+def changed(where, value, of=MINIMAL):
+    """The minimal scenario (or another) with one field set (or, for `...`, taken out)."""
+    scenario = copy.deepcopy(of)
     *steps, last = where
     at = scenario
     for step in steps:

@@ -1,6 +1,5 @@
 """Sectors from files: what is read, and what is refused."""
 
-import copy
 import json
 
 import msgspec
@@ -14,6 +13,7 @@ from skystack.airspace.projection import TangentPlane, geodesic_leg
 from skystack.airspace.sector_file import SectorEntry, make_sector, read_sector
 from skystack.airspace.sectors import find_sector, sector_named, sector_names
 from skystack.errors import InputError
+from tests.scenarios import changed
 
 # A square of half a degree round 50 N 10 E; a route from west to east through its middle.
 SQUARE = [[9.5, 49.5], [10.5, 49.5], [10.5, 50.5], [9.5, 50.5], [9.5, 49.5]]
@@ -29,19 +29,6 @@ PLAIN = {
     },
     "routes": [["WESTO", "MIDDL", "EDGED", "EASTO"]],
 }
-
-
-def changed(where, value):
-    sector = copy.deepcopy(PLAIN)
-    *steps, last = where
-    at = sector
-    for step in steps:
-        at = at[step]
-    if value is ...:
-        del at[last]
-    else:
-        at[last] = value
-    return sector
 
 
 def read(sector, folder):
@@ -78,7 +65,7 @@ FEATURE = {"type": "Feature", "properties": {"name": "any"}, "geometry": PLAIN["
     ids=["feature", "collection", "clockwise", "open"],
 )
 def test_an_area_may_be_written_in_several_ways(area, tmp_path):
-    sector, plain = read(changed(["area"], area), tmp_path), read(PLAIN, tmp_path)
+    sector, plain = read(changed(["area"], area, PLAIN), tmp_path), read(PLAIN, tmp_path)
     assert sorted(sector.area) == sorted(plain.area)
     assert shapely.LinearRing(sector.area_nm).is_ccw
     assert np.array_equal(sector.edge_through("EDGED"), plain.edge_through("EDGED"))
@@ -86,13 +73,13 @@ def test_an_area_may_be_written_in_several_ways(area, tmp_path):
 
 def test_the_area_may_lie_in_a_file_beside(tmp_path):
     (tmp_path / "area.geojson").write_text(json.dumps(FEATURE))
-    assert read(changed(["area"], "area.geojson"), tmp_path) == read(PLAIN, tmp_path)
+    assert read(changed(["area"], "area.geojson", PLAIN), tmp_path) == read(PLAIN, tmp_path)
 
 
 @pytest.mark.parametrize("name", ["../area.geojson", "/tmp/area.geojson", "area.txt", ""])
 def test_no_name_leads_out_of_the_folder(name, tmp_path):
     with pytest.raises(InputError, match=r"area: .* is not allowed \(allowed: a .geojson file"):
-        read(changed(["area"], name), tmp_path)
+        read(changed(["area"], name, PLAIN), tmp_path)
     with pytest.raises(InputError, match="is not allowed"):
         find_sector("../sector.json", tmp_path)
 
@@ -150,7 +137,7 @@ HOLE = [[9.9, 49.9], [10.1, 49.9], [10.1, 50.1]]
 )
 def test_what_is_no_sector_is_refused_in_one_line(where, value, message, tmp_path):
     with pytest.raises(InputError) as error:
-        read(changed(where, value), tmp_path)
+        read(changed(where, value, PLAIN), tmp_path)
     assert str(error.value).startswith(f"{tmp_path / 'sector.json'}: {message}")
     assert "\n" not in str(error.value)
 
