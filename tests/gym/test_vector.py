@@ -1,0 +1,141 @@
+"""Many scenarios in one program are what Gymnasium makes of single environments."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+import skystack.gym  # noqa: F401  (registers)
+from skystack.errors import InputError
+from skystack.gym.environment import TaskEnvironment
+from skystack.gym.registration import make_vector_environment, training_task
+from skystack.gym.vector import VectorTaskEnvironment
+from skystack.learning.experiment import load_experiment
+from skystack.tasks.batch import OneByOne
+
+SCENARIOS, STEPS = 3, 300
+NAME = "skystack/Avoidance-v0"
+
+
+@pytest.fixture(scope="module")
+def task():
+    return training_task("avoidance")
+
+
+@pytest.fixture(scope="module")
+def singles(task):
+    """Environments that share their compiled programs."""
+    first = TaskEnvironment(task)
+
+    def another():
+        environment = TaskEnvironment(task)
+        environment._plain = first._plain
+        return environment
+
+    return another
+
+
+def alike(ours, theirs):
+    """Equal, numbers up to rounding: two programs may round differently."""
+    assert type(ours) is type(theirs)
+    if isinstance(ours, dict):
+        assert ours.keys() == theirs.keys()
+        for key in ours:
+            alike(ours[key], theirs[key])
+    elif ours.dtype == object:
+        for one, other in zip(ours, theirs, strict=True):
+            if one is not None or other is not None:
+                alike(one, other)
+    else:
+        assert ours.dtype == theirs.dtype
+        np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=2e-4)
+
+
+def check_the_same(ours, theirs, seed, steps):
+    """Fly both with the same actions; returns how many scenarios ended."""
+    for one, other in zip(ours.reset(seed=seed), theirs.reset(seed=seed), strict=True):
+        alike(one, other)
+    assert ours.np_random_seed == theirs.np_random_seed
+    rng, ended = np.random.default_rng(0), 0
+    for _ in range(steps):
+        actions = rng.integers(5, size=SCENARIOS) * (rng.random(SCENARIOS) < 0.2)
+        for one, other in zip(ours.step(actions), theirs.step(actions), strict=True):
+            alike(one, other)
+        ended += int(ours._over.sum())
+    return ended
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+@pytest.mark.parametrize("seed", [7, [3, 1, 4]])
+def test_it_is_the_synchronous_vector_environment(task, singles, mode, seed):
+    """Through scenarios that end by themselves, and those that follow them."""
+    theirs = SyncVectorEnv([singles] * SCENARIOS, autoreset_mode=mode)
+    ours = VectorTaskEnvironment(task, SCENARIOS, mode)
+    assert ours.metadata["autoreset_mode"] is mode
+    assert ours.observation_space == theirs.observation_space
+    assert ours.action_space == theirs.action_space
+    assert check_the_same(ours, theirs, seed, STEPS) >= SCENARIOS
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_a_time_limit_truncates_as_gymnasiums_does(task, singles, mode):
+    limited = [lambda: gymnasium.wrappers.TimeLimit(singles(), 9)] * SCENARIOS
+    theirs = SyncVectorEnv(limited, autoreset_mode=mode)
+    ours = VectorTaskEnvironment(task, SCENARIOS, mode, max_episode_steps=9)
+    assert check_the_same(ours, theirs, 0, 30) == 3 * SCENARIOS
+
+
+def test_after_a_reset_without_a_seed_new_scenarios_follow(task):
+    vector = VectorTaskEnvironment(task, SCENARIOS)
+    vector.reset(seed=0)
+    second, _ = vector.reset()
+    assert not np.array_equal(vector.reset()[0], second)
+    vector.reset(seed=0)
+    assert np.array_equal(vector.reset()[0], second)
+
+
+def test_gymnasium_makes_it():
+    vector = gymnasium.make_vec(NAME, num_envs=4, autoreset_mode="SameStep")
+    assert isinstance(vector, VectorTaskEnvironment)
+    assert vector.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    observation, _ = vector.reset(seed=0)
+    assert observation in vector.observation_space
+    assert vector.step(vector.action_space.sample())[0] in vector.observation_space
+
+
+def test_a_task_for_one_scenario_can_be_made_to_take_many(task):
+    many, one_by_one = (VectorTaskEnvironment(each, 3) for each in (task, OneByOne(task)))
+    alike(many.reset(seed=0)[0], one_by_one.reset(seed=0)[0])
+    alike(many.step(np.array([1, 0, 3]))[0], one_by_one.step(np.array([1, 0, 3]))[0])
+
+
+@pytest.mark.parametrize("actions", [[0, 0], [0, 0, 5], [0, 0, -1], [0.0, 0.0, 0.0]])
+def test_actions_that_are_not_in_the_table_are_refused(task, actions):
+    vector = VectorTaskEnvironment(task, SCENARIOS)
+    vector.reset(seed=0)
+    with pytest.raises(InputError, match="allowed: 3 whole numbers from 0 to 4"):
+        vector.step(np.array(actions))
+
+
+def test_what_cannot_be_is_refused(task):
+    with pytest.raises(InputError, match="allowed: NextStep, SameStep"):
+        VectorTaskEnvironment(task, SCENARIOS, "Disabled")
+    with pytest.raises(InputError, match="num_envs is 0"):
+        make_vector_environment("lateral", 0)
+    with pytest.raises(InputError, match=r"a list of 2 \(allowed: 3\)"):
+        VectorTaskEnvironment(task, SCENARIOS).reset(seed=[1, 2])
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        VectorTaskEnvironment(task, SCENARIOS).step(np.zeros(SCENARIOS, dtype=int))
+
+
+def test_stacked_experiments_step_as_the_trainer_does():
+    """`timing = "stack"`: instructions take no time, and more steps than cycles go by."""
+    settings = load_experiment("lateral-best").task
+    vector = make_vector_environment("lateral-best", 2)
+    seen, _ = vector.reset(seed=0)
+    told, reward, *_ = vector.step(np.array([1, 0]))
+    assert settings.timing == "stack"
+    assert reward[0] == 0.0
+    cycles = vector._state.inner.memory.cycles
+    assert cycles.tolist() == [0.0, 1.0]
+    assert not np.array_equal(told[0], seen[0])
