@@ -11,7 +11,6 @@ from skystack.gym.environment import TaskEnvironment
 from skystack.gym.registration import make_vector_environment, training_task
 from skystack.gym.vector import VectorTaskEnvironment
 from skystack.learning.experiment import load_experiment
-from skystack.tasks.batch import OneByOne
 
 SCENARIOS, STEPS = 3, 300
 NAME = "skystack/Avoidance-v0"
@@ -30,6 +29,20 @@ def singles(task):
     def another():
         environment = TaskEnvironment(task)
         environment._plain = first._plain
+        return environment
+
+    return another
+
+
+@pytest.fixture(scope="module")
+def vector(task):
+    """Likewise, of vector environments."""
+    first = VectorTaskEnvironment(task, SCENARIOS)
+
+    def another(*options, **more):
+        environment = VectorTaskEnvironment(task, SCENARIOS, *options, **more)
+        for program in ("_begun", "_stepped", "_restarted"):
+            setattr(environment, program, getattr(first, program))
         return environment
 
     return another
@@ -67,10 +80,10 @@ def check_the_same(ours, theirs, seed, steps):
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 @pytest.mark.parametrize("seed", [7, [3, 1, 4]])
-def test_it_is_the_synchronous_vector_environment(task, singles, mode, seed):
+def test_it_is_the_synchronous_vector_environment(vector, singles, mode, seed):
     """Through scenarios that end by themselves, and those that follow them."""
     theirs = SyncVectorEnv([singles] * SCENARIOS, autoreset_mode=mode)
-    ours = VectorTaskEnvironment(task, SCENARIOS, mode)
+    ours = vector(mode)
     assert ours.metadata["autoreset_mode"] is mode
     assert ours.observation_space == theirs.observation_space
     assert ours.action_space == theirs.action_space
@@ -78,64 +91,56 @@ def test_it_is_the_synchronous_vector_environment(task, singles, mode, seed):
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_a_time_limit_truncates_as_gymnasiums_does(task, singles, mode):
+def test_a_time_limit_truncates_as_gymnasiums_does(vector, singles, mode):
     limited = [lambda: gymnasium.wrappers.TimeLimit(singles(), 9)] * SCENARIOS
     theirs = SyncVectorEnv(limited, autoreset_mode=mode)
-    ours = VectorTaskEnvironment(task, SCENARIOS, mode, max_episode_steps=9)
+    ours = vector(mode, max_episode_steps=9)
     assert check_the_same(ours, theirs, 0, 30) == 3 * SCENARIOS
 
 
-def test_after_a_reset_without_a_seed_new_scenarios_follow(task):
-    vector = VectorTaskEnvironment(task, SCENARIOS)
-    vector.reset(seed=0)
-    second, _ = vector.reset()
-    assert not np.array_equal(vector.reset()[0], second)
-    vector.reset(seed=0)
-    assert np.array_equal(vector.reset()[0], second)
+def test_after_a_reset_without_a_seed_new_scenarios_follow(vector):
+    environment = vector()
+    first, _ = environment.reset(seed=0)
+    second, _ = environment.reset()
+    assert not np.array_equal(first, second)
+    environment.reset(seed=0)
+    assert np.array_equal(environment.reset()[0], second)
 
 
 def test_gymnasium_makes_it():
-    vector = gymnasium.make_vec(NAME, num_envs=4, autoreset_mode="SameStep")
-    assert isinstance(vector, VectorTaskEnvironment)
-    assert vector.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
-    observation, _ = vector.reset(seed=0)
-    assert observation in vector.observation_space
-    assert vector.step(vector.action_space.sample())[0] in vector.observation_space
-
-
-def test_a_task_for_one_scenario_can_be_made_to_take_many(task):
-    many, one_by_one = (VectorTaskEnvironment(each, 3) for each in (task, OneByOne(task)))
-    alike(many.reset(seed=0)[0], one_by_one.reset(seed=0)[0])
-    alike(many.step(np.array([1, 0, 3]))[0], one_by_one.step(np.array([1, 0, 3]))[0])
+    made = gymnasium.make_vec(NAME, num_envs=4, autoreset_mode="SameStep")
+    assert isinstance(made, VectorTaskEnvironment)
+    assert made.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    assert made.reset(seed=0)[0] in made.observation_space
 
 
 @pytest.mark.parametrize("actions", [[0, 0], [0, 0, 5], [0, 0, -1], [0.0, 0.0, 0.0]])
-def test_actions_that_are_not_in_the_table_are_refused(task, actions):
-    vector = VectorTaskEnvironment(task, SCENARIOS)
-    vector.reset(seed=0)
+def test_actions_that_are_not_in_the_table_are_refused(vector, actions):
+    environment = vector()
+    environment.reset(seed=0)
     with pytest.raises(InputError, match="allowed: 3 whole numbers from 0 to 4"):
-        vector.step(np.array(actions))
+        environment.step(np.array(actions))
 
 
-def test_what_cannot_be_is_refused(task):
+def test_what_cannot_be_is_refused(task, vector):
     with pytest.raises(InputError, match="allowed: NextStep, SameStep"):
         VectorTaskEnvironment(task, SCENARIOS, "Disabled")
     with pytest.raises(InputError, match="num_envs is 0"):
         make_vector_environment("lateral", 0)
     with pytest.raises(InputError, match=r"a list of 2 \(allowed: 3\)"):
-        VectorTaskEnvironment(task, SCENARIOS).reset(seed=[1, 2])
+        vector().reset(seed=[1, 2])
     with pytest.raises(gymnasium.error.ResetNeeded):
-        VectorTaskEnvironment(task, SCENARIOS).step(np.zeros(SCENARIOS, dtype=int))
+        vector().step(np.zeros(SCENARIOS, dtype=int))
 
 
 def test_stacked_experiments_step_as_the_trainer_does():
     """`timing = "stack"`: instructions take no time, and more steps than cycles go by."""
     settings = load_experiment("lateral-best").task
-    vector = make_vector_environment("lateral-best", 2)
-    seen, _ = vector.reset(seed=0)
-    told, reward, *_ = vector.step(np.array([1, 0]))
+    environment = make_vector_environment("lateral-best", 2)
+    seen, _ = environment.reset(seed=0)
+    told, reward, *_ = environment.step(np.array([1, 0]))
     assert settings.timing == "stack"
     assert reward[0] == 0.0
-    cycles = vector._state.inner.memory.cycles
+    cycles = environment._state.inner.memory.cycles
     assert cycles.tolist() == [0.0, 1.0]
     assert not np.array_equal(told[0], seen[0])

@@ -77,10 +77,11 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
         self._steps[:], self._over[:] = 0, False
         return np.array(observation), {}
 
-    def step(
-        self, actions: Int[np.ndarray, " scenarios"]
-    ) -> tuple[Observations, Rewards, Flags, Flags, Infos]:
-        """One step of every scenario; those that are over begin anew, as the mode says."""
+    def step(self, actions: Any) -> tuple[Observations, Rewards, Flags, Flags, Infos]:
+        """One step of every scenario; those that are over begin anew, as the mode says.
+
+        Raises InputError unless `actions` is one whole number for each, from the action table.
+        """
         if self._state is None:
             raise ResetNeeded("reset() begins the first scenarios")
         self._state, observation, outcome = self._stepped(self._state, self._checked(actions))
