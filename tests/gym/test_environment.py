@@ -12,6 +12,7 @@ from gymnasium.utils.env_checker import check_env
 import skystack.gym
 from skystack.errors import InputError
 from skystack.gym.environment import TaskEnvironment
+from skystack.gym.registration import make_environment
 from skystack.learning.experiment import load_experiment
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.tasks.build import build_task
@@ -20,7 +21,7 @@ from skystack.tasks.settings import TaskSettings
 
 @pytest.fixture(scope="module")
 def environment():
-    return TaskEnvironment(build_task(load_experiment("avoidance").task))
+    return make_environment("vertical")
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +94,7 @@ def test_a_scenario_goes_as_in_the_task(environment):
 
 def test_a_step_is_the_two_phases(environment):
     """The whole state, bit by bit, the radar's and the task's memory."""
-    for action in (0, 2, 2, 4, 1):
+    for action in (0, 2, 1):
         environment.reset(seed=2)
         seen, *stepped = environment.step(action)
         by_step = jax.tree.leaves(state_of(environment))
@@ -110,17 +111,13 @@ def test_only_gymnasiums_time_limit_truncates():
     limited.reset(seed=0)
     flags = [limited.step(0)[2:4] for _ in range(3)]
     assert flags == [(False, False), (False, False), (False, True)]
-    ending = gymnasium.make("skystack/Lateral-v0", settings=TaskSettings(cycles=3))
-    ending.reset(seed=0)
-    flags = [ending.step(0)[2:4] for _ in range(3)]
-    assert flags == [(False, False), (False, False), (True, False)]
 
 
-@pytest.mark.parametrize("action", [-1, 5, 1.0, "left", None])
+@pytest.mark.parametrize("action", [-1, 3, 1.0, "left", None])
 def test_an_action_that_is_not_in_the_table_is_refused(environment, action):
     environment.reset(seed=0)
     for told in (environment.step, environment.instruct, environment.may_stack):
-        with pytest.raises(InputError, match="allowed: whole numbers from 0 to 4"):
+        with pytest.raises(InputError, match="allowed: whole numbers from 0 to 2"):
             told(action)
 
 

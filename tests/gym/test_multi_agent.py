@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from skystack.errors import InputError
-from skystack.gym.environment import TaskEnvironment
-from skystack.tasks.build import build_task
+from skystack.gym.registration import make_environment
 from skystack.tasks.settings import TaskSettings
 
 pettingzoo = pytest.importorskip("pettingzoo")
@@ -28,7 +27,7 @@ def environment():
 
 @pytest.fixture(scope="module")
 def single():
-    return TaskEnvironment(build_task(SETTINGS))
+    return make_environment("avoidance", SETTINGS)
 
 
 def test_pettingzoo_has_nothing_to_complain_about(environment):
@@ -95,8 +94,9 @@ def test_what_does_not_exist_is_refused(environment):
         environment.step({AC1: 3})
 
 
-def test_it_is_drawn():
-    drawn = parallel_env("vertical", render_mode="rgb_array")
+def test_it_is_drawn(environment):
+    drawn = MultiAgentEnvironment(environment.task, "rgb_array")
+    drawn._begun, drawn._flown = environment._begun, environment._flown
     drawn.reset(seed=0)
     begun = drawn.render()
     drawn.step({AC1: 2})

@@ -11,8 +11,10 @@ from skystack.catalogue import find_policy
 from skystack.errors import InputError
 from skystack.evaluation.judge import task_of
 from skystack.gym.environment import TaskEnvironment
+from skystack.gym.registration import make_environment
 from skystack.gym.stacked import StackedEnvironment, TwoPhaseEnvironment
 from skystack.stacking import stack
+from skystack.tasks.settings import RewardSettings, TaskSettings
 from skystack.tasks.stacked_steps import StackedSteps
 
 
@@ -182,10 +184,12 @@ def test_a_shipped_policy_issues_the_clearances_of_stack(policy, environment):
     assert stacks >= 4
 
 
-def test_it_steps_as_training_with_time_frozen_does(environment):
+def test_it_steps_as_training_with_time_frozen_does():
     """Round that task it is its own step, to the price of every burst."""
-    task = StackedSteps(environment.task)
-    own, stacked = TaskEnvironment(task), StackedEnvironment(TaskEnvironment(task))
+    settings = TaskSettings(timing="stack", reward=RewardSettings(burst=1.0))
+    own = make_environment("lateral", settings)
+    stacked = StackedEnvironment(make_environment("lateral", settings))
+    assert isinstance(own.task, StackedSteps)
     own.reset(seed=1), stacked.reset(seed=1)
     rng = np.random.default_rng(0)
     for _ in range(120):

@@ -7,10 +7,11 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import skystack.gym  # noqa: F401  (registers)
 from skystack.errors import InputError
-from skystack.gym.environment import TaskEnvironment
-from skystack.gym.registration import make_vector_environment, training_task
+from skystack.gym.registration import make_environment, make_vector_environment
 from skystack.gym.vector import VectorTaskEnvironment
 from skystack.learning.experiment import load_experiment
+from skystack.tasks.build import build_task
+from skystack.tasks.stacked_steps import StackedSteps
 
 SCENARIOS, STEPS = 3, 300
 NAME = "skystack/Avoidance-v0"
@@ -18,25 +19,16 @@ NAME = "skystack/Avoidance-v0"
 
 @pytest.fixture(scope="module")
 def task():
-    return training_task("avoidance")
+    return build_task(load_experiment("avoidance").task)
 
 
-@pytest.fixture(scope="module")
-def singles(task):
-    """Environments that share their compiled programs."""
-    first = TaskEnvironment(task)
-
-    def another():
-        environment = TaskEnvironment(task)
-        environment._plain = first._plain
-        return environment
-
-    return another
+def single():
+    return make_environment("avoidance")
 
 
 @pytest.fixture(scope="module")
 def vector(task):
-    """Likewise, of vector environments."""
+    """Environments that share their compiled programs."""
     first = VectorTaskEnvironment(task, SCENARIOS)
 
     def another(*options, **more):
@@ -80,9 +72,9 @@ def check_the_same(ours, theirs, seed, steps):
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 @pytest.mark.parametrize("seed", [7, [3, 1, 4]])
-def test_it_is_the_synchronous_vector_environment(vector, singles, mode, seed):
+def test_it_is_the_synchronous_vector_environment(vector, mode, seed):
     """Through scenarios that end by themselves, and those that follow them."""
-    theirs = SyncVectorEnv([singles] * SCENARIOS, autoreset_mode=mode)
+    theirs = SyncVectorEnv([single] * SCENARIOS, autoreset_mode=mode)
     ours = vector(mode)
     assert ours.metadata["autoreset_mode"] is mode
     assert ours.observation_space == theirs.observation_space
@@ -91,8 +83,8 @@ def test_it_is_the_synchronous_vector_environment(vector, singles, mode, seed):
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_a_time_limit_truncates_as_gymnasiums_does(vector, singles, mode):
-    limited = [lambda: gymnasium.wrappers.TimeLimit(singles(), 9)] * SCENARIOS
+def test_a_time_limit_truncates_as_gymnasiums_does(vector, mode):
+    limited = [lambda: gymnasium.wrappers.TimeLimit(single(), 9)] * SCENARIOS
     theirs = SyncVectorEnv(limited, autoreset_mode=mode)
     ours = vector(mode, max_episode_steps=9)
     assert check_the_same(ours, theirs, 0, 30) == 3 * SCENARIOS
@@ -133,14 +125,6 @@ def test_what_cannot_be_is_refused(task, vector):
         vector().step(np.zeros(SCENARIOS, dtype=int))
 
 
-def test_stacked_experiments_step_as_the_trainer_does():
-    """`timing = "stack"`: instructions take no time, and more steps than cycles go by."""
-    settings = load_experiment("lateral-best").task
-    environment = make_vector_environment("lateral-best", 2)
-    seen, _ = environment.reset(seed=0)
-    told, reward, *_ = environment.step(np.array([1, 0]))
-    assert settings.timing == "stack"
-    assert reward[0] == 0.0
-    cycles = environment._state.inner.memory.cycles
-    assert cycles.tolist() == [0.0, 1.0]
-    assert not np.array_equal(told[0], seen[0])
+def test_steps_are_those_of_the_trainer():
+    assert isinstance(make_vector_environment("lateral-best").task, StackedSteps)
+    assert isinstance(make_environment("lateral-best").task, StackedSteps)

@@ -30,16 +30,19 @@ class TaskEnvironment(gymnasium.Env[Observation, np.int64]):
     themselves (terminated) and never truncate; Gymnasium's TimeLimit does.
 
     It is a `skystack.gym.stacked.TwoPhaseEnvironment`: `instruct` as often as wanted, then
-    `advance`, instead of `step`. `render_mode="rgb_array"` draws a radar picture.
+    `advance`, instead of `step`. `render_mode="rgb_array"` draws a radar picture. Environments of
+    one task can share its compiled `programs`.
     """
 
     metadata = {"render_modes": list(RENDER_MODES), "render_fps": FRAMES_PER_S}  # noqa: RUF012
 
-    def __init__(self, task: Task, render_mode: str | None = None) -> None:
+    def __init__(
+        self, task: Task, render_mode: str | None = None, programs: PlainTask | None = None
+    ) -> None:
         self.task, self.render_mode = task, render_mode
         self.observation_space, self.action_space = observations_of(task), actions_of(task)
         self._radar = radar_of(task, render_mode)
-        self._plain = PlainTask(task)
+        self._plain = PlainTask(task) if programs is None else programs
         self._now: Seen | None = None
 
     def reset(

@@ -23,7 +23,7 @@ from skystack.gym.environment import (
     observations_of,
     radar_of,
 )
-from skystack.learning.experiment import load_experiment
+from skystack.gym.registration import settings_of
 from skystack.simulator.traffic import callsigns
 from skystack.tasks.build import build_task
 from skystack.tasks.contract import NO_ACTION, Outcome
@@ -179,5 +179,4 @@ def parallel_env(
 
     Raises InputError for what does not exist or cannot be.
     """
-    chosen = load_experiment(experiment).task if settings is None else settings
-    return MultiAgentEnvironment(build_task(chosen), render_mode)
+    return MultiAgentEnvironment(build_task(settings_of(experiment, settings)), render_mode)

@@ -1,5 +1,7 @@
 """Environments from the name of an experiment, a file, or settings: what Gymnasium calls."""
 
+from functools import lru_cache
+
 from gymnasium.vector import AutoresetMode
 
 from skystack.gym.environment import TaskEnvironment
@@ -7,24 +9,29 @@ from skystack.gym.vector import VectorTaskEnvironment
 from skystack.learning.experiment import load_experiment
 from skystack.tasks.build import build_training_task
 from skystack.tasks.contract import Task
+from skystack.tasks.plain import PlainTask
 from skystack.tasks.settings import TaskSettings
 
 
-def training_task(experiment: str, settings: TaskSettings | None = None) -> Task:
-    """The task as a learner steps through it: of settings where given, else of an experiment.
+def settings_of(experiment: str, settings: TaskSettings | None = None) -> TaskSettings:
+    """The settings where given, else those of an experiment.
 
-    `experiment` is a name that `skystack list` shows, or the path of a `.toml` file. Where its
-    `task.timing` is `stack`, a step is an instruction or a cycle, as for our own trainer.
-    Raises InputError for what does not exist or cannot be.
+    `experiment` is a name that `skystack list` shows, or the path of a `.toml` file. Environments
+    step as a learner does: where `timing` is `stack`, a step is an instruction or a cycle, as for
+    our own trainer. Raises InputError for what does not exist.
     """
-    return build_training_task(load_experiment(experiment).task if settings is None else settings)
+    return load_experiment(experiment).task if settings is None else settings
 
 
 def make_environment(
     experiment: str, settings: TaskSettings | None = None, render_mode: str | None = None
 ) -> TaskEnvironment:
-    """One scenario at a time; see `training_task`."""
-    return TaskEnvironment(training_task(experiment, settings), render_mode)
+    """One scenario at a time; arguments as of `settings_of`.
+
+    Environments of equal settings share one set of compiled programs.
+    """
+    task, programs = _compiled(settings_of(experiment, settings))
+    return TaskEnvironment(task, render_mode, programs)
 
 
 def make_vector_environment(
@@ -34,6 +41,12 @@ def make_vector_environment(
     autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     max_episode_steps: int | None = None,
 ) -> VectorTaskEnvironment:
-    """Many scenarios at once; see `training_task`."""
-    task = training_task(experiment, settings)
+    """Many scenarios at once; arguments as of `settings_of` and of the environment."""
+    task = build_training_task(settings_of(experiment, settings))
     return VectorTaskEnvironment(task, num_envs, autoreset_mode, max_episode_steps)
+
+
+@lru_cache(maxsize=16)
+def _compiled(settings: TaskSettings) -> tuple[Task, PlainTask]:
+    task = build_training_task(settings)
+    return task, PlainTask(task)

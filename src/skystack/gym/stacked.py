@@ -5,6 +5,7 @@ the agent asks for what it asked for first, so that the loop itself compiles the
 `skystack.stacking` does by asking a policy, this does by being asked. Needs no JAX.
 """
 
+from copy import copy
 from typing import Any, Protocol, runtime_checkable
 
 import gymnasium
@@ -79,7 +80,8 @@ class StackedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructo
         """Give one more instruction, or else fly one cycle."""
         if self._goes_on(action):
             self._phases.instruct(action)
-            self._action, self._instructions = action, self._instructions + 1
+            # A copy: agents may write their next action over this one.
+            self._action, self._instructions = copy(action), self._instructions + 1
             return self._phases.observe(), 0.0, False, False, {}
         clearance = {"action": self._action, "instructions": self._instructions}
         reward, terminated, truncated, info = self._phases.advance()
