@@ -1,8 +1,7 @@
 """Your own environment gains online action-stacking: a thermostat that is told in small steps.
 
-Telling the thermostat takes no time, and heating does. All that stacking needs is the two apart, as
-four methods beside `reset` and `step`; nothing of air traffic is left. A rule says "half a degree
-more" until the dial is right: eight messages over eight cycles, or one message at once.
+Telling takes no time, and heating does. Stacking needs the two apart: four methods beside `reset`
+and `step`. A rule says "half a degree more" until the dial is right: eight messages, or one.
 """
 # ruff: noqa: ANN001, ANN201, T201
 
@@ -12,7 +11,7 @@ from gymnasium import spaces
 
 from skystack.gym.stacked import StackedEnvironment
 
-WARMER, COOLER = 1, 2
+WARMER, COOLER, CYCLES = 1, 2, 30
 
 
 class Thermostat(gymnasium.Env):
@@ -44,20 +43,19 @@ class Thermostat(gymnasium.Env):
     def advance(self):
         self.cycle += 1
         self.room += 0.3 * (self.dial - self.room)
-        return -abs(self.room - self.wanted), self.cycle == 30, False, {}
+        return -abs(self.room - self.wanted), self.cycle == CYCLES, False, {}
 
 
 def rule(seen):
-    """Turn the dial to what is wanted."""
     _, dial, wanted = seen
     return WARMER if dial < wanted else COOLER if dial > wanted else 0
 
 
 for title, limit in (("one at a time", 1), ("stacked", 100)):
     environment = StackedEnvironment(Thermostat(), limit)
-    (seen, _), over, discomfort, messages = environment.reset(), False, 0.0, 0
+    (seen, _), over, off, messages = environment.reset(), False, 0.0, 0
     while not over:
         seen, reward, over, _, info = environment.step(rule(seen))
-        discomfort -= reward
+        off -= reward
         messages += "clearance" in info and info["clearance"]["instructions"] > 0
-    print(f"{title}: messages {messages}, degrees off {discomfort / 30:.2f}")
+    print(f"{title}: messages {messages}, degrees off {off / CYCLES:.2f}")
