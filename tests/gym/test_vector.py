@@ -117,6 +117,8 @@ def test_actions_that_are_not_in_the_table_are_refused(vector, actions):
 def test_what_cannot_be_is_refused(task, vector):
     with pytest.raises(InputError, match="allowed: NextStep, SameStep"):
         VectorTaskEnvironment(task, SCENARIOS, "Disabled")
+    with pytest.raises(InputError, match="max_episode_steps is 0"):
+        VectorTaskEnvironment(task, SCENARIOS, max_episode_steps=0)
     with pytest.raises(InputError, match="num_envs is 0"):
         make_vector_environment("lateral", 0)
     with pytest.raises(InputError, match=r"a list of 2 \(allowed: 3\)"):

@@ -27,7 +27,8 @@ class TaskEnvironment(gymnasium.Env[Observation, np.int64]):
 
     Observations are float32 in [0, 1], actions numbers into the task's action table, rewards as the
     task pays them, unscaled. When a scenario has ended, `info` holds its metrics. Tasks end by
-    themselves (terminated) and never truncate; Gymnasium's TimeLimit does.
+    themselves (terminated) and never truncate; Gymnasium's TimeLimit does. Raises InputError for
+    an action that is not in the table.
 
     It is a `skystack.gym.stacked.TwoPhaseEnvironment`: `instruct` as often as wanted, then
     `advance`, instead of `step`. `render_mode="rgb_array"` draws a radar picture. Environments of

@@ -66,8 +66,10 @@ class Radar:
         self._trail.clear()
 
     def sweep(self, state: TaskState) -> None:
-        """Remember where everybody is, once a cycle."""
-        self._trail.append(np.asarray(self._task.traffic(state).position_nm))
+        """Remember where everybody is after a cycle; where nobody has moved, none has passed."""
+        position_nm = np.asarray(self._task.traffic(state).position_nm)
+        if not self._trail or not np.array_equal(position_nm, self._trail[-1]):
+            self._trail.append(position_nm)
 
     def picture(self, state: TaskState) -> UInt8[np.ndarray, "height width 3"]:
         """What is to be seen in a state of the scenario swept so far."""

@@ -43,6 +43,8 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
     ) -> None:
         if num_envs < 1:
             raise InputError(f"num_envs is {num_envs} (allowed: 1 or more)")
+        if max_episode_steps is not None and max_episode_steps < 1:
+            raise InputError(f"max_episode_steps is {max_episode_steps} (allowed: 1 or more)")
         self.task, self.num_envs, self._mode = task, num_envs, _checked_mode(autoreset_mode)
         self.metadata = {"autoreset_mode": self._mode}
         self.single_observation_space, self.single_action_space = (
@@ -91,7 +93,7 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
         terminated = judged.terminated & ~resting
         truncated = (judged.truncated | (self._steps >= self._most_steps)) & ~resting
         self._over = np.asarray(terminated | truncated)
-        infos = self._infos(np.asarray(observation), judged)
+        infos = self._infos(np.array(observation), judged)
         anew = self._over if self._mode is AutoresetMode.SAME_STEP else resting
         if anew.any():
             numbers = self._numbers(anew)
