@@ -1,22 +1,63 @@
 """A task as a Gymnasium environment."""
 
+import subprocess
+import sys
+
+import gymnasium
 import jax
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+import skystack.gym
+from skystack.errors import InputError
 from skystack.gym.environment import TaskEnvironment
+from skystack.gym.registration import make_environment
 from skystack.learning.experiment import load_experiment
+from skystack.simulator.performance import TICKS_PER_FL
 from skystack.tasks.build import build_task
+from skystack.tasks.settings import TaskSettings
 
 
 @pytest.fixture(scope="module")
 def environment():
-    return TaskEnvironment(build_task(load_experiment("avoidance").task))
+    return make_environment("vertical")
 
 
-def test_gymnasium_has_nothing_to_complain_about(environment):
-    check_env(environment, skip_render_check=True)
+@pytest.fixture(scope="module")
+def drawn():
+    return gymnasium.make("skystack/Vertical-v0", render_mode="rgb_array")
+
+
+def test_gymnasium_has_nothing_to_complain_about(drawn):
+    check_env(drawn.unwrapped)
+
+
+def test_stable_baselines3_has_nothing_to_complain_about(drawn):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(drawn.unwrapped)
+
+
+@pytest.mark.parametrize("name", skystack.gym.REGISTERED)
+def test_registered_environments_are_the_experiments(name):
+    task = gymnasium.make(name).unwrapped.task
+    assert task == build_task(load_experiment(skystack.gym.REGISTERED[name]).task)
+
+
+def test_an_environment_of_the_users_own_settings(tmp_path):
+    file = tmp_path / "short.toml"
+    file.write_text('name = "short"\ndescription = "..."\n[task]\ncycles = 7\n')
+    from_file = gymnasium.make("skystack/Lateral-v0", experiment=str(file)).unwrapped
+    from_settings = gymnasium.make("skystack/Lateral-v0", settings=TaskSettings(cycles=7))
+    assert from_file.task == from_settings.unwrapped.task
+    assert from_file.task.settings.cycles == 7
+    with pytest.raises(InputError, match="did you mean 'lateral-best'"):
+        gymnasium.make("skystack/Lateral-v0", experiment="lateral-bets")
+
+
+def test_registering_needs_no_jax():
+    code = "import sys, skystack.gym; assert 'jax' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
 def test_a_seed_gives_the_same_scenarios_in_the_same_order(environment):
@@ -27,11 +68,15 @@ def test_a_seed_gives_the_same_scenarios_in_the_same_order(environment):
     assert not np.array_equal(environment.reset(seed=6)[0], first[0])
 
 
+def state_of(environment):
+    return environment._plain.state_of(environment._now)
+
+
 def test_a_scenario_goes_as_in_the_task(environment):
     """Rewards, observations and end of the task's own steps; metrics only at the end."""
     task = environment.task
     environment.reset(seed=1)
-    state = environment._state
+    state = state_of(environment)
     step, observe = jax.jit(task.step), jax.jit(task.observe)
     rng = np.random.default_rng(0)
     for cycle in range(task.settings.cycles):
@@ -45,3 +90,79 @@ def test_a_scenario_goes_as_in_the_task(environment):
         assert info == {}
     assert terminated
     assert info == {key: value.item() for key, value in outcome.metrics._asdict().items()}
+
+
+def test_a_step_is_the_two_phases(environment):
+    """The whole state, bit by bit, the radar's and the task's memory."""
+    for action in (0, 2, 1):
+        environment.reset(seed=2)
+        seen, *stepped = environment.step(action)
+        by_step = jax.tree.leaves(state_of(environment))
+        environment.reset(seed=2)
+        environment.instruct(action)
+        assert stepped == list(environment.advance())
+        assert np.array_equal(seen, environment.observe())
+        for one, other in zip(by_step, jax.tree.leaves(state_of(environment)), strict=True):
+            assert np.array_equal(one, other)
+
+
+def test_only_gymnasiums_time_limit_truncates():
+    limited = gymnasium.make("skystack/Vertical-v0", max_episode_steps=3)
+    limited.reset(seed=0)
+    flags = [limited.step(0)[2:4] for _ in range(3)]
+    assert flags == [(False, False), (False, False), (False, True)]
+
+
+@pytest.mark.parametrize("action", [-1, 3, 1.0, "left", None])
+def test_an_action_that_is_not_in_the_table_is_refused(environment, action):
+    environment.reset(seed=0)
+    for told in (environment.step, environment.instruct, environment.may_stack):
+        with pytest.raises(InputError, match="allowed: whole numbers from 0 to 2"):
+            told(action)
+
+
+def test_nothing_can_be_done_before_the_first_scenario():
+    environment = TaskEnvironment(build_task(TaskSettings()))
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        environment.step(0)
+
+
+def coloured(picture, colour):
+    """How many pixels have a colour."""
+    wanted = [int(colour[place : place + 2], 16) for place in (1, 3, 5)]
+    return int(np.sum(np.all(picture == wanted, axis=2)))
+
+
+def test_the_radar_picture_follows_the_flight(drawn):
+    """The trail, and the level in the label, come with the flight; a new scenario has neither."""
+    from skystack.reporting.style import BLUE
+
+    drawn.reset(seed=4)
+    begun = drawn.render()
+    assert np.array_equal(drawn.render(), begun)
+    for _ in range(40):
+        drawn.step(0)
+    flown = drawn.render()
+    drawn.unwrapped._radar.sweep(state_of(drawn.unwrapped))  # no time has passed
+    assert np.array_equal(drawn.render(), flown)
+    assert flown.shape == begun.shape
+    assert coloured(begun, BLUE) > 50
+    assert not np.array_equal(flown, begun)
+    drawn.reset(seed=4)
+    assert np.array_equal(drawn.render(), begun)
+
+
+def test_the_radar_shows_what_is_cleared_before_it_is_flown(drawn):
+    drawn.reset(seed=4)
+    before, radar = drawn.render(), drawn.unwrapped
+    allowed = next(action for action in (1, 2) if radar.may_stack(action))
+    radar.instruct(allowed)
+    assert not np.array_equal(drawn.render(), before)
+    traffic = state_of(radar).traffic
+    change_fl = (traffic.cleared_level - traffic.level) / TICKS_PER_FL
+    assert change_fl.tolist() == [{1: -10.0, 2: 10.0}[allowed]]
+
+
+def test_an_unknown_render_mode_is_refused():
+    with pytest.raises(InputError, match="allowed: rgb_array"):
+        gymnasium.make("skystack/Lateral-v0", render_mode="ansi")

@@ -20,6 +20,7 @@ from skystack.platforms.conversion import scenario_of
 from skystack.platforms.registry import open_platform
 from skystack.programs import compile_for_one_core
 from skystack.seeds import scenario_key
+from skystack.simulator.traffic import callsigns
 from skystack.tasks.build import build_task
 
 SB3_STEPS = 2048
@@ -144,7 +145,7 @@ def platform(name: str, repetitions: int) -> tuple[float, ...]:
     """Another simulator by itself: cycles of two aircraft, nothing observed, judged or said."""
     task = build_task(load_experiment("lateral").task)
     traffic, exit_level = jax.device_get(jax.jit(task.scenarios.draw)(scenario_key(0, 0)))
-    names = tuple(f"AC{number + 1}" for number in range(len(traffic.level)))
+    names = callsigns(len(traffic.level))
     settings = task.settings
     scenario = scenario_of(
         traffic, task.simulator, settings.performance, PEER_STEPS, names, exit_level

@@ -13,14 +13,13 @@ from numpy.typing import ArrayLike
 
 from skystack.errors import InputError, PlatformError
 from skystack.evaluation.rollout import Controller, Recording, keep, query_keys, together
-from skystack.evaluation.tables import callsigns
 from skystack.platforms.conversion import scenario_of, traffic_of
 from skystack.platforms.instruction import worded
 from skystack.platforms.processes import TIME_LIMIT_S, in_processes
 from skystack.platforms.protocol import Platform
 from skystack.seeds import scenario_key
 from skystack.simulator.performance import TICKS_PER_FL
-from skystack.simulator.traffic import Traffic
+from skystack.simulator.traffic import Traffic, callsigns
 from skystack.stacking import Stack, stack_traced
 from skystack.tasks.contract import Outcome
 from skystack.tasks.navigation import NavigationState, NavigationTask
@@ -93,7 +92,7 @@ class Pilot:
             task.simulator,
             task.settings.performance,
             task.settings.cycles,
-            callsigns(task),
+            callsigns(task.scenarios.aircraft),
             state.memory.exit_level,
         )
         report = self._platform.reset(scenario)
@@ -114,7 +113,7 @@ class Pilot:
     def _issue(self, told: Traffic, stack: Stack) -> None:
         actions = self._task.actions
         aircraft = actions.changes[int(stack.action) - 1][0]
-        callsign = callsigns(self._task)[aircraft]
+        callsign = callsigns(self._task.scenarios.aircraft)[aircraft]
         if actions.kind == "level":
             cleared_fl = int(np.rint(told.cleared_level[aircraft] / TICKS_PER_FL))
             actual_fl = float(told.level[aircraft] / TICKS_PER_FL)

@@ -18,7 +18,7 @@ from skystack.platforms.instruction import worded
 from skystack.platforms.phraseology import written
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
-from skystack.simulator.traffic import Traffic, trajectory_columns
+from skystack.simulator.traffic import Traffic, callsigns, trajectory_columns
 from skystack.tasks.navigation import NavigationTask
 from skystack.tasks.rewards import MAX_INSTRUCTIONS
 from skystack.tasks.tracking import SEPARATION_NM
@@ -52,11 +52,6 @@ def make_tables(
         trajectories=_trajectory_table(task, recording),
         clearances=_clearance_table(task, recording),
     )
-
-
-def callsigns(task: NavigationTask) -> list[str]:
-    """AC1, AC2, ..."""
-    return [f"AC{number + 1}" for number in range(task.scenarios.aircraft)]
 
 
 def episode_table(task: NavigationTask, recording: Recording) -> pa.Table:
@@ -103,7 +98,7 @@ def _aircraft_table(
     return pa.table(
         {
             "scenario": np.repeat(recording.number, count),
-            "callsign": _repeated(callsigns(task), scenarios),
+            "callsign": _repeated(callsigns(task.scenarios.aircraft), scenarios),
             "type": pa.array(types[np.asarray(recording.start.kind).reshape(-1)]),
             "route": pa.array(np.array(routes)[recording.start.route.reshape(-1)]),
             "entry_fl": _flight_levels(recording.start.level).reshape(-1),
@@ -131,7 +126,9 @@ def _trajectory_table(task: NavigationTask, recording: Recording) -> pa.Table:
             "scenario": recording.number[scenario],
             "cycle": cycle.astype(np.int32),
             "time_s": (cycle * CYCLE_S).astype(np.int32),
-            "callsign": pa.DictionaryArray.from_arrays(who.astype(np.int32), callsigns(task)),
+            "callsign": pa.DictionaryArray.from_arrays(
+                who.astype(np.int32), callsigns(task.scenarios.aircraft)
+            ),
             **{
                 name: values.reshape(-1)[keep].astype(np.float32)
                 for name, values in columns.items()
@@ -154,7 +151,7 @@ def _clearance_table(task: NavigationTask, recording: Recording) -> pa.Table:
     """One row a clearance, in the order issued."""
     scenario, cycle = np.nonzero(recording.instructions > 0)
     who = np.array([(-1, 0), *task.actions.changes])[recording.action[scenario, cycle]][:, 0]
-    at, kind, signs = (scenario, cycle, who), task.actions.kind, callsigns(task)
+    at, kind, signs = (scenario, cycle, who), task.actions.kind, callsigns(task.scenarios.aircraft)
     if kind == "level":
         value = _flight_levels(np.asarray(recording.traffic.cleared_level)[at])
         actual = recording.before("level")[at] / TICKS_PER_FL

@@ -1,54 +1,147 @@
-"""One scenario as a Gymnasium environment: a step is `advance(instruct(state, action))`."""
+"""One scenario as a Gymnasium environment, stepped through, or in its two phases."""
 
+import operator
 from typing import Any
 
 import gymnasium
 import jax
 import numpy as np
 from gymnasium import spaces
-from jaxtyping import Array, Float
+from gymnasium.error import ResetNeeded
+from jaxtyping import Float, PRNGKeyArray, UInt8
 
-from skystack.tasks.contract import Outcome, Task, TaskState
+from skystack.errors import InputError
+from skystack.gym.radar import Radar
+from skystack.tasks.contract import Metrics, Outcome, Task
+from skystack.tasks.plain import PlainTask, Seen
 
 Observation = Float[np.ndarray, " observation"]
+Info = dict[str, Any]
+
+RENDER_MODES = ("rgb_array",)
+FRAMES_PER_S = 10
 
 
 class TaskEnvironment(gymnasium.Env[Observation, np.int64]):
     """Any task, for learners that know Gymnasium.
 
     Observations are float32 in [0, 1], actions numbers into the task's action table, rewards as the
-    task pays them, unscaled. When a scenario has ended, `info` holds its metrics.
+    task pays them, unscaled. When a scenario has ended, `info` holds its metrics. Tasks end by
+    themselves (terminated) and never truncate; Gymnasium's TimeLimit does. Raises InputError for
+    an action that is not in the table.
+
+    It is a `skystack.gym.stacked.TwoPhaseEnvironment`: `instruct` as often as wanted, then
+    `advance`, instead of `step`. `render_mode="rgb_array"` draws a radar picture. Environments of
+    one task can share its compiled `programs`.
     """
 
-    def __init__(self, task: Task) -> None:
-        self.task = task
-        self.observation_space = spaces.Box(0.0, 1.0, (len(task.observation_names),), np.float32)
-        self.action_space = spaces.Discrete(len(task.action_names))
-        self._reset, self._step = jax.jit(self._begin), jax.jit(self._go_on)
-        self._state: TaskState = None
+    metadata = {"render_modes": list(RENDER_MODES), "render_fps": FRAMES_PER_S}  # noqa: RUF012
+
+    def __init__(
+        self, task: Task, render_mode: str | None = None, programs: PlainTask | None = None
+    ) -> None:
+        self.task, self.render_mode = task, render_mode
+        self.observation_space, self.action_space = observations_of(task), actions_of(task)
+        self._radar = radar_of(task, render_mode)
+        self._plain = PlainTask(task) if programs is None else programs
+        self._now: Seen | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
+    ) -> tuple[Observation, Info]:
         """A new random scenario: after a seed always the same ones in the same order."""
         super().reset(seed=seed, options=options)
-        key = jax.random.key(int(self.np_random.integers(2**31)))
-        self._state, observation = self._reset(key)
-        return np.asarray(observation), {}
+        self._now = self._plain.reset(drawn_key(self.np_random))
+        if self._radar is not None:
+            self._radar.clear()
+            self._radar.sweep(self._plain.state_of(self._now))
+        return self.observe(), {}
 
-    def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Give an instruction, or none, and fly one radar cycle."""
-        self._state, observation, outcome = self._step(self._state, np.int32(action))
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, Info]:
+        """The task's step: give an instruction, or none, and fly one radar cycle."""
+        told = checked_action(action, len(self.task.action_names))
+        flown = self._flown(*self._plain.step(self._scenario, told))
+        return self.observe(), *flown
+
+    def observe(self) -> Observation:
+        """What is seen now; a copy."""
+        return np.array(self._plain.observe(self._scenario))
+
+    def may_stack(self, action: Any) -> bool:
+        """Whether an instruction can be given now."""
+        told = checked_action(action, len(self.task.action_names))
+        return self._plain.may_stack(self._scenario, told)
+
+    def instruct(self, action: Any) -> None:
+        """Give an instruction; no time passes."""
+        told = checked_action(action, len(self.task.action_names))
+        self._now = self._plain.instruct(self._scenario, told)
+
+    def advance(self) -> tuple[float, bool, bool, Info]:
+        """Fly one radar cycle: (reward, terminated, truncated, info)."""
+        return self._flown(*self._plain.advance(self._scenario))
+
+    def render(self) -> UInt8[np.ndarray, "height width 3"] | None:
+        """The radar picture of now; None without a render mode."""
+        if self._radar is None:
+            return None
+        return self._radar.picture(self._plain.state_of(self._scenario))
+
+    @property
+    def _scenario(self) -> Seen:
+        if self._now is None:
+            raise ResetNeeded("reset() begins the first scenario")
+        return self._now
+
+    def _flown(self, now: Seen, outcome: Outcome) -> tuple[float, bool, bool, Info]:
+        self._now = now
+        if self._radar is not None:
+            self._radar.sweep(self._plain.state_of(now))
         judged: Outcome = jax.device_get(outcome)
         ended = bool(judged.terminated), bool(judged.truncated)
-        metrics = judged.metrics._asdict() if any(ended) else {}
-        info = {name: np.asarray(value).item() for name, value in metrics.items()}
-        return np.asarray(observation), float(judged.reward), *ended, info
+        return float(judged.reward), *ended, metrics_info(judged.metrics) if any(ended) else {}
 
-    def _begin(self, key: Array) -> tuple[TaskState, Array]:
-        state = self.task.reset(key)
-        return state, self.task.observe(state)
 
-    def _go_on(self, state: TaskState, action: Array) -> tuple[TaskState, Array, Outcome]:
-        state, outcome = self.task.step(state, action)
-        return state, self.task.observe(state), outcome
+def observations_of(task: Task) -> spaces.Box:
+    """The space of a task's observations."""
+    return spaces.Box(0.0, 1.0, (len(task.observation_names),), np.float32)
+
+
+def actions_of(task: Task) -> spaces.Discrete:
+    """The space of a task's actions."""
+    return spaces.Discrete(len(task.action_names))
+
+
+def radar_of(task: Task, render_mode: str | None) -> Radar | None:
+    """What draws a task in a render mode, if any. Raises InputError for an unknown mode."""
+    if render_mode is None:
+        return None
+    if render_mode not in RENDER_MODES:
+        raise InputError(f"render_mode is {render_mode} (allowed: {', '.join(RENDER_MODES)})")
+    return Radar(task)
+
+
+def drawn_key(generator: np.random.Generator) -> PRNGKeyArray:
+    """The key of the next scenario."""
+    return jax.random.key(drawn_number(generator))
+
+
+def drawn_number(generator: np.random.Generator) -> int:
+    """What the key of the next scenario is made from."""
+    return int(generator.integers(2**31))
+
+
+def checked_action(action: Any, actions: int) -> int:
+    """An action as a plain number. Raises InputError for one that is not in the table."""
+    try:
+        number = operator.index(action)
+    except TypeError:
+        number = -1
+    if not 0 <= number < actions:
+        raise InputError(f"action is {action!r} (allowed: whole numbers from 0 to {actions - 1})")
+    return number
+
+
+def metrics_info(metrics: Metrics) -> Info:
+    """The metrics of one scenario as plain numbers."""
+    return {name: np.asarray(value).item() for name, value in metrics._asdict().items()}

@@ -93,7 +93,7 @@ def route_maps(sector: Sector) -> Figure:
     settle(figure)
     for axes, _ in zip(panels, starts, strict=False):
         # What is drawn in any panel counts in all, so that names stand alike in all.
-        _name_fixes(axes, sector, drawn)
+        name_fixes(axes, sector, drawn)
     return figure
 
 
@@ -162,7 +162,8 @@ def _draw_routes(axes: Axes, sector: Sector, routes: Sequence[tuple[str, ...]]) 
     return paths
 
 
-def _name_fixes(axes: Axes, sector: Sector, lines: Sequence[Polyline]) -> None:
+def name_fixes(axes: Axes, sector: Sector, lines: Sequence[Polyline] = ()) -> None:
+    """Write the fixes' names where neither lines nor marks are; the figure must be settled."""
     labels = [
         Label(name, (float(at[0]), float(at[1])), INK, size_pt=7.5)
         for name, at in sector.fixes_nm.items()

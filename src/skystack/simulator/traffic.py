@@ -93,6 +93,11 @@ def start(
     )
 
 
+def callsigns(aircraft: int) -> list[str]:
+    """AC1, AC2, ...: of aircraft that nobody has named."""
+    return [f"AC{number + 1}" for number in range(aircraft)]
+
+
 def ticks(fl: float) -> float:
     """Ticks of a flight level, rounded to a whole one."""
     return float(np.round(fl * TICKS_PER_FL))

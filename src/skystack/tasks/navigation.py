@@ -11,6 +11,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from skystack.airspace.sector import Sector
 from skystack.simulator.generator import Scenarios
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import Simulator
@@ -56,9 +57,17 @@ class NavigationTask:
         each = (f"{name}_{aircraft + 1}" for aircraft in range(count) for name in settings.features)
         return (*each, *pair_names(settings.pair_features, count))
 
+    @property
+    def sector(self) -> Sector:
+        return self.simulator.sector
+
     @cached_property
     def tracker(self) -> Tracker:
-        return Tracker(self.simulator.sector)
+        return Tracker(self.sector)
+
+    def traffic(self, state: NavigationState) -> Traffic:
+        """All that can be seen on a radar."""
+        return state.traffic
 
     def reset(self, key: PRNGKeyArray) -> NavigationState:
         return self.begin(*self.scenarios.draw(key))

@@ -32,13 +32,14 @@ class Seen(NamedTuple):
 
 
 class PlainTask:
-    """Implements `skystack.stacking.TwoPhase`, and `reset` and `advance` of a task."""
+    """Implements `skystack.stacking.TwoPhase`, and `reset`, `advance` and `step` of a task."""
 
     def __init__(self, task: Task) -> None:
         self._task = task
         self._like = jax.eval_shape(task.reset, jax.random.key(0))
         self._reset, self._begin = jax.jit(self._drawn), jax.jit(self._seen)
         self._told, self._flown = jax.jit(self._tell), jax.jit(self._fly)
+        self._stepped = jax.jit(self._step)
         self._unpacked = jax.jit(self._unpack)
 
     def reset(self, key: PRNGKeyArray) -> Seen:
@@ -66,6 +67,10 @@ class PlainTask:
         """One radar cycle."""
         return self._flown(seen.packed)
 
+    def step(self, seen: Seen, action: int | np.integer) -> tuple[Seen, Outcome]:
+        """The MDP step of the task."""
+        return self._stepped(seen.packed, np.int32(action))
+
     def _drawn(self, key: PRNGKeyArray) -> Seen:
         return self._seen(self._task.reset(key))
 
@@ -92,4 +97,10 @@ class PlainTask:
 
     def _fly(self, packed: Float[Array, " values"]) -> tuple[Seen, Outcome]:
         state, outcome = self._task.advance(self._unpack(packed))
+        return self._seen(state), outcome
+
+    def _step(
+        self, packed: Float[Array, " values"], action: Int[Array, ""]
+    ) -> tuple[Seen, Outcome]:
+        state, outcome = self._task.step(self._unpack(packed), action)
         return self._seen(state), outcome

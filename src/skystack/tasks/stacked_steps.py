@@ -10,6 +10,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from skystack.airspace.sector import Sector
+from skystack.simulator.traffic import Traffic
 from skystack.tasks.batch import choose
 from skystack.tasks.contract import NO_ACTION, Outcome
 from skystack.tasks.navigation import NavigationState, NavigationTask
@@ -30,6 +32,13 @@ class StackedSteps(TaskWrapper[NavigationTask]):
     An instruction that would stop the stack (another one than the first of the cycle) is not
     executed, and time goes on, as in `skystack.stacking`.
     """
+
+    @property
+    def sector(self) -> Sector:
+        return self.task.sector
+
+    def traffic(self, state: StackedState) -> Traffic:
+        return self.task.traffic(state.inner)
 
     def reset(self, key: PRNGKeyArray) -> StackedState:
         return StackedState(self.task.reset(key), jnp.zeros((), dtype=jnp.int32))

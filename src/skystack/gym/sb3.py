@@ -1,0 +1,91 @@
+"""The vector environment for Stable-Baselines3 (extra `[sb3]`), which has an interface of its own.
+
+PPO there trains four times as fast on it as on 32 single environments.
+"""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from jaxtyping import Bool, Float
+from stable_baselines3.common.vec_env import VecEnv
+
+from skystack.errors import InputError
+from skystack.gym.vector import VectorTaskEnvironment
+
+Infos = list[dict[str, Any]]
+
+
+class StableBaselines3Environment(VecEnv):  # type: ignore[misc]
+    """What `DummyVecEnv` of single environments would be. Raises InputError for another mode."""
+
+    def __init__(self, environment: VectorTaskEnvironment) -> None:
+        mode = environment.metadata["autoreset_mode"]
+        if mode is not AutoresetMode.SAME_STEP:
+            raise InputError(
+                f"autoreset_mode is {mode.value} (allowed for Stable-Baselines3: SameStep)"
+            )
+        self._environment = environment
+        self._actions: Any = None
+        super().__init__(
+            environment.num_envs,
+            environment.single_observation_space,
+            environment.single_action_space,
+        )
+
+    def reset(self) -> Float[np.ndarray, "scenarios observation"]:
+        observation, _ = self._environment.reset(seed=self._seeds)
+        self._reset_seeds()
+        self._reset_options()
+        return observation
+
+    def step_async(self, actions: Any) -> None:
+        self._actions = actions
+
+    def step_wait(
+        self,
+    ) -> tuple[
+        Float[np.ndarray, "scenarios observation"],
+        Float[np.ndarray, " scenarios"],
+        Bool[np.ndarray, " scenarios"],
+        Infos,
+    ]:
+        observation, rewards, terminated, truncated, gathered = self._environment.step(
+            self._actions
+        )
+        cut_short = truncated & ~terminated
+        infos: Infos = [{"TimeLimit.truncated": cut} for cut in cut_short.tolist()]
+        over = terminated | truncated
+        for number in np.flatnonzero(over).tolist():
+            infos[number] |= _of_one(gathered["final_info"], number)
+            infos[number]["terminal_observation"] = gathered["final_obs"][number]
+        return observation, rewards.astype(np.float32), over, infos
+
+    def close(self) -> None:
+        self._environment.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        value = getattr(self._environment, attr_name)
+        return [value for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        raise NotImplementedError("scenarios of one program have no attributes of their own")
+
+    def env_method(
+        self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any
+    ) -> list[Any]:
+        raise NotImplementedError("scenarios of one program have no methods of their own")
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        indices_given: Iterable[int] = self._get_indices(indices)
+        return [False for _ in indices_given]
+
+
+def _of_one(gathered: dict[str, Any], number: int) -> dict[str, Any]:
+    """One scenario's part of what Gymnasium gathers: values, and masks named `_...` beside them."""
+    return {
+        name: values[number].item()
+        for name, values in gathered.items()
+        if not name.startswith("_") and gathered[f"_{name}"][number]
+    }

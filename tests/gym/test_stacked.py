@@ -1,0 +1,203 @@
+"""Stacking by being asked: the clearances of `skystack.stacking.stack`, in any agent's loop."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium import spaces
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skystack.catalogue import find_policy
+from skystack.errors import InputError
+from skystack.evaluation.judge import task_of
+from skystack.gym.environment import TaskEnvironment
+from skystack.gym.registration import make_environment
+from skystack.gym.stacked import StackedEnvironment, TwoPhaseEnvironment
+from skystack.stacking import stack
+from skystack.tasks.settings import RewardSettings, TaskSettings
+from skystack.tasks.stacked_steps import StackedSteps
+
+
+class Counter(gymnasium.Env):
+    """Counts what it is told since the last cycle, at most seven times; no JAX."""
+
+    observation_space = spaces.Box(0.0, np.inf, (2,), np.float32)
+    action_space = spaces.Discrete(4)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.told, self.cycles = (), 0
+        return self.observe(), {}
+
+    def observe(self):
+        return np.array([len(self.told), self.cycles], dtype=np.float32)
+
+    def may_stack(self, action):
+        return len(self.told) < 7
+
+    def instruct(self, action):
+        self.told = (*self.told, action)
+
+    def advance(self):
+        reward = float(len(self.told))
+        self.told, self.cycles = (), self.cycles + 1
+        return reward, self.cycles == 5, False, {"cycles": self.cycles}
+
+    def step(self, action):
+        self.instruct(action)
+        flown = self.advance()
+        return self.observe(), *flown
+
+
+class InFunctions:
+    """A counter for `skystack.stacking.stack`: its state is what it was told."""
+
+    observe = staticmethod(len)
+
+    def instruct(self, state, action):
+        return (*state, action)
+
+    def may_stack(self, state, action):
+        return len(state) < 7
+
+
+@given(st.lists(st.integers(0, 3), min_size=12, max_size=12), st.integers(1, 9))
+def test_it_compiles_what_stack_compiles(answers, limit):
+    """Of any sequence of answers. Action 0 is none, in both."""
+    given, asked = iter(answers), []
+
+    def policy(_):
+        asked.append(next(given))
+        return asked[-1]
+
+    state, expected = stack(InFunctions(), policy, (), limit)
+    environment = StackedEnvironment(Counter(), limit)
+    environment.reset()
+    for number, action in enumerate(asked):
+        seen, reward, *_, info = environment.step(np.int64(action))
+        frozen = number < expected.instructions
+        assert ("clearance" not in info) == frozen
+        assert seen.tolist() == ([number + 1, 0] if frozen else [0, 1])
+        assert reward == (0.0 if frozen else len(state))
+    issued = expected.action if expected.instructions else 0
+    assert info["clearance"] == {"action": issued, "instructions": expected.instructions}
+
+
+def test_an_agent_that_never_changes_its_mind_cannot_stop_time():
+    environment = StackedEnvironment(Counter(), limit=3)
+    environment.reset()
+    infos = [environment.step(2)[-1] for _ in range(8)]
+    flown = {"action": 2, "instructions": 3}
+    assert [info.get("clearance") for info in infos] == [None, None, None, flown] * 2
+
+
+def test_the_next_scenario_begins_without_a_clearance_under_way():
+    environment = StackedEnvironment(Counter())
+    environment.reset()
+    environment.step(1)
+    environment.reset()
+    seen, *_, info = environment.step(2)
+    assert (seen.tolist(), info) == ([1.0, 0.0], {})
+
+
+def test_another_action_can_be_the_one_that_says_nothing():
+    environment = StackedEnvironment(Counter(), no_action=3)
+    environment.reset()
+    assert environment.step(0)[-1] == {}
+    clearance = environment.step(3)[-1]["clearance"]
+    assert clearance == {"action": 0, "instructions": 1}
+    assert environment.step(3)[-1]["clearance"] == {"action": 3, "instructions": 0}
+
+
+class Insistent:
+    """An agent of Stable-Baselines3 that always asks for the same thing."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=False):
+        return np.ones(len(observation), dtype=np.int64), state
+
+
+def test_stable_baselines3_evaluates_in_it():
+    """Seven instructions a cycle, one point each, five cycles."""
+    evaluation = pytest.importorskip("stable_baselines3.common.evaluation")
+    monitor = pytest.importorskip("stable_baselines3.common.monitor").Monitor
+    monitored = monitor(StackedEnvironment(Counter()))
+    returns, steps = evaluation.evaluate_policy(
+        Insistent(), monitored, n_eval_episodes=2, return_episode_rewards=True
+    )
+    assert (returns, steps) == ([35.0, 35.0], [40, 40])
+
+
+def test_wrappers_that_it_would_pass_by_are_refused():
+    with pytest.raises(InputError, match="TimeLimit is inside StackedEnvironment"):
+        StackedEnvironment(gymnasium.wrappers.TimeLimit(Counter(), 5))
+    limited = gymnasium.wrappers.TimeLimit(StackedEnvironment(Counter()), 3)
+    limited.reset()
+    assert [limited.step(1)[3] for _ in range(3)] == [False, False, True]
+
+
+def test_an_environment_without_two_phases_is_refused():
+    with pytest.raises(InputError, match="CartPoleEnv cannot be stacked: it lacks observe, may_st"):
+        StackedEnvironment(gymnasium.make("CartPole-v1", max_episode_steps=-1))
+    with pytest.raises(InputError, match="limit is 0"):
+        StackedEnvironment(Counter(), limit=0)
+
+
+@pytest.fixture(scope="module")
+def policy():
+    return find_policy("lateral-best")
+
+
+@pytest.fixture(scope="module")
+def environment(policy):
+    return TaskEnvironment(task_of(policy))
+
+
+def test_a_shipped_policy_issues_the_clearances_of_stack(policy, environment):
+    """Over whole scenarios: clearances, rewards, ends; nothing physical moves in between."""
+    assert isinstance(environment, TwoPhaseEnvironment)
+    stacked, plain = StackedEnvironment(environment), environment._plain
+    stacks = 0
+    for scenario in range(4):
+        seen, _ = stacked.reset(seed=scenario)
+        now, over = environment._now, False
+        while not over:
+            now, expected = stack(plain, policy, now)
+            before = plain.state_of(environment._now)
+            for _ in range(expected.instructions):
+                seen, reward, over, *_, info = stacked.step(policy(seen))
+                assert (reward, over, info) == (0.0, False, {})
+                told = plain.state_of(environment._now)
+                for name in ("position_nm", "heading_deg", "level", "ground_speed_kt"):
+                    assert np.array_equal(
+                        getattr(told.traffic, name), getattr(before.traffic, name)
+                    )
+                assert told.memory.cycles == before.memory.cycles
+            now, outcome = plain.advance(now)
+            seen, reward, over, _, info = stacked.step(policy(seen))
+            issued = info["clearance"]
+            assert issued["instructions"] == expected.instructions
+            assert not expected.instructions or issued["action"] == expected.action
+            assert (reward, over) == (outcome.reward, outcome.terminated)
+            assert np.array_equal(seen, plain.observe(now))
+            stacks += int(expected.instructions > 1)
+        assert info["success"] == bool(outcome.metrics.success)
+    assert stacks >= 4
+
+
+def test_it_steps_as_training_with_time_frozen_does():
+    """Round that task it is its own step, to the price of every burst."""
+    settings = TaskSettings(timing="stack", reward=RewardSettings(burst=1.0))
+    own = make_environment("lateral", settings)
+    stacked = StackedEnvironment(make_environment("lateral", settings))
+    assert isinstance(own.task, StackedSteps)
+    own.reset(seed=1), stacked.reset(seed=1)
+    rng = np.random.default_rng(0)
+    for _ in range(120):
+        action = rng.choice([0, 1, 1, 1, 4])
+        seen, reward, *ends, _ = own.step(action)
+        other_seen, other_reward, *other_ends, _ = stacked.step(action)
+        np.testing.assert_allclose(other_seen, seen, atol=1e-6)
+        assert other_reward == pytest.approx(reward, abs=1e-5)
+        assert other_ends == ends
+    cycles = own._plain.state_of(own._now).inner.memory.cycles
+    assert 20.0 < float(cycles) < 100.0
