@@ -9,7 +9,6 @@ where skystack is installed with the extra [onnx]; it prints the clearances of o
 from how many instructions each was stacked.
 """
 
-import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -49,7 +48,7 @@ while not over:
         who, _ = task.actions.changes[clearance.action - 1]
         cleared, actual = traffic.cleared_heading_deg[who], traffic.heading_deg[who]
         said = written(worded(f"AC{who + 1}", int(cleared), None, float(actual)))
-        sys.stdout.write(f"{6 * cycle:4d} s  {said} (from {clearance.instructions})\n")
+        print(f"{6 * cycle:4d} s  {said} (from {clearance.instructions})")
     seen, outcome = environment.advance(seen)  # one radar cycle
     cycle, over = cycle + 1, bool(outcome.terminated)
-sys.stdout.write(f"success: {bool(outcome.metrics.success)}\n")
+print(f"success: {bool(outcome.metrics.success)}")
