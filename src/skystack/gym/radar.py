@@ -5,22 +5,18 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, UInt8
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.patheffects import withStroke
 
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
 from skystack.reporting.maps import draw_sector, name_axes, name_fixes
-from skystack.reporting.style import INK, PAPER, SERIES, grid_of_axes, house_style, settle
+from skystack.reporting.radar import Blip, colour_of, draw_aircraft, draw_way
+from skystack.reporting.style import grid_of_axes, house_style, settle
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
 from skystack.simulator.traffic import Traffic, callsigns
 from skystack.tasks.contract import TaskState
 
 SIZE_IN, PIXELS_PER_INCH = (7.2, 6.8), 100
-AHEAD_MIN = 2.0
-"""How far ahead of an aircraft its heading line shows it."""
-LABEL_PT = 9.0
-"""How far from an aircraft its label stands."""
 
 
 @runtime_checkable
@@ -81,64 +77,26 @@ class Radar:
             )
             lasting = set(self._axes.get_children())
             for number, callsign in enumerate(callsigns(len(traffic.level))):
-                self._draw_way(traffic, number)
+                sector, colour = self._task.sector, colour_of(number)
+                route = sector.routes[int(traffic.route[number])]
+                planned = np.array([sector.fixes_nm[name] for name in route])
+                draw_way(self._axes, planned, np.array(self._trail)[:, number], colour)
                 if traffic.active[number]:
-                    self._draw_aircraft(traffic, number, callsign)
+                    draw_aircraft(self._axes, _blip(traffic, number, callsign), colour)
             self._canvas.draw()  # type: ignore[no-untyped-call]
             for artist in set(self._axes.get_children()) - lasting:
                 artist.remove()
         pixels = self._canvas.buffer_rgba()  # type: ignore[no-untyped-call]
         return np.array(pixels)[:, :, :3]
 
-    def _draw_way(self, traffic: Traffic, number: int) -> None:
-        """Where an aircraft is to go, and where it went."""
-        sector, colour = self._task.sector, _colour(number)
-        route = sector.routes[int(traffic.route[number])]
-        planned = np.array([sector.fixes_nm[name] for name in route])
-        self._axes.plot(*planned.T, color=colour, linewidth=7.0, alpha=0.13, zorder=2.5)
-        trail = np.array(self._trail)[:, number]
-        self._axes.plot(*trail.T, color=colour, linewidth=1.4, alpha=0.8, zorder=4)
 
-    def _draw_aircraft(self, traffic: Traffic, number: int, callsign: str) -> None:
-        colour, east_north = _colour(number), np.asarray(traffic.position_nm[number])
-        ahead_nm = AHEAD_MIN / 60.0 * float(traffic.ground_speed_kt[number])
-        heading, cleared = (
-            np.radians(float(degrees[number]))
-            for degrees in (traffic.heading_deg, traffic.cleared_heading_deg)
-        )
-        for angle, style in ((cleared, ":"), (heading, "-")):
-            ahead = east_north + ahead_nm * np.array([np.sin(angle), np.cos(angle)])
-            line = np.stack([east_north, ahead]).T
-            self._axes.plot(*line, color=INK, linewidth=1.2, linestyle=style, zorder=5)
-        self._axes.plot(*east_north, "s", color=colour, mec=PAPER, markersize=7.5, zorder=6)
-        self._axes.annotate(
-            f"{callsign}\n{_levels(traffic, number)}",
-            (float(east_north[0]), float(east_north[1])),
-            # To the right of the flight, off its lines.
-            xytext=(LABEL_PT * np.cos(heading), -LABEL_PT * np.sin(heading)),
-            textcoords="offset points",
-            ha="left" if np.cos(heading) > 0.0 else "right",
-            va="top" if np.sin(heading) > 0.0 else "bottom",
-            color=colour,
-            fontsize=9.0,
-            fontweight="bold",
-            path_effects=[withStroke(linewidth=2.2, foreground=PAPER)],
-            zorder=8,
-        )
-
-
-def _colour(number: int) -> str:
-    return SERIES[number % len(SERIES)]
-
-
-def _levels(traffic: Traffic, number: int) -> str:
-    """`FL300`, or with an arrow to the cleared level."""
-    level, cleared = (
-        round(float(values[number]) / TICKS_PER_FL)
-        for values in (traffic.level, traffic.cleared_level)
-    )
-    return (
-        f"FL{level:03d}"
-        if level == cleared
-        else f"FL{level:03d} \N{RIGHTWARDS ARROW} {cleared:03d}"
+def _blip(traffic: Traffic, number: int, callsign: str) -> Blip:
+    return Blip(
+        callsign,
+        np.asarray(traffic.position_nm[number]),
+        heading_deg=float(traffic.heading_deg[number]),
+        cleared_heading_deg=float(traffic.cleared_heading_deg[number]),
+        ground_speed_kt=float(traffic.ground_speed_kt[number]),
+        fl=float(traffic.level[number]) / TICKS_PER_FL,
+        cleared_fl=float(traffic.cleared_level[number]) / TICKS_PER_FL,
     )

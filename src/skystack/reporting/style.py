@@ -95,10 +95,15 @@ def settle(figure: Figure) -> None:
 def save(figure: Figure, stem: Path) -> list[Path]:
     """Write `<stem>.png` and `<stem>.svg`; the same figure gives the same bytes."""
     paths = []
-    for kind, data in (("png", _drawn(figure, "png")), ("svg", as_svg(figure).encode())):
+    for kind, data in (("png", as_png(figure)), ("svg", as_svg(figure).encode())):
         paths.append(stem.with_name(f"{stem.name}.{kind}"))
         write_aside(paths[-1], data)
     return paths
+
+
+def as_png(figure: Figure) -> bytes:
+    """The figure as a picture; the same figure gives the same bytes."""
+    return _drawn(figure, "png")
 
 
 def as_svg(figure: Figure) -> str:

@@ -4,6 +4,7 @@ Read from the folder of an evaluation, or from what `skystack simulate` wrote.
 """
 
 import json
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
@@ -18,6 +19,7 @@ from jaxtyping import Float
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
 from skystack.evaluation.stored import metadata_of, read_table, sector_of
+from skystack.platforms.registry import OWN
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.tasks.tracking import SEPARATION_NM, pair_distance_nm
 
@@ -150,12 +152,22 @@ def _evaluation(folder: Path, count: int) -> Replay:
     sector = sector_of(path, flown)
     rows, aircraft, clearances = (_by_scenario(table) for table in (flown, who, said))
     return Replay(
-        folder.name,
+        _title(folder),
         sector,
         tuple(
             _scenario(sector, path, row, rows, aircraft, clearances) for row in episodes.to_pylist()
         ),
     )
+
+
+def _title(folder: Path) -> str:
+    """`lateral-tuned, stacked` of `lateral-tuned-s0-skystack-stacked`; others keep their name."""
+    found = re.fullmatch(r"(.+)-s\d+-(\w+)-(stacked|plain)", folder.name)
+    if found is None:
+        return folder.name
+    experiment, platform, kind = found.groups()
+    how = "stacked" if kind == "stacked" else "one at a time"
+    return f"{experiment}, {how}" + (f", {platform}" if platform != OWN else "")
 
 
 def _scenario(

@@ -1,0 +1,187 @@
+"""Stills and films of a replay, without a display: PNG, SVG and GIF.
+
+One replay, or two of the same scenario side by side and in step. The page shows more; this is for
+papers, slides and the first screen of a README.
+"""
+
+import io
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from PIL import Image
+
+from skystack.errors import InputError
+from skystack.reporting.maps import draw_sector, name_fixes
+from skystack.reporting.radar import Blip, colour_of, draw_aircraft, draw_way
+from skystack.reporting.replay.recording import Flown, Replay, ReplayScenario
+from skystack.reporting.style import (
+    MUTED,
+    VERMILION,
+    as_png,
+    as_svg,
+    grid_of_axes,
+    house_style,
+    settle,
+)
+from skystack.simulator.simulator import CYCLE_S
+from skystack.tasks.tracking import SEPARATION_NM
+
+PANEL_IN, PIXELS_PER_INCH = (5.2, 5.6), 84
+FRAMES_PER_S = 10
+SAID = 3
+"""How many of the last clearances are written below."""
+
+
+class Span(NamedTuple):
+    """The part of a scenario that is drawn, in rows; both within."""
+
+    begin: int
+    end: int
+
+
+def span_of(replays: tuple[Replay, ...], number: int, from_s: int, to_s: int | None) -> Span:
+    """The rows between two times. Raises InputError for a scenario or times that are not there."""
+    scenarios = [_scenario(replay, number) for replay in replays]
+    last = max(scenario.cycles for scenario in scenarios)
+    end = last if to_s is None else to_s // CYCLE_S
+    if not 0 <= from_s // CYCLE_S <= end <= last:
+        raise InputError(
+            f"--from {from_s} --to {end * CYCLE_S if to_s is None else to_s} (allowed: times from "
+            f"0 to {last * CYCLE_S} s, the earlier one first)"
+        )
+    return Span(from_s // CYCLE_S, end)
+
+
+def still(replays: tuple[Replay, ...], number: int, span: Span, kind: str) -> bytes:
+    """The picture at the end of the span, with the trails of all of it; `kind` is png or svg."""
+    with house_style():
+        scene = _Scene(replays, number, span)
+        scene.draw(span.end)
+        return as_png(scene.figure) if kind == "png" else as_svg(scene.figure).encode()
+
+
+def film(
+    replays: tuple[Replay, ...],
+    number: int,
+    span: Span,
+    on_frame: Callable[[int], None] = lambda row: None,
+) -> bytes:
+    """An animated GIF, a radar cycle a frame and ten frames a second: sixty times real time."""
+    with house_style():
+        scene = _Scene(replays, number, span)
+        frames = []
+        for row in range(span.begin, span.end + 1):
+            frames.append(scene.pixels(row))
+            on_frame(row)
+    # One palette for all frames, from the last, which shows everything: colours do not flicker.
+    palette = frames[-1].quantize(64, dither=Image.Dither.NONE)
+    flat = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    data = io.BytesIO()
+    durations = [1000 // FRAMES_PER_S] * (len(flat) - 1) + [2500]
+    flat[0].save(
+        data,
+        "GIF",
+        save_all=True,
+        append_images=flat[1:],
+        duration=durations,
+        loop=0,
+        optimize=True,
+    )
+    return data.getvalue()
+
+
+class _Scene:
+    """The figure: a panel a replay; what changes is drawn anew for every row."""
+
+    def __init__(self, replays: tuple[Replay, ...], number: int, span: Span) -> None:
+        width, height = PANEL_IN
+        self.figure, self._panels = grid_of_axes(1, len(replays), (width * len(replays), height))
+        self.figure.set_dpi(PIXELS_PER_INCH)
+        self._canvas = FigureCanvasAgg(self.figure)
+        self._replays, self._span = replays, span
+        self._scenarios = [_scenario(replay, number) for replay in replays]
+        for axes, replay in zip(self._panels, replays, strict=True):
+            draw_sector(axes, replay.sector)
+            axes.set_axis_off()
+            axes.set_title(f"{replay.title}\n ")
+            # Room for what is said.
+            axes.text(0.0, -0.02, "\n" * SAID, transform=axes.transAxes, va="top", fontsize=9.0)
+        settle(self.figure)
+        for axes, replay in zip(self._panels, replays, strict=True):
+            name_fixes(axes, replay.sector)
+
+    def draw(self, row: int) -> None:
+        """Everything that is to be seen after a number of cycles."""
+        for axes, replay, scenario in zip(
+            self._panels, self._replays, self._scenarios, strict=True
+        ):
+            self._draw_panel(axes, replay, scenario, row)
+
+    def pixels(self, row: int) -> Image.Image:
+        """One frame."""
+        lasting = {axes: set(axes.get_children()) for axes in self._panels}
+        self.draw(row)
+        self._canvas.draw()  # type: ignore[no-untyped-call]
+        for axes, kept in lasting.items():
+            for artist in set(axes.get_children()) - kept:
+                artist.remove()
+        return Image.fromarray(np.asarray(self._canvas.buffer_rgba())[:, :, :3])  # type: ignore[no-untyped-call]
+
+    def _draw_panel(self, axes: Axes, replay: Replay, scenario: ReplayScenario, row: int) -> None:
+        said = [each for each in scenario.clearances if each.cycle < row]
+        plural = "" if len(said) == 1 else "s"
+        seconds = row * CYCLE_S
+        axes.set_title(
+            f"{replay.title}\n{len(said)} clearance{plural}, "
+            f"minute {seconds // 60:02d}:{seconds % 60:02d}"
+        )
+        close = {
+            number
+            for loss in scenario.losses
+            if loss.begins < row <= loss.ends
+            for number in (loss.first, loss.second)
+        }
+        for number, flown in enumerate(scenario.aircraft):
+            trail = flown.position_nm[self._span.begin : row + 1]
+            route = np.array([replay.sector.fixes_nm[fix] for fix in flown.route])
+            draw_way(axes, route, trail, colour_of(number))
+            if row < len(flown.fl):
+                colour = VERMILION if number in close else colour_of(number)
+                ring_nm = SEPARATION_NM if number in close else 0.0
+                draw_aircraft(axes, _blip(flown, row), colour, ring_nm)
+        for line, each in enumerate(said[: -SAID - 1 : -1]):
+            fresh = row - each.cycle <= 5
+            stacked = f" ({each.instructions} instructions)" if each.instructions > 1 else ""
+            axes.text(
+                0.0,
+                -0.02 - 0.045 * line,
+                f"{each.text}{stacked}",
+                transform=axes.transAxes,
+                va="top",
+                fontsize=9.0,
+                color=colour_of(each.aircraft) if fresh else MUTED,
+                fontweight="bold" if fresh else "normal",
+            )
+
+
+def _blip(flown: Flown, row: int) -> Blip:
+    return Blip(
+        flown.callsign,
+        flown.position_nm[row],
+        heading_deg=float(flown.heading_deg[row]),
+        cleared_heading_deg=float(flown.cleared_heading_deg[row]),
+        ground_speed_kt=float(flown.ground_speed_kt[row]),
+        fl=float(flown.fl[row]),
+        cleared_fl=float(flown.cleared_fl[row]),
+    )
+
+
+def _scenario(replay: Replay, number: int) -> ReplayScenario:
+    for scenario in replay.scenarios:
+        if scenario.number == number:
+            return scenario
+    first, last = replay.scenarios[0].number, replay.scenarios[-1].number
+    raise InputError(f"{replay.title} has no scenario {number} (found: {first} to {last})")

@@ -1,0 +1,98 @@
+"""Stills and films: what is drawn where, how many frames, what is refused."""
+
+import io
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from PIL import Image
+
+from skystack.errors import InputError
+from skystack.reporting.radar import colour_of
+from skystack.reporting.replay.film import Span, _Scene, film, span_of, still
+from skystack.reporting.style import VERMILION, house_style
+from tests.reporting.replay.made import ROWS, replay
+
+FIRST = "AC1 turn right heading 090 (3 instructions)"
+
+
+def test_aircraft_are_drawn_where_they_are():
+    """The middle of each square has the aircraft's colour, or that of a loss of separation."""
+    made = replay()
+    with house_style():
+        scene = _Scene((made,), 4, Span(0, ROWS - 1))
+        (axes,) = scene._panels
+        for row in (0, 10, 16):
+            pixels = np.asarray(scene.pixels(row)) / 255.0
+            for number, each in enumerate(made.scenarios[0].aircraft):
+                x, y = axes.transData.transform(each.position_nm[row])
+                colour = VERMILION if row == 10 else colour_of(number)
+                seen = pixels[round(pixels.shape[0] - y), round(x)]
+                assert seen == pytest.approx(to_rgb(colour), abs=0.02)
+
+
+def test_the_panel_says_what_has_been_said_so_far():
+    with house_style():
+        scene = _Scene((replay("policy"),), 4, Span(0, ROWS - 1))
+        (axes,) = scene._panels
+        kept = set(axes.get_children())
+        for row, title, texts in (
+            (2, "policy\n0 clearances, minute 00:12", []),
+            (
+                3,
+                "policy\n1 clearance, minute 00:18",
+                ["AC1 turn right heading 090 (3 instructions)"],
+            ),
+            (
+                13,
+                "policy\n2 clearances, minute 01:18",
+                ["AC2 fly heading 270", "AC1 turn right heading 090 (3 instructions)"],
+            ),
+        ):
+            scene.draw(row)
+            assert axes.get_title(loc="left") == title
+            new = [each for each in axes.texts if each not in kept]
+            assert [each.get_text() for each in new if "heading" in each.get_text()] == texts
+            for artist in set(axes.get_children()) - kept:
+                artist.remove()
+
+
+def test_a_film_has_a_frame_a_cycle_and_is_the_same_again():
+    rows = []
+    data = film((replay("one"), replay("other")), 4, Span(5, 12), rows.append)
+    assert rows == list(range(5, 13))
+    assert data == film((replay("one"), replay("other")), 4, Span(5, 12))
+    moving = Image.open(io.BytesIO(data))
+    assert moving.n_frames == 8
+    assert moving.info["duration"] == 100  # ten a second: 6 s each are sixty times real time
+    alone = Image.open(io.BytesIO(film((replay("one"),), 4, Span(5, 6))))
+    assert moving.size[0] == pytest.approx(2 * alone.size[0], abs=2)
+
+
+def test_stills_are_pictures_and_drawings():
+    made = (replay(callsigns=("<img src=x>", "$AC2$")),)
+    picture = Image.open(io.BytesIO(still(made, 4, Span(0, 10), "png")))
+    assert picture.format == "PNG"
+    drawing = still(made, 4, Span(0, 10), "svg")
+    assert {each.tag for each in ET.fromstring(drawing).iter()}.isdisjoint({"img", "script"})
+
+
+@pytest.mark.parametrize(
+    ("number", "from_s", "to_s", "message"),
+    [
+        (5, 0, None, "made has no scenario 5 (found: 4 to 4)"),
+        (4, 60, 30, "--from 60 --to 30 (allowed: times from 0 to 120 s, the earlier one first)"),
+        (4, 0, 126, "--from 0 --to 126 (allowed: times from 0 to 120 s, the earlier one first)"),
+        (4, 600, None, "--from 600 --to 120 (allowed: times from 0 to 120 s"),
+    ],
+)
+def test_what_is_not_there_is_refused(number, from_s, to_s, message):
+    with pytest.raises(InputError) as error:
+        span_of((replay(),), number, from_s, to_s)
+    assert str(error.value).startswith(message)
+
+
+def test_times_are_rounded_down_to_cycles():
+    assert span_of((replay(),), 4, 13, 59) == Span(2, 9)
+    assert span_of((replay(),), 4, 0, None) == Span(0, ROWS - 1)
