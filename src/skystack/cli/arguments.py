@@ -139,6 +139,28 @@ def build_parser() -> argparse.ArgumentParser:
         help="the page of a comparison (default comparison.html)",
     )
 
+    sub = verb("replay", "write a page that replays what was flown, as on a radar", verbs.replay)
+    sub.add_argument(
+        "recorded",
+        type=Path,
+        metavar="RUN",
+        help="the folder of an evaluation, or trajectories of simulate (.parquet)",
+    )
+    sub.add_argument(
+        "other", type=Path, nargs="?", metavar="OTHER", help="another of the same scenarios"
+    )
+    sub.add_argument(
+        "-o",
+        dest="output",
+        type=Path,
+        default=Path("replay.html"),
+        metavar="FILE.html",
+        help="default replay.html",
+    )
+    sub.add_argument(
+        "--scenarios", type=_positive, default=100, metavar="N", help="the first N (default 100)"
+    )
+
     sub = verb("simulate", "fly a scenario file", verbs.simulate)
     sub.add_argument("scenario", type=Path, metavar="SCENARIO.json")
     sub.add_argument("-o", dest="output", type=Path, metavar="FILE", help="trajectories (Parquet)")

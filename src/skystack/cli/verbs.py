@@ -201,6 +201,24 @@ def _compare(options: argparse.Namespace) -> int:
     return DONE
 
 
+def replay(options: argparse.Namespace) -> int:
+    from skystack.console import prose
+    from skystack.reporting.replay.page import write_replay
+
+    runs = [options.recorded] + [options.other] * (options.other is not None)
+    written = write_replay(runs, options.output, options.scenarios)
+    if options.json:
+        print_json(written)
+    size = f"{written['bytes'] / 1e6:.1f} MB"
+    prose().print(
+        f"{written['scenarios']} scenarios, {size}; page: {options.output}",
+        soft_wrap=True,
+        highlight=False,
+        markup=False,
+    )
+    return DONE
+
+
 def simulate(options: argparse.Namespace) -> int:
     from skystack.console import output, prose
     from skystack.simulate import simulate_file, summary_table
