@@ -31,6 +31,7 @@ function changed(what) {
       panels.show(player.row, scope.show(player.runs[index], player.row));
     });
     timeline.show();
+    if (what === "selection") panes.forEach(({ panels }) => panels.reveal(player.selected));
   }
   rememberSoon();
 }

@@ -1,6 +1,7 @@
 // What stands beside a radar: title and count, strips, the log of clearances. Text, never markup.
 
 const SAID_LAST = 12; // clearances on a strip; the log has all
+const ALERTS = 6;
 
 function element(tag, className = "", text = "") {
   const made = document.createElement(tag);
@@ -64,8 +65,8 @@ class Panels {
     cell("callsign").textContent = aircraft.callsign;
     cell("type").textContent = aircraft.type;
     const row = { item, button, aircraft, now: cell("now"), state: cell("state") };
-    const levels = `FL${Math.round(aircraft.entryFl)} → FL${aircraft.exitFl}`;
-    cell("levels").textContent = levels;
+    const entryFl = Math.round(aircraft.entryFl);
+    cell("levels").textContent = `entry ${entryFl}, exit ${aircraft.exitFl}`;
     cell("route").textContent = aircraft.route.join(" ");
     row.told = cell("told");
     button.addEventListener("click", () => {
@@ -84,7 +85,8 @@ class Panels {
     const number = element("strong", "", String(said.length));
     const rest = ` of ${counted(all, "clearance")}, from ${counted(given, "instruction")}`;
     this.count.replaceChildren(number, rest);
-    this.alerts.replaceChildren(...met.map(alertOf));
+    this.alerts.replaceChildren(...met.slice(0, ALERTS).map(alertOf));
+    if (met.length > ALERTS) this.alerts.append(element("li", "", `and ${met.length - ALERTS} more`));
     for (const each of this.rows) this.showStrip(each, row, said);
     this.showLog(said.length);
   }
@@ -106,6 +108,17 @@ class Panels {
     const more = own.length > SAID_LAST ? "… " : "";
     told.textContent = own.length ? `${own.length}: ${more}${values.join(" ")}` : "nothing said yet";
     button.setAttribute("aria-pressed", String(this.player.selected === aircraft.callsign));
+  }
+
+  /** Scroll to the strip of the selected aircraft, where there are many. */
+  reveal(callsign) {
+    const found = this.rows.find((row) => row.aircraft.callsign === callsign)?.item;
+    const box = this.strips.parentElement;
+    if (!found) return;
+    const [top, end] = [found.offsetTop, found.offsetTop + found.offsetHeight];
+    if (top < box.scrollTop || end > box.scrollTop + box.clientHeight) {
+      box.scrollTop = top - box.clientHeight / 3;
+    }
   }
 
   showLog(said) {

@@ -2,6 +2,7 @@
 
 const NEAR_PX = 24; // how near a click must be
 const LETTER_PX = 7.25;
+const LABELLED = 12; // encounters; the picture of more would be nothing but labels
 
 class Scope {
   constructor(canvas, replay, view) {
@@ -41,7 +42,7 @@ class Scope {
       drawAircraft(pen, aircraft, row, place, look);
       return this.blockOf(pen, aircraft, place, look.colour);
     });
-    this.blocks = [...drawn, ...met.map((each) => labelOf(pen, each))];
+    this.blocks = [...drawn, ...met.slice(0, LABELLED).map((each) => labelOf(pen, each))];
     this.place(pen, fixes, part > 0);
     for (const block of this.blocks) drawBlock(pen, block);
   }

@@ -35,34 +35,40 @@ function levelsBetween(one, other, row) {
   return Math.max(low[0] - high[1], low[1] - high[0], 0);
 }
 
-function isLost(scenario, first, second, row, limits) {
+/** One decimal, rounded down: 4.99 NM is no 5.0. */
+function nmText(nm) {
+  return `${(Math.floor(nm * 10 + 1e-6) / 10).toFixed(1)} NM`;
+}
+
+/** How close two are that have lost separation at a row or in the cycle before it, else null. */
+function lossText(scenario, first, second, row, limits) {
   const [one, other] = [scenario.aircraft[first], scenario.aircraft[second]];
   const distance = Math.hypot(one.xNm[row] - other.xNm[row], one.yNm[row] - other.yNm[row]);
-  const now = distance < limits.nm && Math.abs(one.fl[row] - other.fl[row]) < limits.fl;
-  // The rows hold the ends of a cycle; what happened within it stands in the losses.
-  const within = scenario.losses.some(
+  const levels = Math.abs(one.fl[row] - other.fl[row]);
+  if (distance < limits.nm && levels < limits.fl) return nmText(distance);
+  const within = scenario.losses.find(
     (loss) =>
       loss.first === first && loss.second === second && loss.begins < row && row <= loss.ends,
   );
-  return { lost: now || within, distance };
+  return within ? `least ${nmText(within.least_nm)}` : null;
 }
 
 function encounter(scenario, first, second, row, limits) {
   const pair = [scenario.aircraft[first], scenario.aircraft[second]];
   if (pair.some((each) => row >= each.rows)) return null;
   const from = pair.map((each) => [each.xNm[row], each.yNm[row]]);
-  const { lost, distance } = isLost(scenario, first, second, row, limits);
-  if (lost) return { kind: "loss", pair, from, at: from, text: `${distance.toFixed(1)} NM` };
+  const lost = lossText(scenario, first, second, row, limits);
+  if (lost) return { kind: "loss", pair, from, at: from, seconds: 0, text: lost };
   if (pair.some((each) => statusAt(each, row) === "exited")) return null;
   if (levelsBetween(...pair, row) >= limits.fl) return null;
-  const approach = closestApproach(...pair.map((each) => motion(each, row)));
-  if (approach.nm >= limits.nm || approach.seconds > LOOK_AHEAD_S) return null;
-  const text = `${approach.nm.toFixed(1)} NM in ${minutes(approach.seconds)}`;
-  return { kind: "conflict", pair, from, at: approach.at, text };
+  const { nm, seconds, at } = closestApproach(...pair.map((each) => motion(each, row)));
+  if (nm >= limits.nm || seconds > LOOK_AHEAD_S) return null;
+  const text = `${nmText(nm)} in ${minutes(seconds)}`;
+  return { kind: "conflict", pair, from, at, seconds, text };
 }
 
 /**
- * Losses of separation and predicted ones at a row, the losses first: the `pair` of aircraft,
+ * Losses of separation at a row, then predicted ones, the soonest first: the `pair` of aircraft,
  * `from` where they are, `at` where they will be closest, `text` how close and when.
  */
 function encountersAt(scenario, row, limits) {
@@ -73,5 +79,6 @@ function encountersAt(scenario, row, limits) {
       if (met) found.push(met);
     }
   }
-  return found.sort((one, other) => (one.kind < other.kind) - (one.kind > other.kind));
+  const lost = (each) => Number(each.kind === "loss");
+  return found.sort((one, other) => lost(other) - lost(one) || one.seconds - other.seconds);
 }
