@@ -209,9 +209,8 @@ def replay(options: argparse.Namespace) -> int:
     written = write_replay(runs, options.output, options.scenarios)
     if options.json:
         print_json(written)
-    size = f"{written['bytes'] / 1e6:.1f} MB"
     prose().print(
-        f"{written['scenarios']} scenarios, {size}; page: {options.output}",
+        f"scenarios: {written['scenarios']}; {written['bytes'] / 1e6:.1f} MB: {options.output}",
         soft_wrap=True,
         highlight=False,
         markup=False,

