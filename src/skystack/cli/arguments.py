@@ -140,26 +140,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
 
     sub = verb("replay", "write a page that replays what was flown, as on a radar", verbs.replay)
-    sub.add_argument(
-        "recorded",
-        type=Path,
-        metavar="RUN",
-        help="the folder of an evaluation, or trajectories of simulate (.parquet)",
-    )
-    sub.add_argument(
-        "other", type=Path, nargs="?", metavar="OTHER", help="another of the same scenarios"
-    )
-    sub.add_argument(
-        "-o",
-        dest="output",
-        type=Path,
-        default=Path("replay.html"),
-        metavar="FILE.html",
-        help="default replay.html",
-    )
-    sub.add_argument(
-        "--scenarios", type=_positive, default=100, metavar="N", help="the first N (default 100)"
-    )
+    _replay_arguments(sub)
 
     sub = verb("simulate", "fly a scenario file", verbs.simulate)
     sub.add_argument("scenario", type=Path, metavar="SCENARIO.json")
@@ -216,6 +197,29 @@ def _reproduce_arguments(sub: argparse.ArgumentParser) -> None:
         "--ray-address",
         metavar="HOST:PORT",
         help="the cluster (default: what RAY_ADDRESS names, or this machine's)",
+    )
+
+
+def _replay_arguments(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument(
+        "recorded",
+        type=Path,
+        metavar="RUN",
+        help="the folder of an evaluation, or trajectories of simulate (.parquet)",
+    )
+    sub.add_argument(
+        "other", type=Path, nargs="?", metavar="OTHER", help="another of the same scenarios"
+    )
+    sub.add_argument(
+        "-o",
+        dest="output",
+        type=Path,
+        default=Path("replay.html"),
+        metavar="FILE.html",
+        help="default replay.html",
+    )
+    sub.add_argument(
+        "--scenarios", type=_positive, default=100, metavar="N", help="the first N (default 100)"
     )
 
 

@@ -62,3 +62,9 @@ def alone(fly) -> Path:
     aircraft = {"callsign": "AC1", "route": NORTHBOUND, "lat": 0.2, "lon": 0.0, "fl": 300}
     scenario = {"sector": "x-plus", "performance": "constant", "cycles": 10}
     return fly("alone", scenario | {"aircraft": [aircraft | {"heading_deg": 90}]})
+
+
+@pytest.fixture(scope="session")
+def climbing(fly) -> Path:
+    """They meet 2,000 ft apart, until the first is cleared to the level of the second."""
+    return fly("climbing", meeting({"cycle": 5, "callsign": EVIL, "fl": 320}, levels=(300, 320)))

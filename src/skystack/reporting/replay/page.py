@@ -1,7 +1,7 @@
 """The replay as one page: everything in a single HTML file, no server, no network.
 
-What is drawn is handed to the page as JSON (`page_data`); how it is drawn stands in the folder `web`
-beside this module: HTML, CSS and plain JavaScript, put into one file as they are.
+What is drawn is handed to the page as JSON (`page_data`); how it is drawn stands in the folder
+`web` beside this module: HTML, CSS and plain JavaScript, put into one file as they are.
 """
 
 import hashlib

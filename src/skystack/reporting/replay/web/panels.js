@@ -32,8 +32,10 @@ class Panels {
 
   open(scenario) {
     this.scenario = scenario;
-    this.verdict.textContent = VERDICTS.get(scenario.success);
-    this.verdict.dataset.success = scenario.success;
+    const lost = scenario.losses.length > 0;
+    const verdict = [VERDICTS.get(scenario.success), lost ? "separation lost" : ""];
+    this.verdict.textContent = verdict.filter(Boolean).join(", ");
+    this.verdict.dataset.good = scenario.success !== false && !lost;
     this.rows = scenario.aircraft.map((aircraft) => this.strip(aircraft));
     this.strips.replaceChildren(...this.rows.map((row) => row.item));
     this.entries = scenario.clearances.map((said) => this.entry(said));
@@ -135,7 +137,7 @@ class Panels {
 }
 
 function alertOf({ kind, pair, text }) {
-  const who = pair.map((aircraft) => aircraft.callsign).join(" – ");
+  const who = pair.map((aircraft) => aircraft.callsign).join(" and ");
   const what = kind === "loss" ? `loss of separation, ${text}` : text;
   return element("li", kind, `${who}: ${what}`);
 }
