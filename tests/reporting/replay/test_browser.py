@@ -118,7 +118,7 @@ def test_a_clearance_shows_in_the_row_after_its_cycle(open_page):
         viewer.keys(",", "Shift+ArrowLeft", ",")
         assert viewer.row == 41
         strip = viewer.page.locator(".strip").nth(1)
-        assert "H270 → 280" in strip.inner_text()
+        assert "H270→280" in strip.inner_text()
 
 
 def test_the_log_leads_to_its_clearances(open_page, evaluation):

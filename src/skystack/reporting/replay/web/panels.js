@@ -68,7 +68,7 @@ class Panels {
     cell("type").textContent = aircraft.type;
     const row = { item, button, aircraft, now: cell("now"), state: cell("state") };
     const entryFl = Math.round(aircraft.entryFl);
-    cell("levels").textContent = `entry ${entryFl}, exit ${aircraft.exitFl}`;
+    cell("levels").textContent = `in ${entryFl}, out ${aircraft.exitFl}`;
     cell("route").textContent = aircraft.route.join(" ");
     row.told = cell("told");
     button.addEventListener("click", () => {
@@ -98,8 +98,9 @@ class Panels {
     const status = statusAt(aircraft, seen).replaceAll("_", " ");
     const heading = threeDigits(aircraft.headingDeg[seen]);
     const cleared = threeDigits(aircraft.clearedHeadingDeg[seen]);
-    const turn = heading === cleared ? `H${heading}` : `H${heading} → ${cleared}`;
-    now.textContent = `FL${levelText(aircraft, seen)}  ${turn}  ${Math.round(aircraft.speedKt[seen])} kt`;
+    const turn = heading === cleared ? `H${heading}` : `H${heading}→${cleared}`;
+    const speed = `${Math.round(aircraft.speedKt[seen])}\u00a0kt`;
+    now.textContent = `FL${levelText(aircraft, seen)} ${turn} ${speed}`;
     state.textContent = row >= aircraft.rows ? "gone" : status;
     state.dataset.status = status;
     const own = said.filter((each) => each.callsign === aircraft.callsign);
