@@ -234,6 +234,22 @@ def test_zoom_and_pan_move_the_picture(open_page):
         assert ring()[2] == pytest.approx(math.e * width, abs=6)
 
 
+def test_two_fingers_zoom(open_page):
+    """Half as far apart again, about the middle between them, which stays where it is."""
+    with open_page("alone", viewport=PHONE, has_touch=True) as viewer:
+        before = viewer.changed_by("r")
+        touch = viewer.page.context.new_cdp_session(viewer.page)
+        x, y = _moved(viewer, (before[0] + before[1]) / 2, (before[2] + before[3]) / 2)
+        for kind, apart in (("touchStart", 40), ("touchMove", 50), ("touchMove", 60)):
+            fingers = [{"x": x - apart, "y": y, "id": 0}, {"x": x + apart, "y": y, "id": 1}]
+            touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": fingers})
+        touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+        after = viewer.changed_by("r")
+        assert after[1] - after[0] == pytest.approx(1.5 * (before[1] - before[0]), abs=4)
+        assert after[0] + after[1] == pytest.approx(before[0] + before[1], abs=6)
+        assert viewer.selected == []
+
+
 def _moved(viewer, x, y):
     box = viewer.page.locator("canvas").bounding_box()
     return box["x"] + x, box["y"] + y

@@ -3,6 +3,8 @@
 const replay = JSON.parse(document.getElementById("recorded").textContent);
 const view = new View(replay.sector);
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
+const light = matchMedia("(prefers-color-scheme: light)");
+const look = document.documentElement.dataset;
 const byId = (id) => document.getElementById(id);
 
 let rings = true;
@@ -76,11 +78,6 @@ async function copyLink() {
   }
 }
 
-function isDark() {
-  const { theme } = document.documentElement.dataset;
-  return theme ? theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
-}
-
 function fillScenarios() {
   replay.runs[0].scenarios.forEach(({ number }, index) => {
     const flown = replay.runs.map((run) => run.scenarios[index]);
@@ -102,7 +99,7 @@ function frame(now) {
   const part = player.speed <= SMOOTH_UP_TO && !calm.matches ? player.elapsed : 0;
   const { index, row, selected } = player;
   const sizes = panes.map(({ scope: { canvas } }) => [canvas.clientWidth, canvas.clientHeight]);
-  const seen = [view.zoom, view.centre, sizes, isDark(), devicePixelRatio];
+  const seen = [view.zoom, view.centre, sizes, look.theme, devicePixelRatio];
   const wanted = JSON.stringify([index, row, part, selected, rings, seen]);
   if (wanted !== drawn) {
     for (const { scope } of panes) scope.draw(part, selected, rings);
@@ -114,7 +111,7 @@ function frame(now) {
 const keys = keysOf(player, view, {
   canvas: panes[0].scope.canvas,
   rings: () => (rings = !rings),
-  theme: () => (document.documentElement.dataset.theme = isDark() ? "light" : "dark"),
+  theme: () => (look.theme = look.theme === "light" ? "dark" : "light"),
   link: copyLink,
   help: () => byId("help").showModal(),
 });
@@ -127,6 +124,9 @@ byId("scenario").addEventListener("change", (event) => player.open(Number(event.
 byId("speed").addEventListener("change", (event) => player.faster(
   SPEEDS.indexOf(Number(event.target.value)) - SPEEDS.indexOf(player.speed),
 ));
+const asTheSystem = () => (look.theme = light.matches ? "light" : "dark");
+light.addEventListener("change", asTheSystem);
+asTheSystem();
 addEventListener("hashchange", follow);
 follow();
 player.faster(0);
