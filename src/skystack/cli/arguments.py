@@ -18,7 +18,7 @@ class _Parser(argparse.ArgumentParser):
         message = " ".join(message.split())
         if message.startswith("unrecognized arguments: "):
             word = message.split()[2].split("=")[0]
-            near = difflib.get_close_matches(word, self._option_string_actions, n=1)
+            near = difflib.get_close_matches(word, self._option_string_actions, n=1, cutoff=0.7)
             message += f" (did you mean {near[0]}?)" if near else f" (see {self.prog} --help)"
         verb = self.prog.partition(" ")[2]
         raise InputError(f"{verb}: {message}" if verb else message)
@@ -138,6 +138,10 @@ def build_parser() -> argparse.ArgumentParser:
         metavar="FILE.html",
         help="the page of a comparison (default comparison.html)",
     )
+
+    sub = verb("sector", "check a sector, describe and draw it", verbs.sector)
+    sub.add_argument("sector", metavar="SECTOR", help="a name (see list) or a sector file (.json)")
+    sub.add_argument("-o", dest="output", type=Path, metavar="FILE", help="a map: .png or .svg")
 
     sub = verb("simulate", "fly a scenario file", verbs.simulate)
     sub.add_argument("scenario", type=Path, metavar="SCENARIO.json")
