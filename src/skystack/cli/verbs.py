@@ -228,6 +228,46 @@ def sector(options: argparse.Namespace) -> int:
     return DONE
 
 
+def replay(options: argparse.Namespace) -> int:
+    from skystack.console import prose
+    from skystack.reporting.replay.film import SUFFIXES
+    from skystack.reporting.replay.page import write_replay
+
+    runs = [options.recorded] + [options.other] * (options.other is not None)
+    of_one = {"--scenario": options.scenario, "--from": options.from_s, "--to": options.to_s}
+    if options.output.suffix in SUFFIXES:
+        return _picture(options, runs)
+    if options.output.suffix not in (".html", ".htm"):
+        allowed = ", ".join((".html", *SUFFIXES))
+        raise InputError(f"replay: -o {options.output} (allowed: {allowed})")
+    for name, value in of_one.items():
+        if value is not None:
+            raise InputError(f"replay: {name} is for pictures ({', '.join(SUFFIXES)})")
+    written = write_replay(runs, options.output, options.scenarios)
+    if options.json:
+        print_json(written)
+    prose().print(
+        f"scenarios: {written['scenarios']}; {written['bytes'] / 1e6:.1f} MB: {options.output}",
+        soft_wrap=True,
+        highlight=False,
+        markup=False,
+    )
+    return DONE
+
+
+def _picture(options: argparse.Namespace, runs: list[Path]) -> int:
+    from skystack.console import prose
+    from skystack.reporting.replay.film import write_picture
+
+    number, begin = options.scenario or 0, options.from_s or 0
+    with prose().status("drawing ..."):
+        written = write_picture(runs, options.output, number, begin, options.to_s)
+    if options.json:
+        print_json(written)
+    prose().print(f"written: {options.output}", soft_wrap=True, highlight=False, markup=False)
+    return DONE
+
+
 def simulate(options: argparse.Namespace) -> int:
     from skystack.console import output, prose
     from skystack.simulate import simulate_file, summary_table

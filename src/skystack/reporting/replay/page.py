@@ -1,10 +1,14 @@
 """The replay as one page: everything in a single HTML file, no server, no network.
 
-What is drawn is handed to the page as JSON (`page_data`); how it is drawn stands in `radar.html`,
-`radar.css` and `radar.js` beside this module.
+What is drawn is handed to the page as JSON (`page_data`); how it is drawn stands in the folder
+`web` beside this module: HTML, CSS and plain JavaScript, put into one file as they are.
 """
 
+import hashlib
+from base64 import b64encode
+from collections.abc import Sequence
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import jinja2
@@ -13,50 +17,63 @@ import numpy as np
 import skystack
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
-from skystack.reporting.replay.recording import (
-    Flown,
-    Replay,
-    ReplayScenario,
-    as_json,
-)
+from skystack.files import write_aside
+from skystack.reporting.replay.recording import Flown, Replay, ReplayScenario, as_json
+from skystack.reporting.replay.together import read_together
 from skystack.simulator.simulator import CYCLE_S
 from skystack.tasks.tracking import SEPARATION_FL, SEPARATION_NM
 
 FORMAT = 1
 SCALE = {"nm": 100, "fl": 10, "deg": 10}
 """Whole numbers for positions, levels and angles; speeds are whole by themselves."""
+SCRIPTS = (
+    *("data", "separation", "player", "view", "blocks", "radar", "scope"),
+    *("panels", "timeline", "controls", "main"),
+)
+"""In the order in which they need each other: together one module of JavaScript."""
 
 
-def page(replays: tuple[Replay, ...]) -> str:
-    """The page of one replay, or of two of the same scenarios side by side."""
-    here = files("skystack.reporting.replay")
+def write_replay(runs: Sequence[Path], output: Path, scenarios: int = 100) -> dict[str, Any]:
+    """Write the page of one run, or of two side by side; `runs` as for `read_replay`.
+
+    Returns what was written: `output`, `bytes`, `runs` (their titles), `scenarios` (how many).
+    Raises InputError for runs that cannot be read or do not belong together, and for a file that
+    cannot be written; nothing is written then.
+    """
+    if not output.parent.is_dir():
+        raise InputError(f"{output}: the folder {output.parent} does not exist")
+    data = page_data(read_together(runs, scenarios))
+    text = _page(data).encode()
+    write_aside(output, text)
+    return {
+        "output": str(output),
+        "bytes": len(text),
+        "runs": [run["title"] for run in data["runs"]],
+        "scenarios": len(data["runs"][0]["scenarios"]),
+    }
+
+
+def _page(data: dict[str, Any]) -> str:
+    web = files("skystack.reporting.replay").joinpath("web")
+
+    def source(name: str) -> str:
+        return web.joinpath(name).read_text("utf-8")
+
+    script = "\n".join(source(f"{name}.js") for name in SCRIPTS)
+    digest = b64encode(hashlib.sha256(script.encode()).digest()).decode()
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-    template = environment.from_string(here.joinpath("radar.html").read_text("utf-8"))
-    return template.render(
-        title=" and ".join(replay.title for replay in replays),
-        style=here.joinpath("radar.css").read_text("utf-8"),
-        script=here.joinpath("radar.js").read_text("utf-8"),
-        data=as_json(page_data(replays)),
+    return environment.from_string(source("radar.html")).render(
+        title=" and ".join(run["title"] for run in data["runs"]),
+        sector=data["sector"]["name"],
+        style=source("radar.css"),
+        script=script,
+        script_hash=f"sha256-{digest}",  # the one script that the browser is to run
+        data=as_json(data),
     )
 
 
 def page_data(replays: tuple[Replay, ...]) -> dict[str, Any]:
-    """What the page draws. Numbers that change slowly are kept as differences from row to row.
-
-    Raises InputError for two replays that have no scenario in common or are not of one sector.
-    """
-    first = replays[0]
-    common = [scenario.number for scenario in first.scenarios]
-    for other in replays[1:]:
-        if other.sector != first.sector:
-            raise InputError(
-                f"{other.title} is of sector {other.sector.name}, {first.title} of "
-                f"{first.sector.name} (allowed: side by side in one sector)"
-            )
-        numbers = {scenario.number for scenario in other.scenarios}
-        common = [number for number in common if number in numbers]
-    if not common:
-        raise InputError(f"{first.title} and {replays[-1].title} have no scenario in common")
+    """What the page draws. Numbers that change slowly are kept as differences from row to row."""
     return {
         "format": FORMAT,
         "version": skystack.__version__,
@@ -64,11 +81,11 @@ def page_data(replays: tuple[Replay, ...]) -> dict[str, Any]:
         "separation_nm": SEPARATION_NM,
         "separation_fl": SEPARATION_FL,
         "scale": SCALE,
-        "sector": _sector(first.sector),
+        "sector": _sector(replays[0].sector),
         "runs": [
             {
                 "title": replay.title,
-                "scenarios": [_scenario(s) for s in replay.scenarios if s.number in common],
+                "scenarios": [_scenario(scenario) for scenario in replay.scenarios],
             }
             for replay in replays
         ],

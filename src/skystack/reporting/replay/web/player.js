@@ -1,0 +1,87 @@
+// Where the replay is: scenario, row, speed, who is selected. It knows nothing of the page.
+
+const SPEEDS = [1, 2, 5, 10, 20, 30, 60];
+const SMOOTH_UP_TO = 10; // times real time; above, the next row is there before one could see
+
+class Player {
+  /** `changed(what)` is called with "scenario", "row", "selection" or "playing". */
+  constructor(replay, changed) {
+    this.replay = replay;
+    this.changed = changed;
+    this.speed = 20;
+    this.selected = null;
+    this.playing = false;
+    this.index = 0;
+    this.row = 0;
+    this.elapsed = 0; // part of the cycle that has passed since the row
+    this.runs = [];
+  }
+
+  get packed() {
+    return this.replay.runs[0].scenarios[this.index];
+  }
+
+  open(index, row = 0) {
+    const last = this.replay.runs[0].scenarios.length - 1;
+    this.index = Math.min(Math.max(index, 0), last);
+    this.runs = this.replay.runs.map((run) =>
+      unpackScenario(run.scenarios[this.index], this.replay.scale),
+    );
+    this.lastRow = Math.max(...this.runs.map((run) => run.cycles));
+    const rows = this.runs.flatMap((run) => run.clearances.map((said) => said.row));
+    this.clearanceRows = [...new Set(rows)].sort((one, other) => one - other);
+    this.callsigns = this.runs[0].aircraft.map((aircraft) => aircraft.callsign);
+    if (!this.callsigns.includes(this.selected)) this.selected = null;
+    this.changed("scenario");
+    this.goTo(row);
+  }
+
+  goTo(row) {
+    this.row = Math.min(Math.max(row, 0), this.lastRow);
+    this.elapsed = 0;
+    this.changed("row");
+  }
+
+  step(rows) {
+    this.play(false);
+    this.goTo(this.row + rows);
+  }
+
+  toClearance(direction) {
+    const row =
+      direction > 0
+        ? this.clearanceRows.find((each) => each > this.row)
+        : this.clearanceRows.findLast((each) => each < this.row);
+    this.play(false);
+    if (row !== undefined) this.goTo(row);
+  }
+
+  play(playing) {
+    if (playing && this.row === this.lastRow) this.goTo(0);
+    this.playing = playing;
+    this.changed("playing");
+  }
+
+  faster(steps) {
+    const place = SPEEDS.indexOf(this.speed) + steps;
+    this.speed = SPEEDS[Math.min(Math.max(place, 0), SPEEDS.length - 1)];
+    this.changed("playing");
+  }
+
+  select(callsign) {
+    this.selected = callsign;
+    this.changed("selection");
+  }
+
+  /** Time passes: `milliseconds` of the viewer's. */
+  tick(milliseconds) {
+    if (!this.playing) return;
+    this.elapsed += ((milliseconds / 1000) * this.speed) / this.replay.cycle_s;
+    const rows = Math.floor(this.elapsed);
+    if (!rows) return;
+    const rest = this.elapsed - rows;
+    this.goTo(this.row + rows);
+    if (this.row === this.lastRow) this.play(false);
+    else this.elapsed = rest;
+  }
+}

@@ -1,0 +1,210 @@
+// The radar picture: one function a layer, on a canvas.
+
+const TRAIL_ROWS = 8;
+const VECTOR_S = 60;
+
+const MONO = "ui-monospace, SFMono-Regular, Menlo, Consolas, 'DejaVu Sans Mono', monospace";
+const COLOURS = [
+  ...["radar", "area", "area-line", "airway", "fix", "muted"],
+  ...["aircraft", "waiting", "selected", "conflict", "loss"],
+];
+
+/** What layers draw with: the context, places in pixels, NM in pixels, the theme's colours. */
+function penOf(canvas, view) {
+  const ratio = window.devicePixelRatio || 1;
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  const pixels = [Math.round(width * ratio), Math.round(height * ratio)];
+  if (canvas.width !== pixels[0] || canvas.height !== pixels[1]) {
+    [canvas.width, canvas.height] = pixels;
+  }
+  const g = canvas.getContext("2d");
+  g.setTransform(ratio, 0, 0, ratio, 0, 0);
+  const style = getComputedStyle(document.documentElement);
+  const colour = Object.fromEntries(
+    COLOURS.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]),
+  );
+  const [at, nm] = [view.toPixels(width, height), view.pixelsPerNm(width, height)];
+  return { g, at, nm, width, height, colour };
+}
+
+function stroke(pen, points, colour, { width = 1, dash = [], close = false } = {}) {
+  const { g } = pen;
+  g.beginPath();
+  for (const [x, y] of points) g.lineTo(x, y);
+  if (close) g.closePath();
+  g.setLineDash(dash);
+  g.lineWidth = width;
+  g.strokeStyle = colour;
+  g.stroke();
+  g.setLineDash([]);
+}
+
+function ring(pen, [x, y], radius, colour, { width = 1, dash = [] } = {}) {
+  const { g } = pen;
+  g.beginPath();
+  g.arc(x, y, radius, 0, 2 * Math.PI);
+  g.setLineDash(dash);
+  g.lineWidth = width;
+  g.strokeStyle = colour;
+  g.stroke();
+  g.setLineDash([]);
+}
+
+/** Text with a rim of the radar's own colour, so that it can be read across lines. */
+function write(pen, text, x, y, colour, { align = "left", bold = false, size = 12 } = {}) {
+  const { g } = pen;
+  g.font = `${bold ? "700 " : ""}${size}px ${MONO}`;
+  g.textAlign = align;
+  g.textBaseline = "middle";
+  g.lineJoin = "round";
+  g.lineWidth = 4;
+  g.strokeStyle = pen.colour.radar;
+  g.strokeText(text, x, y);
+  g.fillStyle = colour;
+  g.fillText(text, x, y);
+}
+
+function drawArea(pen, sector) {
+  const { g, colour } = pen;
+  g.fillStyle = colour.radar;
+  g.fillRect(0, 0, pen.width, pen.height);
+  const outline = sector.area.map(([x, y]) => pen.at(x, y));
+  g.beginPath();
+  for (const [x, y] of outline) g.lineTo(x, y);
+  g.closePath();
+  g.fillStyle = colour.area;
+  g.fill();
+  stroke(pen, outline, colour["area-line"], { width: 1.5, close: true });
+}
+
+function drawAirways(pen, sector) {
+  const legs = new Map();
+  for (const route of sector.routes) {
+    for (let leg = 1; leg < route.length; leg++) {
+      const ends = [route[leg - 1], route[leg]];
+      legs.set(JSON.stringify([...ends].sort()), ends);
+    }
+  }
+  for (const ends of legs.values()) {
+    stroke(pen, ends.map((fix) => pen.at(...sector.fixes[fix])), pen.colour.airway);
+  }
+}
+
+function drawRoute(pen, sector, aircraft) {
+  const points = aircraft.route.map((fix) => pen.at(...sector.fixes[fix]));
+  stroke(pen, points, pen.colour.selected, { width: 1.5, dash: [7, 5] });
+}
+
+/** Fixes in pixels, with the place of their names: below, or opposite to a fix that is near. */
+function fixesOn(pen, sector) {
+  const size = pen.width < 480 ? 10 : 11;
+  const at = Object.values(sector.fixes).map((place) => pen.at(...place));
+  return Object.keys(sector.fixes).map((name, index) => {
+    const [x, y] = at[index];
+    const [right, down] = awayFromNearest(index, at);
+    const width = name.length * size * 0.61;
+    const left = x + 9 * right + (right > 0 ? 0 : right < 0 ? -width : -width / 2);
+    return { name, size, at: at[index], left, top: y + 12 * down - 7, width, height: 14 };
+  });
+}
+
+function awayFromNearest(index, places) {
+  const [x, y] = places[index];
+  const gaps = places
+    .filter((_, other) => other !== index)
+    .map((place) => [x - place[0], y - place[1]])
+    .sort((one, other) => Math.hypot(...one) - Math.hypot(...other));
+  const nearest = gaps[0] ?? [Infinity, Infinity];
+  if (Math.hypot(...nearest) > 60) return [0, 1.15];
+  return [Math.sign(nearest[0]), Math.abs(nearest[1]) < 12 ? 0 : Math.sign(nearest[1]) * 0.7];
+}
+
+function drawFixes(pen, fixes) {
+  const { fix: colour } = pen.colour;
+  for (const { name, size, at, left, top } of fixes) {
+    const [x, y] = at;
+    stroke(pen, [[x, y - 5], [x + 5, y + 4], [x - 5, y + 4]], colour, { close: true });
+    write(pen, name, left, top + 7, colour, { size });
+  }
+}
+
+/** A bar of a round number of NM, and which way is north (up). */
+function drawScale(pen) {
+  const nm = [100, 50, 20, 10, 5, 2, 1].find((each) => each * pen.nm <= pen.width / 4) ?? 1;
+  const [x, y, length] = [14, pen.height - 14, nm * pen.nm];
+  stroke(pen, [[x, y - 5], [x, y], [x + length, y], [x + length, y - 5]], pen.colour.muted);
+  write(pen, `${nm} NM`, x + length + 8, y - 3, pen.colour.muted, { size: 11 });
+}
+
+/** Where an aircraft is drawn: between its row and the next by the part of the cycle gone. */
+function placeOf(aircraft, row, part) {
+  const next = Math.min(row + 1, aircraft.rows - 1);
+  const between = (values) => values[row] + part * (values[next] - values[row]);
+  return [between(aircraft.xNm), between(aircraft.yNm)];
+}
+
+function ahead(aircraft, row, [x, y], degrees, seconds) {
+  const nm = (aircraft.speedKt[row] * seconds) / 3600;
+  const angle = (degrees * Math.PI) / 180;
+  return [x + nm * Math.sin(angle), y + nm * Math.cos(angle)];
+}
+
+function drawAircraft(pen, aircraft, row, place, look) {
+  const { g } = pen;
+  for (let back = 1; back <= Math.min(TRAIL_ROWS, row); back++) {
+    const [x, y] = pen.at(aircraft.xNm[row - back], aircraft.yNm[row - back]);
+    g.globalAlpha = 1 - back / (TRAIL_ROWS + 2);
+    g.fillStyle = look.colour;
+    g.fillRect(x - 1.2, y - 1.2, 2.4, 2.4);
+  }
+  g.globalAlpha = 1;
+  const [x, y] = pen.at(...place);
+  const heading = aircraft.headingDeg[row];
+  const vector = ahead(aircraft, row, place, heading, VECTOR_S);
+  stroke(pen, [[x, y], pen.at(...vector)], look.colour, { width: 1.3 });
+  const cleared = aircraft.clearedHeadingDeg[row];
+  if (threeDigits(cleared) !== threeDigits(heading)) {
+    const turned = ahead(aircraft, row, place, cleared, VECTOR_S);
+    stroke(pen, [[x, y], pen.at(...turned)], look.colour, { dash: [3, 4] });
+  }
+  if (look.ring) {
+    ring(pen, [x, y], look.ring * pen.nm, look.colour, { width: look.strong ? 1.6 : 0.7 });
+  }
+  g.fillStyle = pen.colour.radar;
+  g.fillRect(x - 4, y - 4, 8, 8);
+  g.strokeStyle = look.colour;
+  g.lineWidth = look.selected ? 2.5 : 1.6;
+  g.strokeRect(x - 4, y - 4, 8, 8);
+  if (look.selected) ring(pen, [x, y], 10, look.colour, { width: 1.5 });
+}
+
+function drawEncounter(pen, met) {
+  const colour = pen.colour[met.kind];
+  const [one, other] = met.at.map((place) => pen.at(...place));
+  if (met.kind === "conflict") {
+    stroke(pen, [pen.at(...met.from[0]), one], colour, { dash: [2, 5] });
+    stroke(pen, [pen.at(...met.from[1]), other], colour, { dash: [2, 5] });
+    for (const point of [one, other]) ring(pen, point, 3.5, colour, { width: 1.5 });
+  }
+  stroke(pen, [one, other], colour, { width: 2 });
+}
+
+function drawBlock(pen, block) {
+  const [x, y] = block.at;
+  const { left, top, width, height } = block.box;
+  const foot = [
+    Math.min(Math.max(x, left), left + width),
+    Math.min(Math.max(y, top), top + height),
+  ];
+  const far = Math.hypot(foot[0] - x, foot[1] - y);
+  if (far > 8) {
+    const start = [x + ((foot[0] - x) * 7) / far, y + ((foot[1] - y) * 7) / far];
+    stroke(pen, [start, foot], block.colour, { width: 0.8 });
+  }
+  const toLeft = left + width <= x; // the text stands on the aircraft's side of the box
+  block.lines.forEach((line, number) => {
+    const middle = top + (number + 0.5) * BLOCK_LINE_PX;
+    const look = { align: toLeft ? "right" : "left", bold: number === 0 };
+    write(pen, line, toLeft ? left + width - 2 : left + 2, middle, block.colour, look);
+  });
+}

@@ -1,0 +1,121 @@
+// One radar on the page: what of a run it shows, and which aircraft is under the pointer.
+
+const NEAR_PX = 24; // how near a click must be
+const LETTER_PX = 7.25;
+const LABELLED = 12; // encounters; the picture of more would be nothing but labels
+
+class Scope {
+  constructor(canvas, replay, view) {
+    this.canvas = canvas;
+    this.sector = replay.sector;
+    this.limits = { nm: replay.separation_nm, fl: replay.separation_fl };
+    this.view = view;
+    this.slots = new Map();
+    this.blocks = [];
+  }
+
+  /** What is to be drawn of a scenario at a row; returns who meets whom. */
+  show(scenario, row) {
+    this.flying = onRadar(scenario, row);
+    this.met = encountersAt(scenario, row, this.limits);
+    this.row = row;
+    this.settled = false;
+    return this.met;
+  }
+
+  /** Everything, with the part of the cycle that has passed since the row. */
+  draw(part, selected, rings) {
+    const { sector, flying, met, row } = this;
+    const pen = penOf(this.canvas, this.view);
+    const fixes = fixesOn(pen, sector);
+    drawArea(pen, sector);
+    drawAirways(pen, sector);
+    for (const aircraft of flying) {
+      if (aircraft.callsign === selected) drawRoute(pen, sector, aircraft);
+    }
+    drawFixes(pen, fixes);
+    drawScale(pen);
+    for (const each of met) drawEncounter(pen, each);
+    const drawn = flying.map((aircraft) => {
+      const place = placeOf(aircraft, row, part);
+      const look = this.look(pen, aircraft, selected, rings);
+      drawAircraft(pen, aircraft, row, place, look);
+      return this.blockOf(pen, aircraft, place, look.colour);
+    });
+    this.blocks = [...drawn, ...met.slice(0, LABELLED).map((each) => labelOf(pen, each))];
+    this.place(pen, fixes, part > 0);
+    for (const block of this.blocks) drawBlock(pen, block);
+  }
+
+  look(pen, aircraft, selected, rings) {
+    const kind = this.met.find((each) => each.pair.includes(aircraft))?.kind;
+    const isSelected = aircraft.callsign === selected;
+    const waiting = statusAt(aircraft, this.row) === "before_entry";
+    const plain = isSelected ? "selected" : waiting ? "waiting" : "aircraft";
+    return {
+      colour: pen.colour[kind ?? plain],
+      selected: isSelected,
+      strong: Boolean(kind),
+      ring: rings || kind || isSelected ? this.limits.nm : 0,
+    };
+  }
+
+  blockOf(pen, aircraft, place, colour) {
+    const lines = blockLines(aircraft, this.row);
+    const headings = [aircraft.headingDeg[this.row], aircraft.clearedHeadingDeg[this.row]];
+    const vector = (heading, part) =>
+      pen.at(...ahead(aircraft, this.row, place, heading, part * VECTOR_S));
+    return {
+      callsign: aircraft.callsign,
+      name: aircraft.callsign,
+      lines,
+      colour,
+      at: pen.at(...place),
+      ahead: headings.flatMap((heading) => [vector(heading, 0.5), vector(heading, 1)]),
+      ...sizeOf(lines),
+    };
+  }
+
+  /** Blocks keep their slots within a cycle. */
+  place(pen, fixes, moving) {
+    for (const block of this.blocks) block.slot = this.slots.get(block.name);
+    if (!moving || !this.settled) {
+      const canvas = { left: 2, top: 2, width: pen.width - 4, height: pen.height - 4 };
+      chooseSlots(this.blocks, fixes, canvas);
+      this.slots = new Map(this.blocks.map((block) => [block.name, block.slot]));
+      this.settled = true;
+    }
+    for (const block of this.blocks) {
+      block.box = boxIn(SLOTS[block.slot], block.at, block.width, block.height);
+    }
+  }
+
+  /** The callsign whose aircraft or data block is at a point, or null. */
+  hit(x, y) {
+    const aircraft = this.blocks.filter((block) => block.callsign !== undefined);
+    const distance = ({ at }) => Math.hypot(at[0] - x, at[1] - y);
+    const [nearest] = [...aircraft].sort((one, other) => distance(one) - distance(other));
+    if (nearest && distance(nearest) <= NEAR_PX) return nearest.callsign;
+    const point = { left: x, top: y, width: 1, height: 1 };
+    return aircraft.find(({ box }) => overlap(box, point) > 0)?.callsign ?? null;
+  }
+}
+
+function sizeOf(lines) {
+  const letters = Math.max(...lines.map((line) => [...line].length));
+  return { width: letters * LETTER_PX + 4, height: lines.length * BLOCK_LINE_PX };
+}
+
+/** How close two will be, beside the line between the places where they will be then. */
+function labelOf(pen, met) {
+  const [one, other] = met.at.map((place) => pen.at(...place));
+  const between = (part) => [0, 1].map((axis) => one[axis] + part * (other[axis] - one[axis]));
+  return {
+    name: JSON.stringify(met.pair.map((aircraft) => aircraft.callsign)),
+    lines: [met.text],
+    colour: pen.colour[met.kind],
+    at: between(0.5),
+    ahead: [one, between(0.25), between(0.75), other],
+    ...sizeOf([met.text]),
+  };
+}

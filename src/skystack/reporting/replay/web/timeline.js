@@ -1,0 +1,57 @@
+// The scrubber and what is marked above it: clearances and losses of separation, a lane a run.
+
+const SVG = "http://www.w3.org/2000/svg";
+
+function mark(name, attributes) {
+  const made = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, String(value));
+  return made;
+}
+
+class Timeline {
+  constructor(player) {
+    this.player = player;
+    this.marks = document.getElementById("marks");
+    this.scrubber = document.getElementById("scrubber");
+    this.clock = document.getElementById("clock");
+    this.scrubber.addEventListener("input", () => {
+      player.play(false);
+      player.goTo(this.scrubber.valueAsNumber);
+    });
+    this.marks.addEventListener("pointerdown", (event) => {
+      const box = this.marks.getBoundingClientRect();
+      player.play(false);
+      player.goTo(Math.round(((event.clientX - box.left) / box.width) * player.lastRow));
+    });
+  }
+
+  open() {
+    const { runs, lastRow } = this.player;
+    this.scrubber.max = String(lastRow);
+    this.marks.setAttribute("viewBox", `0 0 ${lastRow} ${runs.length}`);
+    this.marks.style.height = `${12 + 14 * runs.length}px`;
+    this.marks.replaceChildren(...runs.flatMap(laneOf));
+  }
+
+  show() {
+    const { row, lastRow, replay } = this.player;
+    const time = minutes(row * replay.cycle_s);
+    this.scrubber.value = String(row);
+    this.scrubber.setAttribute("aria-valuetext", `${time}, cycle ${row} of ${lastRow}`);
+    this.clock.replaceChildren(element("strong", "", time), ` cycle ${row} of ${lastRow}`);
+  }
+}
+
+/** Losses as bars, clearances as lines, longer the more instructions they were stacked from. */
+function laneOf(run, lane) {
+  const losses = run.losses.map((loss) => {
+    const [x, width] = [loss.begins, loss.ends - loss.begins];
+    return mark("rect", { class: "loss", x, y: lane + 0.1, width, height: 0.85 });
+  });
+  const said = run.clearances.map(({ row, instructions }) => {
+    const height = Math.min(0.35 + 0.1 * (instructions - 1), 0.85);
+    const [y1, y2] = [lane + 0.95 - height, lane + 0.95];
+    return mark("line", { class: "said", x1: row, x2: row, y1, y2 });
+  });
+  return [...losses, ...said];
+}

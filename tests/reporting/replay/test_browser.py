@@ -1,0 +1,373 @@
+"""The page in Chromium: it plays, steps, scrubs, selects, links, and says what was said when."""
+
+import math
+import re
+import shutil
+
+import pyarrow.parquet as pq
+import pytest
+
+from skystack.reporting.replay.page import write_replay
+from tests.docs.blocks import ROOT
+
+from .browser import ARGUMENTS, PHONE, viewing
+from .meeting import AHEAD_NM, BESIDE_NM, CLOSING_NM, EVIL, FIRST_LOSS, LAST_LOSS
+
+sync_api = pytest.importorskip("playwright.sync_api")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    found = shutil.which("chromium") or shutil.which("chromium-browser")
+    if found is None:
+        pytest.skip("no Chromium on this machine")
+    with sync_api.sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=found, args=ARGUMENTS)
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory, evaluation, one_by_one, at_once, alone, climbing):
+    folder = tmp_path_factory.mktemp("pages")
+
+    def page(name, *runs):
+        write_replay(runs, folder / f"{name}.html", scenarios=3)
+        return folder / f"{name}.html"
+
+    return {
+        "evaluation": page("evaluation", evaluation),
+        "meeting": page("meeting", one_by_one),
+        "alone": page("alone", alone),
+        "climbing": page("climbing", climbing),
+        "both": page("both", one_by_one, at_once),
+    }
+
+
+@pytest.fixture
+def open_page(browser, pages):
+    return lambda name, link="", **context: viewing(browser, pages[name], link, **context)
+
+
+def said_in(folder, scenario):
+    rows = pq.read_table(folder / "clearances.parquet").to_pylist()
+    return [row for row in rows if row["scenario"] == scenario]
+
+
+def test_it_plays_and_pauses(open_page):
+    with open_page("meeting") as viewer:
+        assert viewer.row == 0
+        viewer.keys("]", "]", "Space")
+        viewer.until("scrubber.valueAsNumber > 3")
+        viewer.keys("Space")
+        stopped = viewer.row
+        viewer.page.wait_for_timeout(300)
+        assert viewer.row == stopped
+
+
+def test_it_stops_at_the_end_and_begins_anew(open_page):
+    with open_page("meeting", "scenario=0&cycle=58") as viewer:
+        viewer.keys("]", "]", "k")
+        viewer.until("!document.body.classList.contains('playing')")
+        assert viewer.row == 60
+        viewer.keys("k")
+        viewer.until("scrubber.valueAsNumber < 10")
+
+
+def test_time_runs_as_fast_as_chosen(open_page):
+    """At 60 times real time a cycle of 6 s lasts a tenth of a second."""
+    with open_page("meeting") as viewer:
+        viewer.page.locator("#speed").select_option("60")
+        rows = viewer.page.evaluate(
+            """() => new Promise(resolve => {
+                document.querySelector(".play").click();
+                const begun = performance.now();
+                const look = () => resolve([performance.now() - begun, scrubber.valueAsNumber]);
+                setTimeout(look, 2000);
+            })"""
+        )
+        assert rows[1] == pytest.approx(rows[0] / 100, rel=0.4)
+
+
+def test_it_steps(open_page):
+    with open_page("meeting") as viewer:
+        viewer.keys("ArrowRight", "ArrowRight", "ArrowRight", "ArrowLeft")
+        assert viewer.row == 2
+        assert viewer.page.locator("#clock").inner_text() == "0:12 cycle 2 of 60"
+        viewer.keys("End", "ArrowRight")
+        assert viewer.row == 60
+        viewer.keys("Home", "ArrowLeft")
+        assert viewer.row == 0
+
+
+def test_a_clearance_shows_in_the_row_after_its_cycle(open_page):
+    with open_page("meeting") as viewer:
+        assert viewer.said == []
+        for row, text in (
+            (41, "AC2 turn right heading 280"),
+            (42, "AC2 turn right heading 290"),
+            (46, f"{EVIL} climb FL320"),
+        ):
+            viewer.keys(".")
+            assert (viewer.row, viewer.said[-1]) == (row, text)
+            viewer.keys("ArrowLeft")
+            assert text not in viewer.said
+            viewer.keys("ArrowRight")
+        viewer.keys(".")
+        assert viewer.row == 46
+        viewer.keys(",", "Shift+ArrowLeft", ",")
+        assert viewer.row == 41
+        strip = viewer.page.locator(".strip").nth(1)
+        assert "H270→280" in strip.inner_text()
+
+
+def test_the_log_leads_to_its_clearances(open_page, evaluation):
+    said = said_in(evaluation, 1)
+    with open_page("evaluation", "scenario=1") as viewer:
+        entries = viewer.page.locator(".log button")
+        assert entries.count() == len(said)
+        for number in (len(said) - 1, 0):
+            entries.nth(number).click()
+            assert viewer.row == said[number]["cycle"] + 1
+            current = viewer.page.locator(".log [aria-current] .text").inner_text()
+            in_row = [row["text"] for row in said if row["cycle"] == said[number]["cycle"]]
+            assert current in in_row
+        for number, row in enumerate(said):
+            times = f"\u00d7{row['instructions']}" if row["instructions"] > 1 else ""
+            assert entries.nth(number).locator(".times").inner_text() == times
+    assert any(row["instructions"] > 1 for row in said)
+
+
+def test_marks_stand_where_things_happen(open_page):
+    with open_page("meeting") as viewer:
+        marks = viewer.page.locator("#marks .said")
+        at = [int(marks.nth(index).get_attribute("x1")) for index in range(marks.count())]
+        assert at == [41, 42, 46]
+        loss = viewer.page.locator("#marks .loss")
+        begins, width = (int(loss.get_attribute(name)) for name in ("x", "width"))
+        assert (begins, begins + width) == (FIRST_LOSS, LAST_LOSS)
+        # As wide as the way of the scrubber's thumb: a mark is above the thumb at its row.
+        box = viewer.page.locator("#marks").bounding_box()
+        viewer.page.mouse.click(box["x"] + box["width"] * 41 / 60, box["y"] + box["height"] / 2)
+        assert viewer.row == 41
+
+
+def test_a_predicted_and_an_actual_loss_of_separation(open_page):
+    """On straight tracks the closest approach is that of the formula from the first row on."""
+    with open_page("meeting") as viewer:
+        for row in (0, 10, FIRST_LOSS):
+            viewer.scrub_to(row)
+            seconds = round((AHEAD_NM - CLOSING_NM * row) / CLOSING_NM * 6)
+            left = f"{seconds // 60}:{seconds % 60:02d}"
+            assert viewer.alerts == [f"{EVIL} and AC2: 3.0 NM in {left}"]
+        assert viewer.pixels("conflict") > 50
+        assert viewer.pixels("loss") == 0
+        for row in range(FIRST_LOSS + 1, LAST_LOSS):
+            viewer.scrub_to(row)
+            apart = math.hypot(AHEAD_NM - CLOSING_NM * row, BESIDE_NM)
+            shown = f"{math.floor(apart * 10) / 10:.1f} NM"
+            assert viewer.alerts == [f"{EVIL} and AC2: loss of separation, {shown}"]
+        assert viewer.pixels("loss") > 50
+        viewer.scrub_to(LAST_LOSS + 1)
+        assert viewer.alerts == []
+        assert viewer.pixels("conflict") == viewer.pixels("loss") == 0
+
+
+def test_a_conflict_by_cleared_levels(open_page):
+    """There is none 2,000 ft apart; the row that shows the climb as cleared shows the conflict."""
+    with open_page("climbing", "scenario=0&cycle=5") as viewer:
+        levels = viewer.page.locator(".strip .now").first
+        assert viewer.alerts == []
+        assert levels.inner_text().startswith("FL300 ")
+        viewer.keys("ArrowRight")
+        assert len(viewer.alerts) == 1
+        assert levels.inner_text().startswith("FL300\N{UPWARDS ARROW}320 ")
+        assert viewer.page.locator(".verdict").inner_text() == "separation lost"
+
+
+def test_the_selection_is_kept_while_scrubbing(open_page):
+    with open_page("meeting") as viewer:
+        before = viewer.pixels("selected")
+        viewer.keys("2")
+        assert viewer.selected == ["AC2"]
+        viewer.scrub_to(50)
+        assert viewer.selected == ["AC2"]
+        assert viewer.pixels("selected") > before + 50
+        viewer.keys("Escape")
+        assert viewer.selected == []
+
+
+def test_an_aircraft_is_selected_where_it_is_drawn(open_page):
+    """Its ring, which a key takes away, has it in the middle."""
+    with open_page("alone") as viewer:
+        left, right, top, bottom = viewer.changed_by("r")
+        assert right - left == pytest.approx(bottom - top, abs=3)
+        canvas = viewer.page.locator("canvas")
+        canvas.click(position={"x": (left + right) / 2, "y": (top + bottom) / 2})
+        assert viewer.selected == ["AC1"]
+        canvas.click(position={"x": 5, "y": 300})
+        assert viewer.selected == []
+
+
+def test_zoom_and_pan_move_the_picture(open_page):
+    with open_page("alone") as viewer:
+
+        def ring():
+            left, right, top, bottom = viewer.changed_by("r")
+            return (left + right) / 2, (top + bottom) / 2, right - left
+
+        x, y, width = ring()
+        viewer.keys("+")
+        assert ring()[2] == pytest.approx(1.3 * width, abs=4)
+        viewer.keys("-", "w", "a")
+        assert ring() == pytest.approx((x + 60, y + 60, width), abs=3)
+        viewer.keys("0")
+        viewer.page.locator("canvas").hover(position={"x": 300, "y": 300})
+        viewer.page.mouse.down()
+        viewer.page.mouse.move(*_moved(viewer, 350, 280))
+        viewer.page.mouse.up()
+        assert ring() == pytest.approx((x + 50, y - 20, width), abs=3)
+        assert viewer.selected == []
+        viewer.keys("0")
+        assert ring() == pytest.approx((x, y, width), abs=1)
+        viewer.page.mouse.wheel(0, -500)
+        assert ring()[2] == pytest.approx(math.e * width, abs=6)
+
+
+def _moved(viewer, x, y):
+    box = viewer.page.locator("canvas").bounding_box()
+    return box["x"] + x, box["y"] + y
+
+
+def test_a_link_opens_at_the_same_moment(open_page):
+    with open_page("evaluation", "scenario=2&cycle=17&aircraft=AC2") as viewer:
+        assert (viewer.row, viewer.selected) == (17, ["AC2"])
+        assert viewer.page.locator("#scenario").input_value() == "2"
+        viewer.keys("p", "ArrowRight")
+        assert viewer.link == {"scenario": ["1"], "cycle": ["1"], "aircraft": ["AC2"]}
+        viewer.page.evaluate("location.hash = 'scenario=0&cycle=9'")
+        viewer.until("scrubber.valueAsNumber === 9")
+        assert viewer.selected == []
+    with open_page("meeting", "scenario=0&cycle=3") as viewer:
+        viewer.keys("1")
+        assert viewer.link["aircraft"] == [EVIL]
+
+
+@pytest.mark.parametrize(
+    ("link", "row"),
+    [("scenario=99&cycle=5", 0), ("cycle=5", 0), ("scenario=0&cycle=1e9", 60), ("%%%&=", 0)],
+)
+def test_a_link_that_leads_nowhere_opens_at_the_start(open_page, link, row):
+    with open_page("meeting", link) as viewer:
+        assert viewer.row == row
+        assert ("no scenario 99" in viewer.page.locator("#told").inner_text()) == ("99" in link)
+
+
+def test_scenarios_are_chosen(open_page, evaluation):
+    episodes = pq.read_table(evaluation / "episodes.parquet").to_pylist()[:3]
+    with open_page("evaluation") as viewer:
+        options = viewer.page.locator("#scenario option").all_text_contents()
+        for option, episode in zip(options, episodes, strict=True):
+            assert option.startswith(f"{episode['scenario']}: {episode['clearances']} clearances")
+            assert ("loss of separation" in option) == episode["loss_of_separation"]
+            assert ("no success" in option) == (not episode["success"])
+        log = viewer.page.locator(".log button")
+        viewer.page.locator("#scenario").select_option("1")
+        assert log.count() == episodes[1]["clearances"]
+        viewer.page.locator("#scenario").blur()
+        viewer.keys("n")
+        assert log.count() == episodes[2]["clearances"]
+        viewer.keys("ArrowUp", "ArrowUp")
+        assert log.count() == episodes[0]["clearances"]
+
+
+def test_what_files_say_is_text(open_page):
+    with open_page("meeting") as viewer:
+        assert viewer.page.locator(".strip .callsign").first.inner_text() == EVIL
+        assert viewer.page.locator("h2").first.inner_text() == "one &amp; <b>one"
+        assert viewer.page.title() == "one &amp; <b>one: radar replay"
+        assert viewer.page.locator("img, main b").count() == 0
+
+
+def test_side_by_side_stays_in_step(open_page):
+    """At every row the counts are those of the clearances shown by then, also while it plays."""
+    with open_page("both") as viewer:
+        for row in range(38, 48):
+            viewer.scrub_to(row)
+            assert viewer.counts == [(row >= 41) + (row >= 42) + (row >= 46), int(row >= 41)]
+        viewer.scrub_to(38)
+        viewer.page.locator("#speed").select_option("10")
+        seen = viewer.page.evaluate(
+            """() => new Promise(resolve => {
+                const seen = [];
+                document.querySelector(".play").click();
+                const look = setInterval(() => {
+                    const counts = [...document.querySelectorAll(".count strong")];
+                    seen.push([scrubber.valueAsNumber, ...counts.map(c => Number(c.textContent))]);
+                    if (scrubber.valueAsNumber >= 43) resolve((clearInterval(look), seen));
+                }, 50);
+            })"""
+        )
+        assert {row for row, _, _ in seen} >= {39, 40, 41, 42, 43}
+        for row, first, other in seen:
+            assert (first, other) == ((row >= 41) + (row >= 42), int(row >= 41))
+        assert viewer.page.locator("#marks .said").count() == 4
+        viewer.keys("2")
+        assert viewer.selected == ["AC2", "AC2"]
+
+
+def test_it_is_used_without_a_mouse(open_page):
+    with open_page("both") as viewer:
+        names = viewer.page.locator("button[data-key]").evaluate_all(
+            "all => all.map(each => each.getAttribute('aria-label'))"
+        )
+        assert all(names)
+        for _ in range(60):
+            viewer.keys("Tab")
+            if viewer.page.evaluate("document.activeElement.classList.contains('strip')"):
+                break
+        outline = "getComputedStyle(document.activeElement).outlineStyle"
+        assert viewer.page.evaluate(outline) == "solid"
+        viewer.keys("Enter")
+        assert viewer.selected == [EVIL, EVIL]
+
+
+def test_the_help_and_the_documentation_name_the_same_keys(open_page):
+    with open_page("alone") as viewer:
+        viewer.keys("?")
+        help_ = viewer.page.locator("#help")
+        assert help_.is_visible()
+        terms = help_.locator("dt").all_text_contents()
+        keys = dict(zip(terms, help_.locator("dd").all_text_contents(), strict=True))
+        viewer.keys("ArrowRight", "Escape")
+        assert (viewer.row, help_.is_visible()) == (0, False)
+    text = (ROOT / "docs" / "replay.md").read_text()
+    table = re.findall(r"^\| (\S.*?) \| (.*?) \|$", text.split("## Keys")[1], re.MULTILINE)
+    assert dict(table[1:]) == keys
+
+
+def test_light_and_dark(open_page):
+    for scheme, light in (("dark", False), ("light", True)):
+        with open_page("alone", color_scheme=scheme) as viewer:
+
+            def is_light():
+                viewer.settle()
+                return viewer.page.locator("canvas").evaluate(
+                    "c => c.getContext('2d').getImageData(2, 2, 1, 1).data[0] > 128"
+                )
+
+            assert is_light() == light
+            viewer.keys("t")
+            assert is_light() != light
+
+
+@pytest.mark.parametrize("name", ["meeting", "both"])
+def test_it_fits_a_phone(open_page, name):
+    with open_page(name, viewport=PHONE, has_touch=True, device_scale_factor=2) as viewer:
+        width = "document.documentElement.scrollWidth"
+        assert viewer.page.evaluate(width) <= PHONE["width"]
+        radar, log = (viewer.page.locator(part).last.bounding_box() for part in (".scope", ".log"))
+        assert radar["y"] + radar["height"] <= log["y"]
+        play = viewer.page.locator(".play").bounding_box()
+        assert play["y"] + play["height"] <= PHONE["height"]
+        assert min(play["width"], play["height"]) >= 40

@@ -1,0 +1,159 @@
+"""What is replayed is what the tables hold, and what cannot be read is refused in one line."""
+
+import shutil
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from skystack.errors import InputError
+from skystack.evaluation.stored import write_table
+from skystack.reporting.replay.recording import as_json, read_replay
+
+from .conftest import SCENARIOS
+from .meeting import AHEAD_NM, BESIDE_NM, CLOSING_NM, EVIL, FIRST_LOSS, LAST_LOSS
+
+TABLES = ("episodes", "aircraft", "trajectories", "clearances")
+
+
+@pytest.fixture
+def copied(evaluation, tmp_path):
+    return shutil.copytree(evaluation, tmp_path / evaluation.name)
+
+
+def rows_of(folder, table):
+    return pq.read_table(folder / f"{table}.parquet").to_pylist()
+
+
+def test_an_evaluation_is_read_as_it_was_written(evaluation):
+    replay = read_replay(evaluation)
+    episodes = rows_of(evaluation, "episodes")
+    assert replay.title == "avoidance, stacked"
+    assert [scenario.number for scenario in replay.scenarios] == list(range(SCENARIOS))
+    for scenario, episode in zip(replay.scenarios, episodes, strict=True):
+        assert (scenario.cycles, scenario.success) == (episode["cycles"], episode["success"])
+        assert len(scenario.clearances) == episode["clearances"]
+        assert sum(said.instructions for said in scenario.clearances) == episode["instructions"]
+    said = [
+        (scenario.number, said.cycle, scenario.aircraft[said.aircraft].callsign, said.text)
+        for scenario in replay.scenarios
+        for said in scenario.clearances
+    ]
+    table = rows_of(evaluation, "clearances")
+    columns = ("scenario", "cycle", "callsign", "text")
+    assert sorted(said) == sorted(tuple(row[name] for name in columns) for row in table)
+
+
+def test_positions_are_those_of_the_trajectories(evaluation):
+    replay = read_replay(evaluation, scenarios=2)
+    for row in rows_of(evaluation, "trajectories"):
+        if row["scenario"] >= 2:
+            continue
+        aircraft = replay.scenarios[row["scenario"]].aircraft
+        (flown,) = (each for each in aircraft if each.callsign == row["callsign"])
+        if row["cycle"] >= len(flown.status):
+            assert flown.status[-1] == row["status"] == "exited"
+            continue
+        lat, lon = replay.sector.plane.to_degrees(flown.position_nm[row["cycle"]])
+        assert (lat, lon) == pytest.approx((row["lat"], row["lon"]), abs=1e-9)
+        assert flown.status[row["cycle"]] == row["status"]
+        assert flown.cleared_heading_deg[row["cycle"]] == row["cleared_heading_deg"]
+
+
+def test_losses_are_those_that_the_evaluation_counted(evaluation):
+    """Its columns were computed while it was flown, in the tasks' own program."""
+    replay, episodes = read_replay(evaluation), rows_of(evaluation, "episodes")
+    assert any(episode["loss_of_separation"] for episode in episodes)
+    for scenario, episode in zip(replay.scenarios, episodes, strict=True):
+        assert bool(scenario.losses) == episode["loss_of_separation"]
+        if scenario.losses:
+            least = min(loss.least_nm for loss in scenario.losses)
+            assert least == pytest.approx(episode["min_separation_nm"], abs=1e-3)
+
+
+def test_what_simulate_wrote(one_by_one):
+    replay = read_replay(one_by_one)
+    (scenario,) = replay.scenarios
+    assert (replay.title, scenario.cycles, scenario.success) == ("one &amp; <b>one", 60, None)
+    first, second = scenario.aircraft
+    assert (first.callsign, first.exit_fl) == (EVIL, 300)
+    cycle = np.arange(41)
+    np.testing.assert_allclose(first.position_nm[:41, 0], -AHEAD_NM / 2 + cycle * 2 / 3, atol=1e-3)
+    np.testing.assert_allclose(second.position_nm[:41, 1], BESIDE_NM, atol=1e-3)
+    assert [(said.cycle, said.aircraft, said.text) for said in scenario.clearances] == [
+        (40, 1, "AC2 turn right heading 280"),
+        (41, 1, "AC2 turn right heading 290"),
+        (45, 0, f"{EVIL} climb FL320"),
+    ]
+
+
+def test_a_loss_lies_between_the_rows_that_the_formula_gives(one_by_one):
+    (loss,) = read_replay(one_by_one).scenarios[0].losses
+    along = AHEAD_NM - CLOSING_NM * np.arange(61)
+    apart = np.hypot(along, BESIDE_NM)
+    close = np.flatnonzero(apart < 5.0)
+    assert (close[0] - 1, close[-1] + 1) == (FIRST_LOSS, LAST_LOSS)
+    assert (loss.begins, loss.ends) == (FIRST_LOSS, LAST_LOSS)
+    assert loss.least_nm == pytest.approx(BESIDE_NM, abs=1e-3)
+
+
+def test_the_only_evaluation_in_a_folder_is_found(evaluation):
+    assert read_replay(evaluation.parent, scenarios=1).title == "avoidance, stacked"
+
+
+def test_several_evaluations_are_named(copied):
+    shutil.copytree(copied, copied.parent / "other")
+    with pytest.raises(InputError, match=f"2 evaluations: choose one or two of {copied.name}, oth"):
+        read_replay(copied.parent)
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_a_missing_or_damaged_table_is_named(copied, table):
+    path = copied / f"{table}.parquet"
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(InputError, match=rf"{table}\.parquet: damaged"):
+        read_replay(copied)
+    path.unlink()
+    with pytest.raises(InputError, match=rf"{table}\.parquet: missing"):
+        read_replay(copied)
+
+
+def rewrite(folder, table, change):
+    path, sector = folder / f"{table}.parquet", read_replay(folder, 1).sector
+    write_table(path, change(pq.read_table(path)), sector, "table")
+
+
+@pytest.mark.parametrize(
+    ("table", "change", "message"),
+    [
+        ("trajectories", lambda t: t.drop_columns("fl"), "no column 'fl'"),
+        ("trajectories", lambda t: t.slice(1), "the rows of AC1 are not complete"),
+        ("trajectories", lambda t: t.filter(t["scenario"].to_numpy() != 1), "agree on scenario 1"),
+        ("aircraft", lambda t: t.slice(1), "is for 'AC1', who does not fly"),
+        ("episodes", lambda t: t.slice(0, 0), "holds no scenario"),
+    ],
+    ids=["column", "row", "scenario", "aircraft", "empty"],
+)
+def test_tables_that_do_not_belong_together(copied, table, change, message):
+    rewrite(copied, table, change)
+    with pytest.raises(InputError, match=message):
+        read_replay(copied)
+
+
+def test_what_holds_nothing_to_replay(tmp_path):
+    with pytest.raises(InputError, match="does not exist"):
+        read_replay(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="holds no evaluation"):
+        read_replay(tmp_path)
+    (tmp_path / "scenario.json").write_text("{}")
+    with pytest.raises(InputError, match="damaged"):
+        read_replay(tmp_path / "scenario.json")
+
+
+def test_an_evaluations_table_is_not_what_simulate_wrote(evaluation):
+    with pytest.raises(InputError, match="has no aircraft in its metadata"):
+        read_replay(evaluation / "trajectories.parquet")
+
+
+def test_json_never_ends_a_script_element():
+    assert "<" not in as_json({"callsign": "</script><script>"})
