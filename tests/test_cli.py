@@ -149,6 +149,48 @@ def test_one_training_has_a_page_of_its_own(capsys, tmp_path, monkeypatch):
     assert "Learning curves of run" in (tmp_path / "comparison.html").read_text()
 
 
+def test_what_a_training_says_before_it_begins(capsys, tmp_path):
+    """Of two phases of which one would not come, of a checkpoint that is not there; and it does
+    not train over a policy."""
+    out = str(tmp_path / "run")
+    code, _, err = run(capsys, "train", "lateral-best", "--out", out, "--resume", *SMALL)
+    assert code == 0
+    lines = err.splitlines()
+    assert lines[0].startswith("pretraining.steps (800,000) takes all of ppo.total_steps (512)")
+    assert lines[1] == f"{out} holds no checkpoint: training begins anew"
+    assert lines[2] == "compiling ..."
+    before = (tmp_path / "run" / "policy.safetensors").read_bytes()
+    code, _, err = run(capsys, "train", "lateral-best", "--out", out, "--seed", "1", *SMALL)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "holds a trained policy already" in err
+    assert (tmp_path / "run" / "policy.safetensors").read_bytes() == before
+    (tmp_path / "run" / "policy.json").unlink()
+    code, _, err = run(capsys, "evaluate", out)
+    assert (code, err) == (
+        2,
+        f"skystack: {out}: its training is not finished (go on with train --resume)\n",
+    )
+
+
+def test_describe_and_draw_a_sector(capsys, tmp_path):
+    target = tmp_path / "map.png"
+    file = str(EXAMPLES / "own-sector" / "valley.json")
+    code, out, err = run(capsys, "sector", file, "-o", str(target))
+    assert code == 0
+    assert "valley: FL240 to FL400, 4 routes from 3 first fixes (GATEN, GATEO, GATEW)" in out
+    assert str(target) in err
+    assert target.read_bytes().startswith(b"\x89PNG")
+    code, out, _ = run(capsys, "sector", "x-plus", "--json")
+    routes = {each["route"]: each for each in json.loads(out)["routes"]}
+    # Drawn straight through the middle: 30 + 5 NM to it and 60 + 5 beyond, at 60 NM a degree.
+    straight = routes["HERON CRANE EGL MACAW QUAIL SWIFT"]
+    assert straight["length_nm"] == pytest.approx(100.0, rel=0.006)
+    assert max(map(abs, straight["turns_deg"])) < 0.01
+    for wrong in (["nosuch"], ["merge", "-o", str(tmp_path / "map.gif")]):
+        code, _, err = run(capsys, "sector", *wrong)
+        assert (code, err.count("\n")) == (2, 1)
+
+
 def test_simulate_the_examples(capsys, tmp_path):
     for example in sorted(EXAMPLES.glob("*.json")) + sorted(EXAMPLES.glob("*/meeting.json")):
         target = tmp_path / "trajectories.parquet"
@@ -255,7 +297,7 @@ def test_a_policy_is_exported(capsys, tmp_path, kind):
     target = tmp_path / "policy"
     arguments = ["export", "lateral", "--format", kind, "-o", str(target), "--json"]
     code, out, err = run(capsys, *arguments)
-    assert (code, json.loads(out)["source"], err) == (0, "lateral", "")
+    assert (code, json.loads(out)["source"], err) == (0, "lateral", f"written: {target}\n")
     assert list(tmp_path.iterdir()) == [target]
 
 

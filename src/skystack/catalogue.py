@@ -7,7 +7,7 @@ from typing import Any
 from rich.table import Table
 
 from skystack.airspace.sectors import sector_names
-from skystack.errors import unknown_name
+from skystack.errors import InputError, unknown_name
 from skystack.evaluation.paper import paper_row
 from skystack.learning.experiment import experiment_names, load_experiment
 from skystack.learning.policy import Policy, load_policy
@@ -15,6 +15,8 @@ from skystack.measured import read_measured
 from skystack.reporting.tables import NOTHING, mean_and_std, percent
 from skystack.simulator.performance import PERFORMANCE
 from skystack.tasks.build import TASKS
+from skystack.tasks.features import FEATURES
+from skystack.tasks.pairs import PAIR_FEATURES
 
 SHIPPED = Path(str(files("skystack").joinpath("policies")))
 
@@ -35,9 +37,10 @@ def find_policy(name: str) -> Policy:
     if folder.name == "policy.json":
         folder = folder.parent
     if not (folder / "policy.json").exists():
-        raise unknown_name(
-            "policy (no shipped one, no folder with a policy.json)", name, shipped_policies()
-        )
+        if (folder / "metrics.jsonl").exists():
+            raise InputError(f"{folder}: its training is not finished (go on with train --resume)")
+        kind = "policy (no shipped one, no folder with a policy.json)"
+        raise unknown_name(kind, name, shipped_policies(), [f"runs/{name}"])
     return load_policy(folder)
 
 
@@ -49,6 +52,8 @@ def catalogue() -> dict[str, Any]:
         "tasks": list(TASKS),
         "sectors": sector_names(),
         "performance": list(PERFORMANCE),
+        "features": {name: each.meaning for name, each in FEATURES.items()},
+        "pair features": {name: each.meaning for name, each in PAIR_FEATURES.items()},
         "policies": {name: _policy(name) for name in shipped_policies()},
     }
 

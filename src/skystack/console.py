@@ -33,9 +33,9 @@ def show_progress() -> Iterator[Callable[[str, Step], None]]:
         yield _PlainProgress(console).report
         return
     columns = (
-        TextColumn("{task.description:<22}"),
-        BarColumn(bar_width=24),
-        TextColumn("{task.completed:>11,.0f}/{task.total:,.0f} steps"),
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=12),
+        TextColumn("{task.completed:,.0f}/{task.total:,.0f}"),
         TextColumn("{task.fields[speed]}"),
         TextColumn("{task.fields[score]}"),
     )
@@ -108,4 +108,4 @@ def _score(step: Step) -> str:
     success, earned = step.measured.get("success"), step.measured.get("return")
     if success is None or earned is None:
         return ""
-    return f"return {earned:.1f} success {success:.2f}"
+    return f"success {success:.2f} return {earned:.1f}"

@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Iterable
+from pathlib import Path
 
 
 class InputError(ValueError):
@@ -16,9 +17,15 @@ class PlatformError(RuntimeError):
     """Another simulator died, hung or lost an aircraft: the message names where; exit code 1."""
 
 
-def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> InputError:
-    """The error for a name that does not exist, with the nearest one that does."""
+def unknown_name(
+    kind: str, name: str, allowed: Iterable[str], paths: Iterable[str] = ()
+) -> InputError:
+    """The error for a name that does not exist, with the nearest one that does.
+
+    `paths` are files or folders that may have been meant: one that is there is the nearest.
+    """
     names = sorted(allowed)
-    near = difflib.get_close_matches(name, names, n=1)
+    near = [path for path in paths if Path(path).exists()]
+    near += difflib.get_close_matches(name, names, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     return InputError(f"unknown {kind} {name!r}{hint} (allowed: {', '.join(names)})")

@@ -40,6 +40,8 @@ def read_json(path: Path) -> Any:
         raise InputError(f"cannot be read ({reason})") from None
     if len(data) > MAX_BYTES:
         raise InputError(f"is too large (allowed: {MAX_BYTES // 1_000_000} MB)")
+    if not data.strip():
+        raise InputError("is empty (allowed: JSON)")
     try:
         return json.loads(
             data.decode("utf-8-sig"), object_pairs_hook=_object, parse_constant=_refuse_constant

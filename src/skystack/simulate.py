@@ -107,13 +107,20 @@ def _flyer(platform: str, folder: Path) -> Callable[[Scenario], Flight]:
 def summary_table(summary: dict[str, Any]) -> Table:
     """Where everybody ended, for a terminal."""
     table = Table(title=f"{summary['scenario']}: {summary['rows']} rows")
-    names = ("callsign", "time_s", "lat", "lon", "fl", "heading_deg", "ground_speed_kt")
-    for name in names:
-        table.add_column(name, justify="left" if name == "callsign" else "right")
+    for name in _SHOWN:
+        table.add_column(name.replace("_", " "), justify="left" if name == "callsign" else "right")
     for row in summary["final"]:
-        table.add_row(*(_shown(row[name]) for name in names))
+        table.add_row(*(f"{row[name]:{how}}" for name, how in _SHOWN.items()))
     return table
 
 
-def _shown(value: Any) -> str:
-    return f"{value:.4f}" if isinstance(value, float) else str(value)
+_SHOWN = {
+    "callsign": "",
+    "time_s": "d",
+    "lat": ".4f",
+    "lon": ".4f",
+    "fl": ".1f",
+    "heading_deg": ".1f",
+    "ground_speed_kt": ".0f",
+}
+"""Columns of the summary and how their values are written."""

@@ -78,7 +78,9 @@ def test_the_area_may_lie_in_a_file_beside(tmp_path):
 
 @pytest.mark.parametrize("name", ["../area.geojson", "/tmp/area.geojson", "area.txt", ""])
 def test_no_name_leads_out_of_the_folder(name, tmp_path):
-    with pytest.raises(InputError, match=r"area: .* is not allowed \(allowed: a .geojson file"):
+    with pytest.raises(
+        InputError, match=r"area: .*: is not allowed \(allowed: the name of a .geojson"
+    ):
         read(changed(["area"], name, PLAIN), tmp_path)
     with pytest.raises(InputError, match="is not allowed"):
         find_sector("../sector.json", tmp_path)
@@ -109,8 +111,19 @@ HOLE = [[9.9, 49.9], [10.1, 49.9], [10.1, 50.1]]
         (["area", "coordinates"], [SQUARE, HOLE], "area: coordinates must hold one ring"),
         (["area", "coordinates"], [[[1, "x"]]], "area: coordinates[0] is not a ring"),
         (["area", "coordinates"], [SQUARE[:2]], "area: has 2 vertices (allowed: 3 to 500)"),
-        (["area", "coordinates"], [BOW_TIE], "area: is no plain polygon: Self-intersection"),
+        (
+            ["area", "coordinates"],
+            [BOW_TIE],
+            "area: is no plain polygon: Self-intersection at lat 50.0000, lon 10.0000",
+        ),
         (["area", "coordinates", 0, 1], [60.0, 49.5], "area: a vertex is"),
+        (["area", "coordinates", 0, 1], [-179.0, 49.5], "area: lies on both sides of the 180th"),
+        (
+            ["area", "coordinates", 0],
+            [at[::-1] for at in SQUARE],
+            "fixes.WESTO is 3393 NM from the origin at lat 50.0, lon 9.3 (allowed: at most 250 NM; "
+            "are they exchanged? GeoJSON has the longitude first)",
+        ),
         (["fixes", "MIDDL", "lat"], 91.0, "fixes.MIDDL: lat is 91.0 (allowed: number <= 80.0)"),
         (["fixes", "MIDDL", "lat"], "x", 'fixes.MIDDL: lat is "x" (allowed: number)'),
         (["fixes", "MIDDL", "alt"], 3, "fixes.MIDDL: unknown field 'alt'; did you mean 'lat'?"),
@@ -125,7 +138,11 @@ HOLE = [[9.9, 49.9], [10.1, 49.9], [10.1, 50.1]]
             9.8,
             "routes[0]: starts or ends at WESTO inside the area (allowed: outside)",
         ),
-        (["fixes", "EDGED", "lon"], 10.4, "routes[0]: its exit EDGED is not on an edge"),
+        (
+            ["fixes", "EDGED", "lon"],
+            10.4,  # a tenth of a degree inside: 6.01 NM times the cosine of 50 degrees
+            "routes[0]: its exit EDGED is not on an edge but 3.9 NM off lat 50.0000, lon 10.5000",
+        ),
         (["fixes", "EDGED", "lat"], 50.4999, "routes[0]: its exit EDGED is not on an edge"),
         (["fixes", "MIDDL"], {"lat": 50.0, "lon": 9.3}, "routes[0]: it is"),
         (

@@ -166,7 +166,7 @@ def test_a_sector_set_on_the_command_line_counts_from_where_one_is(monkeypatch):
     [
         ("task.sector=merg", "task.sector: unknown sector 'merg'; did you mean 'merge'?"),
         ("task.sector=merg.json", "task.sector: merg.json: cannot be read"),
-        ("task.sector.name=x", "experiment lateral: task.sector"),
+        ("task.sector.name=x", "--set: task.sector"),
     ],
 )
 def test_a_sector_that_is_none_is_refused(change, message):
@@ -178,3 +178,33 @@ def test_a_sector_that_is_none_is_refused(change, message):
 def test_more_aircraft_than_first_fixes_are_refused():
     with pytest.raises(InputError, match="each needs a first fix of its own and merge has 3"):
         load_experiment("lateral", ["task.sector=merge", "task.aircraft=4"])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            "ppo.totl_steps=3",
+            "--set: unknown key 'ppo.totl_steps'; did you mean 'ppo.tot",
+        ),
+        ("total_steps=3", "--set: unknown key 'total_steps'; did you mean 'ppo.total_steps'?"),
+        ("ppo.total_steps=a", "--set: ppo.total_steps: expected `int`"),
+    ],
+)
+def test_a_wrong_change_is_not_blamed_on_the_file(change, message, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('name = "mine"')
+    with pytest.raises(InputError) as error:
+        load_experiment(str(path), [change])
+    assert str(error.value).startswith(message)
+    path.write_text('name = "mine"\nppo.total_steps = "b"')
+    with pytest.raises(InputError) as error:
+        load_experiment(str(path), ["ppo.steps=3"])
+    assert str(error.value).startswith(f"{path}: ppo.total_steps: expected `int`")
+
+
+def test_a_file_of_the_name_is_offered(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text('name = "mine"')
+    with pytest.raises(InputError, match=r"unknown experiment 'mine'; did you mean 'mine.toml'\?"):
+        load_experiment("mine")

@@ -90,12 +90,12 @@ def test_types_come_by_their_shares_and_levels_alike():
     [
         (['task.fleet=[{type="A320"},{type="A320"}]'], "task.fleet[1].type is A320 (allowed:"),
         (['task.fleet=[{type="A320"}]', "task.performance=constant"], "task.performance is con"),
-        (['task.fleet=[{type="a-320"}]'], "experiment lateral: task.fleet[0].type: expected"),
-        (["task.fleet=[{share=0}]"], "experiment lateral: task.fleet[0].share: expected"),
-        (["task.fleet=[{mach=[0.8,0.8]}]"], "experiment lateral: task.fleet[0].mach: expected"),
-        (["task.fleet=[{speed=3}]"], "experiment lateral: task.fleet[0]: object contains unkn"),
-        (["task.level_fl=[300,305]"], "task.level_fl is 305 (allowed: multiples of 10 from 200"),
-        (["task.level_fl=[]"], "experiment lateral: task.level_fl: expected"),
+        (['task.fleet=[{type="a-320"}]'], "--set: task.fleet[0].type: expected"),
+        (["task.fleet=[{share=0}]"], "--set: task.fleet[0].share: expected"),
+        (["task.fleet=[{mach=[0.8,0.8]}]"], "--set: task.fleet[0].mach: expected"),
+        (["task.fleet=[{speed=3}]"], "--set: task.fleet[0]: object contains unkn"),
+        (["task.level_fl=[300,305]"], "task.level_fl is 305 (allowed in x-plus: multiples"),
+        (["task.level_fl=[]"], "--set: task.level_fl: expected"),
     ],
 )
 def test_what_cannot_fly_is_refused_in_one_line(changes, message):

@@ -107,7 +107,7 @@ def test_a_bad_value_is_refused_in_one_line(where, value, message, tmp_path):
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (b"", "is not JSON (Expecting value: line 1 column 1 (char 0))"),
+        (b"", "is empty (allowed: JSON)"),
         (b'{"sector": }', "is not JSON (Expecting value: line 1 column 12 (char 11))"),
         (b"[1]", "the file is [1] (allowed: object)"),
         (b"[" * 100_000, "is not JSON (maximum recursion depth exceeded"),

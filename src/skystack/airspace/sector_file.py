@@ -60,7 +60,7 @@ def read_sector(path: Path) -> SectorEntry:
     with inside(str(path)):
         raw = read_json(path)
         if isinstance(raw, dict) and isinstance(raw.get("area"), str):
-            with inside("area"):
+            with inside(f"area: {raw['area']}"):
                 raw["area"] = read_json(file_beside(path.parent, raw["area"], ".geojson"))
         entry: SectorEntry = convert(raw, _ENTRIES)
         make_sector(entry)
@@ -71,7 +71,7 @@ def file_beside(folder: Path, name: str, suffix: str) -> Path:
     """A file in a folder or below it. Raises InputError for a name that leads elsewhere."""
     path = Path(name)
     if path.is_absolute() or ".." in path.parts or "\0" in name or path.suffix != suffix:
-        raise InputError(f"{name!r} is not allowed (allowed: a {suffix} file beside this one)")
+        raise InputError(f"is not allowed (allowed: the name of a {suffix} file beside this one)")
     return folder / path
 
 
@@ -134,6 +134,9 @@ def _ring(area: Any) -> list[LatLon]:
     points = points[:-1] if len(points) > 1 and points[0] == points[-1] else points
     if not 3 <= len(points) <= MAX_VERTICES:
         raise InputError(f"has {len(points)} vertices (allowed: 3 to {MAX_VERTICES})")
+    east = [lon for lon, _ in points]
+    if max(east) - min(east) > 180.0:
+        raise InputError("lies on both sides of the 180th meridian (allowed: on one side)")
     return [(lat, lon) for lon, lat in points]
 
 
@@ -155,16 +158,30 @@ def _area(ring: list[LatLon], plane: TangentPlane) -> tuple[LatLon, ...]:
     corners = plane.to_plane(*np.array(ring).T)
     reason = is_valid_reason(Polygon(corners))
     if reason != "Valid Geometry":
-        raise InputError(f"is no plain polygon: {reason} (NM from the origin)")
+        raise InputError(f"is no plain polygon: {_with_degrees(reason, plane)}")
     return tuple(ring if is_ccw(LinearRing(corners)) else ring[::-1])
+
+
+def _with_degrees(reason: str, plane: TangentPlane) -> str:
+    """What shapely says is wrong, its place in degrees: `Self-intersection[3.1 -7.2]`."""
+    what, _, place = reason.partition("[")
+    try:
+        lat, lon = plane.to_degrees([float(number) for number in place.rstrip("]").split()])
+    except ValueError:
+        return reason
+    return f"{what} at lat {lat:.4f}, lon {lon:.4f}"
 
 
 def _check_distance(where: str, plane: TangentPlane, lat: float, lon: float) -> None:
     distance_nm = float(np.hypot(*plane.to_plane(lat, lon)))
     if distance_nm > MAX_DISTANCE_NM:
+        exchanged_nm = float(np.hypot(*plane.to_plane(lon, lat)))
+        hint = "; are they exchanged? GeoJSON has the longitude first"
         raise InputError(
             f"{where} is {distance_nm:.0f} NM from the origin at lat {lat}, lon {lon} "
-            f"(allowed: at most {MAX_DISTANCE_NM:.0f} NM)"
+            f"(allowed: at most {MAX_DISTANCE_NM:.0f} NM"
+            + (hint if exchanged_nm < distance_nm / 3.0 else "")
+            + ")"
         )
 
 
@@ -200,9 +217,16 @@ def _check_exit(
     edge = end - start
     along, across = edge / np.hypot(*edge), exit_nm - start
     off_nm = abs(float(along[0] * across[1] - along[1] * across[0]))
-    at_nm = float(along @ across)
-    if off_nm > ON_EDGE_NM or not ON_EDGE_NM < at_nm < float(np.hypot(*edge)) - ON_EDGE_NM:
-        raise InputError(f"its exit {name} is not on an edge (allowed: {allowed})")
+    at_nm, length_nm = float(along @ across), float(np.hypot(*edge))
+    if off_nm > ON_EDGE_NM or not ON_EDGE_NM < at_nm < length_nm - ON_EDGE_NM:
+        room_nm = 2.0 * ON_EDGE_NM
+        nearest = start + along * float(np.clip(at_nm, room_nm, length_nm - room_nm))
+        lat, lon = sector.plane.to_degrees(nearest)
+        off_nm = float(np.hypot(*(exit_nm - nearest)))
+        raise InputError(
+            f"its exit {name} is not on an edge but {off_nm:.1f} NM off lat {lat:.4f}, "
+            f"lon {lon:.4f}, which is (allowed: {allowed})"
+        )
     beyond = last_nm - start
     if along[0] * beyond[1] - along[1] * beyond[0] >= 0.0:
         raise InputError(f"its last leg does not lead out over the edge of {name}")

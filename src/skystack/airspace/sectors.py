@@ -33,7 +33,7 @@ def sector_named(name: str) -> Sector:
     if colon and platform in _ELSEWHERE:
         return _from_elsewhere(platform, inner)
     if name not in sector_names():
-        raise unknown_name("sector", name, sector_names())
+        raise unknown_name("sector", name, sector_names(), [f"{name}.json"])
     with as_file(_FOLDER.joinpath(f"{name}.json")) as path:
         return make_sector(read_sector(path))
 

@@ -18,7 +18,7 @@ class _Parser(argparse.ArgumentParser):
         message = " ".join(message.split())
         if message.startswith("unrecognized arguments: "):
             word = message.split()[2].split("=")[0]
-            near = difflib.get_close_matches(word, self._option_string_actions, n=1)
+            near = difflib.get_close_matches(word, self._option_string_actions, n=1, cutoff=0.7)
             message += f" (did you mean {near[0]}?)" if near else f" (see {self.prog} --help)"
         verb = self.prog.partition(" ")[2]
         raise InputError(f"{verb}: {message}" if verb else message)
@@ -107,24 +107,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
 
     sub = verb("evaluate", "judge a policy on held-out scenarios", verbs.evaluate)
-    sub.add_argument("policy", metavar="POLICY", help="a shipped policy's name or a run folder")
-    sub.add_argument("--episodes", type=_positive, default=1000, help="default 1000")
-    sub.add_argument("--seed", type=_seed, default=0, help="of the scenarios, default 0")
-    sub.add_argument(
-        "--stacking",
-        action=argparse.BooleanOptionalAction,
-        default=True,
-        help="compile bursts into single clearances (default) or not",
-    )
-    how = sub.add_mutually_exclusive_group()
-    how.add_argument("--greedy", action="store_true", help="the most probable action (default)")
-    how.add_argument("--sample", action="store_true", help="an action drawn by its probability")
-    sub.add_argument(
-        "--out", type=Path, metavar="DIR", help="where a folder of tables (Parquet) is made"
-    )
-    sub.add_argument(
-        "--sector", metavar="NAME", help="another sector (see list) or a sector file (.json)"
-    )
+    _evaluate_arguments(sub)
     platform(sub)
 
     sub = verb("report", "write the report of a run again, or compare several runs", verbs.report)
@@ -138,6 +121,10 @@ def build_parser() -> argparse.ArgumentParser:
         metavar="FILE.html",
         help="the page of a comparison (default comparison.html)",
     )
+
+    sub = verb("sector", "check a sector, describe and draw it", verbs.sector)
+    sub.add_argument("sector", metavar="SECTOR", help="a name (see list) or a sector file (.json)")
+    sub.add_argument("-o", dest="output", type=Path, metavar="FILE", help="a map: .png or .svg")
 
     sub = verb("replay", "write a page that replays what was flown, as on a radar", verbs.replay)
     _replay_arguments(sub)
@@ -200,6 +187,27 @@ def _reproduce_arguments(sub: argparse.ArgumentParser) -> None:
     )
 
 
+def _evaluate_arguments(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("policy", metavar="POLICY", help="a shipped policy's name or a run folder")
+    sub.add_argument("--episodes", type=_positive, default=1000, help="default 1000")
+    sub.add_argument("--seed", type=_seed, default=0, help="of the scenarios, default 0")
+    sub.add_argument(
+        "--stacking",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="compile bursts into single clearances (default) or not",
+    )
+    how = sub.add_mutually_exclusive_group()
+    how.add_argument("--greedy", action="store_true", help="the most probable action (default)")
+    how.add_argument("--sample", action="store_true", help="an action drawn by its probability")
+    sub.add_argument(
+        "--out", type=Path, metavar="DIR", help="where a folder of tables (Parquet) is made"
+    )
+    sub.add_argument(
+        "--sector", metavar="NAME", help="another sector (see list) or a sector file (.json)"
+    )
+
+
 def _replay_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "recorded",
@@ -215,12 +223,25 @@ def _replay_arguments(sub: argparse.ArgumentParser) -> None:
         dest="output",
         type=Path,
         default=Path("replay.html"),
-        metavar="FILE.html",
-        help="default replay.html",
+        metavar="FILE",
+        help="a page, .html (default replay.html), or a picture: .png, .svg, or a film: .gif",
     )
     sub.add_argument(
-        "--scenarios", type=_positive, default=100, metavar="N", help="the first N (default 100)"
+        "--scenarios",
+        type=_positive,
+        default=100,
+        metavar="N",
+        help="page: the first N (default 100)",
     )
+    sub.add_argument("--scenario", type=_seed, metavar="N", help="picture: which (default 0)")
+    for word, default in (("from", "the start"), ("to", "the end")):
+        sub.add_argument(
+            f"--{word}",
+            dest=f"{word}_s",
+            type=_seed,
+            metavar="S",
+            help=f"picture: seconds into the scenario (default {default})",
+        )
 
 
 def _integer(text: str, least: int) -> int:

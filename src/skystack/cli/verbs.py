@@ -98,12 +98,14 @@ def train(options: argparse.Namespace) -> int:
     from skystack.console import prose, show_progress
     from skystack.learning.event_files import event_files
     from skystack.learning.experiment import load_experiment
-    from skystack.learning.run import Progress, train_experiment
+    from skystack.learning.run import Progress, begun_with, train_experiment
     from skystack.programs import compile_for_one_core, kept_programs
 
     experiment = load_experiment(options.experiment, options.changes)
     name = f"{experiment.name}-s{options.seed}"
     out = options.out or Path("runs") / name
+    for line in begun_with(experiment, out, options.resume):
+        prose().print(line, highlight=False, soft_wrap=True)
     compile_for_one_core()
     events = event_files(out) if options.tensorboard else nullcontext(lambda: None)
     try:
@@ -201,11 +203,46 @@ def _compare(options: argparse.Namespace) -> int:
     return DONE
 
 
+def sector(options: argparse.Namespace) -> int:
+    from skystack.airspace.sectors import named_or_read, sector_from
+    from skystack.console import output, prose
+    from skystack.reporting.sector_sheet import facts_table, sector_facts, write_map
+
+    found = sector_from(named_or_read(options.sector))
+    if options.output:
+        write_map(found, options.output)
+        prose().print(f"written: {options.output}", highlight=False, soft_wrap=True)
+    facts = sector_facts(found)
+    if options.json:
+        print_json(facts)
+        return DONE
+    low, high = facts["levels_fl"]
+    starts = facts["first_fixes"]
+    output().print(
+        f"{found.name}: FL{low:03d} to FL{high:03d}, {len(facts['routes'])} routes from "
+        f"{len(starts)} first fixes ({', '.join(starts)})",
+        highlight=False,
+        soft_wrap=True,
+    )
+    output().print(facts_table(facts).as_rich())
+    return DONE
+
+
 def replay(options: argparse.Namespace) -> int:
     from skystack.console import prose
+    from skystack.reporting.replay.film import SUFFIXES
     from skystack.reporting.replay.page import write_replay
 
     runs = [options.recorded] + [options.other] * (options.other is not None)
+    of_one = {"--scenario": options.scenario, "--from": options.from_s, "--to": options.to_s}
+    if options.output.suffix in SUFFIXES:
+        return _picture(options, runs)
+    if options.output.suffix not in (".html", ".htm"):
+        allowed = ", ".join((".html", *SUFFIXES))
+        raise InputError(f"replay: -o {options.output} (allowed: {allowed})")
+    for name, value in of_one.items():
+        if value is not None:
+            raise InputError(f"replay: {name} is for pictures ({', '.join(SUFFIXES)})")
     written = write_replay(runs, options.output, options.scenarios)
     if options.json:
         print_json(written)
@@ -215,6 +252,19 @@ def replay(options: argparse.Namespace) -> int:
         highlight=False,
         markup=False,
     )
+    return DONE
+
+
+def _picture(options: argparse.Namespace, runs: list[Path]) -> int:
+    from skystack.console import prose
+    from skystack.reporting.replay.film import write_picture
+
+    number, begin = options.scenario or 0, options.from_s or 0
+    with prose().status("drawing ..."):
+        written = write_picture(runs, options.output, number, begin, options.to_s)
+    if options.json:
+        print_json(written)
+    prose().print(f"written: {options.output}", soft_wrap=True, highlight=False, markup=False)
     return DONE
 
 
@@ -229,6 +279,10 @@ def simulate(options: argparse.Namespace) -> int:
         print_json(summary)
     else:
         output().print(summary_table(summary))
+        for said in summary["clearances"]:
+            output().print(f"{said['cycle'] * 6:6d} s  {said['text']}", highlight=False)
+    if options.output:
+        prose().print(f"written: {options.output}", highlight=False, soft_wrap=True)
     return DONE
 
 
@@ -238,6 +292,7 @@ def export(options: argparse.Namespace) -> int:
 
     for line in formats.export(options.source, options.format, options.scenario, options.output):
         prose().print(line, soft_wrap=True, highlight=False)
+    prose().print(f"written: {options.output}", highlight=False, soft_wrap=True)
     if options.json:
         print_json({"source": options.source, "output": str(options.output)})
     return DONE

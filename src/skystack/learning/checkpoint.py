@@ -39,8 +39,8 @@ def load_checkpoint(path: Path, like: Learner, fingerprint: str) -> Learner:
                 like
             ):
                 raise InputError(
-                    f"{path}: belongs to another experiment, seed or configuration; "
-                    "train into another folder, or without --resume"
+                    f"{path}: belongs to another experiment, seed or configuration (allowed: the "
+                    "--seed and every --set that it was begun with; or another folder)"
                 )
             loaded = [file.get_tensor(f"{index:03d}") for index in range(len(leaves))]
     except (OSError, SafetensorError) as error:

@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Iterable, Mapping
+from copy import deepcopy
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from skystack.errors import InputError, unknown_name
 from skystack.json_file import inside
 from skystack.learning.settings import PPOSettings, Pretraining
 from skystack.tasks.build import build_task
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.settings import RewardSettings, TaskSettings
 
 _FOLDER = files("skystack").joinpath("experiments")
 
@@ -23,7 +24,7 @@ class Experiment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A whole experiment: a task and how it is learned."""
 
     name: str
-    description: str
+    description: str = ""
     task: TaskSettings = TaskSettings()
     ppo: PPOSettings = PPOSettings()
     pretraining: Pretraining | None = None
@@ -45,21 +46,38 @@ def load_experiment(name: str, changes: Iterable[str] = ()) -> Experiment:
         try:
             text = Path(name).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"{name}: cannot be read: {error}") from None
+            reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
+            raise InputError(f"{name}: cannot be read ({reason})") from None
     elif name in experiment_names():
         where = f"experiment {name}"
         text = _FOLDER.joinpath(f"{name}.toml").read_text("utf-8")
     else:
-        raise unknown_name("experiment", name, experiment_names())
+        raise unknown_name("experiment", name, experiment_names(), [f"{name}.toml"])
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{where}: not TOML: {error}") from None
     _read_sector(values, Path(name).parent)
+    changes = list(changes)
+    before = deepcopy(values)
     for change in changes:
         _set(values, change)
     _read_sector(values, Path())
-    return experiment_from(values, where)
+    try:
+        return experiment_from(values, where)
+    except InputError as error:
+        if not changes or not _holds(before, where):
+            raise
+        raise InputError(str(error).replace(f"{where}: ", "--set: ", 1)) from None
+
+
+def _holds(values: Mapping[str, Any], where: str) -> bool:
+    """Whether it was an experiment before anything was changed."""
+    try:
+        experiment_from(values, where)
+    except InputError:
+        return False
+    return True
 
 
 def _read_sector(values: dict[str, Any], folder: Path) -> None:
@@ -130,13 +148,21 @@ def _check_keys(values: Mapping[str, Any], kind: type, where: str, path: str) ->
     for key, value in values.items():
         full = f"{path}{key}"
         if key not in fields:
-            error = unknown_name("key", full, [path + name for name in fields])
+            elsewhere = [known for known in _all_keys() if known.endswith(f".{key}")]
+            error = unknown_name("key", full, elsewhere or [path + name for name in fields])
             raise InputError(f"{where}: {error}")
         inner = Pretraining if key == "pretraining" else fields[key]
         if isinstance(inner, type) and issubclass(inner, msgspec.Struct):
             if not isinstance(value, Mapping):
                 raise InputError(f"{where}: {full} is a value (allowed: a table)")
             _check_keys(value, inner, where, f"{full}.")
+
+
+def _all_keys() -> list[str]:
+    """Of every table, in full."""
+    tables = {"task": TaskSettings, "ppo": PPOSettings, "pretraining": Pretraining}
+    tables |= {"task.reward": RewardSettings, "pretraining.reward": RewardSettings}
+    return [f"{table}.{name}" for table, kind in tables.items() for name in kind.__struct_fields__]
 
 
 def _readable(error: str) -> str:

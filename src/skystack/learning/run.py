@@ -33,6 +33,7 @@ from skystack.tasks.build import build_training_task
 from skystack.tasks.contract import Task
 
 CHECKPOINT_EVERY_S = 60.0
+CHECKPOINT = "learner.safetensors"
 
 
 class Progress(NamedTuple):
@@ -81,7 +82,7 @@ def train_experiment(
     """
     begun = time.monotonic()
     task, settings = build_training_task(experiment.task), experiment.ppo
-    checkpoint = make_folder(folder / "checkpoint") / "learner.safetensors"
+    checkpoint = make_folder(folder / "checkpoint") / CHECKPOINT
     fingerprint = hashlib.sha256(to_toml(experiment) + str(seed).encode()).hexdigest()
     init, key = jax.jit(partial(ppo.init, task, settings)), training_key(seed)
     like = jax.eval_shape(init, key)
@@ -112,6 +113,30 @@ def train_experiment(
     policy = _policy(experiment, seed, task, learner)
     save_policy(folder, policy)
     return Trained(policy, settings.updates * settings.samples, metrics.wall_s())
+
+
+def begun_with(experiment: Experiment, folder: Path, resume: bool) -> list[str]:
+    """What must be said before a training begins in a folder.
+
+    Raises InputError where a finished training would be lost or nothing can be written.
+    """
+    make_folder(folder / "checkpoint")
+    said = ["compiling ..."]
+    if (folder / "policy.json").exists() and not resume:
+        raise InputError(
+            f"{folder}: holds a trained policy already (allowed: another folder by --out, or "
+            "remove this one)"
+        )
+    if resume and not (folder / "checkpoint" / CHECKPOINT).exists():
+        said.insert(0, f"{folder} holds no checkpoint: training begins anew")
+    before, steps = experiment.pretraining, experiment.ppo.total_steps
+    if before is not None and before.steps >= steps:
+        said.insert(
+            0,
+            f"pretraining.steps ({before.steps:,}) takes all of ppo.total_steps ({steps:,}): "
+            "only pretraining.reward is learned from, not task.reward",
+        )
+    return said
 
 
 class _Pace:

@@ -15,8 +15,8 @@ Count = Annotated[int, msgspec.Meta(ge=1, le=1_000_000_000)]
 class Pretraining(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A curriculum: the first part of the training with other rewards."""
 
-    steps: Count = 500_000
-    """Of `ppo.total_steps`."""
+    steps: Annotated[int, msgspec.Meta(ge=0, le=1_000_000_000)] = 500_000
+    """The first so many of `ppo.total_steps`; 0: none."""
     reward: RewardSettings = RewardSettings()
 
 

@@ -59,7 +59,7 @@ def _lateral(settings: TaskSettings, simulator: Simulator) -> LateralScenarios:
     if settings.aircraft > first_fixes(simulator):
         raise InputError(
             f"task.aircraft is {settings.aircraft}, but each needs a first fix of its own and "
-            f"{sector.name} has {first_fixes(simulator)}"
+            f"{sector.name} has {first_fixes(simulator)} (2 aircraft where none is given)"
         )
     given = settings.level_fl
     levels = (given,) if isinstance(given, int) else given
@@ -67,7 +67,8 @@ def _lateral(settings: TaskSettings, simulator: Simulator) -> LateralScenarios:
     for level in levels:
         if level % 10 or not low <= level <= high:
             raise InputError(
-                f"task.level_fl is {level} (allowed: multiples of 10 from {low} to {high})"
+                f"task.level_fl is {level} (allowed in {sector.name}: multiples of 10 from {low} "
+                f"to {high}; 300 where none is given)"
             )
     return LateralScenarios(
         simulator, settings.aircraft, levels, settings.disc_nm, _shares(settings)

@@ -1,6 +1,5 @@
 """The page as it is written: whole, small, closed; and what is refused before."""
 
-import dataclasses
 import json
 import re
 import shutil
@@ -9,8 +8,7 @@ import numpy as np
 import pytest
 
 from skystack.cli import main
-from skystack.errors import InputError
-from skystack.reporting.replay.page import SCALE, page_data, write_replay
+from skystack.reporting.replay.page import SCALE, page_data
 from skystack.reporting.replay.recording import read_replay
 
 from .conftest import SCENARIOS
@@ -79,28 +77,31 @@ def test_the_folder_of_the_page_must_exist(capsys, evaluation, tmp_path):
     assert "does not exist" in err
 
 
-def test_only_the_same_scenarios_are_shown_side_by_side(one_by_one, at_once, alone):
-    first, other, lonely = map(read_replay, (one_by_one, at_once, alone))
-    titles = [run["title"] for run in page_data((first, other))["runs"]]
-    assert titles == ["one &amp; <b>one", "at once"]
-    with pytest.raises(InputError, match="scenario 0 of alone begins otherwise"):
-        page_data((first, lonely))
-    moved = dataclasses.replace(
-        other.scenarios[0].aircraft[0], position_nm=other.scenarios[0].aircraft[0].position_nm + 0.2
-    )
-    aircraft = (moved, other.scenarios[0].aircraft[1])
-    elsewhere = dataclasses.replace(other.scenarios[0], aircraft=aircraft)
-    with pytest.raises(InputError, match="begins otherwise"):
-        page_data((first, dataclasses.replace(other, scenarios=(elsewhere,))))
-    later = dataclasses.replace(other.scenarios[0], number=7)
-    with pytest.raises(InputError, match="no scenario in common"):
-        page_data((first, dataclasses.replace(other, scenarios=(later,))))
-    sector = dataclasses.replace(other.sector, name="another")
-    with pytest.raises(InputError, match="is of sector another"):
-        page_data((first, dataclasses.replace(other, sector=sector)))
+@pytest.mark.parametrize("name", ["still.png", "still.svg", "film.gif"])
+def test_pictures_of_a_part_of_a_scenario(capsys, evaluation, tmp_path, name):
+    target = tmp_path / name
+    part = ["--scenario", 2, "--from", 30, "--to", 60]
+    code, out, err = run(capsys, evaluation, evaluation, "-o", target, *part, "--json")
+    assert code == 0
+    found = json.loads(out)
+    assert (found["from_s"], found["to_s"], found["bytes"]) == (30, 60, target.stat().st_size)
+    assert str(target) in err
 
 
-def test_runs_of_one_name_are_told_apart_by_their_place(evaluation, tmp_path):
-    again = shutil.copytree(evaluation, tmp_path / evaluation.name)
-    written = write_replay((evaluation, again), tmp_path / "page.html", scenarios=1)
-    assert written["runs"] == [str(evaluation), str(again)]
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["-o", "page.pdf"], "replay: -o page.pdf (allowed: .html, .png, .svg, .gif)"),
+        (["-o", "page.html", "--scenario", 2], "replay: --scenario is for pictures"),
+        (["--from", 6], "replay: --from is for pictures (.png, .svg, .gif)"),
+        (["-o", "still.png", "--scenario", 99], "has no scenario 99 (found: 0 to 19)"),
+        (["-o", "still.png", "--to", 60000], "--from 0 --to 60000 (allowed: times from 0 to"),
+        (["-o", "nowhere/still.png"], "the folder nowhere does not exist"),
+    ],
+)
+def test_what_cannot_be_drawn(capsys, evaluation, tmp_path, monkeypatch, words, message):
+    monkeypatch.chdir(tmp_path)
+    code, _, err = run(capsys, evaluation, *words)
+    assert (code, err.count("\n")) == (2, 1)
+    assert message in err
+    assert list(tmp_path.iterdir()) == []

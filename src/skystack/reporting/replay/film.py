@@ -5,8 +5,9 @@ papers, slides and the first screen of a README.
 """
 
 import io
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,9 +15,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 from skystack.errors import InputError
+from skystack.files import write_aside
 from skystack.reporting.maps import draw_sector, name_fixes
 from skystack.reporting.radar import Blip, colour_of, draw_aircraft, draw_way
 from skystack.reporting.replay.recording import Flown, Replay, ReplayScenario
+from skystack.reporting.replay.together import read_together
 from skystack.reporting.style import (
     MUTED,
     VERMILION,
@@ -33,6 +36,9 @@ PANEL_IN, PIXELS_PER_INCH = (5.2, 5.6), 84
 FRAMES_PER_S = 10
 SAID = 3
 """How many of the last clearances are written below."""
+
+
+SUFFIXES = (".png", ".svg", ".gif")
 
 
 class Span(NamedTuple):
@@ -53,6 +59,36 @@ def span_of(replays: tuple[Replay, ...], number: int, from_s: int, to_s: int | N
             f"0 to {last * CYCLE_S} s, the earlier one first)"
         )
     return Span(from_s // CYCLE_S, end)
+
+
+def write_picture(
+    runs: Sequence[Path],
+    output: Path,
+    number: int,
+    from_s: int = 0,
+    to_s: int | None = None,
+    on_frame: Callable[[int], None] = lambda row: None,
+) -> dict[str, Any]:
+    """Write a still or a film of a scenario; `runs` as for `read_replay`.
+
+    Returns what was written: `output`, `bytes`, `runs` (their titles), `from_s` and `to_s`. Raises
+    InputError as `read_together` and `span_of` do; nothing is written then.
+    """
+    if not output.parent.is_dir():
+        raise InputError(f"{output}: the folder {output.parent} does not exist")
+    replays = read_together(runs, number + 1)
+    span = span_of(replays, number, from_s, to_s)
+    kind = output.suffix[1:]
+    gif = kind == "gif"
+    data = film(replays, number, span, on_frame) if gif else still(replays, number, span, kind)
+    write_aside(output, data)
+    return {
+        "output": str(output),
+        "bytes": len(data),
+        "runs": [replay.title for replay in replays],
+        "from_s": span.begin * CYCLE_S,
+        "to_s": span.end * CYCLE_S,
+    }
 
 
 def still(replays: tuple[Replay, ...], number: int, span: Span, kind: str) -> bytes:

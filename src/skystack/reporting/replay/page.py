@@ -7,7 +7,6 @@ What is drawn is handed to the page as JSON (`page_data`); how it is drawn stand
 import hashlib
 from base64 import b64encode
 from collections.abc import Sequence
-from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -19,13 +18,8 @@ import skystack
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
 from skystack.files import write_aside
-from skystack.reporting.replay.recording import (
-    Flown,
-    Replay,
-    ReplayScenario,
-    as_json,
-    read_replay,
-)
+from skystack.reporting.replay.recording import Flown, Replay, ReplayScenario, as_json
+from skystack.reporting.replay.together import read_together
 from skystack.simulator.simulator import CYCLE_S
 from skystack.tasks.tracking import SEPARATION_FL, SEPARATION_NM
 
@@ -37,8 +31,6 @@ SCRIPTS = (
     *("panels", "timeline", "controls", "main"),
 )
 """In the order in which they need each other: together one module of JavaScript."""
-SAME_START_NM = 0.1
-"""Other simulators place aircraft as ours does but for rounding."""
 
 
 def write_replay(runs: Sequence[Path], output: Path, scenarios: int = 100) -> dict[str, Any]:
@@ -50,13 +42,7 @@ def write_replay(runs: Sequence[Path], output: Path, scenarios: int = 100) -> di
     """
     if not output.parent.is_dir():
         raise InputError(f"{output}: the folder {output.parent} does not exist")
-    replays = tuple(read_replay(path, scenarios) for path in runs)
-    titles = {replay.title for replay in replays}
-    if len(titles) < len(replays):  # of the same name, in different places
-        replays = tuple(
-            replace(replay, title=str(path)) for replay, path in zip(replays, runs, strict=True)
-        )
-    data = page_data(replays)
+    data = page_data(read_together(runs, scenarios))
     text = _page(data).encode()
     write_aside(output, text)
     return {
@@ -87,15 +73,7 @@ def _page(data: dict[str, Any]) -> str:
 
 
 def page_data(replays: tuple[Replay, ...]) -> dict[str, Any]:
-    """What the page draws. Numbers that change slowly are kept as differences from row to row.
-
-    Two replays are shown in the scenarios that they have in common. Raises InputError where there
-    is none, where they are not of one sector or where aircraft start elsewhere.
-    """
-    first = replays[0]
-    common = {scenario.number for scenario in first.scenarios}
-    for other in replays[1:]:
-        common &= _comparable(first, other)
+    """What the page draws. Numbers that change slowly are kept as differences from row to row."""
     return {
         "format": FORMAT,
         "version": skystack.__version__,
@@ -103,43 +81,15 @@ def page_data(replays: tuple[Replay, ...]) -> dict[str, Any]:
         "separation_nm": SEPARATION_NM,
         "separation_fl": SEPARATION_FL,
         "scale": SCALE,
-        "sector": _sector(first.sector),
+        "sector": _sector(replays[0].sector),
         "runs": [
             {
                 "title": replay.title,
-                "scenarios": [_scenario(s) for s in replay.scenarios if s.number in common],
+                "scenarios": [_scenario(scenario) for scenario in replay.scenarios],
             }
             for replay in replays
         ],
     }
-
-
-def _comparable(first: Replay, other: Replay) -> set[int]:
-    """The numbers of the scenarios that both hold, the same in both."""
-    if other.sector != first.sector:
-        raise InputError(
-            f"{other.title} is of sector {other.sector.name}, {first.title} of "
-            f"{first.sector.name} (allowed: side by side in one sector)"
-        )
-    known = {scenario.number: scenario for scenario in first.scenarios}
-    common = [scenario for scenario in other.scenarios if scenario.number in known]
-    if not common:
-        raise InputError(f"{first.title} and {other.title} have no scenario in common")
-    for scenario in common:
-        if not _same_start(known[scenario.number], scenario):
-            raise InputError(
-                f"scenario {scenario.number} of {other.title} begins otherwise than that of "
-                f"{first.title} (allowed: side by side the same scenarios)"
-            )
-    return {scenario.number for scenario in common}
-
-
-def _same_start(one: ReplayScenario, other: ReplayScenario) -> bool:
-    who = [[(each.callsign, each.route) for each in s.aircraft] for s in (one, other)]
-    if who[0] != who[1]:
-        return False
-    start = [np.array([each.position_nm[0] for each in s.aircraft]) for s in (one, other)]
-    return bool(np.all(np.abs(start[0] - start[1]) < SAME_START_NM))
 
 
 def _sector(sector: Sector) -> dict[str, Any]:
