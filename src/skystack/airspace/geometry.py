@@ -133,11 +133,21 @@ def closest_approach(
 
     `velocity` is NM per unit of the times. A span that ends before it begins gives infinity.
     """
+    return jnp.sqrt(closest_approach_squared(offset_nm, velocity, from_time, until_time))
+
+
+def closest_approach_squared(
+    offset_nm: Float[Array, "n 2 *batch"],
+    velocity: Float[Array, "n 2 *batch"],
+    from_time: Float[Array, "n *batch"],
+    until_time: Float[Array, "n *batch"],
+) -> Float[Array, "n *batch"]:
+    """The square [NM2] of `closest_approach`."""
     speed2 = dot(velocity, velocity)
     approach = -dot(offset_nm, velocity) / jnp.where(speed2 > 0.0, speed2, 1.0)
     time = jnp.clip(approach, from_time, until_time)
-    distance = length(offset_nm + time[:, None] * velocity)
-    return jnp.where(until_time >= from_time, distance, jnp.inf)
+    nearest = offset_nm + time[:, None] * velocity
+    return jnp.where(until_time >= from_time, dot(nearest, nearest), jnp.inf)
 
 
 def value_of(values: np.ndarray, index: Int[Array, "n *batch"]) -> Array:

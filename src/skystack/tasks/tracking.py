@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from skystack.airspace.geometry import (
-    closest_approach,
+    closest_approach_squared,
     crosses_outward,
     dot,
     first_and_second,
@@ -170,20 +170,21 @@ def separation_nm(memory: Memory, traffic: Traffic) -> Float[Array, "*batch"]:
     """
     if traffic.level.shape[0] < 2:
         return jnp.full_like(memory.cycles, jnp.inf)
-    distance = pair_distance_nm(
+    squared = pair_distance_squared(
         memory.previous_nm, traffic.position_nm, memory.previous_level, traffic.level
     )
     one, other = first_and_second(traffic.active)
-    return jnp.min(jnp.where(one & other, distance, jnp.inf), axis=0)
+    # Of the least only: a root for every pair costs as much as the rest of it.
+    return jnp.sqrt(jnp.min(jnp.where(one & other, squared, jnp.inf), axis=0))
 
 
-def pair_distance_nm(
+def pair_distance_squared(
     previous_nm: Float[ArrayLike, "aircraft 2 *batch"],
     position_nm: Float[ArrayLike, "aircraft 2 *batch"],
     previous_level: Float[ArrayLike, "aircraft *batch"],
     level: Float[ArrayLike, "aircraft *batch"],
 ) -> Float[Array, "pairs *batch"]:
-    """Least distance of every pair in a cycle, as above; levels are in ticks."""
+    """Square [NM2] of the least distance of every pair in a cycle, as above; levels in ticks."""
 
     def pairs(values: ArrayLike) -> Array:
         first, second = first_and_second(jnp.asarray(values))
@@ -194,9 +195,10 @@ def pair_distance_nm(
     gap = pairs(previous_level) / TICKS_PER_FL
     climb = pairs(level) / TICKS_PER_FL - gap
     # The part of the cycle, from 0 to 1, in which |gap + climb * time| < 10 levels.
-    moving = jnp.where(climb == 0.0, 1.0, climb)
-    low, high = (-SEPARATION_FL - gap) / moving, (SEPARATION_FL - gap) / moving
+    time_a_level = 1.0 / jnp.where(climb == 0.0, 1.0, climb)
+    low, high = (-SEPARATION_FL - gap) * time_a_level, (SEPARATION_FL - gap) * time_a_level
     level_close = jnp.abs(gap) < SEPARATION_FL
     begins = jnp.where(climb == 0.0, jnp.where(level_close, 0.0, 2.0), jnp.minimum(low, high))
     ends = jnp.where(climb == 0.0, 1.0, jnp.maximum(low, high))
-    return closest_approach(offset, motion, jnp.maximum(begins, 0.0), jnp.minimum(ends, 1.0))
+    span = jnp.maximum(begins, 0.0), jnp.minimum(ends, 1.0)
+    return closest_approach_squared(offset, motion, *span)

@@ -21,7 +21,7 @@ from skystack.errors import InputError
 from skystack.evaluation.stored import metadata_of, read_table, sector_of
 from skystack.platforms.registry import OWN
 from skystack.simulator.performance import TICKS_PER_FL
-from skystack.tasks.tracking import SEPARATION_NM, pair_distance_nm
+from skystack.tasks.tracking import SEPARATION_NM, pair_distance_squared
 
 NUMBERS = (
     *("lat", "lon", "fl", "heading_deg", "cleared_heading_deg", "cleared_fl"),
@@ -244,7 +244,7 @@ def _assembled(
     return ReplayScenario(number, cycles, success, aircraft, in_order, tuple(_losses(aircraft)))
 
 
-_distance_nm = jax.jit(pair_distance_nm)
+_squared_nm2 = jax.jit(pair_distance_squared)
 _ROWS = 512
 """Rows are filled up to a multiple of this, so that the program is compiled once, not for every
 length; what was filled in is no number and close to nothing."""
@@ -256,7 +256,7 @@ def _losses(aircraft: tuple[Flown, ...]) -> Iterator[Loss]:
         place = np.stack([_filled(each.position_nm.T) for each in (one, other)])
         level = np.stack([_filled(each.fl * TICKS_PER_FL) for each in (one, other)])
         cycles = place[..., :-1], place[..., 1:], level[..., :-1], level[..., 1:]
-        distance = np.asarray(_distance_nm(*cycles))[0]
+        distance = np.sqrt(np.asarray(_squared_nm2(*cycles))[0])
         close = np.flatnonzero(distance < SEPARATION_NM)
         for run in np.split(close, np.flatnonzero(np.diff(close) > 1) + 1):
             if len(run):
