@@ -87,22 +87,18 @@ def test_a_damaged_checkpoint_is_refused(trained, tmp_path):
         train_experiment(small(), 3, tmp_path, resume=True)
 
 
-def test_a_training_that_explodes_stops_and_names_its_last_good_checkpoint(tmp_path):
-    exploding = small(
+def test_a_loss_that_is_no_number_stops_training(tmp_path):
+    changes = (
         "ppo.learning_rate=1e6",
         "ppo.reward_scale=1e6",
         "ppo.max_gradient_norm=1e6",
         "ppo.adam_epsilon=1e-30",
         "ppo.total_steps=20000",
     )
-    with pytest.raises(TrainingError, match=r"lateral, seed 0: \w+ has exploded") as raised:
-        train_experiment(exploding, 0, tmp_path, checkpoint_every_s=0)
+    said = "lateral, seed 0: value_loss is not finite after 256 steps; last good checkpoint: none"
+    with pytest.raises(TrainingError, match=said):
+        train_experiment(small(*changes), 0, tmp_path)
     assert not (tmp_path / "policy.json").exists()
-    lines = (tmp_path / "metrics.jsonl").read_text().splitlines()
-    checkpoint = tmp_path / "checkpoint" / "learner.safetensors"
-    good = f"{checkpoint}, after {256 * len(lines)} steps" if lines else "none"
-    assert str(raised.value).endswith(f"last good checkpoint: {good}")
-    assert checkpoint.exists() == bool(lines)
 
 
 def test_weights_that_are_no_numbers_are_not_saved(tmp_path, monkeypatch):
@@ -114,12 +110,9 @@ def test_weights_that_are_no_numbers_are_not_saved(tmp_path, monkeypatch):
     monkeypatch.setattr(run, "learners", spoiled)
     with pytest.raises(TrainingError, match="parameters are not finite after 768 steps"):
         train_experiment(small(), 3, tmp_path, checkpoint_every_s=0)
-    saved = (tmp_path / "checkpoint" / "learner.safetensors").read_bytes()
-    monkeypatch.undo()
     assert json.loads((tmp_path / "metrics.jsonl").read_text().splitlines()[-1])["update"] == 2
     with safe_open(tmp_path / "checkpoint" / "learner.safetensors", "numpy") as file:
         assert all(np.isfinite(file.get_tensor(f"{index:03d}")).all() for index in range(8))
-    assert saved
 
 
 def test_checkpoints_come_as_often_as_asked(tmp_path):
