@@ -10,9 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skystack.catalogue import find_policy
+from skystack.errors import InputError
 from skystack.evaluation.rollout import Controller, fly, network_controller
 from skystack.seeds import scenario_key
-from skystack.stacking import TwoPhase, stack, stack_traced
+from skystack.stacking import ENDLESS, TwoPhase, stack, stack_traced
 from skystack.tasks.build import build_task
 from skystack.tasks.settings import TaskSettings
 
@@ -66,6 +67,43 @@ def test_a_stack_is_the_longest_equal_prefix(answers, limit):
     state, result = stack(Counter(), script(*answers), (), limit=limit)
     assert state == (answers[0],) * expected
     assert result.instructions == expected
+
+
+class Endless(Counter):
+    """Allows everything, for ever."""
+
+    def may_stack(self, state, action):
+        return True
+
+    def checked_action(self, action):
+        if action not in (0, 1, 2):
+            raise InputError(f"action is {action}")
+        return action
+
+
+def test_a_stack_without_end_is_an_error():
+    with pytest.raises(InputError, match=r"an endless stack: .* action 2 1000 times in one cycle"):
+        stack(Endless(), lambda observation: 2, ())
+    assert stack(Endless(), lambda observation: 2, (), limit=1500)[1].instructions == 1500
+
+
+def test_a_compiled_stack_ends_too():
+    class Numbers(Endless):
+        def instruct(self, state, action):
+            return state + action
+
+    def policy(observation, key):
+        return jnp.ones((), dtype=jnp.int32)
+
+    start = jnp.zeros((), dtype=jnp.int32)
+    state, result = stack_traced(Numbers(), policy, start, jax.random.key(0))
+    assert (int(state), int(result.instructions)) == (ENDLESS, ENDLESS)
+
+
+@pytest.mark.parametrize("answers", [(7,), (1, 1, 7), (2, float("nan"))])
+def test_an_answer_outside_the_table_is_named_wherever_it_comes(answers):
+    with pytest.raises(InputError, match=f"action is {answers[-1]}"):
+        stack(Endless(), script(*answers), ())
 
 
 def test_every_query_sees_what_the_last_instruction_cleared():

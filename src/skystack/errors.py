@@ -9,6 +9,10 @@ class InputError(ValueError):
     """Bad input from the user: the message says what, where and what is allowed, in one line."""
 
 
+class CheckpointError(InputError):
+    """What an earlier training left cannot be gone on with; nothing of it was changed."""
+
+
 class TrainingError(RuntimeError):
     """Training cannot go on (a loss that is no number): the message names where; exit code 1."""
 

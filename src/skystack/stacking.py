@@ -12,11 +12,17 @@ that computes; `stack_traced` does the same inside `jax.jit`.
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
+from skystack.errors import InputError
+
 State = TypeVar("State")
 Carry = TypeVar("Carry")
 
 NO_ACTION = 0
 """The action that instructs nobody."""
+
+ENDLESS = 1000
+"""Instructions of one clearance at which a stack without a limit is held to have no end: far more
+than any task here can take."""
 
 
 @runtime_checkable
@@ -25,6 +31,9 @@ class TwoPhase(Protocol[State]):
 
     `instruct` must leave everything physical as it is. `may_stack` says whether an instruction can
     be given in a state: not to somebody who is gone, nor beyond a limit of the clearance.
+
+    Where it has `checked_action(action)` as well, `stack` passes every answer of the policy through
+    it: it returns the action, or raises for one that is not in its table.
     """
 
     def observe(self, state: State) -> Any: ...
@@ -66,10 +75,22 @@ def stack(
     `policy` maps an observation to an action: a function of any library. `limit` is the most
     instructions of one clearance, 1 to issue each by itself.
 
-    Returns the instructed state, ready to be advanced one cycle, and what was issued.
+    Returns the instructed state, ready to be advanced one cycle, and what was issued. Raises
+    InputError for a stack without end: no limit, a policy that never changes its mind, and an
+    environment that allows it.
     """
-    burst = _Burst(environment, lambda state, _: policy(environment.observe(state)), limit, _and)
-    return burst.compile(state, python_while, zero=0)
+    checked = getattr(environment, "checked_action", lambda action: action)
+
+    def ask(state: State, _: Any) -> Any:
+        return checked(policy(environment.observe(state)))
+
+    told, issued = _Burst(environment, ask, limit, _and).compile(state, python_while, zero=0)
+    if limit is None and issued.instructions >= ENDLESS:
+        raise InputError(
+            f"an endless stack: the policy has asked for action {issued.action} {ENDLESS} times in "
+            "one cycle, and may_stack allows more (allowed: a limit, or a may_stack that says no)"
+        )
+    return told, issued
 
 
 def stack_traced(
@@ -81,7 +102,8 @@ def stack_traced(
 ) -> tuple[State, Stack]:
     """`stack` for compiled programs: `policy` maps an observation and a random key to an action.
 
-    Every query has a key of its own, so that a policy that samples samples anew.
+    Every query has a key of its own, so that a policy that samples samples anew. A compiled program
+    cannot raise: without a limit a stack ends at `ENDLESS` instructions.
     """
     import jax  # noqa: PLC0415  (plain callables need no JAX)
     import jax.numpy as jnp  # noqa: PLC0415
@@ -122,7 +144,7 @@ class _Burst(NamedTuple):
 
     def goes_on(self, asked: _Asked) -> Any:
         same = (asked.wanted == asked.action) & (asked.action != NO_ACTION)
-        room = True if self.limit is None else asked.instructions < self.limit
+        room = asked.instructions < (ENDLESS if self.limit is None else self.limit)
         return self.both(same & room, lambda: self.environment.may_stack(asked.state, asked.action))
 
     def give(self, asked: _Asked) -> _Asked:

@@ -70,7 +70,7 @@ def test_what_fails_is_named_and_the_others_are_finished(tmp_path):
         HANGS: "took more than 15 s",
         LOSES: "Faulty has lost AC1",
         BREAKS: "failed: KeyError: 'AC1'",
-        NONSENSE: "reported a lat that is not finite",
+        NONSENSE: "reported a lat of AC1 that is not finite",
         LEAVES: "failed: SystemExit: 0",
     }
     numbers = make_tables(SHORT, flown.recording).episodes["scenario"]

@@ -5,8 +5,10 @@ import json
 import numpy as np
 import pytest
 
+from skystack.errors import InputError
 from skystack.learning.experiment import load_experiment
 from skystack.learning.run import train_experiment
+from skystack.reproduction import jobs
 from skystack.reproduction.jobs import flown_once, nobody_once, trained_once
 from skystack.reproduction.plan import Plan
 
@@ -74,6 +76,23 @@ def test_a_checkpoint_that_is_no_use_is_trained_over(plan, experiment):
     _, summary, kept = trained_once(plan, experiment, 1, nothing)
     assert not kept
     assert summary["steps"] == 1024
+
+
+def test_a_full_disk_does_not_begin_a_training_anew(plan, experiment, monkeypatch):
+    """Only what cannot be gone on with is thrown away."""
+    trained_once(plan, experiment, 1, nothing)
+    folder = plan.training("lateral-s1")
+    (folder / "training.json").unlink()
+    resumed = []
+
+    def full(experiment, seed, folder, resume, on_update):
+        resumed.append(resume)
+        raise InputError("cannot be written: No space left on device")
+
+    monkeypatch.setattr(jobs, "train_experiment", full)
+    with pytest.raises(InputError, match="No space left"):
+        trained_once(plan, experiment, 1, nothing)
+    assert resumed == [True]
 
 
 def test_evaluations_are_kept_until_policy_scenarios_or_tables_change(plan, experiment):

@@ -2,13 +2,17 @@
 
 import jax
 import numpy as np
+import pytest
 
 from skystack.catalogue import find_policy
+from skystack.errors import InputError
 from skystack.evaluation.judge import task_of
 from skystack.learning.inference import forward, normalise
 from skystack.seeds import scenario_key
 from skystack.stacking import TwoPhase, stack, stack_traced
+from skystack.tasks.build import build_task
 from skystack.tasks.plain import PlainTask
+from skystack.tasks.settings import TaskSettings
 
 
 def test_stacking_in_plain_python_is_stacking_in_a_compiled_program():
@@ -45,6 +49,22 @@ def test_stacking_in_plain_python_is_stacking_in_a_compiled_program():
         assert float(outcome.reward) == float(judged.reward)
         assert np.array_equal(plain.observe(seen), jax.jit(task.observe)(state))
     assert spoken > 3
+
+
+@pytest.fixture(scope="module")
+def begun():
+    plain = PlainTask(build_task(TaskSettings()))
+    return plain, plain.reset(scenario_key(0, 0))
+
+
+@pytest.mark.parametrize("answer", [5, -1, 2.0, None, "left", np.float32(np.nan), np.array([1, 2])])
+def test_an_action_outside_the_table_is_named(begun, answer):
+    plain, seen = begun
+    for use in (plain.may_stack, plain.instruct, plain.step):
+        with pytest.raises(InputError, match="allowed: whole numbers from 0 to 4"):
+            use(seen, answer)
+    with pytest.raises(InputError, match="allowed: whole numbers from 0 to 4"):
+        stack(plain, lambda observation: answer, seen)
 
 
 def test_whether_something_may_be_said_is_known_for_every_instruction():

@@ -99,7 +99,13 @@ def build_parser() -> argparse.ArgumentParser:
         dest="changes",
         help="change a setting, as ppo.total_steps=500000; may be repeated",
     )
-
+    sub.add_argument(
+        "--checkpoint-every",
+        type=_seed,
+        default=60,
+        metavar="S",
+        help="seconds between checkpoints (default 60; 0: after every update)",
+    )
     sub.add_argument(
         "--tensorboard",
         action="store_true",

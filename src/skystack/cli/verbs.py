@@ -27,14 +27,17 @@ def list_all(options: argparse.Namespace) -> int:
 
 
 def reproduce(options: argparse.Namespace) -> int:
-    from skystack.console import count_scenarios, prose, show_progress
-    from skystack.platforms.registry import said_of
-    from skystack.programs import compile_for_one_core, kept_programs
-    from skystack.reporting.report import write_report
-    from skystack.reproduction.plan import QUICK_EPISODES, plan_families
-    from skystack.reproduction.run import run_plan, run_platforms
+    from skystack.files import alone_in
+    from skystack.reproduction.plan import OWN_FOLDERS
 
-    engine = _engine(options)
+    plan, engine = _plan(options), _engine(options)
+    with alone_in(plan.out, OWN_FOLDERS):
+        return _reproduce(plan, engine, options.json)
+
+
+def _plan(options: argparse.Namespace) -> Any:
+    from skystack.reproduction.plan import QUICK_EPISODES, plan_families
+
     quick = options.quick or not options.families
     families = options.families or ["lateral"]
     default = Path("runs") / ("-".join(families) + ("-quick" if quick else ""))
@@ -46,21 +49,30 @@ def reproduce(options: argparse.Namespace) -> int:
     words += ["--quick"] * quick + [f"--platform {name}" for name in options.platforms]
     command = " ".join(words)
     seeds, platforms = options.seeds, options.platforms
-    plan = plan_families(families, seeds, episodes, out, quick, command, platforms)
+    return plan_families(families, seeds, episodes, out, quick, command, platforms)
+
+
+def _reproduce(plan: Any, engine: Any, as_json: bool) -> int:
+    from skystack.console import count_scenarios, prose, show_progress
+    from skystack.platforms.registry import said_of
+    from skystack.programs import compile_for_one_core, kept_programs
+    from skystack.reporting.report import write_report
+    from skystack.reproduction.run import run_plan, run_platforms
+
     compile_for_one_core()
     with kept_programs(), show_progress() as report:
         results = run_plan(plan, report, engine)
     if results["kept"]:
         prose().print(f"{len(results['kept'])} finished pieces kept from an earlier run")
     prose().print("writing figures and report ...")
-    path = write_report(out)
+    path = write_report(plan.out)
     failed: list[str] = []
     if plan.platforms:
         for line in (line for name in plan.platforms for line in said_of(name)):
             prose().print(line, soft_wrap=True, highlight=False)
         failed = run_platforms(plan, results, count_scenarios)
-        write_report(out)
-    _show_results(results, options.json)
+        write_report(plan.out)
+    _show_results(results, as_json)
     prose().print(f"{results['wall_s']:.0f} s; report: {path}", highlight=False, soft_wrap=True)
     for line in failed:
         complain(line, FAILED)
@@ -98,12 +110,12 @@ def train(options: argparse.Namespace) -> int:
     from skystack.console import prose, show_progress
     from skystack.learning.event_files import event_files
     from skystack.learning.experiment import load_experiment
-    from skystack.learning.run import Progress, begun_with, train_experiment
+    from skystack.learning.run import CHECKPOINT_EVERY_S, Progress, begun_with, train_experiment
     from skystack.programs import compile_for_one_core, kept_programs
 
     experiment = load_experiment(options.experiment, options.changes)
     name = f"{experiment.name}-s{options.seed}"
-    out = options.out or Path("runs") / name
+    out, every_s = options.out or Path("runs") / name, options.checkpoint_every
     for line in begun_with(experiment, out, options.resume):
         prose().print(line, highlight=False, soft_wrap=True)
     compile_for_one_core()
@@ -115,12 +127,15 @@ def train(options: argparse.Namespace) -> int:
                 report(name, step)
                 follow()
 
-            trained = train_experiment(experiment, options.seed, out, options.resume, on_update)
+            trained = train_experiment(
+                experiment, options.seed, out, options.resume, on_update, every_s
+            )
     except KeyboardInterrupt:
         return complain(
             f"interrupted; to go on: skystack train {options.experiment} --seed {options.seed} "
             f"--out {out} --resume"
             + " --tensorboard" * options.tensorboard
+            + f" --checkpoint-every {every_s}" * (every_s != CHECKPOINT_EVERY_S)
             + "".join(f" --set {change}" for change in options.changes),
             INTERRUPTED,
         )

@@ -23,6 +23,7 @@ from skystack.simulator.traffic import Traffic, callsigns
 from skystack.stacking import Stack, stack_traced
 from skystack.tasks.contract import Outcome
 from skystack.tasks.navigation import NavigationState, NavigationTask
+from skystack.tasks.plain import checked_action
 
 
 class Job(NamedTuple):
@@ -101,6 +102,7 @@ class Pilot:
         rows = []
         for query in query_keys(task, key):
             told, stack = jax.device_get(self._decide(state, query))
+            checked_action(stack.action, len(task.action_names))
             if stack.instructions > 0:
                 self._issue(told.traffic, stack)
             flown = traffic_of(self._platform.advance(), told.traffic, plane)

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
+from skystack.errors import InputError
 from skystack.learning.inference import Layers, Normaliser, forward, normalise
 from skystack.seeds import scenario_key
 from skystack.simulator.traffic import Traffic
@@ -107,7 +108,10 @@ def fly(
     scenarios: int,
     stacking: bool,
 ) -> Recording:
-    """Fly scenarios 0, 1, ... of an evaluation seed, stacked or one instruction a cycle."""
+    """Fly scenarios 0, 1, ... of an evaluation seed, stacked or one instruction a cycle.
+
+    Raises InputError for a controller that answers with what is not in the task's action table.
+    """
     return prepare(task, controller.decide, stacking)(controller.weights, seed, scenarios)
 
 
@@ -122,9 +126,22 @@ def prepare(task: NavigationTask, decide: Decide, stacking: bool) -> Fly:
             numbers = np.arange(first, min(first + SCENARIOS_AT_ONCE, scenarios), dtype=np.int32)
             keys = jnp.stack([scenario_key(seed, int(number)) for number in numbers])
             parts.append(jax.device_get(flown(weights, keys, numbers)))
+            _check_actions(parts[-1], len(task.action_names))
         return together(parts)
 
     return fly
+
+
+def _check_actions(recording: Recording, actions: int) -> None:
+    """Inside a compiled program an action beyond the table would be taken for the last one."""
+    asked = recording.action
+    beyond = np.argwhere(recording.ran & ((asked < 0) | (asked >= actions)))
+    if beyond.size:
+        index, cycle = beyond[0]
+        raise InputError(
+            f"scenario {recording.number[index]}, cycle {cycle}: action is {asked[index, cycle]} "
+            f"(allowed: whole numbers from 0 to {actions - 1})"
+        )
 
 
 def together(parts: Sequence[Recording]) -> Recording:

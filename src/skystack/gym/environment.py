@@ -1,6 +1,5 @@
 """One scenario as a Gymnasium environment, stepped through, or in its two phases."""
 
-import operator
 from typing import Any
 
 import gymnasium
@@ -59,8 +58,7 @@ class TaskEnvironment(gymnasium.Env[Observation, np.int64]):
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, Info]:
         """The task's step: give an instruction, or none, and fly one radar cycle."""
-        told = checked_action(action, len(self.task.action_names))
-        flown = self._flown(*self._plain.step(self._scenario, told))
+        flown = self._flown(*self._plain.step(self._scenario, action))
         return self.observe(), *flown
 
     def observe(self) -> Observation:
@@ -69,13 +67,11 @@ class TaskEnvironment(gymnasium.Env[Observation, np.int64]):
 
     def may_stack(self, action: Any) -> bool:
         """Whether an instruction can be given now."""
-        told = checked_action(action, len(self.task.action_names))
-        return self._plain.may_stack(self._scenario, told)
+        return self._plain.may_stack(self._scenario, action)
 
     def instruct(self, action: Any) -> None:
         """Give an instruction; no time passes."""
-        told = checked_action(action, len(self.task.action_names))
-        self._now = self._plain.instruct(self._scenario, told)
+        self._now = self._plain.instruct(self._scenario, action)
 
     def advance(self) -> tuple[float, bool, bool, Info]:
         """Fly one radar cycle: (reward, terminated, truncated, info)."""
@@ -129,17 +125,6 @@ def drawn_key(generator: np.random.Generator) -> PRNGKeyArray:
 def drawn_number(generator: np.random.Generator) -> int:
     """What the key of the next scenario is made from."""
     return int(generator.integers(2**31))
-
-
-def checked_action(action: Any, actions: int) -> int:
-    """An action as a plain number. Raises InputError for one that is not in the table."""
-    try:
-        number = operator.index(action)
-    except TypeError:
-        number = -1
-    if not 0 <= number < actions:
-        raise InputError(f"action is {action!r} (allowed: whole numbers from 0 to {actions - 1})")
-    return number
 
 
 def metrics_info(metrics: Metrics) -> Info:

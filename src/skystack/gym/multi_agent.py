@@ -17,7 +17,6 @@ from skystack.gym.environment import (
     FRAMES_PER_S,
     RENDER_MODES,
     Observation,
-    checked_action,
     drawn_key,
     metrics_info,
     observations_of,
@@ -28,6 +27,7 @@ from skystack.simulator.traffic import callsigns
 from skystack.tasks.build import build_task
 from skystack.tasks.contract import NO_ACTION, Outcome
 from skystack.tasks.navigation import NavigationState, NavigationTask
+from skystack.tasks.plain import checked_action
 from skystack.tasks.settings import TaskSettings
 
 Observed = dict[str, Observation]

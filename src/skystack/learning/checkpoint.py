@@ -9,7 +9,7 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from skystack.errors import InputError
+from skystack.errors import CheckpointError
 from skystack.files import write_aside
 from skystack.learning.ppo import Learner
 
@@ -29,7 +29,7 @@ def save_checkpoint(path: Path, learner: Learner, fingerprint: str) -> None:
 def load_checkpoint(path: Path, like: Learner, fingerprint: str) -> Learner:
     """Read a learner of the same structure as `like`, whose arrays may be mere shapes.
 
-    Raises InputError for a damaged file or one of another experiment, seed or configuration.
+    Raises CheckpointError for a damaged file or one of another experiment, seed or configuration.
     """
     leaves, structure = jax.tree.flatten(like)
     try:
@@ -38,13 +38,13 @@ def load_checkpoint(path: Path, like: Learner, fingerprint: str) -> Learner:
             if metadata.get("fingerprint") != fingerprint or metadata.get("shapes") != _shapes(
                 like
             ):
-                raise InputError(
+                raise CheckpointError(
                     f"{path}: belongs to another experiment, seed or configuration (allowed: the "
                     "--seed and every --set that it was begun with; or another folder)"
                 )
             loaded = [file.get_tensor(f"{index:03d}") for index in range(len(leaves))]
     except (OSError, SafetensorError) as error:
-        raise InputError(f"{path}: not a checkpoint: {error}") from None
+        raise CheckpointError(f"{path}: not a checkpoint: {error}") from None
     restored = [_like(old, new) for old, new in zip(leaves, loaded, strict=True)]
     result: Learner = jax.tree.unflatten(structure, restored)
     return result

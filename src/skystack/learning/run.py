@@ -1,7 +1,6 @@
 """A training run: the loop round the compiled update, its files, progress and interruption."""
 
 import hashlib
-import json
 import math
 import subprocess
 import time
@@ -14,11 +13,12 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from skystack.errors import InputError, TrainingError
-from skystack.files import make_folder, write_aside
+from skystack.errors import InputError
+from skystack.files import alone_in, make_folder, write_aside
 from skystack.learning import ppo
 from skystack.learning.checkpoint import load_checkpoint, save_checkpoint
 from skystack.learning.experiment import Experiment, resolved, to_toml
+from skystack.learning.metrics_file import MetricsFile
 from skystack.learning.phases import compiled_updates, learners, phases
 from skystack.learning.policy import (
     FORMAT,
@@ -28,6 +28,7 @@ from skystack.learning.policy import (
     save_policy,
 )
 from skystack.learning.settings import PPOSettings
+from skystack.learning.watch import Watch, finite
 from skystack.seeds import training_key
 from skystack.tasks.build import build_training_task
 from skystack.tasks.contract import Task
@@ -72,44 +73,67 @@ def train_experiment(
     folder: Path,
     resume: bool = False,
     on_update: Callable[[Progress], None] = lambda progress: None,
+    checkpoint_every_s: float = CHECKPOINT_EVERY_S,
 ) -> Trained:
     """Train one seed of an experiment into a folder.
 
-    Writes `config.toml`, `metrics.jsonl` (a line an update), `checkpoint/` (once a minute and when
-    interrupted) and, at the end, the policy. With `resume`, goes on from the checkpoint if there
-    is one. Raises TrainingError when a loss is no number, InputError for a folder or checkpoint
-    that cannot be used; on KeyboardInterrupt the checkpoint is written first.
+    Writes `config.toml`, `metrics.jsonl` (a line an update), `checkpoint/` (that often, 0: at every
+    update, and when interrupted) and, at the end, the policy. With `resume`, goes on from the
+    checkpoint if there is one. Raises TrainingError when a loss or a weight is no number or a loss
+    explodes, CheckpointError for a checkpoint that cannot be gone on with, InputError for a folder
+    that cannot be written to or in which another process trains; on KeyboardInterrupt the
+    checkpoint is written first.
     """
+    with alone_in(folder, below=("checkpoint",)):
+        return _train(experiment, seed, folder, resume, on_update, checkpoint_every_s)
+
+
+def _train(
+    experiment: Experiment,
+    seed: int,
+    folder: Path,
+    resume: bool,
+    on_update: Callable[[Progress], None],
+    checkpoint_every_s: float,
+) -> Trained:
     begun = time.monotonic()
     task, settings = build_training_task(experiment.task), experiment.ppo
     checkpoint = make_folder(folder / "checkpoint") / CHECKPOINT
     fingerprint = hashlib.sha256(to_toml(experiment) + str(seed).encode()).hexdigest()
     init, key = jax.jit(partial(ppo.init, task, settings)), training_key(seed)
     like = jax.eval_shape(init, key)
-    going_on = resume and checkpoint.exists()
-    resumed = load_checkpoint(checkpoint, like, fingerprint) if going_on else None
+    if not resume:  # or a training killed soon would leave another one's checkpoint
+        checkpoint.unlink(missing_ok=True)
+    resumed = load_checkpoint(checkpoint, like, fingerprint) if checkpoint.exists() else None
     first = int(resumed.updates) if resumed else 0
-    metrics = _Metrics(folder / "metrics.jsonl", first, begun)
-    write_aside(folder / "config.toml", to_toml(experiment))
+    metrics = MetricsFile(folder / "metrics.jsonl", first, begun)
+    watch = Watch(experiment.name, seed, checkpoint, first * settings.samples)
+
+    def save(learner: ppo.Learner) -> None:
+        metrics.sync()  # a checkpoint without its lines could not be gone on with
+        save_checkpoint(checkpoint, learner, fingerprint)
+        watch.saved_steps = int(learner.updates) * settings.samples
+
     compiled = compiled_updates(phases(experiment, task, first), settings, like)
     with closing(metrics), compiled as updates:
+        write_aside(folder / "config.toml", to_toml(experiment))
         learner = resumed or init(key)
         pace, saved = _Pace(settings, first), time.monotonic()
         try:
             for number, updated, measured in learners(updates, settings, learner):
-                values = {name: _number(value) for name, value in jax.device_get(measured).items()}
+                values = {name: finite(value) for name, value in jax.device_get(measured).items()}
                 steps = number * settings.samples
-                _check(values, experiment.name, seed, steps)
+                watch.check(updated, values, steps)
                 metrics.append({"update": number, "steps": steps}, values)
                 learner = updated  # after its line, which is cut off if it is to be written again
                 on_update(pace.progress(number, values))
-                if time.monotonic() - saved > CHECKPOINT_EVERY_S:
-                    save_checkpoint(checkpoint, learner, fingerprint)
+                if time.monotonic() - saved >= checkpoint_every_s:
+                    save(learner)
                     saved = time.monotonic()
         except KeyboardInterrupt:
-            save_checkpoint(checkpoint, learner, fingerprint)
+            save(learner)
             raise
-    save_checkpoint(checkpoint, learner, fingerprint)
+        save(learner)
     policy = _policy(experiment, seed, task, learner)
     save_policy(folder, policy)
     return Trained(policy, settings.updates * settings.samples, metrics.wall_s())
@@ -127,7 +151,13 @@ def begun_with(experiment: Experiment, folder: Path, resume: bool) -> list[str]:
             f"{folder}: holds a trained policy already (allowed: another folder by --out, or "
             "remove this one)"
         )
-    if resume and not (folder / "checkpoint" / CHECKPOINT).exists():
+    unfinished = (folder / "checkpoint" / CHECKPOINT).exists()
+    if unfinished and not resume:
+        raise InputError(
+            f"{folder}: holds a training that is not finished (allowed: --resume, another folder "
+            "by --out, or remove this one)"
+        )
+    if resume and not unfinished:
         said.insert(0, f"{folder} holds no checkpoint: training begins anew")
     before, steps = experiment.pretraining, experiment.ppo.total_steps
     if before is not None and before.steps >= steps:
@@ -153,54 +183,6 @@ class _Pace:
         rate = done * settings.samples / (now - self._warm) if done else math.nan
         total = settings.updates * settings.samples
         return Progress(number * settings.samples, total, rate, values)
-
-
-class _Metrics:
-    """`metrics.jsonl`, cut back to the lines of the updates already made."""
-
-    def __init__(self, path: Path, updates: int, begun: float) -> None:
-        lines = _lines(path, updates) if updates else []
-        write_aside(path, "".join(lines).encode())
-        # As if the updates made before had been made just before this run.
-        self._begun: float = begun - (json.loads(lines[-1])["wall_s"] if lines else 0.0)
-        self._file = path.open("a", encoding="utf-8")
-
-    def wall_s(self) -> float:
-        """What all has taken until now, earlier runs included as far as their lines tell."""
-        return time.monotonic() - self._begun
-
-    def append(self, line: dict[str, Any], values: dict[str, float | None]) -> None:
-        self._file.write(json.dumps(line | {"wall_s": self.wall_s()} | values) + "\n")
-        self._file.flush()
-
-    def close(self) -> None:
-        self._file.close()
-
-
-def _lines(path: Path, updates: int) -> list[str]:
-    """The lines of the first updates."""
-    try:
-        lines = path.read_text().splitlines(keepends=True)[:updates]
-        if [json.loads(line)["update"] for line in lines] == list(range(1, updates + 1)):
-            return lines
-    except (OSError, ValueError, KeyError, TypeError):
-        pass
-    raise InputError(
-        f"{path}: does not hold the {updates} updates of the checkpoint; "
-        "train into another folder, or without --resume"
-    )
-
-
-def _check(values: dict[str, float | None], name: str, seed: int, steps: int) -> None:
-    for term in ("policy_loss", "value_loss", "entropy"):
-        if values[term] is None:
-            raise TrainingError(f"{name}, seed {seed}: {term} is not finite after {steps} steps")
-
-
-def _number(value: Any) -> float | None:
-    """JSON has no NaN: what was not measured (no scenario ended) is null."""
-    number = float(value)
-    return number if math.isfinite(number) else None
 
 
 def _policy(experiment: Experiment, seed: int, task: Task, learner: ppo.Learner) -> Policy:

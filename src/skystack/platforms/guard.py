@@ -18,10 +18,10 @@ class Guarded:
 
     def __init__(self, opened: Callable[[], Platform]) -> None:
         self._platform = _ask(opened)
-        self._aircraft = 0
+        self._callsigns: tuple[str, ...] = ()
 
     def reset(self, scenario: Scenario) -> Report:
-        self._aircraft = len(scenario.aircraft)
+        self._callsigns = tuple(aircraft.callsign for aircraft in scenario.aircraft)
         return self._checked(_ask(self._platform.reset, scenario))
 
     def issue(self, instruction: Instruction) -> None:
@@ -35,10 +35,13 @@ class Guarded:
 
     def _checked(self, report: Report) -> Report:
         for name, values in report._asdict().items():
-            if values.shape != (self._aircraft,):
-                raise PlatformError(f"reported {values.shape} of {name} for {self._aircraft}")
-            if not np.all(np.isfinite(values)):
-                raise PlatformError(f"reported a {name} that is not finite")
+            if values.shape != (len(self._callsigns),):
+                count = len(self._callsigns)
+                raise PlatformError(f"reported {values.shape} of {name} for {count}")
+            wrong = np.flatnonzero(~np.isfinite(values))
+            if wrong.size:
+                callsign = self._callsigns[wrong[0]]
+                raise PlatformError(f"reported a {name} of {callsign} that is not finite")
         return report
 
 

@@ -21,7 +21,7 @@ from typing import Any
 
 import skystack
 from skystack.errors import InputError, TrainingError
-from skystack.files import make_folder, write_aside
+from skystack.files import is_scratch, make_folder, write_aside
 from skystack.programs import compile_for_one_core
 from skystack.reproduction.jobs import Done, Job, Message, Report, jobs_of, longest_first, run_job
 from skystack.reproduction.plan import Plan
@@ -167,8 +167,8 @@ def _hear(messages: Any, plan: Plan, report: Report) -> None:
 
 
 def _pack(plan: Plan, folders: Iterable[Path]) -> Files:
-    found = (path for folder in folders for path in sorted(folder.rglob("*")) if path.is_file())
-    return _read(plan, found)
+    found = (path for folder in folders for path in sorted(folder.rglob("*")))
+    return _read(plan, (path for path in found if path.is_file() and not is_scratch(path)))
 
 
 def _read(plan: Plan, paths: Iterable[Path]) -> Files:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 
 import skystack
-from skystack.errors import InputError
+from skystack.errors import CheckpointError
 from skystack.evaluation.judge import (
     DO_NOTHING,
     Conditions,
@@ -119,10 +119,7 @@ def trained_once(
         same = begun.exists() and begun.read_bytes() == config
         try:
             return train_experiment(experiment, seed, folder, same, on_update).summary
-        except InputError:
-            if not same:
-                raise
-            # What an earlier run left cannot be gone on with.
+        except CheckpointError:
             return train_experiment(experiment, seed, folder, False, on_update).summary
 
     key = {

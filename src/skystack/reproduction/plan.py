@@ -21,6 +21,8 @@ QUICK_STEPS = 500_000
 QUICK_EPISODES = 200
 PLATFORM_EPISODES = 100
 """As many scenarios as the paper's."""
+OWN_FOLDERS = ("evaluation", "evaluation/*", "figures")
+"""Where in its folder a reproduction writes beside its trainings, which look after themselves."""
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,13 @@ import multiprocessing
 import os
 import signal
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.managers import SyncManager
 from threading import Thread
 from typing import Any
 
 from skystack.cores import cores
+from skystack.errors import TrainingError
 from skystack.reproduction.jobs import Done, Job, Report, jobs_of, longest_first, run_job
 from skystack.reproduction.plan import Plan
 
@@ -19,7 +22,9 @@ def run_in_processes(plan: Plan, report: Report) -> list[Done]:
     """All seeds of all experiments, in order of the plan; their progress goes to `report`."""
     jobs = jobs_of(plan)
     context = multiprocessing.get_context("spawn")
-    with context.Manager() as manager:
+    manager = SyncManager(ctx=context)
+    manager.start(_end_with_parent)
+    with manager:
         messages: Messages = manager.Queue()
         free_cores = manager.Queue()
         for core in cores():
@@ -32,6 +37,11 @@ def run_in_processes(plan: Plan, report: Report) -> list[Done]:
         try:
             futures = {job.name: pool.submit(_run, job, messages) for job in longest_first(jobs)}
             return [futures[job.name].result() for job in jobs]
+        except BrokenProcessPool:
+            raise TrainingError(
+                "a process that trains was killed, perhaps for want of memory; what is finished is "
+                "kept, and the same command goes on"
+            ) from None
         except BaseException:
             _stop_workers()
             raise
@@ -51,9 +61,22 @@ def _stop_workers() -> None:
 def _pin(free_cores: Any) -> None:
     """One process, one core: two learners on the same cores slow each other down."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # the parent tells of an interruption
+    _end_with_parent()
     core = free_cores.get()
     if core is not None:
         os.sched_setaffinity(0, {core})
+
+
+def _end_with_parent() -> None:
+    """A parent that is killed cannot stop its children: left alone they would hold the folders."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        Thread(target=_outlive, args=(parent,), daemon=True).start()
+
+
+def _outlive(parent: Any) -> None:
+    parent.join()
+    os._exit(1)
 
 
 def _listen(messages: Messages, report: Report) -> None:

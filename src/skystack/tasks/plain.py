@@ -5,6 +5,7 @@ has told somebody something asks three things next (the new state, what is seen 
 said now), so one program answers them all.
 """
 
+import operator
 from typing import Any, NamedTuple
 
 import jax
@@ -12,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from skystack.errors import InputError
 from skystack.tasks.contract import Outcome, Task, TaskState
 
 
@@ -31,11 +33,25 @@ class Seen(NamedTuple):
     view: View
 
 
+def checked_action(action: Any, actions: int) -> int:
+    """An action as a plain number. Raises InputError for one that is not in the table."""
+    try:
+        number = operator.index(action)
+    except TypeError:
+        number = -1
+    if not 0 <= number < actions:
+        raise InputError(f"action is {action!r} (allowed: whole numbers from 0 to {actions - 1})")
+    return number
+
+
 class PlainTask:
-    """Implements `skystack.stacking.TwoPhase`, and `reset`, `advance` and `step` of a task."""
+    """Implements `skystack.stacking.TwoPhase`, and `reset`, `advance` and `step` of a task.
+
+    Raises InputError for an action that is not in the task's table.
+    """
 
     def __init__(self, task: Task) -> None:
-        self._task = task
+        self._task, self._actions = task, len(task.action_names)
         self._like = jax.eval_shape(task.reset, jax.random.key(0))
         self._reset, self._begin = jax.jit(self._drawn), jax.jit(self._seen)
         self._told, self._flown = jax.jit(self._tell), jax.jit(self._fly)
@@ -57,19 +73,23 @@ class PlainTask:
     def observe(self, seen: Seen) -> Float[np.ndarray, " observation"]:
         return np.asarray(seen.view.observation)
 
-    def may_stack(self, seen: Seen, action: int | np.integer) -> bool:
-        return bool(np.asarray(seen.view.allowed)[action])
+    def checked_action(self, action: Any) -> int:
+        """An action as a plain number."""
+        return checked_action(action, self._actions)
 
-    def instruct(self, seen: Seen, action: int | np.integer) -> Seen:
-        return self._told(seen.packed, np.int32(action))
+    def may_stack(self, seen: Seen, action: Any) -> bool:
+        return bool(np.asarray(seen.view.allowed)[self.checked_action(action)])
+
+    def instruct(self, seen: Seen, action: Any) -> Seen:
+        return self._told(seen.packed, np.int32(self.checked_action(action)))
 
     def advance(self, seen: Seen) -> tuple[Seen, Outcome]:
         """One radar cycle."""
         return self._flown(seen.packed)
 
-    def step(self, seen: Seen, action: int | np.integer) -> tuple[Seen, Outcome]:
+    def step(self, seen: Seen, action: Any) -> tuple[Seen, Outcome]:
         """The MDP step of the task."""
-        return self._stepped(seen.packed, np.int32(action))
+        return self._stepped(seen.packed, np.int32(self.checked_action(action)))
 
     def _drawn(self, key: PRNGKeyArray) -> Seen:
         return self._seen(self._task.reset(key))
