@@ -20,7 +20,16 @@ _STRANGE: tuple[Any, ...] = (
     *(None, True, False, 0, -1, 1, 10, 299, 360, 600, 2**31, 2**53, 2**63, 2**64, -(2**63), 10**30),
     *(0.5, -0.5, 1e-320, 1e30, 3.5e38, 1.8e308, -1e308, float("nan"), float("inf"), -float("inf")),
     *("", " ", "a", "NaN", "../../x.json", "/etc/passwd.json", "x.json\0", "a\nb", "\u2028", "`a`"),
-    *("\x1b[31m", "é" * 50, "x" * 5000, "\U0001f6e9", "\ud800", "AC1", "x-plus", "bluebird:X-Sector"),
+    *(
+        "\x1b[31m",
+        "é" * 50,
+        "x" * 5000,
+        "\U0001f6e9",
+        "\ud800",
+        "AC1",
+        "x-plus",
+        "bluebird:X-Sector",
+    ),
     *([], {}, [[]], [None], {"": 0}, {"a\nb": 1}, list(range(300))),
 )
 
@@ -153,7 +162,9 @@ def mutated_safetensors(random: Random, data: bytes) -> bytes:
         return struct.pack("<Q", len(header)) + header + body
     numbers = bytearray(body)
     for _ in range(random.choice((1, 1, 3, 50))):
-        strange = random.choice((float("nan"), float("inf"), 3.4e38, -3.4e38, -1.0, 0.0, 1e-40, 9.0))
+        strange = random.choice(
+            (float("nan"), float("inf"), 3.4e38, -3.4e38, -1.0, 0.0, 1e-40, 9.0)
+        )
         at = random.randrange(max(len(numbers) // 4, 1)) * 4
         numbers[at : at + 4] = struct.pack("<f", strange)
     return data[: 8 + length] + bytes(numbers)

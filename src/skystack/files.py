@@ -1,10 +1,29 @@
-"""Files are written aside and renamed: nothing half-written is ever found under its name."""
+"""Files are read up to a size, and written aside and renamed: nothing half-written is found."""
 
 import os
 import tempfile
 from pathlib import Path
 
 from skystack.errors import InputError
+
+MOST_BYTES = 64_000_000
+
+
+def read_whole(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
+    """A whole file. Raises InputError when it is no file, cannot be read or is too large."""
+    try:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise InputError("cannot be read (it is no plain file)")  # a pipe would be waited for
+        with path.open("rb") as file:
+            data = file.read(most_bytes + 1)
+    except InputError:
+        raise
+    except (OSError, ValueError) as error:  # a ValueError for a null byte in the name
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"cannot be read ({reason})") from None
+    if len(data) > most_bytes:
+        raise InputError(f"is too large (allowed: {most_bytes // 1_000_000} MB)")
+    return data
 
 
 def write_aside(path: Path, data: bytes) -> None:
