@@ -1,4 +1,4 @@
-"""Files made wrong in many ways, each from a random generator: bytes, JSON, TOML, Parquet, tensors."""
+"""Files made wrong in many ways: bytes, JSON, TOML, Parquet and tensors; the generator decides."""
 
 import json
 import re

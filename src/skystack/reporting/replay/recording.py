@@ -270,7 +270,9 @@ def _filled(values: Float[np.ndarray, "*axes rows"]) -> Float[np.ndarray, "*axes
 
 def _by_scenario(table: pa.Table) -> dict[int, pa.Table]:
     """The table cut where the scenario changes."""
-    table = table.sort_by("scenario") if table.num_rows else table
+    if not table.num_rows:
+        return {}
+    table = table.sort_by("scenario")
     number = table["scenario"].to_numpy()
     starts = np.flatnonzero(np.diff(number, prepend=-1))
     ends = np.append(starts[1:], len(number))
