@@ -4,9 +4,25 @@ import difflib
 from collections.abc import Iterable
 from pathlib import Path
 
+LONGEST_LINE = 2000
+"""Characters of a message; files from strangers may hold names of any length."""
+
 
 class InputError(ValueError):
-    """Bad input from the user: the message says what, where and what is allowed, in one line."""
+    """Bad input from the user: the message says what, where and what is allowed, in one line.
+
+    What cannot be printed is escaped, and what is too long is cut.
+    """
+
+    def __init__(self, message: str) -> None:
+        shown = message if len(message) <= LONGEST_LINE else f"{message[:LONGEST_LINE]}..."
+        if not shown.isprintable():
+            shown = "".join(each if each.isprintable() else ascii(each)[1:-1] for each in shown)
+        super().__init__(shown)
+
+
+LONGEST_NAME, MOST_NAMES = 200, 2000
+"""Among which the nearest name is sought."""
 
 
 class CheckpointError(InputError):
@@ -30,6 +46,7 @@ def unknown_name(
     """
     names = sorted(allowed)
     near = [path for path in paths if Path(path).exists()]
-    near += difflib.get_close_matches(name, names, n=1)
+    if len(name) <= LONGEST_NAME and len(names) <= MOST_NAMES:  # else it takes minutes
+        near += difflib.get_close_matches(name, names, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     return InputError(f"unknown {kind} {name!r}{hint} (allowed: {', '.join(names)})")

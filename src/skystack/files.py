@@ -1,4 +1,4 @@
-"""Files are written aside and renamed, folders locked: nothing half-written, nobody in the way."""
+"""Files are read up to a size, written aside and renamed, folders locked: nothing half-written."""
 
 import os
 import tempfile
@@ -16,6 +16,24 @@ except ImportError:  # not a POSIX system: nobody is locked out there
 LOCK = ".lock"
 """The file in a run folder that whoever works there holds locked; it stays, the lock does not."""
 _ASIDE = ".aside"
+MOST_BYTES = 64_000_000
+
+
+def read_whole(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
+    """A whole file. Raises InputError when it is no file, cannot be read or is too large."""
+    try:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise InputError("cannot be read (it is no plain file)")  # a pipe would be waited for
+        with path.open("rb") as file:
+            data = file.read(most_bytes + 1)
+    except InputError:
+        raise
+    except (OSError, ValueError) as error:  # a ValueError for a null byte in the name
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"cannot be read ({reason})") from None
+    if len(data) > most_bytes:
+        raise InputError(f"is too large (allowed: {most_bytes // 1_000_000} MB)")
+    return data
 
 
 def write_aside(path: Path, data: bytes) -> None:

@@ -5,13 +5,18 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 import msgspec
 
 from skystack.errors import InputError, unknown_name
+from skystack.files import read_whole
 
 MAX_BYTES = 10_000_000
+MAX_DEPTH = 32
+MAX_NUMBER = 2**63 - 1
+
+Decoded = TypeVar("Decoded")
 
 Entries = Mapping[str, type[msgspec.Struct]]
 """The structures of a file by where they stand: "" is the whole, "aircraft" the members of a list
@@ -32,18 +37,11 @@ def read_json(path: Path) -> Any:
 
     Raises InputError for a file that cannot be read, is too large or is not such JSON.
     """
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:  # a ValueError for a null byte in the name
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise InputError(f"cannot be read ({reason})") from None
-    if len(data) > MAX_BYTES:
-        raise InputError(f"is too large (allowed: {MAX_BYTES // 1_000_000} MB)")
+    data = read_whole(path, MAX_BYTES)
     if not data.strip():
         raise InputError("is empty (allowed: JSON)")
     try:
-        return json.loads(
+        raw = json.loads(
             data.decode("utf-8-sig"), object_pairs_hook=_object, parse_constant=_refuse_constant
         )
     except UnicodeDecodeError as error:
@@ -52,6 +50,40 @@ def read_json(path: Path) -> Any:
         raise
     except (ValueError, RecursionError) as error:
         raise InputError(f"is not JSON ({error})") from None
+    check_plain(raw)
+    return raw
+
+
+def check_plain(value: Any, depth: int = 0) -> None:
+    """Check values that a parser lets through and what follows would not bear.
+
+    Raises InputError for numbers that are not finite or beyond 64 bits, text that is no Unicode,
+    dates, and lists and objects that are nested too deep.
+    """
+    if isinstance(value, dict | list):
+        if depth == MAX_DEPTH:
+            raise InputError(f"is nested too deep (allowed: {MAX_DEPTH} levels)")
+        inner = [*value, *value.values()] if isinstance(value, dict) else value
+        for each in inner:
+            check_plain(each, depth + 1)
+    elif isinstance(value, str):
+        try:
+            value.encode()
+        except UnicodeEncodeError:
+            raise InputError(f"{value[:60]!r} is no text (allowed: Unicode)") from None
+    elif isinstance(value, int | float):
+        if not -MAX_NUMBER <= value <= MAX_NUMBER:  # true of NaN, too
+            raise InputError(f"{str(value)[:60]} is too large (allowed: finite numbers of 64 bits)")
+    elif value is not None:
+        raise InputError(f"{str(value)[:60]} is a date or time (allowed: none)")
+
+
+def decode(data: bytes, kind: type[Decoded], where: str) -> Decoded:
+    """JSON of a known shape. Raises InputError that says where it is damaged."""
+    try:
+        return msgspec.json.decode(data, type=kind)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(f"{where}: damaged: {error}") from None
 
 
 def convert(raw: Any, entries: Entries) -> Any:

@@ -7,6 +7,8 @@ from typing import Any
 import msgspec
 
 from skystack.errors import InputError
+from skystack.files import read_whole
+from skystack.json_file import decode, inside
 
 FORMAT = 1
 FILE = "measured.json"
@@ -41,10 +43,8 @@ def read_measured(folder: Path) -> Measured | None:
     path = folder / FILE
     if not path.exists():
         return None
-    try:
-        measured = msgspec.json.decode(path.read_bytes(), type=Measured)
-    except (OSError, msgspec.DecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from None
+    with inside(str(path)):
+        measured = decode(read_whole(path), Measured, "cannot be read")
     if measured.format != FORMAT:
         raise InputError(f"{path}: format {measured.format} (allowed: {FORMAT})")
     return measured

@@ -20,6 +20,7 @@ from skystack.json_file import convert, inside, not_allowed, read_json
 ON_EDGE_NM = 0.5
 """An exit fix lies this close to the area's edge, and further from its corners."""
 MAX_VERTICES = 500
+SHORTEST_EDGE_NM = 1e-3
 MAX_LATITUDE_DEG = 80.0
 
 Latitude = Annotated[float, Meta(ge=-MAX_LATITUDE_DEG, le=MAX_LATITUDE_DEG)]
@@ -131,7 +132,11 @@ def _ring(area: Any) -> list[LatLon]:
             "coordinates[0] is not a ring (allowed: [longitude, latitude] pairs, "
             f"latitudes from {-MAX_LATITUDE_DEG:.0f} to {MAX_LATITUDE_DEG:.0f})"
         ) from None
-    points = points[:-1] if len(points) > 1 and points[0] == points[-1] else points
+    points = tuple(
+        point
+        for point, before in zip(points, points[-1:] + points, strict=False)
+        if point != before
+    )  # a vertex twice makes an edge without length
     if not 3 <= len(points) <= MAX_VERTICES:
         raise InputError(f"has {len(points)} vertices (allowed: 3 to {MAX_VERTICES})")
     east = [lon for lon, _ in points]
@@ -156,6 +161,11 @@ def _area(ring: list[LatLon], plane: TangentPlane) -> tuple[LatLon, ...]:
     for lat, lon in ring:
         _check_distance("a vertex", plane, lat, lon)
     corners = plane.to_plane(*np.array(ring).T)
+    shortest_nm = float(np.hypot(*(corners - np.roll(corners, 1, axis=0)).T).min())
+    if shortest_nm < SHORTEST_EDGE_NM:
+        raise InputError(
+            f"has an edge of {shortest_nm:.2g} NM (allowed: at least {SHORTEST_EDGE_NM} NM)"
+        )
     reason = is_valid_reason(Polygon(corners))
     if reason != "Valid Geometry":
         raise InputError(f"is no plain polygon: {_with_degrees(reason, plane)}")

@@ -1,18 +1,27 @@
 """Parquet tables that carry their sector: written, read and checked; a flown scenario from them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from skystack.airspace.sector import Sector
+from skystack.airspace.sector_file import Point, SectorEntry, make_sector
 from skystack.errors import InputError
+from skystack.evaluation.columns import MOST_BYTES, MOST_ROWS, check_columns
 from skystack.files import write_aside
+from skystack.json_file import decode, inside
 from skystack.simulator.performance import PERFORMANCE
 from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario
+
+MOST_AIRCRAFT = 200
+MOST_CYCLES = 100_000
+
+Cycle = Annotated[int, msgspec.Meta(ge=0, le=MOST_CYCLES)]
+Level = Annotated[float, msgspec.Meta(ge=-1000.0, le=1000.0)]
 
 _SECTOR, _PERFORMANCE = b"sector", b"performance"
 
@@ -39,17 +48,37 @@ def write_table(
 def read_table(path: Path, columns: Sequence[str], filters: Any = None) -> pa.Table:
     """Some columns of a table. Raises InputError that names a missing or damaged table."""
     try:
-        known = pq.read_schema(path).names
-        missing = [name for name in columns if name not in known]
-        if missing:
-            raise InputError(f"{path}: has no column {missing[0]!r} (found: {', '.join(known)})")
-        return pq.read_table(path, columns=list(columns), filters=filters)
+        _check_head(path, pq.read_metadata(path), columns)
+        table = pq.read_table(path, columns=list(columns), filters=filters)
     except FileNotFoundError:
         raise InputError(f"{path}: missing (evaluation writes it)") from None
-    except (OSError, pa.ArrowException):
+    except (OSError, ValueError, pa.ArrowException) as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(
             f"{path}: damaged: cannot be read as a Parquet table of an evaluation"
         ) from None
+    with inside(str(path)):
+        check_columns(table)
+    return table
+
+
+def _check_head(path: Path, head: Any, columns: Sequence[str]) -> None:
+    """Before anything is read: whether the columns are there, once each, and of what size."""
+    known = head.schema.to_arrow_schema().names
+    for name in columns:
+        if known.count(name) != 1:
+            found = ", ".join(known)
+            missing = f"has no column {name!r}" if name not in known else f"has {name!r} twice"
+            raise InputError(f"{path}: {missing} (found: {found})")
+    groups = [head.row_group(number) for number in range(head.num_row_groups)]
+    parts = [group.column(number) for group in groups for number in range(group.num_columns)]
+    size = sum(part.total_uncompressed_size for part in parts if part.path_in_schema in columns)
+    if head.num_rows > MOST_ROWS or size > MOST_BYTES:
+        raise InputError(
+            f"{path}: is too large: {head.num_rows} rows, {size} bytes "
+            f"(allowed: {MOST_ROWS} rows, {MOST_BYTES} bytes)"
+        )
 
 
 def sector_of(path: Path, table: pa.Table) -> Sector:
@@ -57,10 +86,40 @@ def sector_of(path: Path, table: pa.Table) -> Sector:
     data = (table.schema.metadata or {}).get(_SECTOR)
     if data is None:
         raise InputError(f"{path}: has no sector in its metadata")
-    try:
-        return msgspec.json.decode(data, type=Sector)
-    except msgspec.DecodeError as error:
-        raise InputError(f"{path}: the sector in its metadata is damaged: {error}") from None
+    with inside(f"{path}: the sector in its metadata"):
+        stored = decode(data, Sector, "it")
+        ring = [[lon, lat] for lat, lon in stored.area]
+        return make_sector(
+            SectorEntry(
+                name=stored.name,
+                levels_fl=stored.levels_fl,
+                area={"type": "Polygon", "coordinates": [ring]},
+                fixes={name: Point(*at) for name, at in stored.fixes.items()},
+                routes=stored.routes,
+                origin=Point(*stored.origin),
+            )
+        )
+
+
+class _AircraftBeside(msgspec.Struct):
+    callsign: str
+    type: str
+    route: str
+    entry_fl: Level
+    exit_fl: int
+
+
+class _ClearanceBeside(msgspec.Struct):
+    cycle: Cycle
+    callsign: str
+    kind: str
+    value: Cycle
+    direction: str | None
+    instructions: int
+    text: str
+
+
+_BESIDE: dict[str, Any] = {"aircraft": list[_AircraftBeside], "clearances": list[_ClearanceBeside]}
 
 
 def metadata_of(path: Path, table: pa.Table, key: str) -> list[dict[str, Any]]:
@@ -68,10 +127,26 @@ def metadata_of(path: Path, table: pa.Table, key: str) -> list[dict[str, Any]]:
     data = (table.schema.metadata or {}).get(key.encode())
     if data is None:
         raise InputError(f"{path}: has no {key} in its metadata (simulate writes them)")
-    try:
-        return msgspec.json.decode(data, type=list[dict[str, Any]])
-    except msgspec.DecodeError as error:
-        raise InputError(f"{path}: the {key} in its metadata are damaged: {error}") from None
+    rows: list[msgspec.Struct] = decode(data, _BESIDE[key], f"{path}: the {key} in its metadata")
+    return [msgspec.to_builtins(row) for row in rows]
+
+
+def check_who(path: Path, sector: Sector, aircraft: Sequence[Mapping[str, Any]]) -> None:
+    """Check rows of aircraft of one scenario: each once, on fixes that there are.
+
+    Raises InputError that names the aircraft.
+    """
+    if len(aircraft) > MOST_AIRCRAFT:
+        raise InputError(f"{path}: has {len(aircraft)} aircraft (allowed: {MOST_AIRCRAFT})")
+    signs = [row["callsign"] for row in aircraft]
+    for row in aircraft:
+        if signs.count(row["callsign"]) > 1:
+            raise InputError(f"{path}: {row['callsign']} stands twice in one scenario")
+        for fix in row["route"].split():
+            if fix not in sector.fixes:
+                raise InputError(
+                    f"{path}: the route of {row['callsign']} has an unknown fix {fix!r}"
+                )
 
 
 def stored_scenario(folder: Path, number: int) -> Scenario:
@@ -90,19 +165,36 @@ def stored_scenario(folder: Path, number: int) -> Scenario:
     aircraft = read_table(folder / "aircraft.parquet", columns, only)
     issued = read_table(folder / "clearances.parquet", ("cycle", "callsign", "kind", "value"), only)
     episodes = read_table(folder / "episodes.parquet", ("cycles",), only)
-    performance = (start.schema.metadata or {}).get(_PERFORMANCE, b"table").decode()
+    performance = (
+        (start.schema.metadata or {}).get(_PERFORMANCE, b"table").decode("utf-8", "replace")
+    )
     if performance not in PERFORMANCE:
         raise InputError(f"{path}: unknown performance {performance!r} in its metadata")
     flown = {row.pop("callsign"): row for row in start.to_pylist()}
     if episodes.num_rows != 1 or set(flown) != set(aircraft["callsign"].to_pylist()):
         raise InputError(f"{folder}: its tables do not agree on scenario {number}")
+    sector, who, said = sector_of(path, start), aircraft.to_pylist(), issued.to_pylist()
+    check_who(folder / "aircraft.parquet", sector, who)
+    cycles = episodes["cycles"][0].as_py()
+    if not 1 <= cycles <= MOST_CYCLES:
+        raise InputError(f"{folder}: scenario {number} has {cycles} cycles (1 to {MOST_CYCLES})")
+    for row in said:
+        _check_given(folder / "clearances.parquet", row, cycles, flown)
     return Scenario(
-        sector_of(path, start),
+        sector,
         performance,
-        episodes["cycles"][0].as_py(),
-        tuple(_aircraft(row, flown[row["callsign"]]) for row in aircraft.to_pylist()),
-        tuple(_given(row) for row in issued.to_pylist()),
+        cycles,
+        tuple(_aircraft(row, flown[row["callsign"]]) for row in who),
+        tuple(_given(row) for row in said),
     )
+
+
+def _check_given(path: Path, row: Mapping[str, Any], cycles: int, flown: Collection[str]) -> None:
+    """A clearance for somebody who flies, in a cycle that is flown, of a value that there is."""
+    most = {"heading": 360, "level": 600}.get(row["kind"], -1)
+    if row["callsign"] not in flown or row["cycle"] >= cycles or row["value"] > most:
+        shown = ", ".join(str(each) for each in row.values())
+        raise InputError(f"{path}: no clearance of this scenario: {shown}")
 
 
 def _aircraft(row: dict[str, Any], start: dict[str, float]) -> Aircraft:

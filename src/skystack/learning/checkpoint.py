@@ -6,10 +6,10 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
 from safetensors.numpy import save
 
-from skystack.errors import CheckpointError
+from skystack.errors import CheckpointError, InputError
 from skystack.files import write_aside
 from skystack.learning.ppo import Learner
 
@@ -43,8 +43,14 @@ def load_checkpoint(path: Path, like: Learner, fingerprint: str) -> Learner:
                     "--seed and every --set that it was begun with; or another folder)"
                 )
             loaded = [file.get_tensor(f"{index:03d}") for index in range(len(leaves))]
-    except (OSError, SafetensorError) as error:
+    except InputError:
+        raise
+    except Exception as error:  # safetensors raises many kinds, numpy for types it lacks
         raise CheckpointError(f"{path}: not a checkpoint: {error}") from None
+    if [_shape(array) for array in loaded] != [_shape(leaf) for leaf in _plain_shapes(like)]:
+        raise CheckpointError(
+            f"{path}: not a checkpoint: its arrays have not the shapes that it states"
+        )
     restored = [_like(old, new) for old, new in zip(leaves, loaded, strict=True)]
     result: Learner = jax.tree.unflatten(structure, restored)
     return result
@@ -64,5 +70,12 @@ def _is_key(leaf: Leaf) -> bool:
 
 
 def _shapes(learner: Learner) -> str:
-    plain = (jax.eval_shape(_plain, leaf) for leaf in jax.tree.leaves(learner))
-    return json.dumps([[str(array.dtype), *array.shape] for array in plain])
+    return json.dumps([_shape(leaf) for leaf in _plain_shapes(learner)])
+
+
+def _plain_shapes(learner: Learner) -> list[jax.ShapeDtypeStruct]:
+    return [jax.eval_shape(_plain, leaf) for leaf in jax.tree.leaves(learner)]
+
+
+def _shape(array: np.ndarray | jax.ShapeDtypeStruct) -> list[str | int]:
+    return [str(array.dtype), *array.shape]

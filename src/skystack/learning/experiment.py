@@ -1,6 +1,5 @@
 """Reading experiments: by name or from a file, with single values changed, every key checked."""
 
-import tomllib
 from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from importlib.resources import files
@@ -12,10 +11,12 @@ import tomli_w
 
 from skystack.airspace.sectors import named_or_read
 from skystack.errors import InputError, unknown_name
-from skystack.json_file import inside
+from skystack.files import read_whole
+from skystack.json_file import MAX_BYTES, inside
 from skystack.learning.settings import PPOSettings, Pretraining
 from skystack.tasks.build import build_task
 from skystack.tasks.settings import RewardSettings, TaskSettings
+from skystack.toml_file import parse_toml
 
 _FOLDER = files("skystack").joinpath("experiments")
 
@@ -43,20 +44,15 @@ def load_experiment(name: str, changes: Iterable[str] = ()) -> Experiment:
     """
     if name.endswith(".toml"):
         where = name
-        try:
-            text = Path(name).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
-            raise InputError(f"{name}: cannot be read ({reason})") from None
+        with inside(name):
+            data = read_whole(Path(name), MAX_BYTES)
     elif name in experiment_names():
         where = f"experiment {name}"
-        text = _FOLDER.joinpath(f"{name}.toml").read_text("utf-8")
+        data = _FOLDER.joinpath(f"{name}.toml").read_bytes()
     else:
         raise unknown_name("experiment", name, experiment_names(), [f"{name}.toml"])
-    try:
-        values = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{where}: not TOML: {error}") from None
+    with inside(where):
+        values = parse_toml(data)
     _read_sector(values, Path(name).parent)
     changes = list(changes)
     before = deepcopy(values)
@@ -130,8 +126,8 @@ def _set(values: dict[str, Any], change: str) -> None:
             f"--set {change!r} is not of the form key=value (as ppo.total_steps=500000)"
         )
     try:
-        value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        value = parse_toml(f"value = {text}".encode())["value"]
+    except InputError:
         value = text.strip()
     *tables, last = key.strip().split(".")
     for table in tables:

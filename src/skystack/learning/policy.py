@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -14,11 +14,13 @@ from jaxtyping import Float
 from safetensors.numpy import load, save
 
 from skystack.errors import InputError
-from skystack.files import write_aside
-from skystack.learning.inference import Layers, Normaliser, forward, normalise
+from skystack.files import read_whole, write_aside
+from skystack.json_file import MAX_BYTES, check_plain, decode, inside
+from skystack.learning.inference import CLIP, Layers, Normaliser, forward, normalise
 
 FORMAT = 1
-LARGEST_FILE_BYTES = 64_000_000
+MOST_ANSWER = 1e30
+"""No answer may be able to come near what a float32 holds."""
 
 
 class PolicyDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -31,7 +33,7 @@ class PolicyDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     task_version: int
     observation: tuple[str, ...]
     actions: tuple[str, ...]
-    hidden: tuple[int, ...]
+    hidden: Annotated[tuple[int, ...], msgspec.Meta(max_length=100)]
     config: dict[str, Any]
     """The experiment, fully resolved."""
     packages: dict[str, str]
@@ -86,13 +88,14 @@ def load_policy(folder: Path) -> Policy:
     Raises InputError, naming the file, for anything missing, damaged or of another version.
     """
     described, weights = folder / "policy.json", folder / "policy.safetensors"
-    try:
-        description = msgspec.json.decode(_read(described), type=PolicyDescription)
-    except msgspec.DecodeError as error:
-        raise InputError(f"{described}: not a policy description: {error}") from None
+    with inside(str(described)):
+        text = read_whole(described, MAX_BYTES)
+        description = decode(text, PolicyDescription, "not a policy description")
+        check_plain(description.config)
     if description.format != FORMAT:
         raise InputError(f"{described}: format {description.format} (allowed: {FORMAT})")
-    data = _read(weights)
+    with inside(str(weights)):
+        data = read_whole(weights)
     if hashlib.sha256(data).hexdigest() != description.sha256:
         raise InputError(f"{weights}: contents do not fit the sha256 in {described.name}")
     try:
@@ -124,12 +127,26 @@ def _assemble(
         (tensors[f"actor.{index}.weights"], tensors[f"actor.{index}.biases"])
         for index in range(len(sizes) - 1)
     )
+    if np.any(tensors["normaliser.variance"] < 0.0):
+        raise InputError(f"{where}: tensor 'normaliser.variance' holds a negative number")
+    if _greatest(actor, tensors["normaliser.mean"]) > MOST_ANSWER:
+        raise InputError(f"{where}: its numbers are so great that its answers would overflow")
     count = np.float32(0.0)
     return Policy(
         description,
         actor,
         Normaliser(tensors["normaliser.mean"], tensors["normaliser.variance"], count),
     )
+
+
+def _greatest(actor: Layers, mean: Float[np.ndarray, " observation"]) -> float:
+    """As far from zero as anything can come on the way to an answer."""
+    bound = np.full(len(mean), CLIP)
+    greatest = float(np.abs(mean).max(initial=0.0))
+    for weights, biases in actor:
+        bound = bound @ np.abs(weights.astype(np.float64)) + np.abs(biases.astype(np.float64))
+        greatest = max(greatest, float(bound.max(initial=0.0)))
+    return greatest
 
 
 def package_versions() -> dict[str, str]:
@@ -141,12 +158,3 @@ def package_versions() -> dict[str, str]:
         except PackageNotFoundError:
             found[name] = "unknown"
     return found
-
-
-def _read(path: Path) -> bytes:
-    try:
-        if path.stat().st_size > LARGEST_FILE_BYTES:
-            raise InputError(f"{path}: larger than {LARGEST_FILE_BYTES} bytes")
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None

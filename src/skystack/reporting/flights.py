@@ -12,7 +12,8 @@ from jaxtyping import Float, Int
 
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
-from skystack.evaluation.stored import read_table, sector_of
+from skystack.evaluation.stored import check_who, read_table, sector_of
+from skystack.json_file import inside
 from skystack.tasks.tracking import SEPARATION_FL
 
 BURST_GAP_CYCLES = 2
@@ -177,8 +178,12 @@ def read_sector(folder: Path) -> Sector:
 
 def read_outcomes(folder: Path, first: int | None = None) -> Outcomes:
     """The first scenarios' results, or all. Raises InputError that names a bad table."""
-    table = read_table(folder / "episodes.parquet", Outcomes._fields)
-    return Outcomes(*(table[name].to_numpy()[:first] for name in Outcomes._fields))
+    path = folder / "episodes.parquet"
+    table = read_table(path, Outcomes._fields)
+    outcomes = Outcomes(*(table[name].to_numpy() for name in Outcomes._fields))
+    if len(np.unique(outcomes.scenario)) != len(outcomes.scenario):
+        raise InputError(f"{path}: a scenario stands in it twice")
+    return Outcomes(*(column[:first] for column in outcomes))
 
 
 def read_scenario(folder: Path, number: int) -> Scenario:
@@ -195,7 +200,10 @@ def read_scenario(folder: Path, number: int) -> Scenario:
     if not episode.num_rows or not flown.num_rows:
         raise InputError(f"{folder}: has no scenario {number}")
     sector = sector_of(folder / "trajectories.parquet", flown)
-    tracks = tuple(_track(sector, row, flown, issued) for row in aircraft.to_pylist())
+    who = aircraft.to_pylist()
+    check_who(folder / "aircraft.parquet", sector, who)
+    with inside(str(folder)):
+        tracks = tuple(_track(sector, row, flown, issued) for row in who)
     return Scenario(sector, number, episode["clearances"][0].as_py(), tracks)
 
 
@@ -205,13 +213,15 @@ _CLEARANCE_COLUMNS = ("cycle", "kind", "value", "direction", "instructions", "te
 def _track(sector: Sector, aircraft: dict[str, Any], flown: pa.Table, issued: pa.Table) -> Track:
     callsign = aircraft["callsign"]
     rows = [row for row in flown.to_pylist() if row["callsign"] == callsign]
+    said = [row for row in issued.to_pylist() if row["callsign"] == callsign]
+    if not rows or any(row["cycle"] >= len(rows) for row in said):
+        raise InputError(f"the rows of {callsign} are not complete")
     status = [row["status"] for row in rows]
     # What exited aircraft do afterwards is nobody's business any more.
     end = status.index("exited") + 1 if "exited" in status else len(rows)
     clearances = (
         Clearance(time_s=rows[row["cycle"]]["time_s"], **{k: row[k] for k in _CLEARANCE_COLUMNS})
-        for row in issued.to_pylist()
-        if row["callsign"] == callsign
+        for row in said
     )
     return Track(
         callsign=callsign,

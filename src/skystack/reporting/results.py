@@ -3,17 +3,21 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated
 
 import msgspec
 
 from skystack.errors import InputError
 from skystack.evaluation.statistics import Estimate
+from skystack.files import read_whole
+from skystack.json_file import decode, inside
 from skystack.platforms.registry import OWN
 
 Name = Annotated[str, msgspec.Meta(pattern=r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*\Z")]
 """Names become parts of file names: none leads into another folder."""
-Number = float | None
+Figure = Annotated[float, msgspec.Meta(ge=-1e15, le=1e15)]
+Count = Annotated[int, msgspec.Meta(ge=0, le=10**15)]
+Number = Figure | None
 """JSON has no NaN: what could not be measured is null."""
 
 SIMULATORS = {OWN: "skystack", "bluebird": "BluebirdDT", "bluesky": "BlueSky"}
@@ -63,7 +67,7 @@ def family_of(experiment: str) -> str:
 class Paper(msgspec.Struct, frozen=True):
     """What the paper states for a row."""
 
-    clearances_mean: float
+    clearances_mean: Figure
     clearances_std: Number = None
 
 
@@ -109,11 +113,11 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     experiment: Name
     platform: Name
     stacking: bool
-    seeds: int
+    seeds: Count
     """How many trainings."""
-    seed: int | None = None
+    seed: Count | None = None
     """Which training; only in `rows_by_seed`."""
-    episodes: int
+    episodes: Count
     clearances_mean: Number
     clearances_std: Number
     instructions_mean: Number
@@ -121,7 +125,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     correct_exit_rate: Number
     excursion_rate: Number
     few_clearances_rate: Number
-    loss_of_separation_count: int
+    loss_of_separation_count: Count
     paper: Paper | None = None
     wall_s: Number = None
     """What flying took."""
@@ -163,10 +167,10 @@ class Training(msgspec.Struct, frozen=True):
     """One training: how long it was and how long it took."""
 
     experiment: Name
-    seed: int
-    steps: int
-    wall_s: float
-    steps_per_s: float
+    seed: Count
+    steps: Count
+    wall_s: Figure
+    steps_per_s: Figure
 
 
 class Results(msgspec.Struct, frozen=True, kw_only=True):
@@ -175,7 +179,7 @@ class Results(msgspec.Struct, frozen=True, kw_only=True):
     rows: list[Row]
     rows_by_seed: list[Row]
     train: list[Training]
-    wall_s: float
+    wall_s: Figure
     machine: str
     version: str
     command: str
@@ -215,14 +219,14 @@ class Results(msgspec.Struct, frozen=True, kw_only=True):
 class Bound(msgspec.Struct, frozen=True):
     """The fewest clearances that any controller needs, on average over some scenarios."""
 
-    clearances_mean: float
-    scenarios: int
+    clearances_mean: Figure
+    scenarios: Count
 
 
 class Update(msgspec.Struct, frozen=True):
     """One update of a training: means over the scenarios that ended in it; null where none did."""
 
-    steps: int
+    steps: Count
     wall_s: Number = None
     """Since training began."""
     episode_return: Number = msgspec.field(default=None, name="return")
@@ -232,7 +236,7 @@ class Update(msgspec.Struct, frozen=True):
     few_instructions: Number = None
     instructions: Number = None
     bursts: Number = None
-    episodes: float = 0.0
+    episodes: Figure = 0.0
     """How many scenarios ended."""
 
 
@@ -321,18 +325,5 @@ def _experiment_order(experiment: str) -> tuple[int, str]:
 
 def read_file(path: Path) -> bytes:
     """A whole file. Raises InputError that names it when it cannot be read."""
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-
-
-Decoded = TypeVar("Decoded")
-
-
-def decode(data: bytes, kind: type[Decoded], where: str) -> Decoded:
-    """JSON of a known shape. Raises InputError that says where it is damaged."""
-    try:
-        return msgspec.json.decode(data, type=kind)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{where}: damaged: {error}") from None
+    with inside(str(path)):
+        return read_whole(path)

@@ -1,6 +1,5 @@
 """What lies in run folders, of `train` and of `reproduce`, read so that it can be compared."""
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -8,17 +7,18 @@ from typing import Any, NamedTuple
 import msgspec
 
 from skystack.errors import InputError
+from skystack.json_file import decode, inside
 from skystack.reporting.learning_curves import at_the_end
 from skystack.reporting.results import (
     Row,
     Update,
-    decode,
     family_of,
     read_file,
     read_run,
     read_updates,
     row_order,
 )
+from skystack.toml_file import parse_toml
 
 NOT_COMPARED = ("name", "description")
 """Settings that change nothing."""
@@ -138,10 +138,9 @@ class _Described(msgspec.Struct):
 
 def _read_training(folder: Path, run: str) -> Learned:
     path = folder / "config.toml"
-    try:
-        config = tomllib.loads(read_file(path).decode())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: damaged: {error}") from None
+    data = read_file(path)
+    with inside(f"{path}: damaged"):
+        config = parse_toml(data)
     experiment = config.get("name")
     if not isinstance(experiment, str):
         raise InputError(f"{path}: damaged: has no name of an experiment")

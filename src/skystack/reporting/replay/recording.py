@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
-from skystack.evaluation.stored import metadata_of, read_table, sector_of
+from skystack.evaluation.stored import check_who, metadata_of, read_table, sector_of
 from skystack.platforms.registry import OWN
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.tasks.tracking import SEPARATION_NM, pair_distance_squared
@@ -182,6 +182,7 @@ def _scenario(
     if number not in rows or number not in aircraft:
         raise InputError(f"{path.parent}: its tables do not agree on scenario {number}")
     who = aircraft[number].to_pylist()
+    check_who(path.parent / "aircraft.parquet", sector, who)
     said = clearances[number].to_pylist() if number in clearances else []
     flying = tuple(_aircraft(sector, path, rows[number], each) for each in who)
     return _assembled(number, episode["cycles"], episode["success"], flying, said, path)
@@ -191,6 +192,9 @@ def _simulated(path: Path) -> Replay:
     flown = read_table(path, ("cycle", "callsign", *NUMBERS))
     who, said = (metadata_of(path, flown, key) for key in ("aircraft", "clearances"))
     sector = sector_of(path, flown)
+    check_who(path, sector, who)
+    if not flown.num_rows:
+        raise InputError(f"{path}: holds no row")
     status = pa.array([FLYING] * flown.num_rows)
     flown = flown.append_column("status", status)
     flying = tuple(_aircraft(sector, path, flown, each) for each in who)
@@ -207,16 +211,10 @@ def _aircraft(sector: Sector, path: Path, rows: pa.Table, entry: Mapping[str, An
     status = own["status"].to_pylist()
     end = status.index("exited") + 1 if "exited" in status else len(status)
     columns = {name: own[name].to_numpy().astype(np.float64)[:end] for name in NUMBERS}
-    if not all(np.all(np.isfinite(values)) for values in columns.values()):
-        raise InputError(f"{path}: the rows of {callsign} hold a non-finite number")
-    route = tuple(entry["route"].split())
-    for fix in route:
-        if fix not in sector.fixes:
-            raise InputError(f"{path}: the route of {callsign} has an unknown fix {fix!r}")
     return Flown(
         callsign=callsign,
         type=entry["type"],
-        route=route,
+        route=tuple(entry["route"].split()),
         entry_fl=float(entry["entry_fl"]),
         exit_fl=entry["exit_fl"],
         position_nm=sector.plane.to_plane(columns.pop("lat"), columns.pop("lon")),
@@ -272,7 +270,9 @@ def _filled(values: Float[np.ndarray, "*axes rows"]) -> Float[np.ndarray, "*axes
 
 def _by_scenario(table: pa.Table) -> dict[int, pa.Table]:
     """The table cut where the scenario changes."""
-    table = table.sort_by("scenario") if table.num_rows else table
+    if not table.num_rows:
+        return {}
+    table = table.sort_by("scenario")
     number = table["scenario"].to_numpy()
     starts = np.flatnonzero(np.diff(number, prepend=-1))
     ends = np.append(starts[1:], len(number))

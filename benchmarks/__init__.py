@@ -1,0 +1,1 @@
+"""Measurements and trials; run from the root of the repository."""

@@ -1,0 +1,237 @@
+"""Files made wrong in many ways: bytes, JSON, TOML, Parquet and tensors; the generator decides."""
+
+import json
+import re
+import struct
+from copy import deepcopy
+from random import Random
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import tomli_w
+
+_RAW: tuple[str, ...] = ("1e999", "-1e999", "NaN", "inf", "-inf", "1" * 5000, "1" * 400)
+_RAW += ("0x10", "'", "[" * 300)
+_RAW += ("[" * 20_000, '{"a":' * 900, "[" * 900 + "]" * 900, "[" * 5000 + "]" * 5000)
+_RAW += ("1979-05-27", "07:32:00", "1e-400", "-0.0", "", "\\ud800", '"\\ud800"', "null", "nan")
+_MARK = re.compile(r'"@raw:(\d+)"')
+"""What a writer would not write stands in its text as a string, and is put in afterwards."""
+_STRANGE: tuple[Any, ...] = (
+    *(None, True, False, 0, -1, 1, 10, 299, 360, 600, 2**31, 2**53, 2**63, 2**64, -(2**63), 10**30),
+    *(0.5, -0.5, 1e-320, 1e30, 3.5e38, 1.8e308, -1e308, float("nan"), float("inf"), -float("inf")),
+    *("", " ", "a", "NaN", "../../x.json", "/etc/passwd.json", "x.json\0", "a\nb", "\u2028", "`a`"),
+    *(
+        "\x1b[31m",
+        "é" * 50,
+        "x" * 5000,
+        "\U0001f6e9",
+        "\ud800",
+        "AC1",
+        "x-plus",
+        "bluebird:X-Sector",
+    ),
+    *([], {}, [[]], [None], {"": 0}, {"a\nb": 1}, list(range(300))),
+)
+
+
+def mutated_bytes(random: Random, data: bytes) -> bytes:
+    """Bits flipped, bytes set, cut, repeated, put in or taken out, at one to four places."""
+    changed = bytearray(data)
+    for _ in range(random.randint(1, 4)):
+        at = random.randrange(len(changed) + 1)
+        span = random.choice((1, 2, 4, 8, random.randrange(1, 200)))
+        kind = random.randrange(6)
+        if kind == 0 and changed:
+            changed[at % len(changed)] ^= 1 << random.randrange(8)
+        elif kind == 1:
+            changed[at : at + 1] = bytes([random.choice((0, 1, 0x7F, 0x80, 0xFF, 0x22, 0x0A))])
+        elif kind == 2:
+            del changed[at : at + span]
+        elif kind == 3:
+            changed[at:at] = random.randbytes(span)
+        elif kind == 4:
+            changed[at:at] = changed[at : at + span] * random.choice((1, 2, 50))
+        elif random.random() < 0.3:
+            del changed[at:]
+        else:
+            number = random.choice((0, 1, 2**31 - 1, 2**32 - 1, 2**63 - 1, 2**64 - 1))
+            changed[at : at + 8] = struct.pack("<Q", number)
+    return bytes(changed)
+
+
+def mutated_value(random: Random, value: Any) -> Any:
+    """Plain values with one to three of them changed, taken out, repeated, renamed or exchanged."""
+    value = deepcopy(value)
+    for _ in range(random.choice((1, 1, 1, 2, 3))):
+        value = _changed_once(random, value)
+    return value
+
+
+def _changed_once(random: Random, value: Any) -> Any:
+    places = _places(value) if isinstance(value, dict | list) else []
+    if not places or random.random() < 0.01:
+        return deepcopy(random.choice(_STRANGE))
+    holder, key = random.choice(places)
+    kind = random.randrange(8)
+    if kind == 0:
+        del holder[key]
+    elif kind == 1 and isinstance(holder, dict):
+        name = random.choice(("", "x", "a\nb", f"{key} ", f"{key}s", "a.b", "`", "é", "\ud800"))
+        holder[name] = holder[key] if random.random() < 0.5 else holder.pop(key)
+    elif kind == 1:
+        holder[key:key] = [holder[key]] * random.choice((1, 2, 1000))
+    elif kind == 2:
+        other, name = random.choice(places)
+        holder[key] = deepcopy(other[name])
+    elif kind == 3 and isinstance(holder[key], int | float):
+        change = random.choice((-1, 1, 10, 0.1, 1e-9, 180, -360, 1e6))
+        holder[key] = random.choice((holder[key] + change, holder[key] * change, -holder[key]))
+    elif kind == 4 and isinstance(holder[key], str):
+        holder[key] = mutated_bytes(random, holder[key].encode("utf-8", "replace")).decode(
+            "utf-8", "replace"
+        )
+    elif kind == 5:
+        holder[key] = random.choice(([holder[key]], str(holder[key]), {"x": holder[key]}))
+    elif kind == 6:
+        holder[key] = f"@raw:{random.randrange(len(_RAW))}"
+    else:
+        holder[key] = deepcopy(random.choice(_STRANGE))
+    return value
+
+
+def _places(value: Any) -> list[tuple[Any, Any]]:
+    """Every place in nested lists and objects: what holds it and its key."""
+    found: list[tuple[Any, Any]] = []
+    rest = [value]
+    while rest:
+        holder = rest.pop()
+        keys = list(holder) if isinstance(holder, dict) else range(len(holder))
+        found += [(holder, key) for key in keys]
+        rest += [holder[key] for key in keys if isinstance(holder[key], dict | list)]
+    return found
+
+
+def mutated_json(random: Random, data: bytes) -> bytes:
+    """JSON with its values mutated, a field twice, or its bytes mutated."""
+    if random.random() < 0.25:
+        return mutated_bytes(random, data)
+    text = json.dumps(mutated_value(random, json.loads(data)), ensure_ascii=random.random() < 0.8)
+    text = _MARK.sub(lambda found: _RAW[int(found[1])], text)
+    if random.random() < 0.05:
+        text = re.sub(r'("\w+": )', r"\1 1, \1", text, count=1)
+    return text.encode("utf-8", "surrogatepass")
+
+
+def mutated_json_lines(random: Random, data: bytes) -> bytes:
+    """One of the lines mutated, or the whole."""
+    lines = data.splitlines(keepends=True)
+    at = random.randrange(len(lines))
+    if random.random() < 0.2:
+        return mutated_bytes(random, data)
+    lines[at] = mutated_json(random, lines[at]) + b"\n"
+    return b"".join(lines)
+
+
+def mutated_toml(random: Random, values: bytes, loads: Any) -> bytes:
+    """TOML with its values mutated as far as TOML can say it, or its bytes mutated."""
+    if random.random() < 0.3:
+        return mutated_bytes(random, values)
+    try:
+        text = tomli_w.dumps(_without_null(mutated_value(random, loads(values.decode()))))
+    except (TypeError, AttributeError):  # the whole is no table any more
+        return mutated_bytes(random, values)
+    text = _MARK.sub(lambda found: _RAW[int(found[1])], text)
+    return text.encode("utf-8", "surrogatepass")
+
+
+def _without_null(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_null(each) for key, each in value.items() if each is not None}
+    return [_without_null(each) for each in value] if isinstance(value, list) else value
+
+
+def mutated_safetensors(random: Random, data: bytes) -> bytes:
+    """The header mutated as JSON, numbers overwritten, or bytes mutated."""
+    kind = random.randrange(4)
+    if kind == 0:
+        return mutated_bytes(random, data)
+    length = struct.unpack("<Q", data[:8])[0]
+    header, body = data[8 : 8 + length], data[8 + length :]
+    if kind == 1:
+        header = mutated_json(random, header)
+        return struct.pack("<Q", len(header)) + header + body
+    numbers = bytearray(body)
+    for _ in range(random.choice((1, 1, 3, 50))):
+        strange = random.choice(
+            (float("nan"), float("inf"), 3.4e38, -3.4e38, -1.0, 0.0, 1e-40, 9.0)
+        )
+        at = random.randrange(max(len(numbers) // 4, 1)) * 4
+        numbers[at : at + 4] = struct.pack("<f", strange)
+    return data[: 8 + length] + bytes(numbers)
+
+
+def mutated_parquet(random: Random, table: pa.Table, data: bytes) -> bytes:
+    """A table with its columns, rows or metadata changed; or the bytes of its file mutated.
+
+    Half of those are in the last kilobytes, where the schema and the places of columns stand.
+    """
+    kind = random.randrange(6)
+    if kind <= 1:
+        cut = len(data) - 3000 if kind else 0
+        return data[:cut] + mutated_bytes(random, data[cut:])
+    metadata = dict(table.schema.metadata or {})
+    if kind == 2 and metadata:
+        key = random.choice(list(metadata))
+        value = metadata[key]
+        mutate = mutated_json if value[:1] in (b"{", b"[") else mutated_bytes
+        metadata[key] = mutate(random, value)
+        table = table.replace_schema_metadata(metadata)
+    elif kind == 3:
+        table = _rows_changed(random, table)
+    else:
+        table = _column_changed(random, table)
+    sink = pa.BufferOutputStream()
+    pq.write_table(table, sink, compression=random.choice(("zstd", "snappy", "none")))
+    written: bytes = sink.getvalue().to_pybytes()
+    return written
+
+
+def _rows_changed(random: Random, table: pa.Table) -> pa.Table:
+    if not table.num_rows:
+        return table
+    at, span = random.randrange(table.num_rows), random.choice((1, 1, 5, table.num_rows))
+    chosen = [random.randrange(table.num_rows) for _ in range(span)]
+    kind = random.randrange(4)
+    if kind == 0:
+        return pa.concat_tables([table.slice(0, at), table.slice(at + span)])
+    if kind == 1:
+        return pa.concat_tables([table, table.take(chosen)])
+    return table.take(chosen) if kind == 2 else table.slice(0, 0)
+
+
+def _column_changed(random: Random, table: pa.Table) -> pa.Table:
+    at = random.randrange(table.num_columns)
+    name, values = table.column_names[at], table.column(at).to_pylist()
+    kind = random.randrange(5)
+    if kind == 0:
+        return table.remove_column(at)
+    if kind == 1:
+        return table.append_column(name, table.column(at))
+    column = table.column(at)
+    if kind == 2:
+        other = random.choice((pa.string(), pa.int8(), pa.float64(), pa.bool_(), pa.int64()))
+        other = random.choice((other, pa.list_(pa.int8()), pa.large_string(), pa.timestamp("s")))
+        values = [random.choice((None, values[0] if values else None)) for _ in values]
+        try:
+            column = pa.array(values, type=other)
+        except (pa.ArrowException, TypeError, ValueError, OverflowError):
+            column = pa.nulls(len(values), other)
+    elif values:
+        for _ in range(random.choice((1, 1, 5))):
+            values[random.randrange(len(values))] = random.choice((None, *_STRANGE[:39]))
+        try:
+            column = pa.array(values, type=column.type, from_pandas=False)
+        except (pa.ArrowException, TypeError, ValueError, OverflowError):
+            column = pa.nulls(len(values), column.type)
+    return table.set_column(at, name, column)

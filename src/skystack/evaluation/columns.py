@@ -1,0 +1,70 @@
+"""What the columns of tables may hold: checked when a table is read, for it may be a stranger's."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from skystack.errors import InputError
+
+MOST_ROWS = 20_000_000
+MOST_BYTES = 1_000_000_000
+"""Of the columns that are read, as the file states it."""
+GREATEST = 1e9
+
+TEXT = {"callsign", "type", "route", "status", "kind", "direction", "text"}
+TRUTH = {"success", "correct_exit", "excursion", "few_clearances", "loss_of_separation"}
+TRUTH |= {"own_navigation"}
+WHOLE = {"scenario", "cycle", "cycles", "time_s", "clearances", "instructions", "transmission"}
+WHOLE |= {"value", "exit_fl"}
+"""Counts, numbers under which something is known, and cleared values: none is negative."""
+MAY_BE_NULL = {"direction"}
+MAY_BE_INFINITE = {"min_separation_nm"}
+
+
+class _Kind(NamedTuple):
+    words: str
+    fits: Callable[[pa.DataType], bool]
+
+
+_TEXT = _Kind("text", lambda kind: pa.types.is_string(kind) or pa.types.is_large_string(kind))
+_TRUTH = _Kind("true or false", pa.types.is_boolean)
+_WHOLE = _Kind("whole numbers", pa.types.is_integer)
+_NUMBER = _Kind("numbers", lambda kind: pa.types.is_integer(kind) or pa.types.is_floating(kind))
+
+
+def check_columns(table: pa.Table) -> None:
+    """Raises InputError that names a column of another type, or with values that none may have."""
+    try:
+        table.validate(full=True)
+    except pa.ArrowException as error:
+        raise InputError(f"damaged: {error}") from None
+    for name in table.column_names:
+        _check_column(name, table[name])
+
+
+def _check_column(name: str, column: pa.ChunkedArray) -> None:
+    wanted = _kind_of(name)
+    kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
+    if not wanted.fits(kind) and len(column):  # of no values, any type will do
+        raise InputError(f"column {name!r} holds {kind} (allowed: {wanted.words})")
+    if column.null_count and name not in MAY_BE_NULL:
+        raise InputError(f"column {name!r} holds nothing in {column.null_count} rows")
+    if wanted in (_WHOLE, _NUMBER):
+        _check_range(name, column.to_numpy(), lowest=0.0 if wanted is _WHOLE else -GREATEST)
+
+
+def _check_range(name: str, values: np.ndarray, lowest: float) -> None:
+    known = values[values != np.inf] if name in MAY_BE_INFINITE else values
+    if not np.all((known >= lowest) & (known <= GREATEST)):  # true of NaN, too
+        allowed = f"{lowest:g} to {GREATEST:g}"
+        raise InputError(f"column {name!r} holds a non-finite or too large number ({allowed})")
+
+
+def _kind_of(name: str) -> _Kind:
+    if name in TEXT:
+        return _TEXT
+    if name in TRUTH:
+        return _TRUTH
+    return _WHOLE if name in WHOLE else _NUMBER

@@ -1,0 +1,22 @@
+"""TOML from strangers: what a parser refuses, and what it lets through, in one line."""
+
+import tomllib
+from typing import Any
+
+from skystack.errors import InputError
+from skystack.json_file import check_plain
+
+
+def parse_toml(data: bytes) -> dict[str, Any]:
+    """The values of a TOML file: tables, lists, text, finite numbers, true and false.
+
+    Raises InputError for what is no TOML, or nested too deep.
+    """
+    try:
+        values = tomllib.loads(data.decode())
+    except UnicodeDecodeError:
+        raise InputError("not TOML: it is not UTF-8") from None
+    except (ValueError, RecursionError) as error:  # a ValueError for numbers of 4,300 digits
+        raise InputError(f"not TOML: {error}") from None
+    check_plain(values)
+    return values
