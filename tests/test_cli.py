@@ -16,6 +16,7 @@ from skystack.benchmarking.figures import Figure
 from skystack.benchmarking.peers import Peer
 from skystack.cli import main
 from skystack.evaluation.stored import stored_scenario
+from skystack.files import alone_in
 from skystack.reproduction import cluster
 from tests.reporting.conftest import write_run
 
@@ -170,6 +171,17 @@ def test_what_a_training_says_before_it_begins(capsys, tmp_path):
         2,
         f"skystack: {out}: its training is not finished (go on with train --resume)\n",
     )
+    code, _, err = run(capsys, "train", "lateral-best", "--out", out, *SMALL)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "holds a training that is not finished (allowed: --resume" in err
+
+
+def test_a_reproduction_is_alone_in_its_folder(capsys, tmp_path):
+    with alone_in(tmp_path):
+        code, out, err = run(capsys, "reproduce", "lateral", "--quick", "--out", str(tmp_path))
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith(f"skystack: {tmp_path}: another skystack is at work in this folder")
+    assert [path.name for path in tmp_path.iterdir()] == [".lock"]
 
 
 def test_describe_and_draw_a_sector(capsys, tmp_path):
@@ -344,6 +356,7 @@ MISTAKES = [
     (["train", "lateral", "--set", "ppo.learning_rat=1"], "did you mean 'ppo.learning_rate'"),
     (["train", "lateral", "--set", "ppo.total_steps=0"], "ppo.total_steps"),
     (["train", "lateral", "--seed", "-1"], "--seed"),
+    (["train", "lateral", "--checkpoint-every", "-1"], "whole numbers from 0"),
     (["train", "lateral", "--outt", "x"], "did you mean --out"),
     (["train"], "EXPERIMENT"),
     (["reproduce", "latreal"], "did you mean 'lateral'"),

@@ -3,6 +3,7 @@
 import json
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -17,7 +18,7 @@ from skystack.evaluation.judge import (
     task_of,
 )
 from skystack.evaluation.paper import paper_row
-from skystack.evaluation.rollout import NOBODY, fly, network_controller
+from skystack.evaluation.rollout import NOBODY, Controller, fly, network_controller
 from skystack.evaluation.summary import aggregate
 from skystack.evaluation.tables import make_tables
 from skystack.learning.experiment import load_experiment
@@ -48,6 +49,14 @@ def tables(judged, folder):
 
 def column(table, name):
     return np.array(table[name].to_pylist())
+
+
+def test_an_answer_outside_the_action_table_is_named():
+    """Inside a compiled program, where an index beyond an array raises nothing."""
+    task = build_task(TaskSettings(cycles=4))
+    wild = Controller(lambda weights, observation, key: jnp.full((), 99, dtype=jnp.int32))
+    with pytest.raises(InputError, match=r"^scenario 0, cycle 0: action is 99 \(allowed: .* to 4"):
+        fly(task, wild, 0, 2, stacking=True)
 
 
 def test_scenarios_depend_on_seed_and_number_only():
