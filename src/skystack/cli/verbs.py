@@ -116,12 +116,12 @@ def train(options: argparse.Namespace) -> int:
     experiment = load_experiment(options.experiment, options.changes)
     name = f"{experiment.name}-s{options.seed}"
     out, every_s = options.out or Path("runs") / name, options.checkpoint_every
-    for line in begun_with(experiment, out, options.resume):
-        prose().print(line, highlight=False, soft_wrap=True)
-    compile_for_one_core()
     events = event_files(out) if options.tensorboard else nullcontext(lambda: None)
     try:
-        with kept_programs(), events as follow, show_progress() as report:
+        with events as follow, kept_programs(), show_progress() as report:
+            for line in begun_with(experiment, out, options.resume):
+                prose().print(line, highlight=False, soft_wrap=True)
+            compile_for_one_core()
 
             def on_update(step: Progress) -> None:
                 report(name, step)
