@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +15,7 @@ from skystack.files import read_whole
 
 MAX_BYTES = 10_000_000
 MAX_DEPTH = 32
-MAX_NUMBER = 2**63 - 1
+MAX_NUMBER = sys.float_info.max
 
 Decoded = TypeVar("Decoded")
 
@@ -54,28 +55,27 @@ def read_json(path: Path) -> Any:
     return raw
 
 
-def check_plain(value: Any, depth: int = 0) -> None:
+def check_plain(value: Any, where: str = "", depth: int = 0) -> None:
     """Check values that a parser lets through and what follows would not bear.
 
-    Raises InputError for numbers that are not finite or beyond 64 bits, text that is no Unicode,
+    Raises InputError that names the place of numbers that are not finite, text that is no Unicode,
     dates, and lists and objects that are nested too deep.
     """
     if isinstance(value, dict | list):
         if depth == MAX_DEPTH:
-            raise InputError(f"is nested too deep (allowed: {MAX_DEPTH} levels)")
-        inner = [*value, *value.values()] if isinstance(value, dict) else value
-        for each in inner:
-            check_plain(each, depth + 1)
+            raise InputError(f"{where} is nested too deep (allowed: {MAX_DEPTH} levels)")
+        inner = value.items() if isinstance(value, dict) else enumerate(value)
+        for key, each in inner:
+            step = f".{key}" if isinstance(value, dict) else f"[{key}]"
+            check_plain(each, f"{where}{step}".removeprefix("."), depth + 1)
     elif isinstance(value, str):
-        try:
-            value.encode()
-        except UnicodeEncodeError:
-            raise InputError(f"{value[:60]!r} is no text (allowed: Unicode)") from None
+        if any("\ud800" <= each <= "\udfff" for each in value):
+            raise not_allowed(where, value, "printable characters")
     elif isinstance(value, int | float):
         if not -MAX_NUMBER <= value <= MAX_NUMBER:  # true of NaN, too
-            raise InputError(f"{str(value)[:60]} is too large (allowed: finite numbers of 64 bits)")
+            raise not_allowed(where, value, "finite number")
     elif value is not None:
-        raise InputError(f"{str(value)[:60]} is a date or time (allowed: none)")
+        raise InputError(f"{where} is {value} (allowed: no dates or times)")
 
 
 def decode(data: bytes, kind: type[Decoded], where: str) -> Decoded:
