@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn
 
 import msgspec
 
@@ -16,8 +16,6 @@ from skystack.files import read_whole
 MAX_BYTES = 10_000_000
 MAX_DEPTH = 32
 MAX_NUMBER = sys.float_info.max
-
-Decoded = TypeVar("Decoded")
 
 Entries = Mapping[str, type[msgspec.Struct]]
 """The structures of a file by where they stand: "" is the whole, "aircraft" the members of a list
@@ -78,7 +76,7 @@ def check_plain(value: Any, where: str = "", depth: int = 0) -> None:
         raise InputError(f"{where} is {value} (allowed: no dates or times)")
 
 
-def decode(data: bytes, kind: type[Decoded], where: str) -> Decoded:
+def decode(data: bytes, kind: Any, where: str) -> Any:
     """JSON of a known shape. Raises InputError that says where it is damaged."""
     try:
         return msgspec.json.decode(data, type=kind)
