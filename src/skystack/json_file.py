@@ -2,10 +2,11 @@
 
 import json
 import re
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn
 
 import msgspec
 
@@ -14,9 +15,7 @@ from skystack.files import read_whole
 
 MAX_BYTES = 10_000_000
 MAX_DEPTH = 32
-MAX_NUMBER = 2**63 - 1
-
-Decoded = TypeVar("Decoded")
+MAX_NUMBER = sys.float_info.max
 
 Entries = Mapping[str, type[msgspec.Struct]]
 """The structures of a file by where they stand: "" is the whole, "aircraft" the members of a list
@@ -54,31 +53,30 @@ def read_json(path: Path) -> Any:
     return raw
 
 
-def check_plain(value: Any, depth: int = 0) -> None:
+def check_plain(value: Any, where: str = "", depth: int = 0) -> None:
     """Check values that a parser lets through and what follows would not bear.
 
-    Raises InputError for numbers that are not finite or beyond 64 bits, text that is no Unicode,
+    Raises InputError that names the place of numbers that are not finite, text that is no Unicode,
     dates, and lists and objects that are nested too deep.
     """
     if isinstance(value, dict | list):
         if depth == MAX_DEPTH:
-            raise InputError(f"is nested too deep (allowed: {MAX_DEPTH} levels)")
-        inner = [*value, *value.values()] if isinstance(value, dict) else value
-        for each in inner:
-            check_plain(each, depth + 1)
+            raise InputError(f"{where} is nested too deep (allowed: {MAX_DEPTH} levels)")
+        inner = value.items() if isinstance(value, dict) else enumerate(value)
+        for key, each in inner:
+            step = f".{key}" if isinstance(value, dict) else f"[{key}]"
+            check_plain(each, f"{where}{step}".removeprefix("."), depth + 1)
     elif isinstance(value, str):
-        try:
-            value.encode()
-        except UnicodeEncodeError:
-            raise InputError(f"{value[:60]!r} is no text (allowed: Unicode)") from None
+        if any("\ud800" <= each <= "\udfff" for each in value):
+            raise not_allowed(where, value, "printable characters")
     elif isinstance(value, int | float):
         if not -MAX_NUMBER <= value <= MAX_NUMBER:  # true of NaN, too
-            raise InputError(f"{str(value)[:60]} is too large (allowed: finite numbers of 64 bits)")
+            raise not_allowed(where, value, "finite number")
     elif value is not None:
-        raise InputError(f"{str(value)[:60]} is a date or time (allowed: none)")
+        raise InputError(f"{where} is {value} (allowed: no dates or times)")
 
 
-def decode(data: bytes, kind: type[Decoded], where: str) -> Decoded:
+def decode(data: bytes, kind: Any, where: str) -> Any:
     """JSON of a known shape. Raises InputError that says where it is damaged."""
     try:
         return msgspec.json.decode(data, type=kind)

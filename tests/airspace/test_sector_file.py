@@ -61,8 +61,9 @@ FEATURE = {"type": "Feature", "properties": {"name": "any"}, "geometry": PLAIN["
         {"type": "FeatureCollection", "features": [FEATURE]},
         {"type": "Polygon", "coordinates": [SQUARE[::-1]]},  # clockwise
         {"type": "Polygon", "coordinates": [SQUARE[:-1]]},  # not closed
+        {"type": "Polygon", "coordinates": [SQUARE[:2] + SQUARE[1:]]},
     ],
-    ids=["feature", "collection", "clockwise", "open"],
+    ids=["feature", "collection", "clockwise", "open", "a vertex twice"],
 )
 def test_an_area_may_be_written_in_several_ways(area, tmp_path):
     sector, plain = read(changed(["area"], area, PLAIN), tmp_path), read(PLAIN, tmp_path)

@@ -208,3 +208,19 @@ def test_a_file_of_the_name_is_offered(tmp_path, monkeypatch):
     (tmp_path / "mine.toml").write_text('name = "mine"')
     with pytest.raises(InputError, match=r"unknown experiment 'mine'; did you mean 'mine.toml'\?"):
         load_experiment("mine")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[ppo]\ngamma = nan", r"ppo.gamma is NaN \(allowed: finite number\)"),
+        ("[ppo]\nsteps = " + "1" * 5000, "not TOML: Exceeds the limit"),
+        ("name = " + "[" * 5000, "not TOML"),
+        ("name = 1979-05-27", "name is 1979-05-27 .allowed: no dates"),
+    ],
+)
+def test_toml_that_a_parser_lets_through_or_breaks_on(tmp_path, text, message):
+    path = tmp_path / "strange.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        load_experiment(str(path))

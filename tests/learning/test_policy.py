@@ -77,15 +77,23 @@ def test_a_changed_description_is_refused(folder, changes, message):
         load_policy(folder)
 
 
-def test_non_finite_weights_are_refused(folder):
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("actor.0.biases", np.nan, r"actor\.0\.biases.*non-finite"),
+        ("normaliser.variance", -1.0, "variance.*negative"),
+        ("actor.1.weights", 3e38, "would overflow"),
+    ],
+)
+def test_weights_that_would_give_no_number_are_refused(folder, name, value, message):
     tensors = load((folder / "policy.safetensors").read_bytes())
-    tensors["actor.0.biases"] = np.full_like(tensors["actor.0.biases"], np.nan)
+    tensors[name] = np.full_like(tensors[name], value)
     data = save(tensors)
     (folder / "policy.safetensors").write_bytes(data)
     import hashlib
 
     rewrite(folder, sha256=hashlib.sha256(data).hexdigest())
-    with pytest.raises(InputError, match=r"actor\.0\.biases.*non-finite"):
+    with pytest.raises(InputError, match=message):
         load_policy(folder)
 
 

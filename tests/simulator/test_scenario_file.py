@@ -132,7 +132,7 @@ def test_a_file_that_is_no_scenario_is_refused(data, message, tmp_path):
 @pytest.mark.parametrize(
     ("number", "message"),
     [
-        ("1e999", "aircraft[1].fl is Infinity (allowed: 200 to 400)"),
+        ("1e999", "aircraft[1].fl is Infinity (allowed: finite number)"),
         ("1" + "0" * 400, f"aircraft[1].fl is 1{'0' * 59}... (allowed: finite number)"),
     ],
 )
@@ -256,3 +256,10 @@ def test_every_whole_heading_is_cleared_as_it_is(tmp_path_factory, heading_deg, 
     path.write_text(json.dumps(changed(C0, one)))
     transmissions = load_scenario(path).transmissions()
     assert transmissions == {0: [GivenClearance(0, "AC2", heading_deg, turn)]}
+
+
+def test_what_is_nested_too_deep_is_refused(tmp_path):
+    path = tmp_path / "scenario.json"
+    path.write_text('{"aircraft": ' + "[" * 900 + "]" * 900 + "}")
+    with pytest.raises(InputError, match=r"nested too deep \(allowed: 32 levels\)"):
+        load_scenario(path)
