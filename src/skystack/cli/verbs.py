@@ -118,18 +118,19 @@ def train(options: argparse.Namespace) -> int:
     out, every_s = options.out or Path("runs") / name, options.checkpoint_every
     events = event_files(out) if options.tensorboard else nullcontext(lambda: None)
     try:
-        with events as follow, kept_programs(), show_progress() as report:
+        with events as follow:
             for line in begun_with(experiment, out, options.resume):
                 prose().print(line, highlight=False, soft_wrap=True)
             compile_for_one_core()
+            with kept_programs(), show_progress() as report:
 
-            def on_update(step: Progress) -> None:
-                report(name, step)
-                follow()
+                def on_update(step: Progress) -> None:
+                    report(name, step)
+                    follow()
 
-            trained = train_experiment(
-                experiment, options.seed, out, options.resume, on_update, every_s
-            )
+                trained = train_experiment(
+                    experiment, options.seed, out, options.resume, on_update, every_s
+                )
     except KeyboardInterrupt:
         return complain(
             f"interrupted; to go on: skystack train {options.experiment} --seed {options.seed} "
