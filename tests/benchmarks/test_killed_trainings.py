@@ -1,8 +1,13 @@
 """Three kills, a full disk and a read-only folder; the full count is the command's."""
 
+import pytest
+
 from benchmarks.killed_trainings import SUBJECTS, survive
 
 
+# Its children run another program at once: nothing of JAX goes on in them after the fork.
+@pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_a_training_that_is_killed_comes_to_the_same_end(tmp_path, monkeypatch):
     # Made fast: what runs matters here, not how fast.
     monkeypatch.setenv("XLA_FLAGS", "--xla_backend_optimization_level=0")

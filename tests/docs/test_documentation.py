@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from pathlib import Path
 
 import pytest
 
@@ -52,7 +53,8 @@ def run_command(text):
         for group in re.findall(r"\[(.*?)\]", text):
             assert set(group.split(",")) <= set(extras["optional-dependencies"]), text
     elif program.startswith("python"):
-        assert (ROOT / words[0]).exists(), text
+        module = Path(*words[1].split(".")).with_suffix(".py") if words[0] == "-m" else words[0]
+        assert (ROOT / module).exists(), text
         assert words[0] != "dev.py" or words[1] in dev.EXTRAS, text
     elif words[0] in ELSEWHERE:
         parse(words)

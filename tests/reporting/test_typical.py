@@ -33,8 +33,8 @@ def set_aircraft(run, experiment, routes, climbs_fl):
     columns = {
         "scenario": np.repeat(np.arange(len(routes), dtype=np.int32), 2),
         "route": [route for pair in routes for route in pair],
-        "entry_fl": [100] * (2 * len(routes)),
-        "exit_fl": [100 + climb for climb in climbs_fl for _ in range(2)],
+        "entry_fl": [200] * (2 * len(routes)),
+        "exit_fl": [200 + climb for climb in climbs_fl for _ in range(2)],
     }
     pq.write_table(pa.table(columns), run / FOLDER.format(experiment) / "aircraft.parquet")
 
