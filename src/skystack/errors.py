@@ -50,3 +50,10 @@ def unknown_name(
         near += difflib.get_close_matches(name, names, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     return InputError(f"unknown {kind} {name!r}{hint} (allowed: {', '.join(names)})")
+
+
+def missing_extra(who: str, needs: str, extra: str) -> InputError:
+    """The error for what needs packages that are not installed, with the extra that has them."""
+    return InputError(
+        f"{who} needs {needs}, not installed here (install skystack with the extra [{extra}])"
+    )

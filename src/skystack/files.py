@@ -70,6 +70,12 @@ def append_line(file: int, path: Path, line: str) -> None:
         raise _not_written(path, error) from None
 
 
+def check_folder_of(output: Path) -> None:
+    """Raise InputError unless the folder of a file to be written is there (`-o` makes none)."""
+    if not output.parent.is_dir():
+        raise InputError(f"{output}: the folder {output.parent} does not exist")
+
+
 def make_folder(path: Path) -> Path:
     """Create a folder for output, and its parents. Raises InputError when that cannot be."""
     try:

@@ -99,6 +99,11 @@ def convert(raw: Any, entries: Entries) -> Any:
         raise _refusal(str(error), raw, entries) from None
 
 
+def is_name(text: str) -> bool:
+    """Whether a text can name something: printable, not empty, no blank at either end."""
+    return bool(text) and text.isprintable() and text == text.strip()
+
+
 def not_allowed(where: str, value: object, allowed: str) -> InputError:
     """The error for a value, shown as JSON and cut where it is long."""
     shown = json.dumps(value)

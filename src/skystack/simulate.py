@@ -11,6 +11,7 @@ from rich.table import Table
 
 from skystack.errors import InputError, PlatformError
 from skystack.evaluation.stored import write_table
+from skystack.files import check_folder_of
 from skystack.platforms.flight import Flight, flight_rows, fly_scenario
 from skystack.platforms.phraseology import written
 from skystack.platforms.processes import TIME_LIMIT_S, in_processes
@@ -35,8 +36,8 @@ def simulate_file(
     """
     check_platform(platform)
     scenario = load_scenario(path)
-    if output is not None and not output.parent.is_dir():
-        raise InputError(f"{output}: the folder {output.parent} does not exist")
+    if output is not None:
+        check_folder_of(output)
     flight = _fly(path, scenario, platform, time_limit_s)
     table = pa.table(flight_rows(scenario, flight))
     if output is not None:

@@ -15,7 +15,7 @@ from msgspec import Meta
 from skystack.airspace.projection import TangentPlane
 from skystack.airspace.sector import MAX_DISTANCE_NM, LatLon, Sector
 from skystack.errors import InputError, unknown_name
-from skystack.json_file import convert, inside, not_allowed, read_json
+from skystack.json_file import convert, inside, is_name, not_allowed, read_json
 
 ON_EDGE_NM = 0.5
 """An exit fix lies this close to the area's edge, and further from its corners."""
@@ -104,7 +104,7 @@ def make_sector(entry: SectorEntry) -> Sector:
 
 
 def _check_name(where: str, name: str) -> None:
-    if not name.isprintable() or name != name.strip() or not 1 <= len(name) <= 40:
+    if not is_name(name) or len(name) > 40:
         allowed = "1 to 40 printable characters, none of them a blank at either end"
         raise not_allowed(where, name, allowed)
 

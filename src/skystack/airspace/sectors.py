@@ -11,7 +11,7 @@ from pathlib import Path
 from skystack.airspace.sector import Sector
 from skystack.airspace.sector_file import SectorEntry, file_beside, make_sector, read_sector
 from skystack.airspace.xplus import x_plus
-from skystack.errors import InputError, unknown_name
+from skystack.errors import missing_extra, unknown_name
 
 _FOLDER = files("skystack").joinpath("sectors")
 _ELSEWHERE = {"bluebird": "skystack.platforms.bluebird"}
@@ -42,10 +42,7 @@ def _from_elsewhere(platform: str, name: str) -> Sector:
     try:
         adapter = import_module(_ELSEWHERE[platform])
     except ModuleNotFoundError as error:
-        raise InputError(
-            f"sector {platform}:{name} needs {error.name}, not installed here "
-            f"(install skystack with the extra [{platform}])"
-        ) from None
+        raise missing_extra(f"sector {platform}:{name}", str(error.name), platform) from None
     found: Sector = adapter.sector_named(name)
     return found
 

@@ -8,6 +8,7 @@ from skystack.errors import InputError
 from skystack.export.numpy_file import export_numpy
 from skystack.export.onnx_file import export_onnx
 from skystack.export.scenario import export_scenario
+from skystack.files import check_folder_of
 from skystack.learning.policy import Policy
 
 POLICY_FORMATS: Mapping[str, Callable[[Policy, Path], None]] = {
@@ -25,8 +26,7 @@ def export(source: str, kind: str, scenario: int | None, output: Path) -> list[s
     must be said. Raises InputError for a source that is missing, damaged or not of the format, and
     for an output that cannot be written.
     """
-    if not output.parent.is_dir():
-        raise InputError(f"{output}: the folder {output.parent} does not exist")
+    check_folder_of(output)
     if kind not in POLICY_FORMATS:
         _refuse_policy(source)
         return export_scenario(Path(source), scenario, output)

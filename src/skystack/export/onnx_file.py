@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import skystack
-from skystack.errors import InputError
+from skystack.errors import missing_extra
 from skystack.export.facts import facts
 from skystack.files import write_aside
 from skystack.learning.inference import CLIP, SMALLEST_VARIANCE
@@ -35,9 +35,7 @@ def _onnx() -> Any:
     try:
         import onnx  # noqa: PLC0415
     except ImportError:
-        raise InputError(
-            "--format onnx needs onnx, not installed here (install skystack with the extra [onnx])"
-        ) from None
+        raise missing_extra("--format onnx", "onnx", "onnx") from None
     return onnx
 
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from skystack.errors import InputError
+from skystack.errors import missing_extra
 from skystack.files import make_folder
 
 FOLDER = "tensorboard"
@@ -46,10 +46,7 @@ def _tensorboard() -> Any:
     try:
         import tensorboardX  # noqa: PLC0415
     except ImportError:
-        raise InputError(
-            "--tensorboard needs tensorboardX, not installed here "
-            "(install skystack with the extra [tensorboard])"
-        ) from None
+        raise missing_extra("--tensorboard", "tensorboardX", "tensorboard") from None
     return tensorboardX
 
 

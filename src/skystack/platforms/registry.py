@@ -5,7 +5,7 @@ from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from skystack.errors import InputError, unknown_name
+from skystack.errors import missing_extra, unknown_name
 from skystack.platforms.bluesky_scenario import flown_type as bluesky_flown_type
 from skystack.platforms.guard import Guarded
 from skystack.platforms.protocol import Platform
@@ -27,10 +27,7 @@ def check_platform(name: str) -> None:
     # By distribution: other packages go by the name of BlueSky's module.
     missing = [each for each in _NEEDS.get(name, ()) if not _installed(each)]
     if missing:
-        raise InputError(
-            f"platform {name} needs {' and '.join(missing)}, not installed here "
-            f"(install skystack with the extra [{name}])"
-        )
+        raise missing_extra(f"platform {name}", " and ".join(missing), name)
 
 
 def _installed(distribution: str) -> bool:

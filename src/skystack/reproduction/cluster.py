@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import skystack
-from skystack.errors import InputError, TrainingError
+from skystack.errors import InputError, TrainingError, missing_extra
 from skystack.files import is_scratch, make_folder, write_aside
 from skystack.programs import compile_for_one_core
 from skystack.reproduction.jobs import Done, Job, Message, Report, jobs_of, longest_first, run_job
@@ -88,9 +88,7 @@ def _run_all(ray: Any, plan: Plan, report: Report, running: dict[Any, Job]) -> l
 
 def _connect(address: str | None) -> Any:
     if find_spec("ray") is None:
-        raise InputError(
-            "engine ray needs ray, not installed here (install skystack with the extra [ray])"
-        )
+        raise missing_extra("engine ray", "ray", "ray")
     import ray  # noqa: PLC0415
     import ray.util.queue  # noqa: PLC0415
     import ray.util.scheduling_strategies  # noqa: PLC0415

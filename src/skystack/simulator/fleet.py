@@ -1,6 +1,7 @@
 """Aircraft of several types in one scenario: each flies by a table of its own."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated
 
 import jax.numpy as jnp
@@ -50,6 +51,11 @@ class Fleet:
 
     members: tuple[AircraftType, ...]
 
+    @cached_property
+    def tables(self) -> tuple[TablePerformance, ...]:
+        """One a member; each computes its airspeeds once, whatever asks for them."""
+        return tuple(member.table() for member in self.members)
+
     @property
     def types(self) -> tuple[str, ...]:
         return tuple(member.type for member in self.members)
@@ -64,9 +70,7 @@ class Fleet:
         phase: Float[Array, "*n"],
         kind: Int[Array, "*n"] | None = None,
     ) -> Float[Array, "*n"]:
-        return self._of(
-            kind, [each.table().true_airspeed_kt(level, phase) for each in self.members]
-        )
+        return self._of(kind, [each.true_airspeed_kt(level, phase) for each in self.tables])
 
     def vertical_speed_ft_min(
         self,
@@ -74,9 +78,7 @@ class Fleet:
         phase: Float[Array, "*n"],
         kind: Int[Array, "*n"] | None = None,
     ) -> Float[Array, "*n"]:
-        return self._of(
-            kind, [each.table().vertical_speed_ft_min(level, phase) for each in self.members]
-        )
+        return self._of(kind, [each.vertical_speed_ft_min(level, phase) for each in self.tables])
 
     def _of(
         self, kind: Int[Array, "*n"] | None, values: list[Float[Array, "*n"]]

@@ -15,7 +15,7 @@ from msgspec import Meta
 from skystack.airspace.sector import MAX_DISTANCE_NM, Sector
 from skystack.airspace.sectors import find_sector
 from skystack.errors import InputError, unknown_name
-from skystack.json_file import convert, inside, not_allowed, read_json
+from skystack.json_file import convert, inside, is_name, not_allowed, read_json
 from skystack.simulator.performance import DEFAULT_TYPE
 from skystack.simulator.performance import performance as performance_named
 from skystack.simulator.simulator import Simulator
@@ -182,7 +182,7 @@ def _check_callsigns(aircraft: tuple[_AircraftEntry, ...]) -> None:
     seen: dict[str, int] = {}
     for index, entry in enumerate(aircraft):
         callsign, where = entry.callsign, f"aircraft[{index}].callsign"
-        if not callsign.isprintable() or not callsign or callsign != callsign.strip():
+        if not is_name(callsign):
             allowed = "printable characters, none of them a blank at either end"
             raise not_allowed(where, callsign, allowed)
         if callsign in seen:

@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 from skystack.errors import InputError
-from skystack.files import write_aside
+from skystack.files import check_folder_of, write_aside
 from skystack.reporting.maps import draw_sector, name_fixes
 from skystack.reporting.radar import Blip, colour_of, draw_aircraft, draw_way
 from skystack.reporting.replay.recording import Flown, Replay, ReplayScenario
@@ -74,8 +74,7 @@ def write_picture(
     Returns what was written: `output`, `bytes`, `runs` (their titles), `from_s` and `to_s`. Raises
     InputError as `read_together` and `span_of` do; nothing is written then.
     """
-    if not output.parent.is_dir():
-        raise InputError(f"{output}: the folder {output.parent} does not exist")
+    check_folder_of(output)
     replays = read_together(runs, number + 1)
     span = span_of(replays, number, from_s, to_s)
     kind = output.suffix[1:]

@@ -16,8 +16,7 @@ import numpy as np
 
 import skystack
 from skystack.airspace.sector import Sector
-from skystack.errors import InputError
-from skystack.files import write_aside
+from skystack.files import check_folder_of, write_aside
 from skystack.reporting.replay.recording import Flown, Replay, ReplayScenario, as_json
 from skystack.reporting.replay.together import read_together
 from skystack.simulator.simulator import CYCLE_S
@@ -40,8 +39,7 @@ def write_replay(runs: Sequence[Path], output: Path, scenarios: int = 100) -> di
     Raises InputError for runs that cannot be read or do not belong together, and for a file that
     cannot be written; nothing is written then.
     """
-    if not output.parent.is_dir():
-        raise InputError(f"{output}: the folder {output.parent} does not exist")
+    check_folder_of(output)
     data = page_data(read_together(runs, scenarios))
     text = _page(data).encode()
     write_aside(output, text)
