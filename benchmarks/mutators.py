@@ -117,7 +117,7 @@ def mutated_json(random: Random, data: bytes) -> bytes:
     if random.random() < 0.25:
         return mutated_bytes(random, data)
     text = json.dumps(mutated_value(random, json.loads(data)), ensure_ascii=random.random() < 0.8)
-    text = _MARK.sub(lambda found: _RAW[int(found[1])], text)
+    text = _MARK.sub(lambda found: _RAW[int(found[1]) % len(_RAW)], text)
     if random.random() < 0.05:
         text = re.sub(r'("\w+": )', r"\1 1, \1", text, count=1)
     return text.encode("utf-8", "surrogatepass")
@@ -141,7 +141,7 @@ def mutated_toml(random: Random, values: bytes, loads: Any) -> bytes:
         text = tomli_w.dumps(_without_null(mutated_value(random, loads(values.decode()))))
     except (TypeError, AttributeError):  # the whole is no table any more
         return mutated_bytes(random, values)
-    text = _MARK.sub(lambda found: _RAW[int(found[1])], text)
+    text = _MARK.sub(lambda found: _RAW[int(found[1]) % len(_RAW)], text)
     return text.encode("utf-8", "surrogatepass")
 
 
