@@ -72,16 +72,14 @@ class Trial:
         """Read one input and count what came of it."""
         self._lay_out(self.files(number))
         begun, peak = time.monotonic(), _peak_bytes()
-        finding = None
+        finding, refused = None, False
         try:
             self._kind.read(self._folder)
-            tally.read += 1
         except InputError as error:
-            tally.refused += 1
+            refused = True
             finding = _unclear(str(error))
         except Exception as error:  # whatever it is, it should have been an InputError
             finding = f"{type(error).__name__}: {str(error)[:200]!r} at {_place(error)}"
-            tally.read += 1
         took_s = time.monotonic() - begun
         if took_s > LONGEST_S:
             finding = f"took {took_s:.0f} s"
@@ -89,6 +87,10 @@ class Trial:
             finding = f"took {(_peak_bytes() - peak) / 1e9:.1f} GB"
         if finding is not None:
             tally.findings[number] = finding
+        elif refused:
+            tally.refused += 1
+        else:
+            tally.read += 1
 
     def _lay_out(self, files: Files) -> None:
         for name in self._there.keys() - files.keys():

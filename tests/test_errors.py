@@ -14,3 +14,9 @@ def test_a_long_message_is_cut():
 def test_no_nearest_name_is_sought_among_very_many():
     names = [f"FIX{number}" for number in range(200_000)]
     assert "did you mean" not in str(unknown_name("fix", "FIX200000", names))
+
+
+def test_a_name_too_long_for_a_file_is_unknown_like_any_other():
+    for name in ("x" * 300, "\u00e9" * 190):
+        error = unknown_name("sector", name, ["merge"], [f"{name}.json"])
+        assert str(error).endswith("(allowed: merge)")

@@ -45,11 +45,18 @@ def unknown_name(
     `paths` are files or folders that may have been meant: one that is there is the nearest.
     """
     names = sorted(allowed)
-    near = [path for path in paths if Path(path).exists()]
+    near = [path for path in paths if _exists(path)]
     if len(name) <= LONGEST_NAME and len(names) <= MOST_NAMES:  # else it takes minutes
         near += difflib.get_close_matches(name, names, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     return InputError(f"unknown {kind} {name!r}{hint} (allowed: {', '.join(names)})")
+
+
+def _exists(path: str) -> bool:
+    try:
+        return Path(path).exists()
+    except OSError:  # a name that is too long for any file
+        return False
 
 
 def missing_extra(who: str, needs: str, extra: str) -> InputError:

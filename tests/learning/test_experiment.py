@@ -161,6 +161,20 @@ def test_a_sector_set_on_the_command_line_counts_from_where_one_is(monkeypatch):
     assert load_experiment("lateral", ["task.sector=merge"]).task.sector == "merge"
 
 
+def test_an_experiment_leads_to_no_file_elsewhere(tmp_path):
+    (tmp_path / "inner").mkdir()
+    for file in OWN_SECTOR.glob("valley.*"):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    path = tmp_path / "inner" / "lateral.toml"
+    for sector in ("../valley.json", str(tmp_path / "valley.json"), "a/../../valley.json"):
+        path.write_text(f'name = "lateral"\n[task]\nsector = "{sector}"\n')
+        with pytest.raises(InputError, match=r"task\.sector: is not allowed"):
+            load_experiment(str(path))
+    # What the user says may lie anywhere.
+    experiment = load_experiment("lateral", [f"task.sector={tmp_path / 'valley.json'}"])
+    assert isinstance(experiment.task.sector, SectorEntry)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

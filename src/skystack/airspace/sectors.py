@@ -63,12 +63,14 @@ def sector_from(given: str | SectorEntry) -> Sector:
 
 
 def named_or_read(given: str, folder: Path | None = None) -> str | SectorEntry:
-    """What a user wrote, for settings: a name as it is, the name of a `.json` file as its sector.
+    """What settings say, for a task: a name as it is, the name of a `.json` file as its sector.
 
-    The file may lie anywhere; `folder` is where its name counts from. Raises InputError for an
-    unknown name or a file that is no sector.
+    Where a file in `folder` says it, the sector's file lies beside that one or below it; what a
+    user says (no folder) may lie anywhere. Raises InputError for an unknown name or a file that is
+    no sector.
     """
     if given.endswith(".json"):
-        return read_sector((folder or Path()) / given)
+        path = Path(given) if folder is None else file_beside(folder, given, ".json")
+        return read_sector(path)
     sector_named(given)
     return given

@@ -29,5 +29,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return complain(str(error), FAILED)
     except BrokenPipeError:
         return FAILED
+    except OSError as error:  # asking for a file can fail before it is read: a name too long
+        if error.filename is None:
+            raise
+        return complain(str(InputError(f"{error.filename}: {error.strerror}")), WRONG)
     except KeyboardInterrupt:
         return complain("interrupted", INTERRUPTED)

@@ -5,12 +5,16 @@ from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from skystack.errors import InputError
 
 MOST_ROWS = 20_000_000
-MOST_BYTES = 1_000_000_000
-"""Of the columns that are read, as the file states it."""
+MOST_KEPT_ROWS = 1_000_000
+"""Of those that are asked for; the others are passed by."""
+MOST_BYTES = 100_000_000
+"""Of one column in one row group, as the file states it, and of a column's texts as they are read:
+a few bytes may say that a long text stands in every row."""
 GREATEST = 1e9
 
 TEXT = {"callsign", "type", "route", "status", "kind", "direction", "text"}
@@ -51,8 +55,18 @@ def _check_column(name: str, column: pa.ChunkedArray) -> None:
         raise InputError(f"column {name!r} holds {kind} (allowed: {wanted.words})")
     if column.null_count and name not in MAY_BE_NULL:
         raise InputError(f"column {name!r} holds nothing in {column.null_count} rows")
+    if pa.types.is_dictionary(column.type) and _text_bytes(column) > MOST_BYTES:
+        raise InputError(f"column {name!r} holds too much text (allowed: {MOST_BYTES} bytes)")
     if wanted in (_WHOLE, _NUMBER):
         _check_range(name, column.to_numpy(), lowest=0.0 if wanted is _WHOLE else -GREATEST)
+
+
+def _text_bytes(column: pa.ChunkedArray) -> int:
+    """Of all rows together, each text counted in every row where it stands."""
+    return sum(
+        pc.sum(pc.binary_length(chunk.dictionary).take(chunk.indices)).as_py() or 0
+        for chunk in column.chunks
+    )
 
 
 def _check_range(name: str, values: np.ndarray, lowest: float) -> None:

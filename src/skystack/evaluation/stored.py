@@ -6,12 +6,20 @@ from typing import Annotated, Any
 
 import msgspec
 import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 
 from skystack.airspace.sector import Sector
 from skystack.airspace.sector_file import Point, SectorEntry, make_sector
 from skystack.errors import InputError
-from skystack.evaluation.columns import MOST_BYTES, MOST_ROWS, check_columns
+from skystack.evaluation.columns import (
+    MOST_BYTES,
+    MOST_KEPT_ROWS,
+    MOST_ROWS,
+    TEXT,
+    check_columns,
+)
 from skystack.files import write_aside
 from skystack.json_file import decode, inside
 from skystack.simulator.performance import PERFORMANCE
@@ -46,10 +54,14 @@ def write_table(
 
 
 def read_table(path: Path, columns: Sequence[str], filters: Any = None) -> pa.Table:
-    """Some columns of a table. Raises InputError that names a missing or damaged table."""
+    """Some columns of a table, texts as dictionaries: what repeats in them takes no memory.
+
+    `filters` are pyarrow's, as `[("scenario", "=", 3)]`. Raises InputError that names a missing,
+    damaged or too large table.
+    """
     try:
         _check_head(path, pq.read_metadata(path), columns)
-        table = pq.read_table(path, columns=list(columns), filters=filters)
+        table = _scanner(path, columns, filters).head(MOST_KEPT_ROWS + 1)
     except FileNotFoundError:
         raise InputError(f"{path}: missing (evaluation writes it)") from None
     except (OSError, ValueError, pa.ArrowException) as error:
@@ -59,8 +71,25 @@ def read_table(path: Path, columns: Sequence[str], filters: Any = None) -> pa.Ta
             f"{path}: damaged: cannot be read as a Parquet table of an evaluation"
         ) from None
     with inside(str(path)):
+        if table.num_rows > MOST_KEPT_ROWS:
+            raise InputError(
+                f"is too large to be read at once (allowed: {MOST_KEPT_ROWS} rows of what is asked)"
+            )
         check_columns(table)
     return table
+
+
+def rows_of(callsign: str, table: pa.Table) -> pa.Table:
+    """One aircraft's rows of a table that was read."""
+    return table.filter(pc.equal(table["callsign"].cast(pa.string()), callsign))
+
+
+def _scanner(path: Path, columns: Sequence[str], filters: Any) -> ds.Scanner:
+    """Reads batch by batch: rows that are not asked for take no memory."""
+    texts = ds.ParquetReadOptions(dictionary_columns=TEXT & set(columns))
+    only = None if filters is None else pq.filters_to_expression(filters)
+    table = ds.dataset(path, format=ds.ParquetFileFormat(read_options=texts))
+    return table.scanner(columns=list(columns), filter=only)
 
 
 def _check_head(path: Path, head: Any, columns: Sequence[str]) -> None:
@@ -73,10 +102,11 @@ def _check_head(path: Path, head: Any, columns: Sequence[str]) -> None:
             raise InputError(f"{path}: {missing} (found: {found})")
     groups = [head.row_group(number) for number in range(head.num_row_groups)]
     parts = [group.column(number) for group in groups for number in range(group.num_columns)]
-    size = sum(part.total_uncompressed_size for part in parts if part.path_in_schema in columns)
+    asked = (part for part in parts if part.path_in_schema in columns)
+    size = max((part.total_uncompressed_size for part in asked), default=0)
     if head.num_rows > MOST_ROWS or size > MOST_BYTES:
         raise InputError(
-            f"{path}: is too large: {head.num_rows} rows, {size} bytes "
+            f"{path}: is too large: {head.num_rows} rows, {size} bytes in a column of a row group "
             f"(allowed: {MOST_ROWS} rows, {MOST_BYTES} bytes)"
         )
 

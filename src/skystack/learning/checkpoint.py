@@ -12,6 +12,7 @@ from safetensors.numpy import save
 from skystack.errors import CheckpointError, InputError
 from skystack.files import write_aside
 from skystack.learning.ppo import Learner
+from skystack.learning.watch import part_not_finite
 
 Leaf = jax.Array | jax.ShapeDtypeStruct
 
@@ -53,6 +54,9 @@ def load_checkpoint(path: Path, like: Learner, fingerprint: str) -> Learner:
         )
     restored = [_like(old, new) for old, new in zip(leaves, loaded, strict=True)]
     result: Learner = jax.tree.unflatten(structure, restored)
+    part = part_not_finite(result)
+    if part is not None:
+        raise CheckpointError(f"{path}: damaged: the learner's {part} are not finite")
     return result
 
 

@@ -58,7 +58,7 @@ def load_experiment(name: str, changes: Iterable[str] = ()) -> Experiment:
     before = deepcopy(values)
     for change in changes:
         _set(values, change)
-    _read_sector(values, Path())
+    _read_sector(values, None)
     try:
         return experiment_from(values, where)
     except InputError as error:
@@ -76,7 +76,7 @@ def _holds(values: Mapping[str, Any], where: str) -> bool:
     return True
 
 
-def _read_sector(values: dict[str, Any], folder: Path) -> None:
+def _read_sector(values: dict[str, Any], folder: Path | None) -> None:
     """Put the sector of a file in the place of its name: an experiment is whole by itself."""
     task = values.get("task")
     if isinstance(task, dict) and isinstance(task.get("sector"), str):

@@ -38,15 +38,23 @@ class Watch:
                     "a lower ppo.learning_rate or ppo.reward_scale may help)",
                     steps,
                 )
-        for part in PARTS:
-            if not all(map(_is_finite, jax.tree.leaves(getattr(learner, part)))):
-                raise self._error(f"the learner's {part} are not finite", steps)
+        part = part_not_finite(learner)
+        if part is not None:
+            raise self._error(f"the learner's {part} are not finite", steps)
 
     def _error(self, what: str, steps: int) -> TrainingError:
         good = f"{self._checkpoint}, after {self.saved_steps} steps" if self.saved_steps else "none"
         return TrainingError(
             f"{self._name}: {what} after {steps} steps; last good checkpoint: {good}"
         )
+
+
+def part_not_finite(learner: Learner) -> str | None:
+    """The first part of a learner with a number that is not finite; None where all are."""
+    for part in PARTS:
+        if not all(map(_is_finite, jax.tree.leaves(getattr(learner, part)))):
+            return part
+    return None
 
 
 def finite(value: Any) -> float | None:

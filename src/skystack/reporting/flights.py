@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
-from skystack.evaluation.stored import check_who, read_table, sector_of
+from skystack.evaluation.stored import check_who, read_table, rows_of, sector_of
 from skystack.json_file import inside
 from skystack.tasks.tracking import SEPARATION_FL
 
@@ -154,10 +154,11 @@ class Start(NamedTuple):
 def read_starts(folder: Path, numbers: Sequence[int]) -> list[Start]:
     """How some scenarios begin. Raises InputError that names a missing or damaged table."""
     path = folder / "aircraft.parquet"
-    table = read_table(path, ("scenario", "route", "entry_fl", "exit_fl"))
+    only = [("scenario", "in", list(numbers))]
+    table = read_table(path, ("scenario", "route", "entry_fl", "exit_fl"), only)
     aircraft: dict[int, list[dict[str, Any]]] = {number: [] for number in numbers}
     for row in table.to_pylist():
-        aircraft.get(row["scenario"], []).append(row)
+        aircraft[row["scenario"]].append(row)
     for number, rows in aircraft.items():
         if not rows:
             raise InputError(f"{path}: has no scenario {number}")
@@ -212,8 +213,7 @@ _CLEARANCE_COLUMNS = ("cycle", "kind", "value", "direction", "instructions", "te
 
 def _track(sector: Sector, aircraft: dict[str, Any], flown: pa.Table, issued: pa.Table) -> Track:
     callsign = aircraft["callsign"]
-    rows = [row for row in flown.to_pylist() if row["callsign"] == callsign]
-    said = [row for row in issued.to_pylist() if row["callsign"] == callsign]
+    rows, said = (rows_of(callsign, table).to_pylist() for table in (flown, issued))
     if not rows or any(row["cycle"] >= len(rows) for row in said):
         raise InputError(f"the rows of {callsign} are not complete")
     status = [row["status"] for row in rows]

@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
-from skystack.evaluation.stored import check_who, metadata_of, read_table, sector_of
+from skystack.evaluation.stored import check_who, metadata_of, read_table, rows_of, sector_of
 from skystack.platforms.registry import OWN
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.tasks.tracking import SEPARATION_NM, pair_distance_squared
@@ -204,8 +204,7 @@ def _simulated(path: Path) -> Replay:
 
 def _aircraft(sector: Sector, path: Path, rows: pa.Table, entry: Mapping[str, Any]) -> Flown:
     callsign = entry["callsign"]
-    own = rows.filter(pa.compute.equal(rows["callsign"].cast(pa.string()), callsign))
-    own = own.sort_by("cycle")
+    own = rows_of(callsign, rows).sort_by("cycle")
     if not own.num_rows or own["cycle"].to_pylist() != list(range(own.num_rows)):
         raise InputError(f"{path}: the rows of {callsign} are not complete")
     status = own["status"].to_pylist()

@@ -1,0 +1,57 @@
+"""Tables from strangers: a few bytes may say that they are gigabytes."""
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from skystack.errors import InputError
+from skystack.evaluation import columns
+from skystack.evaluation.stored import read_table, rows_of
+
+
+def repeated(text, rows):
+    """A column of one text, written as a dictionary: the file holds the text once."""
+    return pa.DictionaryArray.from_arrays(pa.array([0] * rows, pa.int32()), [text])
+
+
+def written(folder, **columns):
+    path = folder / "table.parquet"
+    pq.write_table(pa.table(columns), path, store_schema=False)
+    return path
+
+
+def test_a_text_that_stands_in_every_row_is_refused_before_it_is_unpacked(tmp_path):
+    path = written(tmp_path, text=repeated("x" * 100_000, 200_000))  # 20 GB
+    assert path.stat().st_size < 10_000
+    with pytest.raises(InputError, match=r"'text' holds too much text \(allowed: 100000000 bytes"):
+        read_table(path, ("text",))
+
+
+@pytest.mark.parametrize("rows", [columns.MOST_KEPT_ROWS, columns.MOST_KEPT_ROWS + 1])
+def test_more_rows_than_are_read_at_once_are_refused(rows, tmp_path):
+    path = written(tmp_path, cycle=pa.array([1]).take(pa.array([0] * rows)))
+    if rows == columns.MOST_KEPT_ROWS:
+        assert read_table(path, ("cycle",)).num_rows == rows
+        return
+    with pytest.raises(InputError, match="too large to be read at once"):
+        read_table(path, ("cycle",))
+
+
+def test_of_a_large_table_what_is_asked_for_is_read(tmp_path):
+    rows = columns.MOST_KEPT_ROWS + 10
+    numbers = pa.array(range(rows))
+    path = written(tmp_path, scenario=numbers, cycle=numbers)
+    found = read_table(path, ("cycle",), [("scenario", "in", [3, rows - 1])])
+    assert found["cycle"].to_pylist() == [3, rows - 1]
+
+
+def test_a_column_of_more_bytes_than_allowed_is_refused_by_its_head(tmp_path):
+    path = written(tmp_path, text=pa.array([f"{n}" * 10_000_000 for n in range(11)]))
+    with pytest.raises(InputError, match="bytes in a column of a row group"):
+        read_table(path, ("text",))
+
+
+def test_one_aircrafts_rows(tmp_path):
+    signs = pa.array(["AC1", "AC2", "AC1"]).dictionary_encode()
+    table = read_table(written(tmp_path, callsign=signs, cycle=[0, 0, 1]), ("callsign", "cycle"))
+    assert rows_of("AC1", table)["cycle"].to_pylist() == [0, 1]
