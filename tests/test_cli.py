@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+import skystack
 from skystack.benchmarking import peers
 from skystack.benchmarking import run as benchmarking
 from skystack.benchmarking.figures import Figure
@@ -260,6 +261,15 @@ def test_event_files_without_their_package_name_its_extra(capsys, monkeypatch, t
     assert code == 2
     assert err.endswith("(install skystack with the extra [tensorboard])\n")
     assert not out.exists()
+
+
+def test_a_training_that_is_refused_leaves_no_event_files(capsys, tmp_path):
+    shipped = Path(skystack.__file__).parent / "policies" / "lateral" / "policy.json"
+    (tmp_path / "policy.json").write_bytes(shipped.read_bytes())
+    code, _, err = run(capsys, "train", "lateral", "--tensorboard", "--out", str(tmp_path))
+    assert (code, err.count("\n")) == (2, 1)
+    assert "holds a trained policy already" in err
+    assert not (tmp_path / "tensorboard").exists()
 
 
 def test_scenarios_that_a_platform_did_not_finish_are_named(capsys, monkeypatch):

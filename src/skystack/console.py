@@ -73,7 +73,7 @@ def count_scenarios(name: str, total: int) -> Iterator[Callable[[int], None]]:
         nonlocal shown
         if time.monotonic() - shown >= PLAIN_EVERY_S:
             shown = time.monotonic()
-            console.print(f"{name} {line(done)}", highlight=False, soft_wrap=True)
+            _print_plain(console, f"{name} {line(done)}")
 
     yield report
 
@@ -90,11 +90,12 @@ class _PlainProgress:
         due = now - self._shown.get(name, -PLAIN_EVERY_S) >= PLAIN_EVERY_S
         if due or step.steps >= step.total_steps:
             self._shown[name] = now
-            self._console.print(
-                f"{name} {step.steps:,}/{step.total_steps:,} steps {_speed(step)} {_score(step)}",
-                highlight=False,
-                soft_wrap=True,
-            )
+            done = f"{step.steps:,}/{step.total_steps:,} steps"
+            _print_plain(self._console, f"{name} {done} {_speed(step)} {_score(step)}")
+
+
+def _print_plain(console: Console, line: str) -> None:
+    console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
 def _speed(step: Step) -> str:

@@ -14,6 +14,16 @@ def complain(message: str, code: int) -> int:
     return code
 
 
+def say(line: str) -> None:
+    """A line of prose on standard error, as it is: names and paths may hold anything."""
+    sys.stderr.write(f"{line}\n")
+
+
+def print_line(line: str) -> None:
+    """A line of results on standard output, as it is."""
+    sys.stdout.write(f"{line}\n")
+
+
 def print_json(value: Any) -> None:
     """One object on standard output."""
     sys.stdout.write(json.dumps(value, indent=1) + "\n")

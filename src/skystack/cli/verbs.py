@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from skystack.cli.shown import DONE, FAILED, INTERRUPTED, complain, print_json
+from skystack.cli.shown import DONE, FAILED, INTERRUPTED, complain, print_json, print_line, say
 from skystack.errors import InputError
 
 
@@ -53,7 +53,7 @@ def _plan(options: argparse.Namespace) -> Any:
 
 
 def _reproduce(plan: Any, engine: Any, as_json: bool) -> int:
-    from skystack.console import count_scenarios, prose, show_progress
+    from skystack.console import count_scenarios, show_progress
     from skystack.platforms.registry import said_of
     from skystack.programs import compile_for_one_core, kept_programs
     from skystack.reporting.report import write_report
@@ -63,17 +63,17 @@ def _reproduce(plan: Any, engine: Any, as_json: bool) -> int:
     with kept_programs(), show_progress() as report:
         results = run_plan(plan, report, engine)
     if results["kept"]:
-        prose().print(f"{len(results['kept'])} finished pieces kept from an earlier run")
-    prose().print("writing figures and report ...")
+        say(f"{len(results['kept'])} finished pieces kept from an earlier run")
+    say("writing figures and report ...")
     path = write_report(plan.out)
     failed: list[str] = []
     if plan.platforms:
         for line in (line for name in plan.platforms for line in said_of(name)):
-            prose().print(line, soft_wrap=True, highlight=False)
+            say(line)
         failed = run_platforms(plan, results, count_scenarios)
         write_report(plan.out)
     _show_results(results, as_json)
-    prose().print(f"{results['wall_s']:.0f} s; report: {path}", highlight=False, soft_wrap=True)
+    say(f"{results['wall_s']:.0f} s; report: {path}")
     for line in failed:
         complain(line, FAILED)
     return FAILED if failed else DONE
@@ -107,7 +107,7 @@ def _engine(options: argparse.Namespace) -> Any:
 
 
 def train(options: argparse.Namespace) -> int:
-    from skystack.console import prose, show_progress
+    from skystack.console import show_progress
     from skystack.learning.event_files import event_files
     from skystack.learning.experiment import load_experiment
     from skystack.learning.run import CHECKPOINT_EVERY_S, Progress, begun_with, train_experiment
@@ -117,10 +117,10 @@ def train(options: argparse.Namespace) -> int:
     name = f"{experiment.name}-s{options.seed}"
     out, every_s = options.out or Path("runs") / name, options.checkpoint_every
     events = event_files(out) if options.tensorboard else nullcontext(lambda: None)
+    for line in begun_with(experiment, out, options.resume):
+        say(line)
     try:
         with events as follow:
-            for line in begun_with(experiment, out, options.resume):
-                prose().print(line, highlight=False, soft_wrap=True)
             compile_for_one_core()
             with kept_programs(), show_progress() as report:
 
@@ -140,7 +140,7 @@ def train(options: argparse.Namespace) -> int:
             + "".join(f" --set {change}" for change in options.changes),
             INTERRUPTED,
         )
-    prose().print(f"{trained.wall_s:.0f} s; policy: {out / 'policy.json'}", soft_wrap=True)
+    say(f"{trained.wall_s:.0f} s; policy: {out / 'policy.json'}")
     if options.json:
         summary = [trained.summary]
         print_json({"rows": [], "rows_by_seed": [], "train": summary, "wall_s": trained.wall_s})
@@ -150,7 +150,7 @@ def train(options: argparse.Namespace) -> int:
 def evaluate(options: argparse.Namespace) -> int:
     from skystack.airspace.sectors import named_or_read
     from skystack.catalogue import find_policy
-    from skystack.console import count_scenarios, output, prose
+    from skystack.console import count_scenarios, output
     from skystack.evaluation.judge import Conditions, judge
     from skystack.evaluation.summary import aggregate
     from skystack.platforms.registry import said_of
@@ -173,7 +173,7 @@ def evaluate(options: argparse.Namespace) -> int:
     with kept_programs(), counting as on_scenario:
         judged = judge(policy, conditions, options.out, on_scenario)
     for line in said_of(options.platform):
-        prose().print(line, soft_wrap=True, highlight=False)
+        say(line)
     rows = [aggregate([judged.row], [judged.episodes])]
     if options.json:
         wall_s = time.monotonic() - begun
@@ -187,7 +187,6 @@ def evaluate(options: argparse.Namespace) -> int:
 
 
 def report(options: argparse.Namespace) -> int:
-    from skystack.console import prose
     from skystack.reporting.report import write_report
     from skystack.reporting.trainings import is_reproduction
 
@@ -198,12 +197,12 @@ def report(options: argparse.Namespace) -> int:
         raise InputError(f"report: -o is for comparisons; the report of {first} lies in it")
     path = write_report(first)
     _show_results(json.loads((first / "results.json").read_bytes()), options.json)
-    prose().print(f"report: {path}", highlight=False, soft_wrap=True)
+    say(f"report: {path}")
     return DONE
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from skystack.console import output, prose
+    from skystack.console import output
     from skystack.reporting.comparison import comparison_json, comparison_tables, write_comparison
     from skystack.reporting.trainings import read_runs
 
@@ -215,37 +214,34 @@ def _compare(options: argparse.Namespace) -> int:
     else:
         for table in comparison_tables(runs):
             output().print(table.as_rich())
-    prose().print(f"comparison: {path}", highlight=False, soft_wrap=True)
+    say(f"comparison: {path}")
     return DONE
 
 
 def sector(options: argparse.Namespace) -> int:
     from skystack.airspace.sectors import named_or_read, sector_from
-    from skystack.console import output, prose
+    from skystack.console import output
     from skystack.reporting.sector_sheet import facts_table, sector_facts, write_map
 
     found = sector_from(named_or_read(options.sector))
     if options.output:
         write_map(found, options.output)
-        prose().print(f"written: {options.output}", highlight=False, soft_wrap=True)
+        say(f"written: {options.output}")
     facts = sector_facts(found)
     if options.json:
         print_json(facts)
         return DONE
     low, high = facts["levels_fl"]
     starts = facts["first_fixes"]
-    output().print(
+    print_line(
         f"{found.name}: FL{low:03d} to FL{high:03d}, {len(facts['routes'])} routes from "
-        f"{len(starts)} first fixes ({', '.join(starts)})",
-        highlight=False,
-        soft_wrap=True,
+        f"{len(starts)} first fixes ({', '.join(starts)})"
     )
     output().print(facts_table(facts).as_rich())
     return DONE
 
 
 def replay(options: argparse.Namespace) -> int:
-    from skystack.console import prose
     from skystack.reporting.replay.film import SUFFIXES
     from skystack.reporting.replay.page import write_replay
 
@@ -262,12 +258,7 @@ def replay(options: argparse.Namespace) -> int:
     written = write_replay(runs, options.output, options.scenarios)
     if options.json:
         print_json(written)
-    prose().print(
-        f"scenarios: {written['scenarios']}; {written['bytes'] / 1e6:.1f} MB: {options.output}",
-        soft_wrap=True,
-        highlight=False,
-        markup=False,
-    )
+    say(f"scenarios: {written['scenarios']}; {written['bytes'] / 1e6:.1f} MB: {options.output}")
     return DONE
 
 
@@ -280,35 +271,34 @@ def _picture(options: argparse.Namespace, runs: list[Path]) -> int:
         written = write_picture(runs, options.output, number, begin, options.to_s)
     if options.json:
         print_json(written)
-    prose().print(f"written: {options.output}", soft_wrap=True, highlight=False, markup=False)
+    say(f"written: {options.output}")
     return DONE
 
 
 def simulate(options: argparse.Namespace) -> int:
-    from skystack.console import output, prose
+    from skystack.console import output
     from skystack.simulate import simulate_file, summary_table
 
     summary = simulate_file(options.scenario, options.output, options.platform, options.time_limit)
     for line in summary["notes"]:
-        prose().print(line, soft_wrap=True, highlight=False)
+        say(line)
     if options.json:
         print_json(summary)
     else:
         output().print(summary_table(summary))
         for said in summary["clearances"]:
-            output().print(f"{said['cycle'] * 6:6d} s  {said['text']}", highlight=False)
+            print_line(f"{said['cycle'] * 6:6d} s  {said['text']}")
     if options.output:
-        prose().print(f"written: {options.output}", highlight=False, soft_wrap=True)
+        say(f"written: {options.output}")
     return DONE
 
 
 def export(options: argparse.Namespace) -> int:
-    from skystack.console import prose
     from skystack.export import formats
 
     for line in formats.export(options.source, options.format, options.scenario, options.output):
-        prose().print(line, soft_wrap=True, highlight=False)
-    prose().print(f"written: {options.output}", highlight=False, soft_wrap=True)
+        say(line)
+    say(f"written: {options.output}")
     if options.json:
         print_json({"source": options.source, "output": str(options.output)})
     return DONE
@@ -317,12 +307,12 @@ def export(options: argparse.Namespace) -> int:
 def bench(options: argparse.Namespace) -> int:
     from skystack.benchmarking.run import QUICK, Effort, machine, measure_ourselves
     from skystack.benchmarking.shown import figures_table, machine_line, number
-    from skystack.console import output, prose
+    from skystack.console import output
 
     begun = time.monotonic()
 
     def told(what: str) -> None:
-        prose().print(f"{time.monotonic() - begun:4.0f} s  {what}", highlight=False)
+        say(f"{time.monotonic() - begun:4.0f} s  {what}")
 
     effort = QUICK if options.quick else Effort()
     figures = measure_ourselves(effort, told)
@@ -346,9 +336,9 @@ def bench(options: argparse.Namespace) -> int:
         )
     else:
         output().print(figures_table(figures).as_rich())
-        output().print(machine_line(machine()), highlight=False, soft_wrap=True)
+        print_line(machine_line(machine()))
         for name, times in faster.items():
-            output().print(f"{number(times)} times as fast as {name}", highlight=False)
+            print_line(f"{number(times)} times as fast as {name}")
         for name, why in missing.items():
-            output().print(f"not measured: {name}: {why}", highlight=False, soft_wrap=True)
+            print_line(f"not measured: {name}: {why}")
     return DONE

@@ -7,7 +7,7 @@ on: made anew from all of its lines each time, they hold every step once whateve
 import json
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +20,18 @@ WHEN = ("update", "steps", "wall_s")
 """Fields of a line that say when it was; all others are scalars, named as they are."""
 
 
-@contextmanager
-def event_files(run: Path) -> Iterator[Callable[[], None]]:
+def event_files(run: Path) -> AbstractContextManager[Callable[[], None]]:
     """Within it, each call writes what has come to the run's `metrics.jsonl`; so does a good end.
 
-    Raises InputError at once when the extra is missing or the folder cannot be written to.
+    Raises InputError at once when the extra is missing, and when it is entered if the folder
+    cannot be written to.
     """
-    tensorboard, folder = _tensorboard(), make_folder(run / FOLDER)
+    return _event_files(run, _tensorboard())
+
+
+@contextmanager
+def _event_files(run: Path, tensorboard: Any) -> Iterator[Callable[[], None]]:
+    folder = make_folder(run / FOLDER)
     opened: list[_Scalars] = []
 
     def follow() -> None:
