@@ -1,6 +1,7 @@
 """What is replayed is what the tables hold, and what cannot be read is refused in one line."""
 
 import shutil
+from itertools import combinations
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -8,7 +9,7 @@ import pytest
 
 from skystack.errors import InputError
 from skystack.evaluation.stored import write_table
-from skystack.reporting.replay.recording import as_json, read_replay
+from skystack.reporting.replay.recording import Flown, _losses, as_json, read_replay
 
 from .conftest import SCENARIOS
 from .meeting import AHEAD_NM, BESIDE_NM, CLOSING_NM, EVIL, FIRST_LOSS, LAST_LOSS
@@ -157,3 +158,36 @@ def test_an_evaluations_table_is_not_what_simulate_wrote(evaluation):
 
 def test_json_never_ends_a_script_element():
     assert "<" not in as_json({"callsign": "</script><script>"})
+
+
+def straight(place, fl):
+    level, zero = np.full(len(place), fl), np.zeros(len(place))
+    status = ("in_sector",) * len(place)
+    told = (zero, zero, level, zero, zero, status)
+    return Flown("AC", "B753", (), fl, 300, place, level, *told)
+
+
+def test_losses_of_many_whose_rows_end_at_different_times():
+    """By brute force: positions between the rows, a hundred to a cycle."""
+    random = np.random.default_rng(3)
+    rows = (700, 130, 512, 513, 2)  # beyond a block of cycles, at its edges, hardly any
+    places = [np.cumsum(random.normal(0.0, 0.4, (count, 2)), axis=0) for count in rows]
+    levels = (300.0, 305.0, 309.0, 300.0, 325.0)  # the last is level with nobody
+    flown = tuple(straight(*each) for each in zip(places, levels, strict=True))
+    expected = {}
+    for (first, one), (second, other) in combinations(enumerate(places), 2):
+        both = min(len(one), len(other))
+        apart = one[:both] - other[:both]
+        part = np.linspace(0.0, 1.0, 101)[:, None, None]
+        least = np.hypot(*np.moveaxis(apart[:-1] + part * np.diff(apart, axis=0), -1, 0)).min(0)
+        if abs(levels[first] - levels[second]) < 10.0 and least.min() < 5.0:
+            expected[first, second] = least
+    found = list(_losses(flown))
+    assert {(loss.first, loss.second) for loss in found} == set(expected)
+    for pair, least in expected.items():
+        losses = [loss for loss in found if (loss.first, loss.second) == pair]
+        seconds = np.zeros(len(least), dtype=bool)
+        for loss in losses:
+            seconds[loss.begins : loss.ends] = True
+            assert loss.least_nm == pytest.approx(least[loss.begins : loss.ends].min(), abs=1e-2)
+        np.testing.assert_array_equal(seconds, least < 5.0)

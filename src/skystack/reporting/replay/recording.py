@@ -242,28 +242,40 @@ def _assembled(
 
 
 _squared_nm2 = jax.jit(pair_distance_squared)
-_ROWS = 512
-"""Rows are filled up to a multiple of this, so that the program is compiled once, not for every
-length; what was filled in is no number and close to nothing."""
+_CYCLES = 128
+"""Of all pairs at once: the program is compiled once for a number of aircraft, not for every
+length, and the pairs of 200 aircraft take little memory."""
 
 
 def _losses(aircraft: tuple[Flown, ...]) -> Iterator[Loss]:
     """By the tasks' own closed form, for every pair from one row to the next."""
-    for (first, one), (second, other) in combinations(enumerate(aircraft), 2):
-        place = np.stack([_filled(each.position_nm.T) for each in (one, other)])
-        level = np.stack([_filled(each.fl * TICKS_PER_FL) for each in (one, other)])
-        cycles = place[..., :-1], place[..., 1:], level[..., :-1], level[..., 1:]
-        distance = np.sqrt(np.asarray(_squared_nm2(*cycles))[0])
-        close = np.flatnonzero(distance < SEPARATION_NM)
-        for run in np.split(close, np.flatnonzero(np.diff(close) > 1) + 1):
-            if len(run):
-                least = float(distance[run].min())
-                yield Loss(first, second, int(run[0]), int(run[-1]) + 1, least)
+    if len(aircraft) < 2:  # no pair
+        return
+    distance = _distances_nm(aircraft)
+    for pair, (first, second) in enumerate(combinations(range(len(aircraft)), 2)):
+        close = np.flatnonzero(distance[pair] < SEPARATION_NM)
+        for run in np.split(close, np.flatnonzero(np.diff(close) > 1) + 1) if len(close) else ():
+            least = float(distance[pair, run].min())
+            yield Loss(first, second, int(run[0]), int(run[-1]) + 1, least)
 
 
-def _filled(values: Float[np.ndarray, "*axes rows"]) -> Float[np.ndarray, "*axes filled"]:
-    missing = -values.shape[-1] % _ROWS
-    widths = [(0, 0)] * (values.ndim - 1) + [(0, missing)]
+def _distances_nm(aircraft: tuple[Flown, ...]) -> Float[np.ndarray, "pairs cycles"]:
+    """The least in every cycle; no number where one of the two has no more rows."""
+    rows = max(len(each.fl) for each in aircraft)
+    rows += (1 - rows) % _CYCLES  # whole blocks, and the row in which the last one ends
+    place = np.stack([_filled(each.position_nm.T, rows) for each in aircraft])
+    level = np.stack([_filled(each.fl * TICKS_PER_FL, rows) for each in aircraft])
+    blocks = []
+    for begin in range(0, rows - 1, _CYCLES):
+        before, after = (slice(at, at + _CYCLES) for at in (begin, begin + 1))
+        cycles = place[..., before], place[..., after], level[..., before], level[..., after]
+        blocks.append(np.sqrt(np.asarray(_squared_nm2(*cycles))))
+    return np.concatenate(blocks, axis=1)
+
+
+def _filled(values: Float[np.ndarray, "*axes rows"], rows: int) -> Float[np.ndarray, "*axes all"]:
+    """What is filled in is no number, and close to nothing."""
+    widths = [(0, 0)] * (values.ndim - 1) + [(0, rows - values.shape[-1])]
     return np.pad(values, widths, constant_values=np.nan).astype(np.float32)
 
 
