@@ -77,9 +77,10 @@ def _shapes(learner: Learner) -> str:
     return json.dumps([_shape(leaf) for leaf in _plain_shapes(learner)])
 
 
-def _plain_shapes(learner: Learner) -> list[jax.ShapeDtypeStruct]:
-    return [jax.eval_shape(_plain, leaf) for leaf in jax.tree.leaves(learner)]
+def _plain_shapes(learner: Learner) -> list[Leaf]:
+    leaves = jax.tree.leaves(learner)
+    return [jax.eval_shape(_plain, leaf) if _is_key(leaf) else leaf for leaf in leaves]
 
 
-def _shape(array: np.ndarray | jax.ShapeDtypeStruct) -> list[str | int]:
+def _shape(array: np.ndarray | Leaf) -> list[str | int]:
     return [str(array.dtype), *array.shape]
