@@ -47,7 +47,8 @@ if __name__ == "__main__":
     out, settings = Path(sys.argv[1]), sys.argv[2:]
     compile_for_one_core()
     with alone_in(out, OWN_FOLDERS):
-        plan = Plan((load_experiment("lateral-best", settings),), 2, 3, out, False, "")
+        experiments = (load_experiment("lateral-best", settings),)
+        plan = Plan(experiments, 2, 3, out, False, "", checkpoint_every_s=0.0)
         run_plan(plan, lambda name, progress: None)
 """
 
@@ -129,17 +130,11 @@ def writing(folder: Path, skipped: int) -> Callable[[], bool]:
     seen: set[str] = set()
 
     def due() -> bool:
-        seen.update(name for part in (folder, folder / "checkpoint") for name in _asides(part))
+        names = (name for _, _, names in os.walk(folder) for name in names)
+        seen.update(name for name in names if name.endswith(".aside"))
         return len(seen) > skipped
 
     return due
-
-
-def _asides(folder: Path) -> list[str]:
-    try:
-        return [name for name in os.listdir(folder) if name.endswith(".aside")]  # noqa: PTH208
-    except FileNotFoundError:
-        return []
 
 
 def meet_faults(folder: Path) -> list[str]:

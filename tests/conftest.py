@@ -34,3 +34,13 @@ def compile_once(tmp_path_factory):
     os.environ["SKYSTACK_CACHE"] = str(common / "programs")  # for commands in their own processes
     jax.config.update("jax_compilation_cache_dir", str(tmp_path_factory.mktemp("compiled")))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+@pytest.fixture(scope="module")
+def quickly_compiled():
+    """For tests of what commands say and write, not of numbers: programs that need not be fast."""
+    jax.config.update("jax_disable_most_optimizations", True)
+    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"  # for commands in their own processes
+    yield
+    del os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"]
+    jax.config.update("jax_disable_most_optimizations", False)

@@ -117,10 +117,11 @@ def trained_once(
     def train() -> dict[str, Any]:
         begun = folder / "config.toml"
         same = begun.exists() and begun.read_bytes() == config
+        every_s = plan.checkpoint_every_s
         try:
-            return train_experiment(experiment, seed, folder, same, on_update).summary
+            return train_experiment(experiment, seed, folder, same, on_update, every_s).summary
         except CheckpointError:
-            return train_experiment(experiment, seed, folder, False, on_update).summary
+            return train_experiment(experiment, seed, folder, False, on_update, every_s).summary
 
     key = {
         "config": hashlib.sha256(config).hexdigest(),

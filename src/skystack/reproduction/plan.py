@@ -8,6 +8,7 @@ import msgspec
 
 from skystack.errors import unknown_name
 from skystack.learning.experiment import Experiment, load_experiment
+from skystack.learning.run import CHECKPOINT_EVERY_S
 from skystack.platforms.registry import OWN, check_platform
 
 FAMILIES = {
@@ -37,6 +38,7 @@ class Plan:
     command: str
     platforms: tuple[str, ...] = ()
     """Other simulators to fly the first seed's policies in."""
+    checkpoint_every_s: float = CHECKPOINT_EVERY_S
 
     def training(self, name: str) -> Path:
         """The folder of a training."""
