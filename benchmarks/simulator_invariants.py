@@ -1,6 +1,7 @@
 """Fly random worlds and look at every cycle: the invariants of the simulator, at scale.
 
-    python -m benchmarks.simulator_invariants [--count N] [--seed S] [--world NUMBER]
+    python -m benchmarks.simulator_invariants [--count N] [--seed S] [--seconds LIMIT]
+        [--world NUMBER]
 
 A cycle is one `advance` of one world of 1 to 12 aircraft; the further flights that each world is
 compared with are not counted. World i depends only on the seed and i, and `--world` flies it alone.
@@ -15,7 +16,6 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -27,10 +27,10 @@ from benchmarks.compared_flights import BOUNDS as COMPARED
 from benchmarks.compared_flights import comparisons, draw_change
 from benchmarks.invariants import BOUNDS as ALONE
 from benchmarks.invariants import Quantities, invariants
-from benchmarks.random_worlds import CYCLES, SETTINGS, Flier, draw, setting_of, together
+from benchmarks.random_worlds import CYCLES, SETTINGS, Flier, Setting, draw, setting_of, together
 
 BOUNDS = {**ALONE, **COMPARED}
-MOST_AT_ONCE = 1024
+MOST_AT_ONCE = 256
 SHOWN = 5
 """Findings of an invariant that are printed."""
 
@@ -79,15 +79,15 @@ def _judge(seen: Quantities, numbers: Sequence[int], tallies: Tallies) -> None:
 
 
 def batches(count: int) -> list[range]:
-    """Numbers of the worlds for at least so many cycles, those of one setting together."""
+    """Numbers of the worlds for at least so many cycles, in turn some of each setting."""
     each = math.ceil(count / CYCLES / len(SETTINGS))
     rounds = math.ceil(each / MOST_AT_ONCE)
     size = math.ceil(each / rounds)  # the same for all: as many programs as settings
     step = len(SETTINGS)
     return [
         range(setting + turn * size * step, (turn + 1) * size * step, step)
-        for setting in range(step)
         for turn in range(rounds)
+        for setting in range(step)
     ]
 
 
@@ -108,27 +108,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--count", type=int, default=20_000, help="cycles (default 20,000)")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seconds", type=float, default=math.inf, help="stop when so many passed")
     parser.add_argument("--world", type=int, help="only the world of this number")
     options = parser.parse_args(arguments)
     console, begun = Console(stderr=True), time.monotonic()
     alone = options.world is not None
     work = [range(options.world, options.world + 1)] if alone else batches(options.count)
-    cycles = CYCLES * sum(len(numbers) for numbers in work)
+    fliers: dict[Setting, Flier] = {}
     tallies: Tallies = {}
+    worlds = 0
     with Progress(console=console) as bars:
-        bar = bars.add_task("cycles", total=cycles)
-        for of_setting, each in groupby(work, key=lambda numbers: setting_of(numbers[0])):
-            flier = Flier(of_setting)
-            for numbers in each:
-                try_worlds(flier, numbers, options.seed, tallies)
-                bars.advance(bar, len(numbers) * CYCLES)
+        bar = bars.add_task("worlds", total=sum(len(numbers) for numbers in work))
+        for numbers in work:
+            if time.monotonic() - begun > options.seconds:
+                break
+            setting = setting_of(numbers[0])
+            if setting not in fliers:
+                fliers[setting] = Flier(setting)
+            try_worlds(fliers[setting], numbers, options.seed, tallies)
+            worlds += len(numbers)
+            bars.update(bar, completed=worlds)
     for name, tally in tallies.items():
         for found in tally.findings[:SHOWN]:
             where = f"world {found.world}, cycle {found.cycle}, aircraft {found.aircraft}"
             console.print(f"{name}: seed {options.seed}, {where}: {found.value}", highlight=False)
     Console(width=110).print(shown(tallies))
     wall_s = time.monotonic() - begun
-    console.print(f"{cycles:,} cycles of {cycles // CYCLES:,} worlds in {wall_s:.0f} s")
+    console.print(f"{worlds * CYCLES:,} cycles of {worlds:,} worlds in {wall_s:.0f} s")
     return 1 if any(tally.findings for tally in tallies.values()) else 0
 
 
