@@ -122,13 +122,13 @@ def worst(simulator: Simulator, cycles: int, shown: Console) -> dict[str, float]
     found = dict.fromkeys(BOUNDS, 0.0)
     for first in track(range(0, cycles, AT_ONCE), console=shown):
         traffic, flown = compiled(traffic, jnp.int32(first))
-        rows = Rows(*(np.asarray(leaf, dtype=float) for leaf in flown))
+        heading, climb, position = (np.asarray(leaf, dtype=float) for leaf in flown)
         number = np.arange(first, first + AT_ONCE)
-        laps = rows.position_nm.reshape(-1, LAP, *rows.position_nm.shape[1:])
+        laps = position.reshape(-1, LAP, *position.shape[1:])
         lap_nm = laps[0] if lap_nm is None else lap_nm
         seen = {
-            "heading": rows.heading_deg - heading_deg(number),
-            "level": rows.level - level(number, rate),
+            "heading": heading - heading_deg(number),
+            "level": climb - level(number, rate),
             "back after a lap": np.hypot(*np.moveaxis(laps - lap_nm, -1, 0)),
         }
         for name, values in seen.items():

@@ -28,8 +28,8 @@ def test_what_drifts_is_seen():
     slow = Simulator(sector_named("x-plus"), model, turn_rate_deg_s=1.49985)
     found = worst(slow, AT_ONCE, SILENT)
     assert found["heading"] > 0.0
-    # Rounded on the way, but exact again at every level that is captured.
-    assert 0.0 < found["level"] < 1.0
+    # In each of 48 seconds rounded by 1/16 tick at most, and exact again at the level captured.
+    assert 0.0 < found["level"] <= 3.0
     assert found["back after a lap"] > BOUNDS["back after a lap"][0]
 
 
