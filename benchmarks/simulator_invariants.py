@@ -63,17 +63,18 @@ def try_worlds(flier: Flier, numbers: Sequence[int], seed: int, tallies: Tallies
     aircraft = world.start.level.shape[0]
     change = together([draw_change(seed, number, aircraft) for number in numbers])
     flown = flier.fly(world)
-    _judge(invariants(flown, world.told, flier.limits), numbers, tallies)
-    _judge(comparisons(flier, world, flown, change), numbers, tallies)
+    judge(invariants(flown, world.told, flier.limits), numbers, tallies)
+    judge(comparisons(flier, world, flown, change), numbers, tallies)
 
 
-def _judge(seen: Quantities, numbers: Sequence[int], tallies: Tallies) -> None:
+def judge(seen: Quantities, numbers: Sequence[int], tallies: Tallies) -> None:
+    """Add quantities to the tallies; what is beyond its bound, or NaN, is a finding."""
     for name, (values, where) in seen.items():
         tally = tallies.setdefault(name, Tally())
         tally.looked_at += int(where.sum())
         if where.any():
             tally.worst = float(np.fmax(tally.worst, np.max(values[where])))
-        for at in np.argwhere(where & ~(values <= BOUNDS[name].most)):  # so that NaN is one too
+        for at in np.argwhere(where & ~(values <= BOUNDS[name].most)):
             cycle, aircraft, world = at.tolist()
             tally.findings.append(Finding(numbers[world], cycle, aircraft, float(values[*at])))
 

@@ -66,7 +66,7 @@ def flight(flier):
 def passed(seen):
     """The invariants whose bound is passed."""
     tallies = {}
-    simulator_invariants._judge(seen, STEERED, tallies)
+    simulator_invariants.judge(seen, STEERED, tallies)
     return {name for name, tally in tallies.items() if tally.findings}
 
 
@@ -99,6 +99,41 @@ def test_another_flight_that_differs_is_found(flier, flight, field, by, names):
     world, flown, change = flight
     faulty = moved(flown, "after", field, lambda values: values + by)
     assert names <= passed(comparisons(flier, world, faulty, change))
+
+
+def test_a_fly_by_turn_that_is_too_tight_is_found(flier, flight):
+    world, flown, _ = flight
+    faulty = moved(flown, "after", "next_fix", lambda values: values + 1)
+    faulty = moved(faulty, "after", "turn_radius_nm", lambda values: values + 0.1)
+    found = passed(invariants(faulty, world.told, flier.limits))
+    assert "fly-by turns at 30 degrees of bank at most" in found
+
+
+class Given:
+    """In place of a flier: flights one after another, the last again and again."""
+
+    def __init__(self, *flights):
+        self._flights = list(flights)
+
+    def fly(self, world, dtype="float32"):
+        return self._flights.pop(0) if len(self._flights) > 1 else self._flights[0]
+
+
+@pytest.mark.parametrize(
+    ("field", "by", "name"),
+    [
+        ("level", 1.0, "untold it flies as if nobody was told"),
+        ("position_nm", 0.3, "float64, own navigation: position"),
+        ("heading_deg", 6.0, "float64, own navigation: heading"),
+    ],
+)
+def test_other_flights_that_differ_from_each_other_are_found(flight, field, by, name):
+    world, flown, change = flight
+    navigating = np.ones_like(world.start.own_navigation)
+    world = world._replace(start=world.start._replace(own_navigation=navigating))
+    faulty = moved(flown, "after", field, lambda values: values + by)
+    assert name not in passed(comparisons(Given(flown), world, flown, change))
+    assert name in passed(comparisons(Given(flown, faulty), world, flown, change))
 
 
 def test_a_world_depends_on_the_seed_and_its_number_only():
