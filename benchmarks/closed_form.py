@@ -1,0 +1,126 @@
+"""One radar cycle as closed forms in float64: where its six seconds must lead.
+
+Written beside the simulator, not with it: nothing here is stepped, each second's value follows from
+the state at the beginning of the cycle. Arrays are `[aircraft, *batch]` or have more axes before.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from skystack.simulator.fleet import Fleet
+from skystack.simulator.performance import TICKS_PER_FL, ConstantPerformance, TablePerformance
+
+SECONDS = 6
+TURN_RATE_DEG_S = 1.5
+GREATEST_BANK_DEG = 30.0
+_G_NM_S2 = 9.80665 / 1852.0
+_KT_PER_FT_MIN = 0.3048 * 60.0 / 1852.0
+
+Values = Float[np.ndarray, "..."]
+Rows = Any
+"""A `Traffic` or a `Clearance` of numpy arrays: in the package their arrays are JAX's."""
+
+
+class Limits(NamedTuple):
+    """What a performance model allows, by kind of aircraft."""
+
+    airspeed_kt: Float[np.ndarray, "kinds 3 levels"]
+    """At every flight level from 0 to 600, in climb, level flight and descent."""
+    rate_ft_min: Float[np.ndarray, " kinds"]
+    ceiling: Float[np.ndarray, " kinds"]
+    """In ticks."""
+
+
+def limits(model: Fleet | TablePerformance | ConstantPerformance) -> Limits:
+    """Of a model's aircraft."""
+    tables = model.tables if isinstance(model, Fleet) else (model,)
+    return Limits(
+        np.stack(
+            [
+                each.airspeeds_kt
+                if isinstance(each, TablePerformance)
+                else np.full((3, 601), each.airspeed_kt)
+                for each in tables
+            ]
+        ),
+        np.array([each.rate_ft_min for each in tables]),
+        np.array([getattr(each, "ceiling_fl", np.inf) * TICKS_PER_FL for each in tables]),
+    )
+
+
+class Expected(NamedTuple):
+    """The end of a cycle, for an aircraft that flies neither another heading nor another level than
+    it was flying to; speeds, rates and levels hold on own navigation too."""
+
+    level: Values
+    vertical_speed_ft_min: Values
+    """Over the last second."""
+    speed_kt: Float[np.ndarray, "6 ..."]
+    """Over the ground, in each second."""
+    heading_deg: Values
+    moved_nm: Float[np.ndarray, "2 ..."]
+
+
+def expected(before: Rows, allowed: Limits) -> Expected:
+    """The closed forms of a cycle from its beginning."""
+    level, vertical_speed, speed = _climb(before, allowed)
+    turn = before.turn_deg.astype(float)
+    turned = np.sign(turn) * np.minimum(TURN_RATE_DEG_S * _seconds(turn.ndim), np.abs(turn))
+    # Within a second, along the heading in the middle of it.
+    along = np.radians(before.heading_deg + (turned[:-1] + turned[1:]) / 2.0)
+    moved = np.stack(
+        [np.sum(speed / 3600.0 * part, axis=0) for part in (np.sin(along), np.cos(along))]
+    )
+    return Expected(level, vertical_speed, speed, (before.heading_deg + turned[-1]) % 360.0, moved)
+
+
+def _seconds(axes: int) -> Int[np.ndarray, "7 ..."]:
+    """0 to 6 along an axis before others."""
+    return np.arange(SECONDS + 1).reshape(-1, *([1] * axes))
+
+
+def _climb(before: Rows, allowed: Limits) -> tuple[Values, Values, Values]:
+    """Level and vertical speed at the end, ground speed in each second."""
+    begun, target = before.level.astype(float), before.flown_level.astype(float)
+    to_go, sign = np.abs(target - begun), np.sign(target - begun)
+    rate, ceiling = allowed.rate_ft_min[before.kind], allowed.ceiling[before.kind]
+    room = np.where(sign > 0.0, rate * np.ceil(np.maximum(ceiling - begun, 0.0) / rate), np.inf)
+    climbed = np.minimum(np.minimum(rate * _seconds(begun.ndim), to_go), room)
+    phase = np.where(climbed < to_go, sign, 0.0)[:-1]
+    climbs = phase * (climbed[:-1] < room) * rate
+    level = begun + sign * climbed
+    airspeed = _airspeed_kt(level[:-1], phase, before.kind, allowed)
+    speed = np.sqrt(airspeed**2 - (climbs * _KT_PER_FT_MIN) ** 2)
+    return level[-1], np.where(climbed[-1] < to_go, climbs[-1], 0.0), speed
+
+
+def _airspeed_kt(
+    level: Values, phase: Values, kind: Int[np.ndarray, "..."], allowed: Limits
+) -> Values:
+    """True airspeed, interpolated between whole flight levels."""
+    fl = level / TICKS_PER_FL
+    below, column = np.floor(fl).astype(int), (1.0 - phase).astype(int)
+    low, high = (allowed.airspeed_kt[kind, column, below + step] for step in (0, 1))
+    between: Values = low + (fl - below) * (high - low)
+    return between
+
+
+def greatest_turn_deg(before: Rows, after: Rows, speed_kt: Values) -> Values:
+    """The most that a heading may change in a cycle.
+
+    1.5 degrees a second; on own navigation also what a fly-by turn of the radius reported makes of
+    it, or one at 30 degrees of bank where a fix was passed within the cycle.
+    """
+    slowest, fastest = speed_kt.min(axis=0), speed_kt.max(axis=0)
+    tightest = np.where(after.next_fix != before.next_fix, least_radius_nm(slowest), np.inf)
+    for radius in (before.turn_radius_nm, after.turn_radius_nm):
+        tightest = np.minimum(tightest, np.where(radius > 0.0, radius, np.inf))
+    fly_by = np.where(before.own_navigation, np.degrees(fastest / 3600.0 / tightest), 0.0)
+    return SECONDS * np.maximum(fly_by, TURN_RATE_DEG_S)
+
+
+def least_radius_nm(speed_kt: Values) -> Values:
+    """Of a coordinated turn at the greatest bank."""
+    return (speed_kt / 3600.0) ** 2 / (_G_NM_S2 * np.tan(np.radians(GREATEST_BANK_DEG)))
