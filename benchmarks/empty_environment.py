@@ -18,7 +18,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-INSTALL = ["install", "--quiet", "--disable-pip-version-check"]
+PIP = ["-I", "-m", "pip", "--disable-pip-version-check"]
+"""By itself: a package in PYTHONPATH would pass for one that is installed."""
 LIMIT_S = 3600.0
 
 NO_NETWORK = """
@@ -56,10 +57,10 @@ def make_environment(folder: Path, wheel: Path, borrowed: Sequence[str] | None =
     (site,) = folder.glob("lib/*/site-packages")
     if borrowed is None:
         constraints = ["--constraint", str(ROOT / "constraints.txt")]
-        _run([str(python), "-m", "pip", *INSTALL, *constraints, str(wheel)])
+        _run([str(python), *PIP, "install", "--quiet", *constraints, str(wheel)])
     else:
         there = ["--no-deps", "--no-index", "--target", str(site)]
-        _run([sys.executable, "-m", "pip", *INSTALL, *there, str(wheel)])
+        _run([sys.executable, *PIP, "install", "--quiet", *there, str(wheel)])
         (site / "borrowed.pth").write_text("\n".join(borrowed) + "\n")
     (site / "sitecustomize.py").write_text(NO_NETWORK)
     return python
@@ -104,7 +105,7 @@ def main(arguments: Sequence[str]) -> int:
             sys.stdout.write(f"wheel, source distribution, MB: {sizes}\n")
             python = make_environment(folder / "environment", wheel)
             installed_s = time.monotonic() - begun
-            listed = _run([str(python), "-m", "pip", "list", "--format", "freeze"]).splitlines()
+            listed = _run([str(python), *PIP, "list", "--format", "freeze"]).splitlines()
             size = sum(path.stat().st_size for path in (folder / "environment").rglob("*"))
             sys.stdout.write(
                 f"installed in {installed_s:.0f} s: {len(listed)} distributions, "

@@ -2,12 +2,15 @@
 
 import platform
 
+import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from benchmarks import other_processors
 from benchmarks.other_processors import PROCESSORS, Likeness, flown, likeness, off_the_record
+from skystack.catalogue import SHIPPED
+from skystack.measured import read_measured
 
 
 def write_tables(folder, cycle=3, success=True, separation_nm=7.0, lat=0.5):
@@ -59,10 +62,9 @@ def test_an_older_processor_gives_the_numbers_of_the_card(tmp_path, monkeypatch)
     """The record was made on another machine, with newer instructions."""
     tables = flown("vertical", 1000, tmp_path, PROCESSORS["SSE4.2"])
     assert off_the_record("vertical", tables) == []
-    measured = other_processors.read_measured(other_processors.SHIPPED / "vertical")
-    row = measured.stacked | {"instructions_mean": measured.stacked["instructions_mean"] * 1.02}
-    monkeypatch.setattr(
-        other_processors, "read_measured", lambda folder: type("", (), {"stacked": row})
-    )
+    measured = read_measured(SHIPPED / "vertical")
+    rows = [row | {"instructions_mean": row["instructions_mean"] * 1.02} for row in measured.rows]
+    other = msgspec.structs.replace(measured, rows=rows)
+    monkeypatch.setattr(other_processors, "read_measured", lambda folder: other)
     (line,) = off_the_record("vertical", tables)
     assert line.startswith("instructions_mean is ")
