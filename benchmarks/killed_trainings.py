@@ -44,11 +44,12 @@ from skystack.reproduction.plan import OWN_FOLDERS, Plan
 from skystack.reproduction.run import run_plan
 
 if __name__ == "__main__":
-    out, settings = Path(sys.argv[1]), sys.argv[2:]
+    out, name, seeds, *settings = sys.argv[1:]
+    out = Path(out)
     compile_for_one_core()
     with alone_in(out, OWN_FOLDERS):
-        experiments = (load_experiment("lateral-best", settings),)
-        plan = Plan(experiments, 2, 3, out, False, "", checkpoint_every_s=0.0)
+        experiments = (load_experiment(name, settings),)
+        plan = Plan(experiments, int(seeds), 3, out, False, "", checkpoint_every_s=0.0)
         run_plan(plan, lambda name, progress: None)
 """
 
@@ -76,9 +77,14 @@ def train_command(folder: Path) -> list[str]:
     return [sys.executable, "-m", "skystack", *words, *changes]
 
 
-def reproduce_command(folder: Path) -> list[str]:
-    """Two small trainings in processes of their own, judged on three scenarios."""
-    return [sys.executable, "-c", REPRODUCTION, str(folder), *SETTINGS]
+def reproduce_command(
+    folder: Path,
+    experiment: str = "lateral-best",
+    seeds: int = 2,
+    settings: Sequence[str] = SETTINGS,
+) -> list[str]:
+    """Small trainings in processes of their own, judged on three scenarios."""
+    return [sys.executable, "-c", REPRODUCTION, str(folder), experiment, str(seeds), *settings]
 
 
 SUBJECTS = {
