@@ -2,6 +2,7 @@
 
     python3 dev.py reproduce [ARGUMENT ...]   the main job: `skystack reproduce` (default: quick)
     python3 dev.py test [ARGUMENT ...]        the tests (arguments go to pytest)
+    python3 dev.py coverage [ARGUMENT ...]    the tests, and how much of the code they reach
     python3 dev.py check                      lint, format and types
     python3 dev.py docs                       the documentation as a site, docs/_build/index.html
 
@@ -19,8 +20,10 @@ ROOT = Path(__file__).resolve().parent
 ENVIRONMENT = ROOT / ".venv"
 PYTHON = ENVIRONMENT / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
 _ALL = ("test", "bluebird", "bluesky", "docs", "onnx", "pettingzoo", "ray", "sb3", "tensorboard")
-EXTRAS = {"reproduce": (), "test": _ALL, "check": _ALL, "docs": ("docs",)}
+EXTRAS = {"reproduce": (), "test": _ALL, "coverage": _ALL, "check": _ALL, "docs": ("docs",)}
 """What each verb needs beside the package itself."""
+COVERED = ("simulator/*", "tasks/*", "stacking.py", "learning/*")
+"""Of each at least 90 % of lines and branches are to be reached by tests."""
 
 
 def prepare(*extras: str) -> None:
@@ -44,6 +47,12 @@ def run(*command: str) -> int:
     return subprocess.run([str(PYTHON), "-m", *command], cwd=ROOT, check=False).returncode
 
 
+def covered(files: str) -> int:
+    """Report lines and branches that no test reached; 2 where these are too many."""
+    report = ("report", "--fail-under=90", "--show-missing", "--skip-covered")
+    return run("coverage", *report, f"--include=src/skystack/{files}")
+
+
 def main(arguments: list[str]) -> int:
     if not arguments or arguments[0] not in EXTRAS:
         sys.stderr.write(__doc__ or "")
@@ -54,6 +63,8 @@ def main(arguments: list[str]) -> int:
         return run("skystack", "reproduce", *rest)
     if verb == "test":
         return run("pytest", *rest)
+    if verb == "coverage":
+        return run("pytest", "--cov", "--cov-report=", *rest) or max(map(covered, COVERED))
     if verb == "docs":
         return run("sphinx", "-W", "--keep-going", "-q", "docs", "docs/_build", *rest)
     checks = (["ruff", "check"], ["ruff", "format", "--check"], ["mypy"])

@@ -59,6 +59,12 @@ def test_a_stack_is_the_run_of_the_first_answer(answers, issued):
     assert result.action == answers[0]
 
 
+def test_an_action_may_be_anything_but_0():
+    state, result = stack(Counter(), script("left", "left", "right"), ())
+    assert state == ("left", "left")
+    assert result == ("left", 2)
+
+
 @given(st.lists(st.integers(0, 3), min_size=9, max_size=9), st.integers(1, 9))
 def test_a_stack_is_the_longest_equal_prefix(answers, limit):
     expected = 0
@@ -67,6 +73,29 @@ def test_a_stack_is_the_longest_equal_prefix(answers, limit):
     state, result = stack(Counter(), script(*answers), (), limit=limit)
     assert state == (answers[0],) * expected
     assert result.instructions == expected
+
+
+def test_every_query_inside_jit_samples_anew():
+    """A fair coin instructs k times with probability 1 / 2 ** (k + 1), and seven at most."""
+
+    class Numbers(Counter):
+        def instruct(self, state, action):
+            return state + action
+
+        def may_stack(self, state, action):
+            return state < 7
+
+    def coin(observation, key):
+        return jax.random.bernoulli(key).astype(jnp.int32)
+
+    def burst(key):
+        return stack_traced(Numbers(), coin, jnp.zeros((), dtype=jnp.int32), key)[1].instructions
+
+    drawn = 4000
+    bursts = np.asarray(jax.jit(jax.vmap(burst))(jax.random.split(jax.random.key(1), drawn)))
+    for k, share in [(k, 0.5 ** (k + 1)) for k in range(7)] + [(7, 0.5**7)]:
+        spread = np.sqrt(share * (1 - share) / drawn)
+        assert abs(np.mean(bursts == k) - share) < 5 * spread, k
 
 
 class Endless(Counter):

@@ -1,4 +1,4 @@
-"""Predicted closest approach and the safety reward: closed forms, and brute force."""
+"""Predicted closest approach and what it costs: closed forms, and brute force."""
 
 import jax
 import jax.numpy as jnp
@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skystack.simulator.traffic import start, ticks
-from skystack.tasks import rewards
 from skystack.tasks.build import build_task
 from skystack.tasks.conformance import check_task
 from skystack.tasks.pairs import PAIR_FEATURES, RANGE_NM, pairs_of
@@ -72,22 +71,6 @@ def test_it_is_predicted_on_the_cleared_headings():
     flown = traffic([(0, 0), (0, 80)], [0, 180])
     told = flown._replace(cleared_heading_deg=jnp.array([90.0, 180.0]))
     assert float(pairs_of(told).closest_nm[0]) == pytest.approx(80.0 / ROOT_2, abs=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("distance", "closest", "expected"),
-    [
-        (0.0, 0.0, -1.0),
-        (75.0, 0.0, -0.5),
-        (75.0, 5.0, -0.5 * np.exp(-1.0)),
-        (30.0, 10.0, -0.8 * np.exp(-4.0)),
-        (150.0, 0.0, 0.0),
-        (200.0, 0.0, 0.0),
-    ],
-)
-def test_the_safety_reward_of_the_paper(distance, closest, expected):
-    reward = rewards.safety(jnp.float32(distance), jnp.float32(closest), RANGE_NM)
-    assert float(reward) == pytest.approx(expected, abs=1e-6)
 
 
 def avoidance(**weights):

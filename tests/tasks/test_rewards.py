@@ -27,6 +27,30 @@ def test_damping(cycles, expected):
     assert float(rewards.damping(jnp.asarray(cycles))) == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("distance_nm", "closest_nm", "expected"),
+    [
+        (0.0, 0.0, -1.0),
+        (75.0, 0.0, -0.5),
+        (75.0, 5.0, -0.5 * math.exp(-1)),
+        (30.0, 10.0, -0.8 * math.exp(-4)),
+        (150.0, 0.0, 0.0),
+        (200.0, 0.0, 0.0),
+    ],
+)
+def test_safety(distance_nm, closest_nm, expected):
+    reward = rewards.safety(jnp.float32(distance_nm), jnp.float32(closest_nm), 150.0)
+    assert float(reward) == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("gap_fl", "expected"),
+    [(0, 0.0), (40, math.exp(-1) - 1), (-40, math.exp(-1) - 1), (200, math.exp(-5) - 1)],
+)
+def test_vertical(gap_fl, expected):
+    assert float(rewards.vertical(jnp.float32(gap_fl))) == pytest.approx(expected, abs=1e-6)
+
+
 @pytest.mark.parametrize(("distance_nm", "expected"), [(4.9, 0.0), (-5.0, 0.0), (-7.5, 2.5)])
 def test_outside_band(distance_nm, expected):
     assert float(rewards.outside_band(jnp.asarray(distance_nm), 5.0)) == pytest.approx(expected)
@@ -54,3 +78,8 @@ def test_without_the_count_criterion_ten_and_twenty():
 def test_all_but_one_aircraft_of_one_criterion_gets_no_bonus():
     criteria = jnp.ones((3, 2), dtype=bool).at[2, 0].set(False)
     assert float(rewards.terminal(criteria)) == 12.5
+
+
+def test_scenarios_of_a_batch_are_paid_each_by_itself():
+    criteria = jnp.ones((3, 2, 4), dtype=bool).at[:, :, 1].set(False).at[0, 1, 2].set(False)
+    assert rewards.terminal(criteria).tolist() == [35.0, 0.0, 12.5, 35.0]

@@ -10,7 +10,6 @@ from skystack.learning.experiment import load_experiment
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import start, ticks
 from skystack.stacking import stack
-from skystack.tasks import rewards
 from skystack.tasks.build import build_task
 from skystack.tasks.conformance import check_task
 from skystack.tasks.settings import TaskSettings
@@ -97,13 +96,6 @@ def test_cleared_levels_stay_in_the_sector(task):
     assert task.may_stack(top, action(DESCEND))
     assert not task.may_stack(bottom, action(DESCEND))
     assert float(task.instruct(top, action(CLIMB)).traffic.cleared_level[0]) == ticks(300.0)
-
-
-@pytest.mark.parametrize(
-    ("gap_fl", "expected"), [(0, 0.0), (40, np.exp(-1) - 1), (-40, np.exp(-1) - 1), (200, -0.99326)]
-)
-def test_the_vertical_reward_of_the_paper(gap_fl, expected):
-    assert float(rewards.vertical(jnp.float32(gap_fl))) == pytest.approx(expected, abs=1e-5)
 
 
 def test_the_reward_of_a_cycle_is_of_the_cleared_level_and_the_damping(task):
