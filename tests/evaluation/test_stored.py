@@ -1,12 +1,14 @@
 """Tables from strangers: a few bytes may say that they are gigabytes."""
 
+import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
-from skystack.evaluation import columns
-from skystack.evaluation.stored import read_table, rows_of
+from skystack.evaluation import columns, stored
+from skystack.evaluation.stored import read_table, rows_of, sector_of
 
 
 def repeated(text, rows):
@@ -45,13 +47,34 @@ def test_of_a_large_table_what_is_asked_for_is_read(tmp_path):
     assert found["cycle"].to_pylist() == [3, rows - 1]
 
 
-def test_a_column_of_more_bytes_than_allowed_is_refused_by_its_head(tmp_path):
-    path = written(tmp_path, text=pa.array([f"{n}" * 10_000_000 for n in range(11)]))
-    with pytest.raises(InputError, match="bytes in a column of a row group"):
-        read_table(path, ("text",))
+def test_more_bytes_than_allowed_are_refused_by_the_head(tmp_path, monkeypatch):
+    path = written(tmp_path, cycle=range(100))
+    assert read_table(path, ("cycle",)).num_rows == 100
+    monkeypatch.setattr(stored, "MOST_GROUP_BYTES", 800)
+    with pytest.raises(InputError, match=r"is too large: 100 rows, \d+ bytes in a row group"):
+        read_table(path, ("cycle",))
+
+
+@pytest.mark.parametrize("kind", [pa.float16(), pa.timestamp("s"), pa.bool_()])
+def test_other_kinds_of_numbers_are_refused_where_there_are_any(kind, tmp_path):
+    path = written(tmp_path, lat=pa.nulls(3, kind).fill_null(pa.scalar(0).cast(kind)))
+    with pytest.raises(InputError, match=r"column 'lat' holds .* \(allowed: numbers\)"):
+        read_table(path, ("lat",))
+    assert read_table(written(tmp_path, lat=pa.array([], kind)), ("lat",)).num_rows == 0
 
 
 def test_one_aircrafts_rows(tmp_path):
     signs = pa.array(["AC1", "AC2", "AC1"]).dictionary_encode()
     table = read_table(written(tmp_path, callsign=signs, cycle=[0, 0, 1]), ("callsign", "cycle"))
     assert rows_of("AC1", table)["cycle"].to_pylist() == [0, 1]
+
+
+@pytest.mark.parametrize(("field", "at"), [("fixes", (1e300, 0.0)), ("origin", (0.0, 400.0))])
+def test_a_sector_in_metadata_lies_on_the_earth(field, at, tmp_path):
+    sector = msgspec.to_builtins(x_plus())
+    sector[field] = sector[field] | {"EGL": at} if field == "fixes" else at
+    path = tmp_path / "table.parquet"
+    table = pa.table({"cycle": [0]})
+    pq.write_table(table.replace_schema_metadata({"sector": msgspec.json.encode(sector)}), path)
+    with pytest.raises(InputError, match=f"the sector in its metadata: {field}.*Expected `float`"):
+        sector_of(path, read_table(path, ("cycle",)))

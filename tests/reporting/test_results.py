@@ -78,3 +78,13 @@ def test_a_name_cannot_lead_out_of_the_folder(run, name):
     change(run / "results.json", rows=[row | {"experiment": name}])
     with pytest.raises(InputError, match=r"results\.json: damaged"):
         read_run(run)
+
+
+@pytest.mark.parametrize("table", ["rows", "rows_by_seed", "train"])
+def test_what_stands_twice_is_refused(table, run):
+    path = run / "results.json"
+    results = json.loads(path.read_text())
+    results[table].append(results[table][0])
+    path.write_text(json.dumps(results))
+    with pytest.raises(InputError, match=rf"{table}: .* stands in it twice \(allowed: once\)"):
+        read_run(run)

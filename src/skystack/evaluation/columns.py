@@ -12,9 +12,10 @@ from skystack.errors import InputError
 MOST_ROWS = 20_000_000
 MOST_KEPT_ROWS = 1_000_000
 """Of those that are asked for; the others are passed by."""
-MOST_BYTES = 100_000_000
-"""Of one column in one row group, as the file states it, and of a column's texts as they are read:
-a few bytes may say that a long text stands in every row."""
+MOST_GROUP_BYTES = 500_000_000
+"""Of a row group, as the file states it."""
+MOST_TEXT_BYTES = 100_000_000
+"""Of a column as it is read: a few bytes may say that a long text stands in every row."""
 GREATEST = 1e9
 
 TEXT = {"callsign", "type", "route", "status", "kind", "direction", "text"}
@@ -35,7 +36,12 @@ class _Kind(NamedTuple):
 _TEXT = _Kind("text", lambda kind: pa.types.is_string(kind) or pa.types.is_large_string(kind))
 _TRUTH = _Kind("true or false", pa.types.is_boolean)
 _WHOLE = _Kind("whole numbers", pa.types.is_integer)
-_NUMBER = _Kind("numbers", lambda kind: pa.types.is_integer(kind) or pa.types.is_floating(kind))
+_NUMBER = _Kind(
+    "numbers",
+    lambda kind: (
+        pa.types.is_integer(kind) or pa.types.is_float32(kind) or pa.types.is_float64(kind)
+    ),
+)
 
 
 def check_columns(table: pa.Table) -> None:
@@ -49,14 +55,16 @@ def check_columns(table: pa.Table) -> None:
 
 
 def _check_column(name: str, column: pa.ChunkedArray) -> None:
+    if not len(column):  # of no values, any type will do
+        return
     wanted = _kind_of(name)
     kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
-    if not wanted.fits(kind) and len(column):  # of no values, any type will do
+    if not wanted.fits(kind):
         raise InputError(f"column {name!r} holds {kind} (allowed: {wanted.words})")
     if column.null_count and name not in MAY_BE_NULL:
         raise InputError(f"column {name!r} holds nothing in {column.null_count} rows")
-    if pa.types.is_dictionary(column.type) and _text_bytes(column) > MOST_BYTES:
-        raise InputError(f"column {name!r} holds too much text (allowed: {MOST_BYTES} bytes)")
+    if pa.types.is_dictionary(column.type) and _text_bytes(column) > MOST_TEXT_BYTES:
+        raise InputError(f"column {name!r} holds too much text (allowed: {MOST_TEXT_BYTES} bytes)")
     if wanted in (_WHOLE, _NUMBER):
         _check_range(name, column.to_numpy(), lowest=0.0 if wanted is _WHOLE else -GREATEST)
 

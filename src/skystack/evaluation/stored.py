@@ -7,14 +7,13 @@ from typing import Annotated, Any
 import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 
-from skystack.airspace.sector import Sector
+from skystack.airspace.sector import LatLon, Sector
 from skystack.airspace.sector_file import Point, SectorEntry, make_sector
 from skystack.errors import InputError
 from skystack.evaluation.columns import (
-    MOST_BYTES,
+    MOST_GROUP_BYTES,
     MOST_KEPT_ROWS,
     MOST_ROWS,
     TEXT,
@@ -56,12 +55,11 @@ def write_table(
 def read_table(path: Path, columns: Sequence[str], filters: Any = None) -> pa.Table:
     """Some columns of a table, texts as dictionaries: what repeats in them takes no memory.
 
-    `filters` are pyarrow's, as `[("scenario", "=", 3)]`. Raises InputError that names a missing,
-    damaged or too large table.
+    `filters` are pyarrow's, as `[("scenario", "=", 3)]`. Raises InputError for a missing, damaged
+    or too large table.
     """
     try:
-        _check_head(path, pq.read_metadata(path), columns)
-        table = _scanner(path, columns, filters).head(MOST_KEPT_ROWS + 1)
+        table = _read(path, columns, filters)
     except FileNotFoundError:
         raise InputError(f"{path}: missing (evaluation writes it)") from None
     except (OSError, ValueError, pa.ArrowException) as error:
@@ -71,25 +69,38 @@ def read_table(path: Path, columns: Sequence[str], filters: Any = None) -> pa.Ta
             f"{path}: damaged: cannot be read as a Parquet table of an evaluation"
         ) from None
     with inside(str(path)):
-        if table.num_rows > MOST_KEPT_ROWS:
-            raise InputError(
-                f"is too large to be read at once (allowed: {MOST_KEPT_ROWS} rows of what is asked)"
-            )
         check_columns(table)
     return table
+
+
+def _read(path: Path, columns: Sequence[str], filters: Any) -> pa.Table:
+    """Batch by batch: rows that are not asked for take no memory."""
+    only = None if filters is None else pq.filters_to_expression(filters)
+    by = [] if filters is None else [name for name, _, _ in filters]
+    needed = list(dict.fromkeys([*columns, *by]))
+    _check_head(path, pq.read_metadata(path), needed)
+    with pq.ParquetFile(path, read_dictionary=sorted(TEXT & set(needed))) as file:
+        empty = file.schema_arrow.empty_table().select(needed)
+        kept, rows = [empty], 0
+        for batch in file.iter_batches(_BATCH, columns=needed, use_threads=False):
+            found = pa.Table.from_batches([batch])
+            kept.append(found if only is None else found.filter(only))
+            rows += kept[-1].num_rows
+            if rows > MOST_KEPT_ROWS:
+                raise InputError(
+                    f"{path}: is too large to be read at once (allowed: {MOST_KEPT_ROWS} rows of "
+                    "what is asked)"
+                )
+    return pa.concat_tables(kept).select(list(columns))
+
+
+_BATCH = 65536
+"""Rows."""
 
 
 def rows_of(callsign: str, table: pa.Table) -> pa.Table:
     """One aircraft's rows of a table that was read."""
     return table.filter(pc.equal(table["callsign"].cast(pa.string()), callsign))
-
-
-def _scanner(path: Path, columns: Sequence[str], filters: Any) -> ds.Scanner:
-    """Reads batch by batch: rows that are not asked for take no memory."""
-    texts = ds.ParquetReadOptions(dictionary_columns=TEXT & set(columns))
-    only = None if filters is None else pq.filters_to_expression(filters)
-    table = ds.dataset(path, format=ds.ParquetFileFormat(read_options=texts))
-    return table.scanner(columns=list(columns), filter=only)
 
 
 def _check_head(path: Path, head: Any, columns: Sequence[str]) -> None:
@@ -100,14 +111,13 @@ def _check_head(path: Path, head: Any, columns: Sequence[str]) -> None:
             found = ", ".join(known)
             missing = f"has no column {name!r}" if name not in known else f"has {name!r} twice"
             raise InputError(f"{path}: {missing} (found: {found})")
-    groups = [head.row_group(number) for number in range(head.num_row_groups)]
-    parts = [group.column(number) for group in groups for number in range(group.num_columns)]
-    asked = (part for part in parts if part.path_in_schema in columns)
-    size = max((part.total_uncompressed_size for part in asked), default=0)
-    if head.num_rows > MOST_ROWS or size > MOST_BYTES:
+    # Of single columns nothing is asked: pyarrow ends the process where their heads are damaged.
+    groups = (head.row_group(number) for number in range(head.num_row_groups))
+    size = max((group.total_byte_size for group in groups), default=0)
+    if head.num_rows > MOST_ROWS or size > MOST_GROUP_BYTES:
         raise InputError(
-            f"{path}: is too large: {head.num_rows} rows, {size} bytes in a column of a row group "
-            f"(allowed: {MOST_ROWS} rows, {MOST_BYTES} bytes)"
+            f"{path}: is too large: {head.num_rows} rows, {size} bytes in a row group "
+            f"(allowed: {MOST_ROWS} rows, {MOST_GROUP_BYTES} bytes)"
         )
 
 
@@ -124,11 +134,20 @@ def sector_of(path: Path, table: pa.Table) -> Sector:
                 name=stored.name,
                 levels_fl=stored.levels_fl,
                 area={"type": "Polygon", "coordinates": [ring]},
-                fixes={name: Point(*at) for name, at in stored.fixes.items()},
+                fixes={name: _point(f"fixes.{name}", at) for name, at in stored.fixes.items()},
                 routes=stored.routes,
-                origin=Point(*stored.origin),
+                origin=_point("origin", stored.origin),
             )
         )
+
+
+def _point(where: str, at: LatLon) -> Point:
+    """A point of the degrees that there are; what stands in the metadata may be anything."""
+    lat, lon = at
+    try:
+        return msgspec.convert({"lat": lat, "lon": lon}, Point)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{where}: {error}") from None
 
 
 class _AircraftBeside(msgspec.Struct):

@@ -1,6 +1,6 @@
 """What a run folder says about itself: `results.json`, `bound.json` and the curves of training."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -292,6 +292,11 @@ def read_run(folder: Path) -> Run:
     """Read what is small. Raises InputError that names a missing or damaged file."""
     path = folder / "results.json"
     results = decode(read_file(path), Results, str(path))
+    for table in ("rows", "platforms", "rows_by_seed"):
+        rows: list[Row] = getattr(results, table)
+        keys = [(row.experiment, row.stacking, row.platform, row.seed) for row in rows]
+        _check_once(f"{path}: {table}", keys)
+    _check_once(f"{path}: train", [(run.experiment, run.seed) for run in results.train])
     ordered = msgspec.structs.replace(
         results,
         rows=in_order(results.rows),
@@ -302,6 +307,12 @@ def read_run(folder: Path) -> Run:
     path = folder / "bound.json"
     bound = decode(read_file(path), Bound, str(path)) if path.exists() else None
     return Run(folder, ordered, bound)
+
+
+def _check_once(where: str, keys: Sequence[tuple[object, ...]]) -> None:
+    if len(set(keys)) < len(keys):
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise InputError(f"{where}: {twice} stands in it twice (allowed: once)")
 
 
 def in_order(rows: Iterable[Row]) -> list[Row]:
