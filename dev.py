@@ -1,8 +1,8 @@
 """Everything a developer runs, on a fresh machine with Python 3.11 or newer: see README.md.
 
     python3 dev.py reproduce [ARGUMENT ...]   the main job: `skystack reproduce` (default: quick)
-    python3 dev.py test [ARGUMENT ...]        the tests (arguments go to pytest)
-    python3 dev.py coverage [ARGUMENT ...]    the tests, and how much of the code they reach
+    python3 dev.py test [ARGUMENT ...]        the tests, and whether they reach enough of the code
+                                              (arguments go to pytest: then no more than it)
     python3 dev.py check                      lint, format and types
     python3 dev.py docs                       the documentation as a site, docs/_build/index.html
 
@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parent
 ENVIRONMENT = ROOT / ".venv"
 PYTHON = ENVIRONMENT / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
 _ALL = ("test", "bluebird", "bluesky", "docs", "onnx", "pettingzoo", "ray", "sb3", "tensorboard")
-EXTRAS = {"reproduce": (), "test": _ALL, "coverage": _ALL, "check": _ALL, "docs": ("docs",)}
+EXTRAS = {"reproduce": (), "test": _ALL, "check": _ALL, "docs": ("docs",)}
 """What each verb needs beside the package itself."""
 COVERED = ("simulator/*", "tasks/*", "stacking.py", "learning/*")
 """Of each at least 90 % of lines and branches are to be reached by tests."""
@@ -62,9 +62,9 @@ def main(arguments: list[str]) -> int:
     if verb == "reproduce":
         return run("skystack", "reproduce", *rest)
     if verb == "test":
-        return run("pytest", *rest)
-    if verb == "coverage":
-        return run("pytest", "--cov", "--cov-report=", *rest) or max(map(covered, COVERED))
+        if rest:
+            return run("pytest", *rest)
+        return run("pytest", "--cov", "--cov-report=") or max(map(covered, COVERED))
     if verb == "docs":
         return run("sphinx", "-W", "--keep-going", "-q", "docs", "docs/_build", *rest)
     checks = (["ruff", "check"], ["ruff", "format", "--check"], ["mypy"])
