@@ -271,7 +271,7 @@ def clearances(recording, number):
     return [(int(c), int(recording.action[number, c]), int(given[c])) for c in np.nonzero(given)[0]]
 
 
-SCENARIOS = 1000
+SCENARIOS = 100
 
 
 def test_python_and_jit_issue_the_same_clearances_with_a_table_policy(lateral, phases):
@@ -302,4 +302,4 @@ def test_python_and_jit_issue_the_same_clearances_with_the_network(lateral, phas
         if in_python != in_jit:
             different += 1
             assert min(margins) < 1e-3, f"scenario {number} differs without a near-tie"
-    assert different <= 5
+    assert different <= 1

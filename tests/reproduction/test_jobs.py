@@ -85,7 +85,7 @@ def test_a_full_disk_does_not_begin_a_training_anew(plan, experiment, monkeypatc
     (folder / "training.json").unlink()
     resumed = []
 
-    def full(experiment, seed, folder, resume, on_update):
+    def full(experiment, seed, folder, resume, on_update, every_s):
         resumed.append(resume)
         raise InputError("cannot be written: No space left on device")
 
