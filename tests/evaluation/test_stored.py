@@ -78,3 +78,9 @@ def test_a_sector_in_metadata_lies_on_the_earth(field, at, tmp_path):
     pq.write_table(table.replace_schema_metadata({"sector": msgspec.json.encode(sector)}), path)
     with pytest.raises(InputError, match=f"the sector in its metadata: {field}.*Expected `float`"):
         sector_of(path, read_table(path, ("cycle",)))
+
+
+def test_a_text_that_is_a_structure_is_refused(tmp_path):
+    path = written(tmp_path, callsign=pa.array([{"inner": "AC1"}]))
+    with pytest.raises(InputError, match="damaged: cannot be read as a Parquet table"):
+        read_table(path, ("callsign",))

@@ -62,7 +62,7 @@ def read_table(path: Path, columns: Sequence[str], filters: Any = None) -> pa.Ta
         table = _read(path, columns, filters)
     except FileNotFoundError:
         raise InputError(f"{path}: missing (evaluation writes it)") from None
-    except (OSError, ValueError, pa.ArrowException) as error:
+    except (OSError, ValueError, KeyError, pa.ArrowException) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(

@@ -191,3 +191,8 @@ def test_losses_of_many_whose_rows_end_at_different_times():
             seconds[loss.begins : loss.ends] = True
             assert loss.least_nm == pytest.approx(least[loss.begins : loss.ends].min(), abs=1e-2)
         np.testing.assert_array_equal(seconds, least < 5.0)
+
+
+def test_who_has_one_row_only_loses_nothing():
+    here = straight(np.zeros((1, 2)), 300.0)
+    assert list(_losses((here, here))) == []

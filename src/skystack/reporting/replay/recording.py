@@ -261,7 +261,7 @@ def _losses(aircraft: tuple[Flown, ...]) -> Iterator[Loss]:
 
 def _distances_nm(aircraft: tuple[Flown, ...]) -> Float[np.ndarray, "pairs cycles"]:
     """The least in every cycle; no number where one of the two has no more rows."""
-    rows = max(len(each.fl) for each in aircraft)
+    rows = max(2, *(len(each.fl) for each in aircraft))
     rows += (1 - rows) % _CYCLES  # whole blocks, and the row in which the last one ends
     place = np.stack([_filled(each.position_nm.T, rows) for each in aircraft])
     level = np.stack([_filled(each.fl * TICKS_PER_FL, rows) for each in aircraft])
