@@ -40,7 +40,7 @@ def compile_once(tmp_path_factory):
 def quickly_compiled():
     """For tests of what commands say and write, not of numbers: programs that need not be fast."""
     jax.config.update("jax_disable_most_optimizations", True)
-    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"  # for commands in their own processes
-    yield
-    del os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")  # for commands in their own processes
+        yield
     jax.config.update("jax_disable_most_optimizations", False)

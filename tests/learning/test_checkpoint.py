@@ -5,19 +5,8 @@ import jax.numpy as jnp
 import pytest
 
 from skystack.errors import CheckpointError
-from skystack.learning import ppo
 from skystack.learning.checkpoint import load_checkpoint, save_checkpoint
-from skystack.learning.settings import PPOSettings
 from skystack.learning.watch import PARTS
-from skystack.tasks.build import build_task
-from skystack.tasks.settings import TaskSettings
-
-
-@pytest.fixture(scope="module")
-def learner():
-    settings = PPOSettings(environments=2, hidden=(4,))
-    init = jax.jit(lambda key: ppo.init(build_task(TaskSettings()), settings, key))
-    return init(jax.random.key(0))
 
 
 @pytest.mark.parametrize("value", [jnp.nan, jnp.inf])

@@ -8,21 +8,9 @@ import numpy as np
 import pytest
 
 from skystack.errors import TrainingError
-from skystack.learning import ppo
-from skystack.learning.settings import PPOSettings
 from skystack.learning.watch import LOSSES, PARTS, Watch, finite
-from skystack.tasks.build import build_task
-from skystack.tasks.settings import TaskSettings
 
 GOOD = dict.fromkeys(LOSSES, 1.0)
-
-
-@pytest.fixture(scope="module")
-def learner():
-    settings = PPOSettings(environments=2, hidden=(4,))
-    return jax.jit(lambda key: ppo.init(build_task(TaskSettings()), settings, key))(
-        jax.random.key(0)
-    )
 
 
 @pytest.fixture

@@ -119,18 +119,17 @@ def train(options: argparse.Namespace) -> int:
     events = event_files(out) if options.tensorboard else nullcontext(lambda: None)
     for line in begun_with(experiment, out, options.resume):
         say(line)
+    compile_for_one_core()
     try:
-        with events as follow:
-            compile_for_one_core()
-            with kept_programs(), show_progress() as report:
+        with kept_programs(), events as follow, show_progress() as report:
 
-                def on_update(step: Progress) -> None:
-                    report(name, step)
-                    follow()
+            def on_update(step: Progress) -> None:
+                report(name, step)
+                follow()
 
-                trained = train_experiment(
-                    experiment, options.seed, out, options.resume, on_update, every_s
-                )
+            trained = train_experiment(
+                experiment, options.seed, out, options.resume, on_update, every_s
+            )
     except KeyboardInterrupt:
         return complain(
             f"interrupted; to go on: skystack train {options.experiment} --seed {options.seed} "

@@ -78,8 +78,10 @@ def _read(path: Path, columns: Sequence[str], filters: Any) -> pa.Table:
     only = None if filters is None else pq.filters_to_expression(filters)
     by = [] if filters is None else [name for name, _, _ in filters]
     needed = list(dict.fromkeys([*columns, *by]))
-    _check_head(path, pq.read_metadata(path), needed)
-    with pq.ParquetFile(path, read_dictionary=sorted(TEXT & set(needed))) as file:
+    head = pq.read_metadata(path)
+    _check_head(path, head, needed)
+    texts = sorted(TEXT & set(needed))
+    with pq.ParquetFile(path, metadata=head, read_dictionary=texts) as file:
         empty = file.schema_arrow.empty_table().select(needed)
         kept, rows = [empty], 0
         for batch in file.iter_batches(_BATCH, columns=needed, use_threads=False):

@@ -1,0 +1,16 @@
+"""The start of a training, as small as can be."""
+
+import jax
+import pytest
+
+from skystack.learning import ppo
+from skystack.learning.settings import PPOSettings
+from skystack.tasks.build import build_task
+from skystack.tasks.settings import TaskSettings
+
+
+@pytest.fixture(scope="module")
+def learner():
+    settings = PPOSettings(environments=2, hidden=(4,))
+    init = jax.jit(lambda key: ppo.init(build_task(TaskSettings()), settings, key))
+    return init(jax.random.key(0))
