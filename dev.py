@@ -19,7 +19,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent
 ENVIRONMENT = ROOT / ".venv"
 PYTHON = ENVIRONMENT / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-_ALL = ("test", "bluebird", "bluesky", "docs", "onnx", "pettingzoo", "ray", "sb3", "tensorboard")
+_ALL = (
+    *("test", "bluebird", "bluesky", "docs", "fuzzing"),
+    *("onnx", "pettingzoo", "ray", "sb3", "tensorboard"),
+)
 EXTRAS = {"reproduce": (), "test": _ALL, "check": _ALL, "docs": ("docs",)}
 """What each verb needs beside the package itself."""
 COVERED = ("simulator/*", "tasks/*", "stacking.py", "learning/*")

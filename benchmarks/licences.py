@@ -40,6 +40,7 @@ copyleft of any kind. Versions are those of the environment in which this was wr
   them. Who passes on an environment that holds them has their terms to keep.
 - docutils (`[docs]`) is in the public domain but for parts; its GPL is that of a file for Emacs.
   hypothesis and pathspec (`[test]`) only test and build.
+- atheris (`[fuzzing]`) states none in its metadata; the licence file in its wheel is Apache-2.0.
 - **Metadata tells of Python packages, not of all that is in their wheels.** Those for Linux of
   shapely hold GEOS (LGPL-2.1), those of numpy and scipy the run-time libraries of GCC (GPL with the
   exception for them) and libquadmath (LGPL-2.1-or-later). Their own licence files say so.

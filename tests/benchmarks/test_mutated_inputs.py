@@ -4,9 +4,12 @@ from random import Random
 
 import pytest
 
-from benchmarks.mutated_inputs import Trial, try_inputs
+from benchmarks import tried_apart
+from benchmarks.trials import Choices, source, try_inputs
+from benchmarks.tried_apart import Share, try_apart
 from benchmarks.untrusted_files import FORMATS, Format
 from skystack.errors import InputError
+from tests.benchmarks.dying import dies_at_3
 
 COUNTS = {"tables": 150, "checkpoint": 300, "run-folder": 100}
 """Fewer than 1,000 of those that take long each; the others' share is cut by SECONDS."""
@@ -14,8 +17,9 @@ SECONDS = 5.0
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_mutated_files_are_read_or_refused_in_one_line(name):
-    tally = try_inputs(FORMATS[name](), range(COUNTS.get(name, 1000)), 1, SECONDS)
+def test_mutated_files_are_read_or_refused_in_one_line(name, tmp_path):
+    share = Share(name, 0, COUNTS.get(name, 1000), seed=1, seconds=SECONDS)
+    tally = try_inputs(FORMATS[name](), share, tmp_path)
     assert not tally.findings
     assert tally.refused > 0
 
@@ -43,19 +47,53 @@ def raising(error):
         (AssertionError("holds a non-finite number"), "non-finite"),
     ],
 )
-def test_anything_but_a_refusal_is_a_finding(error, found):
-    tally = try_inputs(faulty(raising(error)), range(20), 0, SECONDS)
+def test_anything_but_a_refusal_is_a_finding(error, found, tmp_path):
+    share, folder = Share("faulty", 0, 20, keep=tmp_path / "kept"), tmp_path / "tried"
+    folder.mkdir()
+    tally = try_inputs(faulty(raising(error)), share, folder)
     assert tally.findings
     assert all(found in each for each in tally.findings.values())
+    for number in tally.findings:  # what was read lies there
+        expected = faulty(None).mutated(source(share, number))
+        assert (tmp_path / "kept" / f"faulty-0-{number}" / "a.json").read_bytes() == expected[
+            "a.json"
+        ]
 
 
-def test_a_refusal_is_none():
-    tally = try_inputs(faulty(raising(InputError("a is 2 (allowed: 1)"))), range(20), 0, SECONDS)
+def test_a_refusal_is_none(tmp_path):
+    kind = faulty(raising(InputError("a is 2 (allowed: 1)")))
+    tally = try_inputs(kind, Share("faulty", 0, 20), tmp_path)
     assert tally.refused > 0
     assert not tally.findings
 
 
-def test_an_input_depends_on_the_seed_and_its_number_only(tmp_path):
+def test_an_input_depends_on_the_seed_and_its_number_only():
     kind = faulty(lambda: None)
-    assert Trial(kind, 3, tmp_path).files(7) == Trial(kind, 3, tmp_path).files(7)
-    assert kind.mutated(Random("a")) != kind.mutated(Random("b"))
+    share = Share("faulty", 0, 20, seed=3)
+    assert kind.mutated(source(share, 7)) == kind.mutated(source(share, 7))
+    assert kind.mutated(source(share, 7)) != kind.mutated(source(share, 8))
+
+
+def test_choices_are_given_bytes_and_then_go_on():
+    given = bytes(range(256)) * 2
+    kind = faulty(lambda: None)
+    assert kind.mutated(Choices(given)) == kind.mutated(Choices(given))
+    assert Choices(b"\x00" * 8).random() == 0.0
+    assert Choices(b"\xff" * 7).random() == 1.0 - 2.0**-53
+    assert [Choices(bytes([value])).getrandbits(3) for value in (0, 0x20, 0xFF)] == [0, 1, 7]
+    assert Choices(b"").getrandbits(9) == Random(0).getrandbits(9)
+
+
+def test_guided_inputs_are_tried_apart():
+    pytest.importorskip("atheris")
+    heard = []
+    tally = try_apart(Share("geojson", 0, 200, guided=True, seed=1), heard.append)
+    assert (heard, tally.inputs, tally.findings) == (list(range(200)), 200, {})
+    assert 0 < tally.refused < 200
+
+
+def test_a_process_that_ends_is_a_finding_and_another_goes_on(monkeypatch, tmp_path):
+    monkeypatch.setattr(tried_apart, "_begin", dies_at_3)
+    tally = try_apart(Share("dying", 0, 9, keep=tmp_path), lambda number: None)
+    assert (tally.read, tally.findings) == (8, {3: "the process hung or ended (7)"})
+    assert (tmp_path / "dying-0-3" / "a.json").read_text() == "3"
