@@ -464,23 +464,29 @@ def test_folders_that_cannot_be_written(capsys, tmp_path):
 
 def test_interrupting_an_evaluation_elsewhere_leaves_nothing(tmp_path):
     pytest.importorskip("bluebird_dt")
-    out = tmp_path / "out"
+    out, scratch = tmp_path / "out", tmp_path / "scratch"
+    scratch.mkdir()
     program = (
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
         "from skystack.cli import main; sys.exit(main())"
     )
     command = [sys.executable, "-c", program, "evaluate", "lateral", "--platform", "bluebird"]
     process = subprocess.Popen(
-        [*command, "--out", str(out)], stderr=subprocess.PIPE, text=True, start_new_session=True
+        [*command, "--out", str(out)],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env=os.environ | {"TMPDIR": str(scratch)},
     )
     deadline = time.monotonic() + 120
-    while time.monotonic() < deadline and not list(out.glob(".bluebird-*/*")):
+    while time.monotonic() < deadline and not list(scratch.glob("skystack-*/*")):
         time.sleep(0.05)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers as well
     _, err = process.communicate(timeout=60)
     assert (process.returncode, err.splitlines()[-1]) == (130, "skystack: interrupted")
     assert "Traceback" not in err
     assert list(out.iterdir()) == []
+    assert list(scratch.glob("skystack-*")) == []
     deadline = time.monotonic() + 30
     while time.monotonic() < deadline and group_lives(process.pid):
         time.sleep(0.05)

@@ -143,7 +143,7 @@ def _fly_elsewhere(
     out: Path | None,
     on_scenario: Callable[[int], None],
 ) -> FlownElsewhere:
-    """Fly on another platform; its own files lie in the run's folder and are thrown away."""
+    """Fly on another platform; its own files lie where the system keeps what is thrown away."""
     job = Job(
         task,
         controller,
@@ -151,8 +151,9 @@ def _fly_elsewhere(
         conditions.seed,
         partial(open_platform, conditions.platform),
     )
-    inside = None if out is None else make_folder(out)
-    with tempfile.TemporaryDirectory(prefix=f".{conditions.platform}-", dir=inside) as work:
+    if out is not None:
+        make_folder(out)  # refused before anything is flown, which takes long
+    with tempfile.TemporaryDirectory(prefix="skystack-") as work:
         return fly_elsewhere(
             job, conditions.episodes, Path(work), conditions.time_limit_s, on_scenario
         )
