@@ -1,6 +1,7 @@
 """Strictness for all tests: shapes are checked, nothing is promoted or warned about silently."""
 
 import os
+from pathlib import Path
 
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 os.environ.setdefault("MPLBACKEND", "Agg")
@@ -14,9 +15,12 @@ install_import_hook("skystack", "tests.typecheck.typecheck")
 import jax  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import HealthCheck, settings  # noqa: E402
+from jax._src import compiler  # noqa: E402  (no other way to set XLA's options for some tests)
 
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
+
+TESTS = Path(__file__).parent
 
 settings.register_profile(
     "skystack",
@@ -33,14 +37,46 @@ def compile_once(tmp_path_factory):
     common = tmp_path_factory.getbasetemp().parent  # of all workers
     os.environ["SKYSTACK_CACHE"] = str(common / "programs")  # for commands in their own processes
     jax.config.update("jax_compilation_cache_dir", str(tmp_path_factory.mktemp("compiled")))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 
-@pytest.fixture(scope="module")
-def quickly_compiled():
-    """For tests of what commands say and write, not of numbers: programs that need not be fast."""
-    jax.config.update("jax_disable_most_optimizations", True)
+QUICKLY = (
+    *("benchmarking", "docs", "evaluation", "export", "reporting", "reproduction"),
+    *("benchmarks/test_fewest_clearances.py", "benchmarks/test_killed_trainings.py"),
+    *("benchmarks/test_mutated_inputs.py", "benchmarks/test_ship_policies.py"),
+    *("learning/test_phases.py", "learning/test_run.py", "platforms/test_bluesky.py"),
+    *("test_catalogue.py", "test_cli.py", "test_distribution.py", "test_examples.py"),
+)
+"""Where tests are of what is said and written, not of what is computed: what they run need not be
+fast, and is compiled in a third of the time. All others compile as users do."""
+QUICK = {
+    "JAX_DISABLE_MOST_OPTIMIZATIONS": "1",
+    "XLA_FLAGS": "--xla_cpu_use_fusion_emitters=false",
+}
+"""The same for commands in processes of their own."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled_for_the_purpose(request):
+    """Programs as users have them, or made quickly; nothing is kept from the one to the other."""
+    name = request.path.relative_to(TESTS)
+    quickly = any(name.is_relative_to(each) for each in QUICKLY)
+    if quickly != _compiling["quickly"]:
+        jax.clear_caches()
+        jax.config.update("jax_disable_most_optimizations", quickly)
+        _compiling["quickly"] = quickly
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")  # for commands in their own processes
+        if quickly:
+            patch.setattr(compiler, "get_compile_options", _quick_options)
+            for variable, value in QUICK.items():
+                patch.setenv(variable, value)
         yield
-    jax.config.update("jax_disable_most_optimizations", False)
+
+
+_compiling = {"quickly": False}
+_options = compiler.get_compile_options
+
+
+def _quick_options(*given, env_options_overrides=None, **named):
+    overrides = (env_options_overrides or {}) | {"xla_cpu_use_fusion_emitters": False}
+    return _options(*given, env_options_overrides=overrides, **named)

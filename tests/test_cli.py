@@ -23,8 +23,6 @@ from tests.reporting.conftest import write_run
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
-pytestmark = pytest.mark.usefixtures("quickly_compiled")
-
 SMALL = [
     "--set", "ppo.total_steps=512", "--set", "ppo.environments=8", "--set", "ppo.steps=32",
     "--set", "ppo.minibatch=64", "--set", "ppo.epochs=1",

@@ -9,8 +9,6 @@ from benchmarks.killed_trainings import SUBJECTS, survive
 @pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_a_training_that_is_killed_comes_to_the_same_end(tmp_path, monkeypatch):
-    # Made fast: what runs matters here, not how fast.
-    monkeypatch.setenv("XLA_FLAGS", "--xla_backend_optimization_level=0")
     monkeypatch.setenv("SKYSTACK_CACHE", str(tmp_path / "programs"))
     done = survive(SUBJECTS["training"], kills=3, seed=0, out=tmp_path)
     assert done.kills == 3

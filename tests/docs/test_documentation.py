@@ -19,8 +19,6 @@ from skystack.learning.experiment import load_experiment
 from skystack.simulator.scenario_file import load_scenario
 from tests.docs.blocks import PAGES, ROOT, anchors, blocks
 
-pytestmark = pytest.mark.usefixtures("quickly_compiled")
-
 QUICK = {
     "evaluate": ["--episodes", "2"],
     "train": [
