@@ -147,15 +147,16 @@ def test_straying_is_priced_when_it_happens(judge, flown, memory):
 
 
 def test_scenarios_at_once_are_paid_each_by_itself(judge, flown, memory):
-    """Arrays with a batch axis behind their own: one ends, the others go on."""
+    """Arrays with a batch axis behind their own: two end, one for both reasons; two go on."""
     alone = flown._replace(active=jnp.asarray([False, True, False]))
+    gone = flown._replace(active=jnp.zeros(3, dtype=bool))
     late = memory._replace(cycles=jnp.float32(299.0), entered=jnp.asarray([True, False, True]))
-    cases = [(memory, flown), (late, flown), (memory, alone)]
+    cases = [(memory, flown), (late, flown), (memory, alone), (late, gone)]
     _, outcome = judge.judge(*jax.tree.map(lambda *rows: jnp.stack(rows, axis=-1), *cases))
     np.testing.assert_allclose(
         outcome.reward, [judge.reward(*case) for case in cases], rtol=0.0, atol=1e-4
     )
-    assert outcome.terminated.tolist() == [False, True, False]
+    assert outcome.terminated.tolist() == [False, True, False, True]
 
 
 def test_one_aircraft_is_in_nobodys_way(traffic_on):
