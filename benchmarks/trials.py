@@ -164,8 +164,8 @@ def try_guided(kind: Format, share: Share, folder: Path, report: Report) -> NoRe
         for number in range(CORPUS):
             (Path(corpus) / str(number)).write_bytes(first.randbytes(CHOICES // 4))
         options = {"seed": first.randrange(1, 2**31), "max_len": CHOICES, "len_control": 0}
-        # Ours are counted by themselves, and files of findings kept as files.
-        options |= {"timeout": 0, "rss_limit_mb": 0, "verbosity": 0}
+        # Time and memory are watched by us; without a time it ends after a second of anything.
+        options |= {"timeout": 1000, "rss_limit_mb": 0, "verbosity": 0}
         words = [f"-{name}={value}" for name, value in options.items()]
         atheris.Setup([sys.argv[0], *words, corpus], one)
         atheris.Fuzz()
