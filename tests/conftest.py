@@ -40,12 +40,21 @@ def compile_once(tmp_path_factory):
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 
+_PARTS = ("benchmarking", "docs", "evaluation", "export", "reporting", "reproduction")
 QUICKLY = (
-    *("benchmarking", "docs", "evaluation", "export", "reporting", "reproduction"),
-    *("benchmarks/test_fewest_clearances.py", "benchmarks/test_killed_trainings.py"),
-    *("benchmarks/test_mutated_inputs.py", "benchmarks/test_ship_policies.py"),
-    *("learning/test_phases.py", "learning/test_run.py", "platforms/test_bluesky.py"),
-    *("test_catalogue.py", "test_cli.py", "test_distribution.py", "test_examples.py"),
+    *_PARTS,
+    "benchmarks/test_fewest_clearances.py",
+    "benchmarks/test_killed_trainings.py",
+    "benchmarks/test_mutated_inputs.py",
+    "benchmarks/test_ship_policies.py",
+    "learning/test_phases.py",
+    "learning/test_run.py",
+    "platforms/test_bluesky.py",
+    "tasks/test_batch.py",
+    "test_catalogue.py",
+    "test_cli.py",
+    "test_distribution.py",
+    "test_examples.py",
 )
 """Where tests are of what is said and written, not of what is computed: what they run need not be
 fast, and is compiled in a third of the time. All others compile as users do."""

@@ -5,6 +5,7 @@ import resource
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 
 import pytest
 
@@ -21,31 +22,34 @@ with alone_in(Path(sys.argv[1])):
 """
 
 
-@pytest.fixture
-def largest_file():
-    """Sets how large a file may get, in bytes; as a full disk, for one process."""
+@contextmanager
+def largest_file(size):
+    """Within it no file gets larger, in bytes: as a full disk, for one process."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:  # before anything is said of the test, perhaps into a file
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-def test_a_file_that_cannot_be_written_leaves_the_old_one(tmp_path, largest_file):
+def test_a_file_that_cannot_be_written_leaves_the_old_one(tmp_path):
     path = tmp_path / "file"
     write_aside(path, b"old")
-    largest_file(1000)
-    with pytest.raises(InputError, match="file: cannot be written: File too large"):
+    why = "file: cannot be written: File too large"
+    with largest_file(1000), pytest.raises(InputError, match=why):
         write_aside(path, b"x" * 2000)
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_line_that_has_no_room_is_an_error(tmp_path, largest_file):
+def test_a_line_that_has_no_room_is_an_error(tmp_path):
     path = tmp_path / "lines"
     path.touch()
     file = os.open(path, os.O_WRONLY | os.O_APPEND)
     append_line(file, path, "first")
-    largest_file(10)
-    with pytest.raises(InputError, match="lines: cannot be written: File too large"):
+    why = "lines: cannot be written: File too large"
+    with largest_file(10), pytest.raises(InputError, match=why):
         append_line(file, path, "second")
     os.close(file)
     assert path.read_bytes() == b"first\nseco"
