@@ -77,6 +77,15 @@ def test_the_area_may_lie_in_a_file_beside(tmp_path):
     assert read(changed(["area"], "area.geojson", PLAIN), tmp_path) == read(PLAIN, tmp_path)
 
 
+def test_of_an_area_its_polygon_is_kept(tmp_path):
+    """GeoJSON may tell anything beside it, in types that a configuration does not have."""
+    path = tmp_path / "sector.json"
+    polygon = PLAIN["area"] | {"remark": [None]}
+    feature = {"type": "Feature", "properties": {"tags": [None]}, "geometry": polygon}
+    path.write_text(json.dumps(PLAIN | {"area": feature}))
+    assert read_sector(path).area == PLAIN["area"]
+
+
 @pytest.mark.parametrize("name", ["../area.geojson", "/tmp/area.geojson", "area.txt", ""])
 def test_no_name_leads_out_of_the_folder(name, tmp_path):
     with pytest.raises(

@@ -91,6 +91,7 @@ def test_settings_that_differ_are_told_by_key(tmp_path):
         ("config.toml", b"name = ", "config.toml: damaged"),
         ("config.toml", b"\xff", "config.toml: damaged"),
         ("config.toml", b"name = 3", "no name of an experiment"),
+        ("config.toml", b"#" * 10_000_001, "config.toml: is too large .allowed: 10 MB"),
         ("metrics.jsonl", b"", "metrics.jsonl: empty"),
         ("metrics.jsonl", b'{"steps": 1}\n{"st', "metrics.jsonl: line 2: damaged"),
         ("metrics.jsonl", None, "not a run folder"),

@@ -65,7 +65,9 @@ def read_sector(path: Path) -> SectorEntry:
                 raw["area"] = read_json(file_beside(path.parent, raw["area"], ".geojson"))
         entry: SectorEntry = convert(raw, _ENTRIES)
         make_sector(entry)
-    return entry
+    # What else a Feature tells, of any type, is not for a configuration.
+    plain = {"type": "Polygon", "coordinates": [_outer(entry.area)]}
+    return msgspec.structs.replace(entry, area=plain)
 
 
 def file_beside(folder: Path, name: str, suffix: str) -> Path:
@@ -109,8 +111,8 @@ def _check_name(where: str, name: str) -> None:
         raise not_allowed(where, name, allowed)
 
 
-def _ring(area: Any) -> list[LatLon]:
-    """The outer ring of GeoJSON as (latitude, longitude), not closed."""
+def _outer(area: Any) -> Any:
+    """The outer ring of GeoJSON as it stands there."""
     geometry = area
     if isinstance(geometry, Mapping) and geometry.get("type") == "FeatureCollection":
         features = geometry.get("features")
@@ -125,8 +127,13 @@ def _ring(area: Any) -> list[LatLon]:
     rings = geometry.get("coordinates")
     if not isinstance(rings, list | tuple) or len(rings) != 1:
         raise InputError("coordinates must hold one ring (allowed: a Polygon without holes)")
+    return rings[0]
+
+
+def _ring(area: Any) -> list[LatLon]:
+    """The outer ring of GeoJSON as (latitude, longitude), not closed."""
     try:
-        points = msgspec.convert(rings[0], tuple[tuple[Longitude, Latitude], ...])
+        points = msgspec.convert(_outer(area), tuple[tuple[Longitude, Latitude], ...])
     except msgspec.ValidationError:
         raise InputError(
             "coordinates[0] is not a ring (allowed: [longitude, latitude] pairs, "

@@ -9,7 +9,7 @@ import msgspec
 
 from skystack.errors import InputError
 from skystack.evaluation.statistics import Estimate
-from skystack.files import read_whole
+from skystack.files import MOST_BYTES, read_whole
 from skystack.json_file import decode, inside
 from skystack.platforms.registry import OWN
 
@@ -334,7 +334,7 @@ def _experiment_order(experiment: str) -> tuple[int, str]:
     return (known.index(experiment) if experiment in known else len(known)), experiment
 
 
-def read_file(path: Path) -> bytes:
-    """A whole file. Raises InputError that names it when it cannot be read."""
+def read_file(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
+    """A whole file. Raises InputError that names it when it cannot be read or is too large."""
     with inside(str(path)):
-        return read_whole(path)
+        return read_whole(path, most_bytes)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from skystack.errors import InputError
-from skystack.json_file import decode, inside
+from skystack.json_file import MAX_BYTES, decode, inside
 from skystack.reporting.learning_curves import at_the_end
 from skystack.reporting.results import (
     Row,
@@ -138,14 +138,14 @@ class _Described(msgspec.Struct):
 
 def _read_training(folder: Path, run: str) -> Learned:
     path = folder / "config.toml"
-    data = read_file(path)
+    data = read_file(path, MAX_BYTES)
     with inside(f"{path}: damaged"):
         config = parse_toml(data)
     experiment = config.get("name")
     if not isinstance(experiment, str):
         raise InputError(f"{path}: damaged: has no name of an experiment")
     path = folder / "policy.json"
-    seed = decode(read_file(path), _Described, str(path)).seed if path.exists() else None
+    seed = decode(read_file(path, MAX_BYTES), _Described, str(path)).seed if path.exists() else None
     return Learned(run, run, experiment, seed, read_updates(folder), _flat(config))
 
 
