@@ -8,9 +8,19 @@ import pyarrow.parquet as pq
 import pytest
 
 from benchmarks import other_processors
-from benchmarks.other_processors import PROCESSORS, Likeness, flown, likeness, off_the_record
+from benchmarks.other_processors import (
+    LEAST_SAME,
+    MOST_APART_NM,
+    OFTEN_TIPPED,
+    PROCESSORS,
+    Likeness,
+    flown,
+    likeness,
+    off_the_record,
+)
 from skystack.catalogue import SHIPPED
 from skystack.measured import read_measured
+from tests.docs.blocks import ROOT
 
 
 def write_tables(folder, cycle=3, success=True, separation_nm=7.0, lat=0.5):
@@ -52,9 +62,16 @@ def test_a_scenario_is_the_same_if_all_that_is_said_and_counted_is(tmp_path, oth
 
 
 def test_what_is_promised():
-    assert Likeness(990, 1000, 0.01).holds
-    assert not Likeness(989, 1000, 0.0).holds
-    assert not Likeness(1000, 1000, 0.011).holds
+    assert Likeness(990, 1000, 0.01).holds("lateral")
+    assert not Likeness(989, 1000, 0.0).holds("lateral")
+    assert Likeness(900, 1000, 0.0).holds("avoidance-tuned")
+    assert not Likeness(899, 1000, 0.0).holds("avoidance-tuned")
+    assert not Likeness(1000, 1000, 0.011).holds("lateral")
+    page = (ROOT / "docs" / "reliability.md").read_text()
+    assert f"at least {LEAST_SAME:.0%} of the scenarios".replace("%", " %") in page
+    assert f"no aircraft is more than {MOST_APART_NM} NM" in page
+    for policy, least in OFTEN_TIPPED.items():
+        assert f"{least:.0%} for `{policy}`".replace("%", " %") in page
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="imitates processors of x86-64")

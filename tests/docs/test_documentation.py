@@ -106,6 +106,14 @@ def test_every_link_leads_somewhere(page):
         assert not anchor or anchor in anchors(file), target
 
 
+def test_every_benchmark_is_told_of():
+    text = "\n".join(page.read_text() for page in PAGES)
+    commands = {
+        path.stem for path in (ROOT / "benchmarks").glob("*.py") if "__main__" in path.read_text()
+    }
+    assert {name for name in commands if not re.search(rf"benchmarks[./]{name}\b", text)} == set()
+
+
 def test_the_site_is_built_without_a_warning(tmp_path):
     pytest.importorskip("sphinx")
     command = [sys.executable, "-m", "sphinx", "-W", "-q", "docs", str(tmp_path / "site")]
