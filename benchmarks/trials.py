@@ -9,7 +9,6 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
 from random import Random
-from tempfile import TemporaryDirectory
 from typing import NoReturn
 
 from benchmarks.tried_apart import Share, Tally, kept
@@ -161,16 +160,16 @@ def try_guided(kind: Format, share: Share, folder: Path, report: Report) -> NoRe
             report(None, trial.tally)
             os._exit(0)
 
-    first = Random(f"{share.seed} {share.first}")
-    with TemporaryDirectory(prefix="corpus-") as corpus:
-        for number in range(CORPUS):
-            (Path(corpus) / str(number)).write_bytes(first.randbytes(CHOICES // 4))
-        options = {"seed": first.randrange(1, 2**31), "max_len": CHOICES, "len_control": 0}
-        # Time and memory are watched by us; without a time it ends after a second of anything.
-        options |= {"timeout": 1000, "rss_limit_mb": 0, "verbosity": 0}
-        words = [f"-{name}={value}" for name, value in options.items()]
-        atheris.Setup([sys.argv[0], *words, corpus], one)
-        atheris.Fuzz()
+    first, corpus = Random(f"{share.seed} {share.first}"), folder.with_name("corpus")
+    corpus.mkdir()
+    for number in range(CORPUS):
+        (corpus / str(number)).write_bytes(first.randbytes(CHOICES // 4))
+    options = {"seed": first.randrange(1, 2**31), "max_len": CHOICES, "len_control": 0}
+    # Time and memory are watched by us; without a time it ends after a second of anything.
+    options |= {"timeout": 1000, "rss_limit_mb": 0, "verbosity": 0}
+    words = [f"-{name}={value}" for name, value in options.items()]
+    atheris.Setup([sys.argv[0], *words, str(corpus)], one)
+    atheris.Fuzz()
     raise AssertionError("the fuzzer came back")
 
 

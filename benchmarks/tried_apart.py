@@ -66,13 +66,15 @@ def try_apart(share: Share, on_input: Callable[[int], None]) -> Tally:
     total = Tally()
     while share.first < share.end and total.wall_s < share.seconds:
         with TemporaryDirectory(prefix="mutated-", ignore_cleanup_errors=True) as name:
+            folder = Path(name) / "tried"  # what guides them lies beside it
+            folder.mkdir()
             rest = replace(share, seconds=share.seconds - total.wall_s)
-            number, tally, exitcode = _try_until_it_ends(rest, Path(name), on_input)
+            number, tally, exitcode = _try_until_it_ends(rest, folder, on_input)
             total.add(tally)
             if number is None:
                 break
             total.findings[number] = f"the process hung or ended ({exitcode})"
-            kept(share, number, Path(name))
+            kept(share, number, folder)
         share = replace(share, first=number + 1)
     return total
 
