@@ -40,6 +40,8 @@ def compile_once(tmp_path_factory):
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 
+MEASURED = ("learning", "simulator", "tasks", "test_stacking.py")
+"""The tests of what coverage is measured of; to note every line slows Python down."""
 _PARTS = ("benchmarking", "docs", "evaluation", "export", "reporting", "reproduction")
 QUICKLY = (
     *_PARTS,
@@ -68,8 +70,7 @@ QUICK = {
 @pytest.fixture(scope="module", autouse=True)
 def compiled_for_the_purpose(request):
     """Programs as users have them, or made quickly; nothing is kept from the one to the other."""
-    name = request.path.relative_to(TESTS)
-    quickly = any(name.is_relative_to(each) for each in QUICKLY)
+    quickly = _within(request.path, QUICKLY)
     if quickly != _compiling["quickly"]:
         jax.clear_caches()
         jax.config.update("jax_disable_most_optimizations", quickly)
@@ -80,6 +81,16 @@ def compiled_for_the_purpose(request):
             for variable, value in QUICK.items():
                 patch.setenv(variable, value)
         yield
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if not _within(item.path, MEASURED):
+            item.add_marker(pytest.mark.no_cover)
+
+
+def _within(path, parts):
+    return any(path.is_relative_to(TESTS / each) for each in parts)
 
 
 _compiling = {"quickly": False}
