@@ -5,9 +5,9 @@
 
 Input i of a format depends only on the seed and i; with `--guided` (extra `fuzzing`) also on the
 lines of skystack that those before it reached. Anything but a result without a NaN or one line of
-refusal is a finding: another exception, a warning, more than 10 s, more than 1 GB of memory, the
-end of the process. Findings are printed and their files kept under DIR. Prints a table and exits
-1 where there are any.
+refusal is a finding: another exception, a warning, more than 10 s (50 s where they are guided),
+more than 1 GB of memory, the end of the process. Findings are printed and their files kept under
+DIR. Prints a table and exits 1 where there are any.
 """
 
 import argparse
@@ -43,8 +43,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     found = 0
     for name in names:
         share = Share(
-            *(name, 0, options.count, options.seed),
-            *(options.seconds, options.guided, options.keep),
+            name,
+            first=0,
+            end=options.count,
+            seed=options.seed,
+            seconds=options.seconds,
+            guided=options.guided,
+            keep=options.keep,
         )
         with Progress(console=console) as bars:
             bar = bars.add_task(name, total=options.count)

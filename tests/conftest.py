@@ -42,9 +42,13 @@ def compile_once(tmp_path_factory):
 
 MEASURED = ("learning", "simulator", "tasks", "test_stacking.py")
 """The tests of what coverage is measured of; to note every line slows Python down."""
-_PARTS = ("benchmarking", "docs", "evaluation", "export", "reporting", "reproduction")
 QUICKLY = (
-    *_PARTS,
+    "benchmarking",
+    "docs",
+    "evaluation",
+    "export",
+    "reporting",
+    "reproduction",
     "benchmarks/test_fewest_clearances.py",
     "benchmarks/test_killed_trainings.py",
     "benchmarks/test_mutated_inputs.py",
@@ -60,10 +64,8 @@ QUICKLY = (
 )
 """Where tests are of what is said and written, not of what is computed: what they run need not be
 fast, and is compiled in a third of the time. All others compile as users do."""
-QUICK = {
-    "JAX_DISABLE_MOST_OPTIMIZATIONS": "1",
-    "XLA_FLAGS": "--xla_cpu_use_fusion_emitters=false",
-}
+_EMITTERS = "xla_cpu_use_fusion_emitters"
+QUICK = {"JAX_DISABLE_MOST_OPTIMIZATIONS": "1", "XLA_FLAGS": f"--{_EMITTERS}=false"}
 """The same for commands in processes of their own."""
 
 
@@ -98,5 +100,5 @@ _options = compiler.get_compile_options
 
 
 def _quick_options(*given, env_options_overrides=None, **named):
-    overrides = (env_options_overrides or {}) | {"xla_cpu_use_fusion_emitters": False}
+    overrides = (env_options_overrides or {}) | {_EMITTERS: False}
     return _options(*given, env_options_overrides=overrides, **named)
