@@ -56,19 +56,26 @@ def length(vector: Float[Array, "n 2 *batch"]) -> Float[Array, "n *batch"]:
 def distance_right_of_route(
     position_nm: Float[Array, "aircraft 2 *batch"],
     fixes_nm: Sequence[Float[Array, "aircraft 2 *batch"]],
+    bulges_nm: Sequence[Float[Array, "aircraft *batch"]] = (),
 ) -> Float[Array, "aircraft *batch"]:
     """Distance [NM] to the nearest point of a polyline, positive to the right of its direction.
 
     A route shorter than the others repeats its last fix: legs without length do not count. Where
-    two legs are equally near (at their common fix) the first one tells the side.
+    two legs are equally near (at their common fix) the first one decides the side. With `bulges_nm`
+    legs are flat arcs, their middle so far to the right of the straight line.
     """
     least2 = jnp.full_like(position_nm[:, 0], jnp.inf)
     side = jnp.ones_like(least2)
-    for start, end in pairwise(fixes_nm):
+    for number, (start, end) in enumerate(pairwise(fixes_nm)):
         leg, offset = end - start, position_nm - start
         length2 = dot(leg, leg)
         along = jnp.clip(dot(offset, leg) / jnp.maximum(length2, 1e-9), 0.0, 1.0)
         gap = offset - along[:, None] * leg
+        if bulges_nm:
+            aside = 4.0 * along * (1.0 - along) * bulges_nm[number]
+            aside = aside / jnp.sqrt(jnp.maximum(length2, 1e-9))
+            gap -= aside[:, None] * jnp.stack([leg[:, 1], -leg[:, 0]], axis=1)
+            offset = gap
         distance2 = jnp.where(length2 > 0.0, dot(gap, gap), jnp.inf)
         nearer = distance2 < least2
         least2 = jnp.where(nearer, distance2, least2)

@@ -1,54 +1,174 @@
 """Between latitude and longitude and the plane in which everything is computed.
 
-The plane touches the WGS-84 ellipsoid at the sector's origin: one constant scale per axis. Over a
-sector this keeps distances between aircraft within 0.02 NM of the geodesic.
+The plane is the ellipsoidal Mercator projection (WGS 84), scaled to 1 at the sector's origin. It is
+conformal and its north is true north everywhere, so headings, tracks and turns are exact. Lengths
+are not: a plane length is the true length times the local scale, which depends on y alone.
 """
 
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
+from numpy.polynomial import Chebyshev
 from numpy.typing import ArrayLike
-from pyproj import Geod
+from pyproj import Geod, Proj
 
 METRES_PER_NM = 1852.0
 WGS84 = Geod(ellps="WGS84")
 
+MAX_LATITUDE_DEG = 75.0
+"""Sectors lie between 75 S and 75 N: further out the scale changes too fast for the accuracy."""
+SCALE_RANGE_NM = 800.0
+"""The local scale is a polynomial within this many plane NM north and south of the origin, and
+constant beyond. Twice what a sector may extend; at 75 N it reaches 83.6 N."""
+SCALE_ERROR = 2e-8
+"""Greatest error of that polynomial; float32 resolves 6e-8."""
+
+Values = TypeVar("Values", np.ndarray, Array)
+
+
+def wrap_longitude(lon_deg: ArrayLike) -> Float[np.ndarray, "*n"]:
+    """The same longitude in [-180, 180)."""
+    lon = np.asarray(lon_deg, dtype=np.float64)
+    inside = (lon >= -180.0) & (lon < 180.0)
+    wrapped = np.mod(lon + 180.0, 360.0) - 180.0
+    return np.where(inside, lon, np.where(wrapped >= 180.0, -180.0, wrapped))
+
 
 @dataclass(frozen=True)
-class TangentPlane:
-    """A plane of nautical miles, x to the east and y to the north, tangent at an origin."""
+class LocalScale:
+    """The scale of the plane as a function of y; works on numpy and on JAX arrays."""
+
+    coefficients: tuple[float, ...]
+    """Of y / `SCALE_RANGE_NM`, the constant one first."""
+
+    def __call__(self, y_nm: Values) -> Values:
+        """Plane length per true length at a distance [NM] north of the origin."""
+        return _polynomial(self.coefficients, y_nm)
+
+    def slope(self, y_nm: Values) -> Values:
+        """How the scale changes with y [1/NM]."""
+        powers = enumerate(self.coefficients[1:], start=1)
+        slope = tuple(power * each / SCALE_RANGE_NM for power, each in powers)
+        return _polynomial(slope, y_nm)
+
+
+def _polynomial(coefficients: tuple[float, ...], y_nm: Values) -> Values:
+    reduced = y_nm.clip(-SCALE_RANGE_NM, SCALE_RANGE_NM) / SCALE_RANGE_NM
+    value = reduced * 0.0 + coefficients[-1]
+    for coefficient in coefficients[-2::-1]:
+        value = value * reduced + coefficient
+    return value
+
+
+@dataclass(frozen=True)
+class MercatorPlane:
+    """A plane of nautical miles, x to the east and y to the north of an origin."""
 
     origin_lat_deg: float
     origin_lon_deg: float
 
     @cached_property
-    def scale_nm_per_deg(self) -> Float[np.ndarray, "2"]:
-        """NM per degree of longitude (x) and of latitude (y): the radii of curvature at the origin.
+    def _projection(self) -> Proj:
+        latitude, longitude = self.origin_lat_deg, self.origin_lon_deg
+        return Proj(proj="merc", ellps="WGS84", lat_ts=latitude, lon_0=longitude)
 
-        At the equator 60.107716 and 59.705333.
-        """
-        latitude = math.radians(self.origin_lat_deg)
-        squash = 1.0 - WGS84.es * math.sin(latitude) ** 2
-        meridian_m = WGS84.a * (1.0 - WGS84.es) / squash**1.5
-        parallel_m = WGS84.a / math.sqrt(squash) * math.cos(latitude)
-        return np.radians(np.array([parallel_m, meridian_m])) / METRES_PER_NM
+    @cached_property
+    def _origin_m(self) -> float:
+        """Distance of the origin from the equator in the plane."""
+        return float(self._projection(self.origin_lon_deg, self.origin_lat_deg)[1])
 
     def to_plane(self, lat_deg: ArrayLike, lon_deg: ArrayLike) -> Float[np.ndarray, "*shape 2"]:
-        """Positions [NM] of points given in degrees; float64."""
-        lat = np.asarray(lat_deg, dtype=np.float64)
-        lon = np.asarray(lon_deg, dtype=np.float64)
-        offset = np.stack([lon - self.origin_lon_deg, lat - self.origin_lat_deg], axis=-1)
-        return offset * self.scale_nm_per_deg
+        """Positions [NM] of points given in degrees; float64.
+
+        Longitudes count from the origin, the shorter way round the earth.
+        """
+        lat, lon = np.broadcast_arrays(
+            np.asarray(lat_deg, dtype=np.float64), np.asarray(lon_deg, dtype=np.float64)
+        )
+        x, y = self._projection(lon, lat)
+        return np.stack([x, np.asarray(y) - self._origin_m], axis=-1) / METRES_PER_NM
 
     def to_degrees(self, position_nm: ArrayLike) -> Float[np.ndarray, "*shape 2"]:
-        """Latitude and longitude (in this order, degrees, float64) of positions in the plane."""
-        offset = np.asarray(position_nm, dtype=np.float64) / self.scale_nm_per_deg
-        return np.stack(
-            [offset[..., 1] + self.origin_lat_deg, offset[..., 0] + self.origin_lon_deg], axis=-1
-        )
+        """Latitude and longitude (in this order, degrees, float64) of positions in the plane.
+
+        Longitudes are in [-180, 180).
+        """
+        metres = np.asarray(position_nm, dtype=np.float64) * METRES_PER_NM
+        lon, lat = self._projection(metres[..., 0], metres[..., 1] + self._origin_m, inverse=True)
+        return np.stack([np.asarray(lat), wrap_longitude(lon)], axis=-1)
+
+    @cached_property
+    def scale(self) -> LocalScale:
+        """The local scale, 1 at the origin."""
+
+        def exact(reduced: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+            y_nm = reduced * SCALE_RANGE_NM
+            latitude = np.radians(self.to_degrees(np.stack([np.zeros_like(y_nm), y_nm], -1))[:, 0])
+            return _parallel_nm(math.radians(self.origin_lat_deg)) / _parallel_nm(latitude)
+
+        check = np.linspace(-1.0, 1.0, 257)
+        for degree in range(2, 20):
+            fitted = Chebyshev.interpolate(exact, degree)
+            if float(np.max(np.abs(fitted(check) - exact(check)))) < SCALE_ERROR:
+                break
+        return LocalScale(tuple(fitted.convert(kind=np.polynomial.Polynomial).coef.tolist()))
+
+    @cached_property
+    def _sphere(self) -> tuple[float, float]:
+        """(plane NM per radian of longitude, isometric latitude of the origin) on Gauss's sphere.
+
+        The conformal sphere that fits the ellipsoid best at the origin: it has the same plane, and
+        geodesics of the ellipsoid are great circles on it, within 0.001 NM over a sector.
+        """
+        latitude = math.radians(self.origin_lat_deg)
+        squared = WGS84.es
+        alpha = math.sqrt(1.0 + squared * math.cos(latitude) ** 4 / (1.0 - squared))
+        isometric = math.atanh(math.sin(latitude) / alpha)
+        return float(_parallel_nm(latitude)) / alpha, isometric
+
+    def geodesic_direction(
+        self, position_nm: Float[Array, "n 2 *batch"], target_nm: Float[Array, "n 2 *batch"]
+    ) -> Float[Array, "n 2 *batch"]:
+        """A vector (east, north) along the geodesic from a position to a target, where it begins.
+
+        A straight line in the plane keeps its heading and is longer. Spherical trigonometry in
+        isometric latitudes, free of cancellation at short range.
+        """
+        radian_nm, origin = self._sphere
+        offset = (target_nm - position_nm) / radian_nm
+        sine = jnp.tanh(origin + position_nm[:, 1] / radian_nm)
+        bend = 2.0 * (jnp.sinh(offset[:, 1] / 2.0) ** 2 + jnp.sin(offset[:, 0] / 2.0) ** 2)
+        east, north = jnp.sin(offset[:, 0]), jnp.sinh(offset[:, 1]) + sine * bend
+        return jnp.stack([east, north], axis=1)
+
+    def densified(
+        self, start_deg: tuple[float, float], end_deg: tuple[float, float], within_nm: float
+    ) -> Float[np.ndarray, "points 2"]:
+        """The plane's points [NM] of an edge that is straight in longitude and latitude (RFC 7946).
+
+        As many as keep the pieces between them within `within_nm` of it; both ends are included.
+        """
+        span = np.array(end_deg) - np.array(start_deg)
+        span[1] = float(wrap_longitude(span[1]))
+        for pieces in 2 ** np.arange(9):
+            part = np.linspace(0.0, 1.0, 2 * int(pieces) + 1)[:, None]
+            lat, lon = (np.array(start_deg) + part * span).T
+            points = self.to_plane(lat, lon)
+            middle = (points[:-2:2] + points[2::2]) / 2.0
+            if float(np.hypot(*(points[1::2] - middle).T).max()) <= within_nm:
+                break
+        return points[::2]
+
+
+def _parallel_nm(latitude: ArrayLike) -> Float[np.ndarray, "*n"]:
+    """Length of a radian of longitude at a latitude [rad]."""
+    squash = 1.0 - WGS84.es * np.sin(latitude) ** 2
+    return np.asarray(WGS84.a / np.sqrt(squash) * np.cos(latitude) / METRES_PER_NM)
 
 
 def geodesic_leg(

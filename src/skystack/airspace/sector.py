@@ -7,15 +7,19 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
-from skystack.airspace.projection import TangentPlane, geodesic_leg
+from skystack.airspace.projection import METRES_PER_NM, WGS84, MercatorPlane, geodesic_leg
 from skystack.errors import InputError, unknown_name
 
 LatLon = tuple[float, float]
 
-MAX_DISTANCE_NM = 250.0
-"""Nothing lies further from a sector's origin: the plane is no map of the world."""
+MAX_DISTANCE_NM = 400.0
+"""Nothing lies further from a sector's origin: room for areas 500 NM across, corners included."""
+STRAIGHT_WITHIN_NM = 0.05
+"""Edges of the area are straight in longitude and latitude, and in the plane within this much."""
+SEPARATION_TOLERANCE_NM = 0.0005
+"""Positions are float32: a distance of the standard itself is not a loss, a metre less is."""
 
 
 class RouteTable(NamedTuple):
@@ -24,12 +28,21 @@ class RouteTable(NamedTuple):
     fixes_nm: Float[np.ndarray, "routes fixes 2"]
     last_fix: Int[np.ndarray, " routes"]
     """Index of the last fix."""
+    leg_nm: Float[np.ndarray, "routes legs"]
+    """Geodesic length of each leg, 0 where padded."""
+    leg_bulge_nm: Float[np.ndarray, "routes legs"]
+    """How far the middle of the geodesic lies to the right of the straight leg in the plane."""
+    leg_direction: Float[np.ndarray, "routes fixes 2"]
+    """Unit vector (east, north) of the geodesic leg that begins at each fix, 0 at the last."""
     bisector: Float[np.ndarray, "routes fixes 2"]
     """Normal of the plane through each fix that halves the angle between its legs."""
+    sharp: Bool[np.ndarray, "routes fixes"]
+    """Whether the route turns by more than 90 degrees at the fix."""
     first_heading_deg: Float[np.ndarray, " routes"]
     """Geodesic bearing of the first leg."""
-    exit_edge_nm: Float[np.ndarray, "routes 2 2"]
-    """The edge of the area on which the last but one fix lies, the inside to its left."""
+    exit_edge_nm: Float[np.ndarray, "routes points 2"]
+    """The edge of the area on which the last but one fix lies, the inside to its left. More than
+    its two ends where it bends in the plane; padded with its end."""
 
 
 @dataclass(frozen=True)
@@ -46,15 +59,30 @@ class Sector:
     levels_fl: tuple[int, int]
     fixes: Mapping[str, LatLon]
     routes: tuple[tuple[str, ...], ...]
+    separation_nm: float = 5.0
+    """Two aircraft less than this apart, and less than `separation_fl`, have lost separation."""
+    separation_fl: int = 10
+    """Vertical separation in flight levels: 1,000 ft."""
 
     @cached_property
-    def plane(self) -> TangentPlane:
-        return TangentPlane(*self.origin)
+    def plane(self) -> MercatorPlane:
+        return MercatorPlane(*self.origin)
+
+    @property
+    def loss_below_nm(self) -> float:
+        """Computed distances below this are losses of separation."""
+        return self.separation_nm - SEPARATION_TOLERANCE_NM
+
+    @cached_property
+    def _edges_nm(self) -> list[Float[np.ndarray, "points 2"]]:
+        """Each edge of the area in the plane, both ends included."""
+        ends = pairwise((*self.area, self.area[0]))
+        return [self.plane.densified(start, end, STRAIGHT_WITHIN_NM) for start, end in ends]
 
     @cached_property
     def area_nm(self) -> Float[np.ndarray, "vertices 2"]:
-        """Vertices of the area in the plane, float64."""
-        return self.plane.to_plane(*np.array(self.area).T)
+        """Vertices of the area in the plane, float64; more than the area has where edges bend."""
+        return np.concatenate([edge[:-1] for edge in self._edges_nm])
 
     @cached_property
     def fixes_nm(self) -> dict[str, Float[np.ndarray, "2"]]:
@@ -82,39 +110,68 @@ class Sector:
         longest = max(len(route) for route in self.routes)
         padded = [route + route[-1:] * (longest - len(route)) for route in self.routes]
         fixes = np.array([[self.fixes_nm[name] for name in route] for route in padded])
+        legs = np.array([self._legs(route) for route in padded])
+        before, after = _directions(legs[..., 2]), _directions(legs[..., 1])
+        known = legs[..., :1] > 0.0  # padded legs have no direction
+        before, after = before * known, after * known
+        nothing = np.zeros_like(fixes[:, :1])
+        before, after = np.append(nothing, before, axis=1), np.append(after, nothing, axis=1)
         return RouteTable(
             fixes_nm=fixes.astype(np.float32),
             last_fix=np.array([len(route) - 1 for route in self.routes], dtype=np.int32),
-            bisector=_bisectors(fixes).astype(np.float32),
+            leg_nm=legs[..., 0].astype(np.float32),
+            leg_bulge_nm=_bulge_nm(fixes, legs).astype(np.float32),
+            leg_direction=after.astype(np.float32),
+            bisector=(before + after).astype(np.float32),
+            sharp=np.sum(before * after, axis=2) < 0.0,
             first_heading_deg=np.array(
                 [self.first_heading_deg(route) for route in self.routes], dtype=np.float32
             ),
-            exit_edge_nm=np.array(
-                [self.edge_through(route[-2]) for route in self.routes], dtype=np.float32
-            ),
+            exit_edge_nm=_padded([self.edge_through(route[-2]) for route in self.routes]),
         )
 
-    def edge_through(self, fix: str) -> Float[np.ndarray, "2 2"]:
-        """The edge of the area nearest to a fix: its two ends in the plane, counter-clockwise."""
-        point, start = self.fixes_nm[fix], self.area_nm
-        edge = np.roll(start, -1, axis=0) - start
-        along = np.sum((point - start) * edge, axis=1) / np.sum(edge * edge, axis=1)
-        gap = start + np.clip(along, 0.0, 1.0)[:, None] * edge - point
-        nearest = int(np.argmin(np.sum(gap * gap, axis=1)))
-        return np.stack([start[nearest], start[nearest] + edge[nearest]])
+    def _legs(self, route: tuple[str, ...]) -> Float[np.ndarray, "legs 3"]:
+        """Length [NM], bearing at the start and bearing at the end [deg] of each geodesic leg."""
+        lat, lon = np.array([self.fixes[name] for name in route]).T
+        start, back, metres = WGS84.inv(lon[:-1], lat[:-1], lon[1:], lat[1:])
+        return np.stack([metres / METRES_PER_NM, start, np.add(back, 180.0)], axis=1)
+
+    def edge_through(self, fix: str) -> Float[np.ndarray, "points 2"]:
+        """The edge of the area nearest to a fix: its points in the plane, counter-clockwise."""
+        point = self.fixes_nm[fix]
+        return min(self._edges_nm, key=lambda edge: _distance_to_line(point, edge))
 
 
-def _bisectors(
-    fixes_nm: Float[np.ndarray, "routes fixes 2"],
-) -> Float[np.ndarray, "routes fixes 2"]:
-    """Sum of the unit vectors of the legs that meet at a fix; at either end the one leg's."""
-    legs = np.diff(fixes_nm, axis=1)
-    length = np.linalg.norm(legs, axis=2, keepdims=True)
-    units = legs / np.where(length > 0.0, length, 1.0)
-    bisectors = np.zeros_like(fixes_nm)
-    bisectors[:, :-1] += units
-    bisectors[:, 1:] += units
-    return bisectors
+def _distance_to_line(point: Float[np.ndarray, "2"], line: Float[np.ndarray, "points 2"]) -> float:
+    """Distance from a point to the nearest point of a polyline."""
+    start, piece = line[:-1], np.diff(line, axis=0)
+    along = np.sum((point - start) * piece, axis=1) / np.sum(piece * piece, axis=1)
+    gap = start + np.clip(along, 0.0, 1.0)[:, None] * piece - point
+    return float(np.min(np.hypot(*gap.T)))
+
+
+def _padded(lines: list[Float[np.ndarray, "points 2"]]) -> Float[np.ndarray, "lines points 2"]:
+    """Polylines as one array, shorter ones padded with their end; float32."""
+    most = max(map(len, lines))
+    full = [np.append(line, np.repeat(line[-1:], most - len(line), axis=0), 0) for line in lines]
+    return np.array(full, dtype=np.float32)
+
+
+def _directions(bearing_deg: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n 2"]:
+    radians = np.radians(bearing_deg)
+    return np.stack([np.sin(radians), np.cos(radians)], axis=-1)
+
+
+def _bulge_nm(
+    fixes_nm: Float[np.ndarray, "routes fixes 2"], legs: Float[np.ndarray, "routes legs 3"]
+) -> Float[np.ndarray, "routes legs"]:
+    """Sagitta of each geodesic leg in the plane, positive to the right of its direction.
+
+    The geodesic turns by the difference of its bearings, evenly enough to be an arc.
+    """
+    length = np.linalg.norm(np.diff(fixes_nm, axis=1), axis=2)
+    turn = np.radians((legs[..., 2] - legs[..., 1] + 180.0) % 360.0 - 180.0)
+    return np.where(legs[..., 0] > 0.0, -length * turn / 8.0, 0.0)
 
 
 def turns_deg(route: tuple[str, ...], fixes: Mapping[str, LatLon]) -> list[float]:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from msgspec import Meta
 
-from skystack.airspace.projection import TangentPlane
+from skystack.airspace.projection import MAX_LATITUDE_DEG, MercatorPlane, geodesic_leg
 from skystack.airspace.sector import MAX_DISTANCE_NM, LatLon, Sector
 from skystack.errors import InputError, unknown_name
 from skystack.json_file import convert, inside, is_name, not_allowed, read_json
@@ -21,7 +21,6 @@ ON_EDGE_NM = 0.5
 """An exit fix lies this close to the area's edge, and further from its corners."""
 MAX_VERTICES = 500
 SHORTEST_EDGE_NM = 1e-3
-MAX_LATITUDE_DEG = 80.0
 
 Latitude = Annotated[float, Meta(ge=-MAX_LATITUDE_DEG, le=MAX_LATITUDE_DEG)]
 Longitude = Annotated[float, Meta(ge=-180.0, le=180.0)]
@@ -46,7 +45,11 @@ class SectorEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     fixes: dict[str, Point]
     routes: tuple[tuple[str, ...], ...]
     origin: Point | None = None
-    """Where the plane touches the ellipsoid; the middle of the area where none is given."""
+    """Where the plane's scale is 1; the middle of the area where none is given."""
+    separation_nm: Annotated[float, Meta(ge=0.1, le=50.0)] = 5.0
+    """Two aircraft closer than this, and closer than `separation_fl`, have lost separation."""
+    separation_fl: Annotated[int, Meta(ge=1, le=100)] = 10
+    """Vertical separation in flight levels."""
 
 
 _ENTRIES: dict[str, type[msgspec.Struct]] = {"": SectorEntry, "origin": Point, "fixes.*": Point}
@@ -90,7 +93,7 @@ def make_sector(entry: SectorEntry) -> Sector:
     with inside("area"):
         ring = _ring(entry.area)
         origin = _origin(entry, ring)
-        plane = TangentPlane(*origin)
+        plane = MercatorPlane(*origin)
         area = _area(ring, plane)
     for name, point in entry.fixes.items():
         _check_name(f"fixes: {name!r}", name)
@@ -98,7 +101,16 @@ def make_sector(entry: SectorEntry) -> Sector:
     if not entry.routes:
         raise InputError("routes is empty (allowed: at least one route)")
     fixes = {name: (point.lat, point.lon) for name, point in entry.fixes.items()}
-    sector = Sector(entry.name, origin, area, (low, high), fixes, entry.routes)
+    sector = Sector(
+        entry.name,
+        origin,
+        area,
+        (low, high),
+        fixes,
+        entry.routes,
+        entry.separation_nm,
+        entry.separation_fl,
+    )
     for index, route in enumerate(entry.routes):
         with inside(f"routes[{index}]"):
             _check_route(route, index, sector)
@@ -160,7 +172,7 @@ def _origin(entry: SectorEntry, ring: list[LatLon]) -> LatLon:
     return float(middle[0]), float(middle[1])
 
 
-def _area(ring: list[LatLon], plane: TangentPlane) -> tuple[LatLon, ...]:
+def _area(ring: list[LatLon], plane: MercatorPlane) -> tuple[LatLon, ...]:
     """The ring counter-clockwise, if it is a plain polygon of a sector's size."""
     # Only sectors from files need it.
     from shapely import LinearRing, Polygon, is_ccw, is_valid_reason  # noqa: PLC0415
@@ -179,7 +191,7 @@ def _area(ring: list[LatLon], plane: TangentPlane) -> tuple[LatLon, ...]:
     return tuple(ring if is_ccw(LinearRing(corners)) else ring[::-1])
 
 
-def _with_degrees(reason: str, plane: TangentPlane) -> str:
+def _with_degrees(reason: str, plane: MercatorPlane) -> str:
     """What shapely says is wrong, its place in degrees: `Self-intersection[3.1 -7.2]`."""
     what, _, place = reason.partition("[")
     try:
@@ -189,10 +201,11 @@ def _with_degrees(reason: str, plane: TangentPlane) -> str:
     return f"{what} at lat {lat:.4f}, lon {lon:.4f}"
 
 
-def _check_distance(where: str, plane: TangentPlane, lat: float, lon: float) -> None:
-    distance_nm = float(np.hypot(*plane.to_plane(lat, lon)))
+def _check_distance(where: str, plane: MercatorPlane, lat: float, lon: float) -> None:
+    origin = plane.origin_lat_deg, plane.origin_lon_deg
+    distance_nm = geodesic_leg(origin, (lat, lon))[1]
     if distance_nm > MAX_DISTANCE_NM:
-        exchanged_nm = float(np.hypot(*plane.to_plane(lon, lat)))
+        exchanged_nm = geodesic_leg(origin, (lon, lat))[1] if abs(lon) <= 90.0 else np.inf
         hint = "; are they exchanged? GeoJSON has the longitude first"
         raise InputError(
             f"{where} is {distance_nm:.0f} NM from the origin at lat {lat}, lon {lon} "
@@ -230,7 +243,7 @@ def _check_exit(
 ) -> None:
     """The exit fix is on one edge, and the last leg leaves the area over that edge."""
     allowed = f"the last fix but one on the area's edge, within {ON_EDGE_NM} NM, at no corner"
-    start, end = sector.edge_through(name)
+    start, *_, end = sector.edge_through(name)
     edge = end - start
     along, across = edge / np.hypot(*edge), exit_nm - start
     off_nm = abs(float(along[0] * across[1] - along[1] * across[0]))

@@ -139,6 +139,8 @@ def sector_of(path: Path, table: pa.Table) -> Sector:
                 fixes={name: _point(f"fixes.{name}", at) for name, at in stored.fixes.items()},
                 routes=stored.routes,
                 origin=_point("origin", stored.origin),
+                separation_nm=stored.separation_nm,
+                separation_fl=stored.separation_fl,
             )
         )
 

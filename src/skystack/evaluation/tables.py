@@ -21,7 +21,6 @@ from skystack.simulator.simulator import CYCLE_S
 from skystack.simulator.traffic import Traffic, callsigns, trajectory_columns
 from skystack.tasks.navigation import NavigationTask
 from skystack.tasks.rewards import MAX_INSTRUCTIONS
-from skystack.tasks.tracking import SEPARATION_NM
 
 STATUS = ("before_entry", "in_sector", "exited", "strayed")
 
@@ -73,7 +72,7 @@ def episode_table(task: NavigationTask, recording: Recording) -> pa.Table:
             "excursion": metrics.excursion,
             "few_clearances": few,
             "min_separation_nm": metrics.min_separation_nm,
-            "loss_of_separation": metrics.min_separation_nm < SEPARATION_NM,
+            "loss_of_separation": metrics.min_separation_nm < task.sector.loss_below_nm,
             "cycles": recording.ran.sum(axis=1).astype(np.int32),
         }
     )

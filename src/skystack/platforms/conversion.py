@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array
 from numpy.typing import ArrayLike
 
-from skystack.airspace.projection import TangentPlane
+from skystack.airspace.projection import MercatorPlane
 from skystack.platforms.protocol import Report
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.scenario_file import Aircraft, Scenario
@@ -15,7 +15,7 @@ from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import NO_TURN, Traffic
 
 
-def traffic_of(report: Report, before: Traffic, plane: TangentPlane) -> Traffic:
+def traffic_of(report: Report, before: Traffic, plane: MercatorPlane) -> Traffic:
     """Reported traffic as tasks read it; who was inactive before stays as it was.
 
     How an aircraft goes on (the turn under way, its radius) is the platform's own affair: those

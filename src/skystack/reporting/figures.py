@@ -103,8 +103,10 @@ def _histograms(run: Run, family: str, rows: Sequence[Row]) -> Iterator[tuple[st
 
 
 def _nearest(run: Run, row: Row) -> Nearest:
-    outcomes = read_outcomes(run.evaluation(row), SCENARIOS)
-    return Nearest(row.title, outcomes.min_separation_nm)
+    folder = run.evaluation(row)
+    outcomes, sector = read_outcomes(folder, SCENARIOS), read_sector(folder)
+    lost = int(outcomes.loss_of_separation.sum())
+    return Nearest(row.title, outcomes.min_separation_nm, lost, sector.separation_nm)
 
 
 def _panel(run: Run, row: Row) -> Panel:

@@ -14,7 +14,6 @@ from skystack.airspace.sector import Sector
 from skystack.errors import InputError
 from skystack.evaluation.stored import check_who, read_table, rows_of, sector_of
 from skystack.json_file import inside
-from skystack.tasks.tracking import SEPARATION_FL
 
 BURST_GAP_CYCLES = 2
 """Two aircraft under one policy take turns: a burst for either may skip every other cycle."""
@@ -101,13 +100,15 @@ class Scenario:
 
     @property
     def least_separation(self) -> Approach | None:
-        """Of all pairs, while both fly less than 1,000 ft apart; None where no two ever do."""
-        pairs = [_approach(first, second) for first, second in combinations(self.tracks, 2)]
+        """Of all pairs while they lack vertical separation; None where no two ever do."""
+        pairs = [
+            _approach(self.sector, first, second) for first, second in combinations(self.tracks, 2)
+        ]
         near = [approach for approach in pairs if approach is not None]
         return min(near, key=lambda approach: approach.distance_nm, default=None)
 
 
-def _approach(first: Track, second: Track) -> Approach | None:
+def _approach(sector: Sector, first: Track, second: Track) -> Approach | None:
     """Straight motion is assumed from one radar position to the next."""
     rows = min(len(first.position_nm), len(second.position_nm))
     cycle = np.arange(rows, dtype=np.float64)
@@ -121,7 +122,8 @@ def _approach(first: Track, second: Track) -> Approach | None:
     )
     level_apart_fl = np.abs(at_time(first.level_fl) - at_time(second.level_fl))
     apart_nm = np.hypot(*(position_nm[0] - position_nm[1]))
-    apart_nm = np.where(level_apart_fl < SEPARATION_FL, apart_nm, np.inf)
+    apart_nm /= sector.plane.scale(position_nm[:, 1].mean(axis=0))
+    apart_nm = np.where(level_apart_fl < sector.separation_fl, apart_nm, np.inf)
     nearest = int(np.argmin(apart_nm))
     if not np.isfinite(apart_nm[nearest]):
         return None
@@ -135,7 +137,8 @@ class Outcomes(NamedTuple):
     clearances: Int[np.ndarray, " scenarios"]
     success: np.ndarray
     min_separation_nm: np.ndarray
-    """Infinite where no two aircraft were less than 1,000 ft apart."""
+    """Infinite where every two aircraft were separated vertically."""
+    loss_of_separation: np.ndarray
 
 
 class Start(NamedTuple):

@@ -14,7 +14,6 @@ from skystack.reporting.style import BLUE, FAINT, INK, MUTED, PAPER, grid_of_axe
 SCENARIOS = 100
 """As many as the paper's histograms show."""
 MOST_BINS = 80
-SEPARATION_NM = 5.0
 SEPARATION_BIN_NM, SEPARATION_MOST_NM = 2.5, 60.0
 
 
@@ -54,6 +53,10 @@ class Nearest(NamedTuple):
 
     title: str
     separation_nm: Float[np.ndarray, " scenarios"]
+    lost: int
+    """Scenarios with a loss of separation."""
+    standard_nm: float
+    """The least distance allowed."""
 
 
 def separations(panels: Sequence[Nearest]) -> Figure:
@@ -66,9 +69,10 @@ def separations(panels: Sequence[Nearest]) -> Figure:
     for place, panel in zip(axes, panels, strict=True):
         shown = np.minimum(panel.separation_nm, most - 1e-6)
         place.hist(shown, bins=list(edges), color=BLUE, edgecolor=PAPER, linewidth=0.6)
-        place.axvline(SEPARATION_NM, color=INK, linewidth=1.2, linestyle=(0, (4, 2)))
-        lost = int(np.sum(panel.separation_nm < SEPARATION_NM))
-        place.set_title(f"{panel.title}: {lost} of {len(shown)} below {SEPARATION_NM:.0f} NM")
+        place.axvline(panel.standard_nm, color=INK, linewidth=1.2, linestyle=(0, (4, 2)))
+        place.set_title(
+            f"{panel.title}: {panel.lost} of {len(shown)} below {panel.standard_nm:g} NM"
+        )
         place.yaxis.set_major_locator(MaxNLocator(nbins=3, integer=True))
         place.grid(axis="y", color=FAINT, linewidth=0.5)
         place.set_axisbelow(True)

@@ -52,12 +52,14 @@ class LateralScenarios:
         table = self.simulator.sector.route_table
         route_key, radius_key, angle_key = jax.random.split(key, 3)
         route = self._draw_routes(route_key)
+        first_fix = jnp.asarray(table.fixes_nm)[route, 0]
         radius = self.disc_nm * jnp.sqrt(jax.random.uniform(radius_key, (self.aircraft,)))
+        radius *= self.simulator.sector.plane.scale(first_fix[:, 1])
         angle = jax.random.uniform(angle_key, (self.aircraft,), maxval=360.0)
         level = self._draw_levels(key)
         kind = draw_kinds(key, self.shares, self.aircraft)
         traffic = start(
-            position_nm=jnp.asarray(table.fixes_nm)[route, 0] + radius[:, None] * direction(angle),
+            position_nm=first_fix + radius[:, None] * direction(angle),
             heading_deg=jnp.asarray(table.first_heading_deg)[route],
             level=level,
             route=route,
@@ -117,7 +119,7 @@ class Crowd:
             ground_speed_kt=self.simulator.level_ground_speed_kt(level),
             own_navigation=jnp.zeros(count, dtype=bool),
         )
-        return Drawn(traffic, level)
+        return Drawn(traffic._replace(next_fix=leg + 1), level)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from skystack.airspace.geometry import (
     wrap_180,
     wrap_360,
 )
-from skystack.airspace.sector import RouteTable
+from skystack.airspace.sector import RouteTable, Sector
 from skystack.simulator.traffic import NO_TURN, Traffic
 
 BANK_PER_TURN = 0.4
@@ -28,19 +28,20 @@ _G_NM_S2 = 9.80665 / 1852.0
 
 def steer(
     traffic: Traffic,
-    routes: RouteTable,
+    sector: Sector,
     turn_rate_deg_s: Float[Array, "aircraft *batch"],
     route_end_nm: float,
 ) -> tuple[Traffic, Float[Array, "aircraft *batch"]]:
     """Point the aircraft on own navigation at their next fix for the coming second.
 
-    Returns the traffic with its turn to fly, and the rate [deg/s] at which each aircraft turns:
-    `turn_rate_deg_s` unless a fly-by turn of a given radius is under way.
+    They fly the geodesic to it. Returns the traffic with its turn to fly, and the rate [deg/s] at
+    which each aircraft turns: `turn_rate_deg_s` unless a fly-by turn of a given radius is under
+    way.
     """
-    traffic = _sequence(traffic, routes, route_end_nm)
+    traffic = _sequence(traffic, sector, route_end_nm)
     own = traffic.own_navigation
-    target = fix_of(routes, traffic.route, traffic.next_fix)
-    wanted = wrap_360(bearing(target - traffic.position_nm))
+    target = fix_of(sector.route_table, traffic.route, traffic.next_fix)
+    wanted = wrap_360(bearing(sector.plane.geodesic_direction(traffic.position_nm, target)))
     turn = wrap_180(wanted - traffic.heading_deg)
     on_track = own & (jnp.abs(turn) < ON_TRACK_DEG)
     radius = jnp.where(on_track, 0.0, traffic.turn_radius_nm)
@@ -55,17 +56,19 @@ def steer(
     return traffic, jnp.where(fly_by, arc, turn_rate_deg_s)
 
 
-def _sequence(traffic: Traffic, routes: RouteTable, route_end_nm: float) -> Traffic:
+def _sequence(traffic: Traffic, sector: Sector, route_end_nm: float) -> Traffic:
     """Turn to the following fix where it is time to, and leave the route at its last fix."""
-    own = traffic.own_navigation
+    own, routes = traffic.own_navigation, sector.route_table
     last = value_of(routes.last_fix, traffic.route)
     target = fix_of(routes, traffic.route, traffic.next_fix)
-    following = fix_of(routes, traffic.route, jnp.minimum(traffic.next_fix + 1, last))
-    offset = target - traffic.position_nm
+    following = fix_leg(routes, traffic.route, traffic.next_fix)
+    scale = sector.plane.scale((traffic.position_nm[:, 1] + target[:, 1]) / 2.0)
+    offset = (target - traffic.position_nm) / scale[:, None]
     distance = length(offset)
     at_last = traffic.next_fix >= last
 
-    turn = jnp.abs(wrap_180(bearing(following - target) - bearing(offset)))
+    here = sector.plane.geodesic_direction(traffic.position_nm, target)
+    turn = jnp.abs(wrap_180(bearing(following) - bearing(here)))
     radius = _radius_nm(turn, traffic.ground_speed_kt)
     lead = jnp.minimum(
         radius * jnp.tan(jnp.radians(jnp.minimum(turn, 179.0)) / 2.0), EARLIEST_TURN_RADII * radius
@@ -90,6 +93,14 @@ def fix_of(
     """A fix of each aircraft's route, by its number in the route."""
     longest = routes.fixes_nm.shape[1]
     return point_of(routes.fixes_nm.reshape(-1, 2), route * longest + fix)
+
+
+def fix_leg(
+    routes: RouteTable, route: Int[Array, "aircraft *batch"], fix: Int[Array, "aircraft *batch"]
+) -> Float[Array, "aircraft 2 *batch"]:
+    """Direction of the geodesic leg that begins at a fix of each aircraft's route."""
+    longest = routes.fixes_nm.shape[1]
+    return point_of(routes.leg_direction.reshape(-1, 2), route * longest + fix)
 
 
 def _radius_nm(

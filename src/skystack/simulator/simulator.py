@@ -44,9 +44,17 @@ class Simulator:
 
     def advance(self, traffic: Traffic) -> Traffic:
         """One radar cycle of 6 s: active aircraft fly, then adopt what they are cleared to."""
-        flown = traffic
+        scale = self.sector.plane.scale
+        north_nm = traffic.position_nm[:, 1]
+        # Within a cycle the local scale is linear in y to a part in ten million.
+        local = scale(north_nm), scale.slope(north_nm)
+        flown, moved_nm = traffic, jnp.zeros_like(traffic.position_nm)
         for _ in range(CYCLE_S):
-            flown = self._fly_one_second(flown)
+            flown, step_nm = self._fly_one_second(flown)
+            northward = moved_nm[:, 1] + 0.5 * local[0] * step_nm[:, 1]
+            moved_nm += (local[0] + local[1] * northward)[:, None] * step_nm
+            # Added to the start, not second by second: rounded once a cycle instead of six times.
+            flown = flown._replace(position_nm=traffic.position_nm + moved_nm)
         return adopt(_where_active(flown, traffic))
 
     def level_ground_speed_kt(
@@ -57,8 +65,13 @@ class Simulator:
         """Ground speed in level flight (no wind: the true airspeed)."""
         return self.performance.true_airspeed_kt(level, jnp.zeros_like(level), kind)
 
-    def _fly_one_second(self, traffic: Traffic) -> Traffic:
-        """Speed, then lateral move, then level: BluebirdDT's order."""
+    def _fly_one_second(
+        self, traffic: Traffic
+    ) -> tuple[Traffic, Float[Array, "aircraft 2 *batch"]]:
+        """Speed, then lateral move, then level: BluebirdDT's order.
+
+        Returns the traffic where it was, and how far it moves [NM, true lengths].
+        """
         to_go = traffic.flown_level - traffic.level
         phase = jnp.sign(to_go)
         airspeed = self.performance.true_airspeed_kt(traffic.level, phase, traffic.kind)
@@ -68,31 +81,34 @@ class Simulator:
         turn_rate = jnp.full_like(rate, self.turn_rate_deg_s)
         if self.own_navigation:
             traffic, turn_rate = steer(
-                traffic, self.sector.route_table, turn_rate, self.performance.route_end_nm
+                traffic, self.sector, turn_rate, self.performance.route_end_nm
             )
         captured = jnp.abs(to_go) <= jnp.abs(rate)
         level = jnp.where(captured, traffic.flown_level, traffic.level + rate)
-        return _turn_and_move(traffic, turn_rate)._replace(
-            level=level, vertical_speed_ft_min=jnp.where(captured, 0.0, rate)
-        )
+        turned, step_nm = _turn(traffic, turn_rate)
+        vertical_speed = jnp.where(captured, 0.0, rate)
+        return turned._replace(level=level, vertical_speed_ft_min=vertical_speed), step_nm
 
 
 _KT_PER_FT_MIN = 0.3048 * 60.0 / 1852.0
 
 
-def _turn_and_move(traffic: Traffic, rate_deg_s: Float[Array, "aircraft *batch"]) -> Traffic:
-    """One second of turning at a rate, moved along the mid-point heading; exact at the target."""
+def _turn(
+    traffic: Traffic, rate_deg_s: Float[Array, "aircraft *batch"]
+) -> tuple[Traffic, Float[Array, "aircraft 2 *batch"]]:
+    """One second of turning at a rate, exact at the target, and the move [NM] along the mid-point
+    heading."""
     turned = jnp.clip(traffic.turn_deg, -rate_deg_s, rate_deg_s)
     arrived = jnp.abs(traffic.turn_deg) <= rate_deg_s
-    moved_nm = (traffic.ground_speed_kt / 3600.0)[:, None] * direction(
+    step_nm = (traffic.ground_speed_kt / 3600.0)[:, None] * direction(
         traffic.heading_deg + 0.5 * turned
     )
     heading = wrap_360(traffic.heading_deg + turned)
-    return traffic._replace(
-        position_nm=traffic.position_nm + moved_nm,
+    turned_traffic = traffic._replace(
         heading_deg=jnp.where(arrived, traffic.flown_heading_deg, heading),
         turn_deg=jnp.where(arrived, 0.0, traffic.turn_deg - turned),
     )
+    return turned_traffic, step_nm
 
 
 def adopt(traffic: Traffic) -> Traffic:

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from skystack.airspace.projection import TangentPlane
+from skystack.airspace.projection import MercatorPlane
 from skystack.simulator.performance import TICKS_PER_FL
 
 NO_TURN, SHORTEST, LEFT, RIGHT = range(4)
@@ -40,7 +40,7 @@ class Traffic(NamedTuple):
     route: Int[Array, "aircraft *batch"]
     """Index in the sector's routes."""
     next_fix: Int[Array, "aircraft *batch"]
-    """Index in the route that own navigation flies to."""
+    """Index in the route that own navigation flies to; at the start of a scenario 1 or later."""
     turn_radius_nm: Float[Array, "aircraft *batch"]
     """Radius of a fly-by turn under way, 0 if none."""
     active: Bool[Array, "aircraft *batch"]
@@ -103,7 +103,7 @@ def ticks(fl: float) -> float:
     return float(np.round(fl * TICKS_PER_FL))
 
 
-def trajectory_columns(traffic: Traffic, plane: TangentPlane) -> dict[str, np.ndarray]:
+def trajectory_columns(traffic: Traffic, plane: MercatorPlane) -> dict[str, np.ndarray]:
     """The physical and the cleared values of traffic in the units of the tables.
 
     Arrays of the shape of the traffic's, whatever it is; float64.

@@ -5,7 +5,7 @@ vertical control, `("d_xfl", "fl_sx", "fl_nx", "delta_t_10")`. The others are ou
 to the right, in degrees.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -25,7 +25,7 @@ from skystack.airspace.geometry import (
     value_of,
     wrap_180,
 )
-from skystack.airspace.sector import Sector
+from skystack.airspace.sector import STRAIGHT_WITHIN_NM, Sector
 from skystack.simulator.own_navigation import fix_of
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
@@ -58,8 +58,14 @@ def subsequent_fix_turn(sector: Sector, traffic: Traffic, memory: Memory) -> Per
 
 
 def centreline_distance(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
-    fixes = points_of(sector.route_table.fixes_nm, traffic.route)
-    return distance_right_of_route(traffic.position_nm, fixes)
+    """d_c: from the nearest point of the route, whose legs are geodesics."""
+    table = sector.route_table
+    fixes = points_of(table.fixes_nm, traffic.route)
+    bulges = [value_of(leg, traffic.route) for leg in table.leg_bulge_nm.T]
+    if float(np.max(np.abs(table.leg_bulge_nm))) < STRAIGHT_WITHIN_NM:
+        bulges = []  # what cannot be seen need not be computed
+    right = distance_right_of_route(traffic.position_nm, fixes, bulges)
+    return right / sector.plane.scale(traffic.position_nm[:, 1])
 
 
 def time_since_instruction(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
@@ -71,11 +77,11 @@ def turn_under_way(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircr
 
 
 def next_fix_distance(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
-    return length(_fix(sector, traffic, memory, ahead=0) - traffic.position_nm)
+    return _distance(sector, traffic, _fix(sector, traffic, memory, ahead=0))
 
 
 def exit_left_turn(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
-    return _turn_to_exit_corner(sector, traffic, corner=1)
+    return _turn_to_exit_corner(sector, traffic, corner=-1)
 
 
 def exit_right_turn(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
@@ -83,8 +89,8 @@ def exit_right_turn(sector: Sector, traffic: Traffic, memory: Memory) -> PerAirc
 
 
 def exit_distance(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
-    middle = np.mean(sector.route_table.exit_edge_nm, axis=1)
-    return length(point_of(middle, traffic.route) - traffic.position_nm)
+    middle = np.mean(sector.route_table.exit_edge_nm[:, [0, -1]], axis=1)
+    return _distance(sector, traffic, point_of(middle, traffic.route))
 
 
 def level_to_exit(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
@@ -109,15 +115,12 @@ def room_ahead(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
     Zero: flying on leaves through the exit. From outside (before entry) the near edge is skipped.
     """
     ray = direction(traffic.cleared_heading_deg)
+    scale = sector.plane.scale(traffic.position_nm[:, 1])
     exit_edge = points_of(sector.route_table.exit_edge_nm, traffic.route)
-    way, rate = _way_ahead(traffic, ray, *((end[:, 0], end[:, 1]) for end in exit_edge))
-    nearest_way, nearest_rate = jnp.full_like(way, 100.0), jnp.ones_like(rate)
-    for start, end in edges(sector.area_nm).tolist():
-        edge_way, edge_rate = _way_ahead(traffic, ray, start, end)
-        nearer = edge_way * nearest_rate < nearest_way * edge_rate  # two fractions: divided below
-        nearest_way = jnp.where(nearer, edge_way, nearest_way)
-        nearest_rate = jnp.where(nearer, edge_rate, nearest_rate)
-    return jnp.minimum(way / rate, 100.0) - nearest_way / nearest_rate
+    corners = [(point[:, 0], point[:, 1]) for point in exit_edge]
+    to_exit = _nearest_ahead(traffic, ray, pairwise(corners), scale)
+    to_edge = _nearest_ahead(traffic, ray, edges(sector.area_nm).tolist(), scale)
+    return to_exit - to_edge
 
 
 FEATURES: dict[str, Feature] = {
@@ -173,13 +176,20 @@ def _fix(
 def _route_to_exit(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
     """To the next fix and on along the route to the last but one; 0 once that is passed."""
     table = sector.route_table
-    fixes = points_of(table.fixes_nm, traffic.route)
     exit_fix = value_of(table.last_fix, traffic.route) - 1
-    way = length(_fix(sector, traffic, memory, ahead=0) - traffic.position_nm)
-    for number, (start, end) in enumerate(pairwise(fixes), start=1):
+    way = _distance(sector, traffic, _fix(sector, traffic, memory, ahead=0))
+    for number, leg_nm in enumerate(table.leg_nm.T, start=1):
         counts = (number > memory.next_fix) & (number <= exit_fix)
-        way += jnp.where(counts, length(end - start), 0.0)
+        way += jnp.where(counts, value_of(leg_nm, traffic.route), 0.0)
     return jnp.where(memory.next_fix <= exit_fix, way, 0.0)
+
+
+def _distance(
+    sector: Sector, traffic: Traffic, point_nm: Float[Array, "aircraft 2 *batch"]
+) -> PerAircraft:
+    """True distance of each aircraft from a point: the scale is that half-way."""
+    offset = point_nm - traffic.position_nm
+    return length(offset) / sector.plane.scale(traffic.position_nm[:, 1] + offset[:, 1] / 2.0)
 
 
 def _turn_to_fix(sector: Sector, traffic: Traffic, memory: Memory, ahead: int) -> PerAircraft:
@@ -192,16 +202,32 @@ def _turn_to_exit_corner(sector: Sector, traffic: Traffic, corner: int) -> PerAi
     return wrap_180(bearing(end - traffic.position_nm) - traffic.cleared_heading_deg)
 
 
+def _nearest_ahead(
+    traffic: Traffic,
+    ray: Float[Array, "aircraft 2 *batch"],
+    lines: Iterable[Sequence[Sequence[Any]]],
+    scale: PerAircraft,
+) -> PerAircraft:
+    """True distance to the nearest edge that a ray crosses outwards, at most 100 NM."""
+    nearest_way, nearest_rate = 100.0 * scale, jnp.ones_like(scale)
+    for start, end in lines:
+        way, rate = _way_ahead(traffic, ray, start, end)
+        nearer = way * nearest_rate < nearest_way * rate  # two fractions: divided below
+        nearest_way = jnp.where(nearer, way, nearest_way)
+        nearest_rate = jnp.where(nearer, rate, nearest_rate)
+    return nearest_way / (nearest_rate * scale)
+
+
 def _way_ahead(
     traffic: Traffic,
     ray: Float[Array, "aircraft 2 *batch"],
     start_nm: Sequence[Any],
     end_nm: Sequence[Any],
 ) -> tuple[PerAircraft, PerAircraft]:
-    """Distance to where a ray from each aircraft crosses an edge outwards, as a fraction.
+    """Plane distance to where a ray from each aircraft crosses an edge outwards, as a fraction.
 
-    100 NM, as 100 / 1, where it does not. The ends of the edge are (east, north), numbers or one
-    for each aircraft.
+    1 / 0 where it does not. The ends of the edge are (east, north), numbers or one for each
+    aircraft.
     """
     ray_east, ray_north = ray[:, 0], ray[:, 1]
     edge_east, edge_north = end_nm[0] - start_nm[0], end_nm[1] - start_nm[1]
@@ -210,4 +236,4 @@ def _way_ahead(
     way = east * edge_north - north * edge_east
     along_edge = east * ray_north - north * ray_east
     hit = (facing > 0.0) & (way > 0.0) & (along_edge >= 0.0) & (along_edge <= facing)
-    return jnp.where(hit, way, 100.0), jnp.where(hit, facing, 1.0)
+    return jnp.where(hit, way, 1.0), jnp.where(hit, facing, 0.0)

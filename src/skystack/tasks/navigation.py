@@ -85,7 +85,8 @@ class NavigationTask:
         )
         if not self.settings.pair_features:
             return seen
-        return jnp.concatenate([seen, observe_pairs(self.settings.pair_features, state.traffic)])
+        plane, names = self.sector.plane, self.settings.pair_features
+        return jnp.concatenate([seen, observe_pairs(names, plane, state.traffic)])
 
     def may_stack(
         self, state: NavigationState, action: Int[Array, "*batch"]
@@ -153,7 +154,7 @@ class NavigationTask:
 
     def _safety(self, flown: Traffic) -> Float[Array, "*batch"]:
         """The safety reward of the scenario: its worst pair's."""
-        pairs = pairs_of(flown)
+        pairs = pairs_of(self.sector.plane, flown)
         each = rewards.safety(pairs.distance_nm, pairs.closest_nm, RANGE_NM)
         return jnp.min(jnp.where(pairs.active, each, 0.0), axis=0, initial=0.0)
 

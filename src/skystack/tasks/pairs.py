@@ -5,6 +5,7 @@ what would happen "even if no further instructions are issued".
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -20,6 +21,7 @@ from skystack.airspace.geometry import (
     length,
     wrap_180,
 )
+from skystack.airspace.projection import MercatorPlane
 from skystack.simulator.traffic import Traffic
 from skystack.subroutine import subroutine
 
@@ -33,7 +35,7 @@ class Pairs(NamedTuple):
     """Every two aircraft, the first the one of the lower number; east and north."""
 
     offset_nm: Float[Array, "pairs 2 *batch"]
-    """From the first to the second."""
+    """From the first to the second, in true lengths: the scale is that half-way."""
     velocity_kt: Float[Array, "pairs 2 *batch"]
     """Of the second as seen from the first, on cleared headings."""
     horizon_h: PerPair
@@ -56,17 +58,18 @@ class Pairs(NamedTuple):
         )
 
 
-def pairs_of(traffic: Traffic) -> Pairs:
+def pairs_of(plane: MercatorPlane, traffic: Traffic) -> Pairs:
     """All pairs of the traffic's aircraft."""
     speed = traffic.ground_speed_kt
     position, other_position = first_and_second(traffic.position_nm)
     velocity, other_velocity = first_and_second(
         speed[:, None] * direction(traffic.cleared_heading_deg)
     )
+    scale = plane.scale((position[:, 1] + other_position[:, 1]) / 2.0)
     heading, other_heading = first_and_second(traffic.cleared_heading_deg)
     active, other_active = first_and_second(traffic.active)
     return Pairs(
-        offset_nm=other_position - position,
+        offset_nm=(other_position - position) / scale[:, None],
         velocity_kt=other_velocity - velocity,
         horizon_h=RANGE_NM / jnp.maximum(*first_and_second(speed)),
         first_heading_deg=heading,
@@ -125,9 +128,11 @@ PAIR_FEATURES: dict[str, PairFeature] = {
 """The paper's are `theta` and `d` (theta_12, d_12); the others are ours."""
 
 
-def observe_pairs(names: tuple[str, ...], traffic: Traffic) -> Float[Array, "observation *batch"]:
+def observe_pairs(
+    names: tuple[str, ...], plane: MercatorPlane, traffic: Traffic
+) -> Float[Array, "observation *batch"]:
     """The named features, pair by pair, in [0, 1]."""
-    pairs, columns = subroutine(pairs_of, traffic), []
+    pairs, columns = subroutine(partial(pairs_of, plane), traffic), []
     for name in names:
         feature = PAIR_FEATURES[name]
         shown = jnp.where(pairs.active, subroutine(feature.value, pairs), feature.gone)

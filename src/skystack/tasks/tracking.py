@@ -4,6 +4,8 @@
 """
 
 from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -12,14 +14,15 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 from skystack.airspace.geometry import (
     closest_approach_squared,
     crosses_outward,
+    distance_right_of_route,
     dot,
     first_and_second,
     inside_area,
     points_of,
     value_of,
 )
+from skystack.airspace.projection import MercatorPlane
 from skystack.airspace.sector import Sector
-from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import Traffic, ticks
 from skystack.subroutine import subroutine
 from skystack.tasks.contract import NO_ACTION
@@ -27,9 +30,6 @@ from skystack.tasks.rewards import DAMPING_CYCLES
 
 PASSED_NM = 1.0
 """A fix is passed within this distance."""
-SEPARATION_NM = 5.0
-SEPARATION_FL = 10.0
-"""Vertical separation: 1,000 ft."""
 
 
 class Memory(NamedTuple):
@@ -77,7 +77,7 @@ class Tracker:
             entry_level=traffic.level,
             previous_nm=traffic.position_nm,
             previous_level=traffic.level,
-            next_fix=self._next_fix(traffic, jnp.ones_like(traffic.route)),
+            next_fix=traffic.next_fix,
             cycles_since_instruction=jnp.full_like(traffic.level, DAMPING_CYCLES),
             instructed=none,
             instructions=jnp.zeros_like(traffic.level),
@@ -112,7 +112,7 @@ class Tracker:
         """Judge one cycle from the traffic after it; `traffic.active` still is as before it."""
         inside = subroutine(self._inside, traffic)
         exits = traffic.active & memory.entered & subroutine(self._crosses_exit, memory, traffic)
-        separation = subroutine(separation_nm, memory, traffic)
+        separation = subroutine(partial(separation_nm, self.sector), memory, traffic)
         at_exit_level = traffic.level == memory.exit_level
         strays = traffic.active & memory.entered & ~inside & ~exits
         waited = jnp.minimum(memory.cycles_since_instruction + 1.0, DAMPING_CYCLES)
@@ -141,37 +141,55 @@ class Tracker:
         return level_ok & inside_area(traffic.position_nm, self.sector.area_nm)
 
     def _crosses_exit(self, memory: Memory, traffic: Traffic) -> Bool[Array, "aircraft *batch"]:
-        edge = points_of(self.sector.route_table.exit_edge_nm, traffic.route)
-        return crosses_outward(memory.previous_nm, traffic.position_nm, *edge)
+        crossed = jnp.zeros_like(traffic.active)
+        for edge in pairwise(points_of(self.sector.route_table.exit_edge_nm, traffic.route)):
+            crossed |= crosses_outward(memory.previous_nm, traffic.position_nm, *edge)
+        return crossed
 
     def _next_fix(
         self, traffic: Traffic, next_fix: Int[Array, "aircraft *batch"]
     ) -> Int[Array, "aircraft *batch"]:
-        """Skip every fix passed: near it, or beyond the plane that halves its legs."""
+        """Skip every fix passed: near it, or beyond the plane that halves its legs.
+
+        At a turn of more than 90 degrees that plane also cuts the leg to the fix; there an aircraft
+        is past it only once it is nearer to the leg that follows.
+        """
         table = self.sector.route_table
+        near_nm = PASSED_NM * self.sector.plane.scale(traffic.position_nm[:, 1])
         fixes = points_of(table.fixes_nm, traffic.route)
         bisectors = points_of(table.bisector, traffic.route)
         last = value_of(table.last_fix, traffic.route)
         found = last
         for index in reversed(range(len(fixes))):
             beyond = traffic.position_nm - fixes[index]
-            near = dot(beyond, beyond) < PASSED_NM**2
-            passed = near | (dot(beyond, bisectors[index]) > 0.0)
+            past = dot(beyond, bisectors[index]) > 0.0
+            if table.sharp[:, index].any():
+                before, after = (
+                    jnp.abs(distance_right_of_route(traffic.position_nm, fixes[first : first + 2]))
+                    for first in (index - 1, index)
+                )
+                past &= (after < before) | ~value_of(table.sharp[:, index], traffic.route)
+            passed = past | (dot(beyond, beyond) < near_nm**2)
             waits = (index >= next_fix) & (index < last) & ~passed
             found = jnp.where(waits, index, found)
         return found
 
 
-def separation_nm(memory: Memory, traffic: Traffic) -> Float[Array, "*batch"]:
-    """Least distance in the last cycle of any two active aircraft less than 1,000 ft apart.
+def separation_nm(sector: Sector, memory: Memory, traffic: Traffic) -> Float[Array, "*batch"]:
+    """Least distance in the last cycle of any two active aircraft without vertical separation.
 
     Closed form for straight motion from one radar position to the next (a turn bends it by less
-    than 0.02 NM); infinite if no two aircraft were so close vertically.
+    than 0.02 NM); infinite if every two aircraft were separated vertically.
     """
     if traffic.level.shape[0] < 2:
         return jnp.full_like(memory.cycles, jnp.inf)
     squared = pair_distance_squared(
-        memory.previous_nm, traffic.position_nm, memory.previous_level, traffic.level
+        sector.plane,
+        sector.separation_fl,
+        memory.previous_nm,
+        traffic.position_nm,
+        memory.previous_level,
+        traffic.level,
     )
     one, other = first_and_second(traffic.active)
     # Of the least only: a root for every pair costs as much as the rest of it.
@@ -179,26 +197,49 @@ def separation_nm(memory: Memory, traffic: Traffic) -> Float[Array, "*batch"]:
 
 
 def pair_distance_squared(
+    plane: MercatorPlane,
+    separation_fl: int,
     previous_nm: Float[ArrayLike, "aircraft 2 *batch"],
     position_nm: Float[ArrayLike, "aircraft 2 *batch"],
     previous_level: Float[ArrayLike, "aircraft *batch"],
     level: Float[ArrayLike, "aircraft *batch"],
 ) -> Float[Array, "pairs *batch"]:
-    """Square [NM2] of the least distance of every pair in a cycle, as above; levels in ticks."""
+    """Square [NM2] of the least distance of every pair in a cycle, as above; levels in ticks.
 
-    def pairs(values: ArrayLike) -> Array:
-        first, second = first_and_second(jnp.asarray(values))
-        return first - second
+    Only instants count at which the two are less than `separation_fl` apart. Whether
+    there are any is decided on whole ticks, which float32 holds exactly however it is compiled.
+    """
 
-    offset = pairs(previous_nm)
-    motion = pairs(position_nm) - offset
-    gap = pairs(previous_level) / TICKS_PER_FL
-    climb = pairs(level) / TICKS_PER_FL - gap
-    # The part of the cycle, from 0 to 1, in which |gap + climb * time| < 10 levels.
-    time_a_level = 1.0 / jnp.where(climb == 0.0, 1.0, climb)
-    low, high = (-SEPARATION_FL - gap) * time_a_level, (SEPARATION_FL - gap) * time_a_level
-    level_close = jnp.abs(gap) < SEPARATION_FL
-    begins = jnp.where(climb == 0.0, jnp.where(level_close, 0.0, 2.0), jnp.minimum(low, high))
-    ends = jnp.where(climb == 0.0, 1.0, jnp.maximum(low, high))
-    span = jnp.maximum(begins, 0.0), jnp.minimum(ends, 1.0)
-    return closest_approach_squared(offset, motion, *span)
+    def pairs(values: ArrayLike) -> tuple[Array, Array]:
+        return first_and_second(jnp.asarray(values))
+
+    before, after = pairs(previous_nm), pairs(position_nm)
+    middle = (before[0] + before[1])[:, 1] / 2.0
+    scale = plane.scale(middle)[:, None]
+    offset = (before[0] - before[1]) / scale
+    motion = (after[0] - after[1]) / scale - offset
+    (first, second), (first_after, second_after) = pairs(previous_level), pairs(level)
+    gap, gap_after = first - second, first_after - second_after
+    limit = ticks(separation_fl)
+    passes = (gap > 0.0) != (gap_after > 0.0)  # one level is crossed by the other
+    close = passes | (jnp.minimum(jnp.abs(gap), jnp.abs(gap_after)) < limit)
+    return jnp.where(
+        close,
+        closest_approach_squared(offset, motion, *_time_close(gap, gap_after, limit)),
+        jnp.inf,
+    )
+
+
+def _time_close(
+    gap: Float[Array, "pairs *batch"], gap_after: Float[Array, "pairs *batch"], limit: float
+) -> tuple[Float[Array, "pairs *batch"], Float[Array, "pairs *batch"]]:
+    """The part of the cycle, from 0 to 1, in which a level difference is less than a limit.
+
+    For pairs of which that is true at some instant; the others' part means nothing.
+    """
+    climb = gap_after - gap
+    time_a_tick = 1.0 / jnp.where(climb == 0.0, 1.0, climb)
+    low, high = (-limit - gap) * time_a_tick, (limit - gap) * time_a_tick
+    begins = jnp.where(climb == 0.0, 0.0, jnp.clip(jnp.minimum(low, high), 0.0, 1.0))
+    ends = jnp.where(climb == 0.0, 1.0, jnp.clip(jnp.maximum(low, high), begins, 1.0))
+    return begins, ends

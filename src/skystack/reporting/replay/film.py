@@ -30,7 +30,6 @@ from skystack.reporting.style import (
     settle,
 )
 from skystack.simulator.simulator import CYCLE_S
-from skystack.tasks.tracking import SEPARATION_NM
 
 PANEL_IN, PIXELS_PER_INCH = (5.2, 5.6), 84
 FRAMES_PER_S = 10
@@ -185,7 +184,7 @@ class _Scene:
             draw_way(axes, route, trail, colour_of(number))
             if row < len(flown.fl):
                 colour = VERMILION if number in close else colour_of(number)
-                ring_nm = SEPARATION_NM if number in close else 0.0
+                ring_nm = replay.sector.separation_nm if number in close else 0.0
                 draw_aircraft(axes, _blip(flown, row), colour, ring_nm)
         for line, each in enumerate(said[: -SAID - 1 : -1]):
             fresh = row - each.cycle <= 5

@@ -20,7 +20,6 @@ from skystack.files import check_folder_of, write_aside
 from skystack.reporting.replay.recording import Flown, Replay, ReplayScenario, as_json
 from skystack.reporting.replay.together import read_together
 from skystack.simulator.simulator import CYCLE_S
-from skystack.tasks.tracking import SEPARATION_FL, SEPARATION_NM
 
 FORMAT = 1
 SCALE = {"nm": 100, "fl": 10, "deg": 10}
@@ -76,8 +75,8 @@ def page_data(replays: tuple[Replay, ...]) -> dict[str, Any]:
         "format": FORMAT,
         "version": skystack.__version__,
         "cycle_s": CYCLE_S,
-        "separation_nm": SEPARATION_NM,
-        "separation_fl": SEPARATION_FL,
+        "separation_nm": replays[0].sector.separation_nm,
+        "separation_fl": replays[0].sector.separation_fl,
         "scale": SCALE,
         "sector": _sector(replays[0].sector),
         "runs": [

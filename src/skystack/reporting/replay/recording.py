@@ -7,6 +7,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache, partial
 from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,12 +17,13 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Float
 
+from skystack.airspace.projection import MercatorPlane
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
 from skystack.evaluation.stored import check_who, metadata_of, read_table, rows_of, sector_of
 from skystack.platforms.registry import OWN
 from skystack.simulator.performance import TICKS_PER_FL
-from skystack.tasks.tracking import SEPARATION_NM, pair_distance_squared
+from skystack.tasks.tracking import pair_distance_squared
 
 NUMBERS = (
     *("lat", "lon", "fl", "heading_deg", "cleared_heading_deg", "cleared_fl"),
@@ -185,7 +187,7 @@ def _scenario(
     check_who(path.parent / "aircraft.parquet", sector, who)
     said = clearances[number].to_pylist() if number in clearances else []
     flying = tuple(_aircraft(sector, path, rows[number], each) for each in who)
-    return _assembled(number, episode["cycles"], episode["success"], flying, said, path)
+    return _assembled(sector, number, episode["cycles"], episode["success"], flying, said, path)
 
 
 def _simulated(path: Path) -> Replay:
@@ -199,7 +201,7 @@ def _simulated(path: Path) -> Replay:
     flown = flown.append_column("status", status)
     flying = tuple(_aircraft(sector, path, flown, each) for each in who)
     cycles = int(flown["cycle"].to_numpy().max())
-    return Replay(path.stem, sector, (_assembled(0, cycles, None, flying, said, path),))
+    return Replay(path.stem, sector, (_assembled(sector, 0, cycles, None, flying, said, path),))
 
 
 def _aircraft(sector: Sector, path: Path, rows: pa.Table, entry: Mapping[str, Any]) -> Flown:
@@ -223,6 +225,7 @@ def _aircraft(sector: Sector, path: Path, rows: pa.Table, entry: Mapping[str, An
 
 
 def _assembled(
+    sector: Sector,
     number: int,
     cycles: int,
     success: bool | None,
@@ -238,38 +241,46 @@ def _assembled(
         Said(index[row["callsign"]], *(row[name] for name in CLEARANCE[1:])) for row in said
     )
     in_order = tuple(sorted(clearances, key=lambda each: each.cycle))
-    return ReplayScenario(number, cycles, success, aircraft, in_order, tuple(_losses(aircraft)))
+    return ReplayScenario(
+        number, cycles, success, aircraft, in_order, tuple(_losses(sector, aircraft))
+    )
 
 
-_squared_nm2 = jax.jit(pair_distance_squared)
+@cache
+def _squared_nm2(plane: MercatorPlane, separation_fl: int) -> Any:
+    """Compiled once for all scenarios of a sector."""
+    return jax.jit(partial(pair_distance_squared, plane, separation_fl))
+
+
 _CYCLES = 128
 """Of all pairs at once: the program is compiled once for a number of aircraft, not for every
 length, and the pairs of 200 aircraft take little memory."""
 
 
-def _losses(aircraft: tuple[Flown, ...]) -> Iterator[Loss]:
+def _losses(sector: Sector, aircraft: tuple[Flown, ...]) -> Iterator[Loss]:
     """By the tasks' own closed form, for every pair from one row to the next."""
     if len(aircraft) < 2:  # no pair
         return
-    distance = _distances_nm(aircraft)
+    distance = _distances_nm(sector, aircraft)
     for pair, (first, second) in enumerate(combinations(range(len(aircraft)), 2)):
-        close = np.flatnonzero(distance[pair] < SEPARATION_NM)
+        close = np.flatnonzero(distance[pair] < sector.loss_below_nm)
         for run in np.split(close, np.flatnonzero(np.diff(close) > 1) + 1) if len(close) else ():
             least = float(distance[pair, run].min())
             yield Loss(first, second, int(run[0]), int(run[-1]) + 1, least)
 
 
-def _distances_nm(aircraft: tuple[Flown, ...]) -> Float[np.ndarray, "pairs cycles"]:
+def _distances_nm(sector: Sector, aircraft: tuple[Flown, ...]) -> Float[np.ndarray, "pairs cycles"]:
     """The least in every cycle; no number where one of the two has no more rows."""
     rows = max(2, *(len(each.fl) for each in aircraft))
     rows += (1 - rows) % _CYCLES  # whole blocks, and the row in which the last one ends
     place = np.stack([_filled(each.position_nm.T, rows) for each in aircraft])
-    level = np.stack([_filled(each.fl * TICKS_PER_FL, rows) for each in aircraft])
+    level = np.stack([_filled(np.rint(each.fl * TICKS_PER_FL), rows) for each in aircraft])
+    squared_nm2 = _squared_nm2(sector.plane, sector.separation_fl)
     blocks = []
     for begin in range(0, rows - 1, _CYCLES):
         before, after = (slice(at, at + _CYCLES) for at in (begin, begin + 1))
         cycles = place[..., before], place[..., after], level[..., before], level[..., after]
-        blocks.append(np.sqrt(np.asarray(_squared_nm2(*cycles))))
+        blocks.append(np.sqrt(np.asarray(squared_nm2(*cycles))))
     return np.concatenate(blocks, axis=1)
 
 
