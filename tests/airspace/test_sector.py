@@ -25,13 +25,21 @@ SQUARE = Sector(
         ("SOUTH", "MIDDLE", "EDOOR", "EAST"),
     ),
 )
-LON_NM, LAT_NM = 60.107716411, 59.705332517
+LON_NM = 60.107716411
+"""Of a degree of longitude at the equator."""
+
+
+def north_nm(lat_deg):
+    """How far north of the equator a latitude lies in the plane: the isometric latitude."""
+    first = np.sqrt(0.0066943799901413165)  # eccentricity of WGS 84
+    sine = np.sin(np.radians(lat_deg))
+    return np.degrees(np.arctanh(sine) - first * np.arctanh(first * sine)) * LON_NM
 
 
 def test_positions_in_the_plane():
     assert SQUARE.fixes_nm["EAST"] == pytest.approx((0.6 * LON_NM, 0.0), abs=1e-6)
-    assert SQUARE.fixes_nm["SOUTH"] == pytest.approx((0.0, -0.6 * LAT_NM), abs=1e-6)
-    assert SQUARE.area_nm[1] == pytest.approx((0.5 * LON_NM, -0.5 * LAT_NM), abs=1e-6)
+    assert SQUARE.fixes_nm["SOUTH"] == pytest.approx((0.0, -north_nm(0.6)), abs=1e-6)
+    assert SQUARE.area_nm[1] == pytest.approx((0.5 * LON_NM, -north_nm(0.5)), abs=1e-6)
 
 
 def test_origin_is_where_the_plane_begins():
@@ -63,7 +71,7 @@ def test_first_headings_are_geodesic_bearings():
 
 def test_exit_edges_hold_the_last_but_one_fix():
     north, east = SQUARE.route_table.exit_edge_nm
-    corner = np.array([0.5 * LON_NM, 0.5 * LAT_NM])
+    corner = np.array([0.5 * LON_NM, north_nm(0.5)])
     assert north == pytest.approx(np.array([corner, corner * (-1, 1)]), abs=1e-5)
     assert east == pytest.approx(np.array([corner * (1, -1), corner]), abs=1e-5)
 

@@ -258,9 +258,9 @@ def test_a_disc_of_4_nm_round_a_first_fix_stays_outside(fix):
 
 def test_exit_edges_are_the_arm_ends_with_the_inside_to_the_left():
     sector = x_plus()
-    nm_per_layout_nm = sector.plane.scale_nm_per_deg / 60.0
     for route, edge in zip(sector.routes, sector.route_table.exit_edge_nm, strict=True):
-        expected = np.array(ARM_ENDS_LAYOUT_NM[route[-2]]) * nm_per_layout_nm
+        lon, lat = np.array(ARM_ENDS_LAYOUT_NM[route[-2]]).T / 60.0
+        expected = sector.plane.to_plane(lat, lon)
         assert edge == pytest.approx(expected, abs=1e-5)
         (ax, ay), (bx, by) = edge
 

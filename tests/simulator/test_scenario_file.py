@@ -64,9 +64,9 @@ REFUSED = [
     ((*A1, "lon"), -181, "aircraft[1].lon is -181 (allowed: number >= -180.0)"),
     (
         (*A1, "lat"),
-        4.3,
-        "aircraft[1] is 260 NM from the origin of x-plus at lat 4.3, lon 0.7 "
-        "(allowed: at most 250 NM)",
+        7.0,
+        "aircraft[1] is 420 NM from the origin of x-plus at lat 7.0, lon 0.7 "
+        "(allowed: at most 400 NM)",
     ),
     ((*A1, "heading_deg"), 360.5, "aircraft[1].heading_deg is 360.5 (allowed: number <= 360.0)"),
     (("levels_fl",), [300, 200], "levels_fl is [300, 200] (allowed: the lowest level, then a hi"),

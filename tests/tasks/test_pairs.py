@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from skystack.airspace.projection import MercatorPlane
 from skystack.simulator.traffic import start, ticks
 from skystack.tasks.build import build_task
 from skystack.tasks.conformance import check_task
@@ -16,13 +17,17 @@ from skystack.tasks.settings import RewardSettings, TaskSettings
 from .conftest import BACK, STRAIGHT
 
 SPEED_KT = 480.0
+PLANE = MercatorPlane(0.0, 0.0)
 ROOT_2 = np.sqrt(2.0)
 
 
 def traffic(positions, headings, speeds=SPEED_KT):
+    """Positions are true NM; their middle is put on the equator, where the plane's scale is 1."""
     n = len(positions)
+    at = np.asarray(positions, dtype=np.float32)
+    at[:, 1] -= at[:, 1].mean()
     return start(
-        jnp.asarray(positions, dtype=jnp.float32),
+        jnp.asarray(at),
         jnp.asarray(headings, dtype=jnp.float32),
         jnp.full(n, ticks(300.0), dtype=jnp.float32),
         jnp.zeros(n, dtype=jnp.int32),
@@ -48,7 +53,7 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_predicted_closest_approach(case):
     positions, headings, speeds, expected = CASES[case]
-    pairs = pairs_of(traffic(positions, headings, speeds))
+    pairs = pairs_of(PLANE, traffic(positions, headings, speeds))
     assert float(pairs.closest_nm[0]) == pytest.approx(expected, abs=1e-3)
 
 
@@ -59,7 +64,7 @@ heading = st.floats(0, 359, width=32)
 @given(position, position, heading, heading, st.floats(300, 500), st.floats(300, 500))
 def test_it_is_the_least_of_many_moments(first, second, north, south, slow, fast):
     flown = traffic([first, second], [north, south], [slow, fast])
-    pairs = pairs_of(flown)
+    pairs = pairs_of(PLANE, flown)
     moments = np.linspace(0.0, RANGE_NM / max(slow, fast), 2001)[:, None]
     offset = np.asarray(pairs.offset_nm, dtype=np.float64)
     gap = np.linalg.norm(offset + moments * np.asarray(pairs.velocity_kt), axis=1)
@@ -70,7 +75,7 @@ def test_it_is_the_least_of_many_moments(first, second, north, south, slow, fast
 def test_it_is_predicted_on_the_cleared_headings():
     flown = traffic([(0, 0), (0, 80)], [0, 180])
     told = flown._replace(cleared_heading_deg=jnp.array([90.0, 180.0]))
-    assert float(pairs_of(told).closest_nm[0]) == pytest.approx(80.0 / ROOT_2, abs=1e-3)
+    assert float(pairs_of(PLANE, told).closest_nm[0]) == pytest.approx(80.0 / ROOT_2, abs=1e-3)
 
 
 def avoidance(**weights):
@@ -133,10 +138,10 @@ def _fields(struct):
 )
 def test_the_side_of_a_miss(second, headings, sign):
     """Ours: which side the other one passes on."""
-    pairs = pairs_of(traffic([(0, 0), second], headings))
+    pairs = pairs_of(PLANE, traffic([(0, 0), second], headings))
     miss = float(PAIR_FEATURES["miss"].value(pairs)[0])
     assert abs(miss) == pytest.approx(4.0, abs=1e-3)
-    mirrored = pairs_of(traffic([(0, 0), (-second[0], second[1])], headings))
+    mirrored = pairs_of(PLANE, traffic([(0, 0), (-second[0], second[1])], headings))
     assert miss == pytest.approx(-float(PAIR_FEATURES["miss"].value(mirrored)[0]), abs=1e-3)
     assert float(PAIR_FEATURES["time"].value(pairs)[0]) == pytest.approx(5.0, abs=1e-3)
 

@@ -159,8 +159,9 @@ class MercatorPlane:
             part = np.linspace(0.0, 1.0, 2 * int(pieces) + 1)[:, None]
             lat, lon = (np.array(start_deg) + part * span).T
             points = self.to_plane(lat, lon)
-            middle = (points[:-2:2] + points[2::2]) / 2.0
-            if float(np.hypot(*(points[1::2] - middle).T).max()) <= within_nm:
+            piece, middle = points[2::2] - points[:-2:2], points[1::2] - points[:-2:2]
+            across = piece[:, 0] * middle[:, 1] - piece[:, 1] * middle[:, 0]
+            if np.all(np.abs(across) <= within_nm * np.hypot(*piece.T)):
                 break
         return points[::2]
 

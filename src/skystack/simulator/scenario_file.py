@@ -9,9 +9,9 @@ from typing import Annotated
 
 import jax.numpy as jnp
 import msgspec
-import numpy as np
 from msgspec import Meta
 
+from skystack.airspace.projection import geodesic_leg
 from skystack.airspace.sector import MAX_DISTANCE_NM, Sector
 from skystack.airspace.sectors import find_sector
 from skystack.errors import InputError, unknown_name
@@ -198,7 +198,7 @@ def _checked_aircraft(where: str, entry: _AircraftEntry, sector: Sector) -> Airc
                 raise unknown_name("fix", fix, sector.fixes)
     with inside(f"{where}.route"):
         sector.route_index(entry.route)
-    distance_nm = float(np.hypot(*sector.plane.to_plane(entry.lat, entry.lon)))
+    _, distance_nm = geodesic_leg(sector.origin, (entry.lat, entry.lon))
     if distance_nm > MAX_DISTANCE_NM:
         raise InputError(
             f"{where} is {distance_nm:.0f} NM from the origin of {sector.name} "

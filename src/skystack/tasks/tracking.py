@@ -213,11 +213,11 @@ def pair_distance_squared(
     def pairs(values: ArrayLike) -> tuple[Array, Array]:
         return first_and_second(jnp.asarray(values))
 
-    before, after = pairs(previous_nm), pairs(position_nm)
-    middle = (before[0] + before[1])[:, 1] / 2.0
-    scale = plane.scale(middle)[:, None]
-    offset = (before[0] - before[1]) / scale
-    motion = (after[0] - after[1]) / scale - offset
+    def true_offset(first: Array, second: Array) -> Array:
+        return (first - second) / plane.scale((first + second)[:, 1] / 2.0)[:, None]
+
+    offset = true_offset(*pairs(previous_nm))
+    motion = true_offset(*pairs(position_nm)) - offset
     (first, second), (first_after, second_after) = pairs(previous_level), pairs(level)
     gap, gap_after = first - second, first_after - second_after
     limit = ticks(separation_fl)
