@@ -24,7 +24,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
+from skystack.airspace.projection import geodesic_leg
+from skystack.airspace.sector import LatLon
 from skystack.catalogue import find_policy
 from skystack.errors import InputError
 from skystack.evaluation.agreement import same_clearances
@@ -68,6 +71,13 @@ VARIANTS = {
 }
 
 
+def _degree_nm(at: LatLon) -> Float[np.ndarray, "2"]:
+    """A degree on the ellipsoid to the east, divided by the cosine of the latitude, and north."""
+    lat, lon = at
+    east = geodesic_leg((lat, lon - 0.5), (lat, lon + 0.5))[1] / math.cos(math.radians(lat))
+    return np.array([east, geodesic_leg((lat - 0.5, lon), (lat + 0.5, lon))[1]])
+
+
 class WithHabits(Skystack):
     """Our simulator with some of BlueSky's habits."""
 
@@ -78,13 +88,11 @@ class WithHabits(Skystack):
     def reset(self, scenario: Scenario) -> Report:
         """As ours, with another rate of turn and scale of the earth compiled in."""
         if self._advance is None:
-            simulator, plane = scenario.simulator(), scenario.sector.plane
+            simulator = scenario.simulator()
             if self._habits.turn_rate:
                 simulator = replace(simulator, turn_rate_deg_s=BANKED_DEG_S)
-            scale = (
-                plane.scale_nm_per_deg / SPHERE_NM_PER_DEG if self._habits.sphere else np.ones(2)
-            )
-            scale_nm = jnp.asarray(scale, dtype=jnp.float32)
+            scale = _degree_nm(scenario.sector.origin) / SPHERE_NM_PER_DEG
+            scale_nm = jnp.asarray(scale if self._habits.sphere else np.ones(2), jnp.float32)
             self._simulator = scenario.simulator()
 
             def advance(traffic: Traffic) -> Traffic:

@@ -60,7 +60,8 @@ class Expected(NamedTuple):
     speed_kt: Float[np.ndarray, "6 ..."]
     """Over the ground, in each second."""
     heading_deg: Values
-    moved_nm: Float[np.ndarray, "2 ..."]
+    along_deg: Float[np.ndarray, "6 ..."]
+    """The track flown in each second: the heading in the middle of it."""
 
 
 def expected(before: Rows, allowed: Limits) -> Expected:
@@ -68,12 +69,8 @@ def expected(before: Rows, allowed: Limits) -> Expected:
     level, vertical_speed, speed = _climb(before, allowed)
     turn = before.turn_deg.astype(float)
     turned = np.sign(turn) * np.minimum(TURN_RATE_DEG_S * _seconds(turn.ndim), np.abs(turn))
-    # Within a second, along the heading in the middle of it.
-    along = np.radians(before.heading_deg + (turned[:-1] + turned[1:]) / 2.0)
-    moved = np.stack(
-        [np.sum(speed / 3600.0 * part, axis=0) for part in (np.sin(along), np.cos(along))]
-    )
-    return Expected(level, vertical_speed, speed, (before.heading_deg + turned[-1]) % 360.0, moved)
+    along = before.heading_deg + (turned[:-1] + turned[1:]) / 2.0
+    return Expected(level, vertical_speed, speed, (before.heading_deg + turned[-1]) % 360.0, along)
 
 
 def _seconds(axes: int) -> Int[np.ndarray, "7 ..."]:

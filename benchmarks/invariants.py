@@ -17,9 +17,12 @@ from benchmarks.closed_form import (
     least_radius_nm,
 )
 from benchmarks.random_worlds import Flown
+from skystack.airspace.projection import METRES_PER_NM, WGS84, MercatorPlane
 from skystack.simulator.traffic import LEFT, NO_TURN, RIGHT, Traffic
 
 Values = Float[np.ndarray, "cycles aircraft worlds"]
+Degrees = Float[np.ndarray, "2 cycles aircraft worlds"]
+"""Latitudes and longitudes."""
 Where = Bool[np.ndarray, "cycles aircraft worlds"]
 Quantities = dict[str, tuple[Values, Where]]
 """By the name of the invariant: how far from what it says, and where it says anything."""
@@ -71,13 +74,14 @@ def angle_deg(a: Values, b: Values) -> Values:
     return (a - b + 180.0) % 360.0 - 180.0
 
 
-def invariants(flown: Flown, said: Rows, allowed: Limits) -> Quantities:
+def invariants(flown: Flown, said: Rows, allowed: Limits, plane: MercatorPlane) -> Quantities:
     """All that is looked at in a flight by itself."""
     now = expected(flown.told, allowed)
+    lat_lon = _lat_lon(plane, flown.told), _lat_lon(plane, flown.after)
     return {
         **_of_instruct(flown, said),
-        **_of_limits(flown, now),
-        **_of_closed_forms(flown, now),
+        **_of_limits(flown, now, _distance_nm(*lat_lon)),
+        **_of_closed_forms(flown, now, _missed_nm(*lat_lon, now)),
         **_of_adoption(flown),
     }
 
@@ -99,7 +103,7 @@ def _of_instruct(flown: Flown, said: Rows) -> Quantities:
     }
 
 
-def _of_limits(flown: Flown, now: Expected) -> Quantities:
+def _of_limits(flown: Flown, now: Expected, moved_nm: Values) -> Quantities:
     """Of every aircraft, on own navigation too."""
     _, told, after = flown
     active, heading = told.active, after.heading_deg.astype(float)
@@ -107,7 +111,6 @@ def _of_limits(flown: Flown, now: Expected) -> Quantities:
     wrong = np.sum(
         [~np.isfinite(leaf) for leaf in (*floats, after.position_nm.sum(axis=2))], axis=0
     )
-    moved = np.hypot(*_moved_nm(flown))
     path = now.speed_kt.sum(axis=0) / 3600.0
     most = greatest_turn_deg(told, after, now.speed_kt)
     # All headings of a cycle lie within an angle of `most`: seen along its middle.
@@ -122,8 +125,8 @@ def _of_limits(flown: Flown, now: Expected) -> Quantities:
             wrong + (heading < 0.0) + (heading >= 360.0),
             active,
         ),
-        "moves no further than speed x time": (moved - path, active),
-        "moves no less than a turn allows": (least - moved, active),
+        "moves no further than speed x time": (moved_nm - path, active),
+        "moves no less than a turn allows": (least - moved_nm, active),
         "turns no faster than the turn rate": (
             np.abs(angle_deg(heading, told.heading_deg)) - most,
             active,
@@ -133,12 +136,25 @@ def _of_limits(flown: Flown, now: Expected) -> Quantities:
     }
 
 
-def _moved_nm(flown: Flown) -> Float[np.ndarray, "2 cycles aircraft worlds"]:
-    moved = flown.after.position_nm.astype(float) - flown.told.position_nm
-    return np.moveaxis(moved, 2, 0)
+def _lat_lon(plane: MercatorPlane, traffic: Rows) -> Degrees:
+    return np.moveaxis(plane.to_degrees(np.moveaxis(traffic.position_nm, 2, -1)), -1, 0)
 
 
-def _of_closed_forms(flown: Flown, now: Expected) -> Quantities:
+def _distance_nm(a: Degrees, b: Degrees) -> Values:
+    """Geodesic distances."""
+    metres: Values = WGS84.inv(a[1], a[0], b[1], b[0])[2]
+    return metres / METRES_PER_NM
+
+
+def _missed_nm(before: Degrees, after: Degrees, now: Expected) -> Values:
+    """How far an aircraft is from where six geodesics of a second each lead."""
+    lat, lon = before
+    for along_deg, speed_kt in zip(now.along_deg, now.speed_kt, strict=True):
+        lon, lat, _ = WGS84.fwd(lon, lat, along_deg, speed_kt / 3600.0 * METRES_PER_NM)
+    return _distance_nm(np.stack([lat, lon]), after)
+
+
+def _of_closed_forms(flown: Flown, now: Expected, missed_nm: Values) -> Quantities:
     _, told, after = flown
     active, steered = told.active, told.active & ~told.own_navigation
     off = np.abs(angle_deg(after.heading_deg.astype(float), now.heading_deg))
@@ -151,7 +167,7 @@ def _of_closed_forms(flown: Flown, now: Expected) -> Quantities:
         "the ground speed": (np.abs(after.ground_speed_kt - now.speed_kt[-1]), active),
         "the heading": (off, steered),
         "a heading is captured exactly": (missed, arrives),
-        "the displacement": (np.hypot(*(_moved_nm(flown) - now.moved_nm)), steered),
+        "the displacement": (missed_nm, steered),
     }
 
 

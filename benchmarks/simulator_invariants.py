@@ -63,7 +63,9 @@ def try_worlds(flier: Flier, numbers: Sequence[int], seed: int, tallies: Tallies
     aircraft = world.start.level.shape[0]
     change = together([draw_change(seed, number, aircraft) for number in numbers])
     flown = flier.fly(world)
-    judge(invariants(flown, world.told, flier.limits), numbers, tallies)
+    judge(
+        invariants(flown, world.told, flier.limits, flier.simulator.sector.plane), numbers, tallies
+    )
     judge(comparisons(flier, world, flown, change), numbers, tallies)
 
 

@@ -74,24 +74,30 @@ def passed(seen):
 def test_a_fault_of_one_cycle_is_found(flier, flight, part, field, by, name):
     world, flown, _ = flight
     faulty = moved(flown, part, field, lambda values: values + by)
-    assert name in passed(invariants(faulty, world.told, flier.limits))
+    assert name in passed(
+        invariants(faulty, world.told, flier.limits, flier.simulator.sector.plane)
+    )
 
 
 def test_standing_still_is_found(flier, flight):
     world, flown, _ = flight
     after = flown.after._replace(position_nm=flown.told.position_nm)
-    found = passed(invariants(flown._replace(after=after), world.told, flier.limits))
+    found = passed(
+        invariants(
+            flown._replace(after=after), world.told, flier.limits, flier.simulator.sector.plane
+        )
+    )
     assert "moves no less than a turn allows" in found
 
 
 @pytest.mark.parametrize(
     ("field", "by", "names"),
     [
-        ("position_nm", 0.02, {"told alone it flies as among others", "turned: position"}),
+        ("position_nm", 0.02, {"told alone it flies as among others", "mirrored: position"}),
         ("position_nm", 0.02, {"shifted: position", "float64: position"}),
-        ("heading_deg", 0.002, {"turned: heading", "float64: heading"}),
+        ("heading_deg", 0.002, {"mirrored: heading", "float64: heading"}),
         ("heading_deg", 0.002, {"two exchanged fly exchanged"}),
-        ("level", 1.0, {"turned: level, speeds", "float64: level"}),
+        ("level", 1.0, {"mirrored: level, speeds", "float64: level"}),
         ("level", 1.0, {"shifted: heading, level, speeds"}),
     ],
 )
@@ -105,7 +111,7 @@ def test_a_fly_by_turn_that_is_too_tight_is_found(flier, flight):
     world, flown, _ = flight
     faulty = moved(flown, "after", "next_fix", lambda values: values + 1)
     faulty = moved(faulty, "after", "turn_radius_nm", lambda values: values + 0.1)
-    found = passed(invariants(faulty, world.told, flier.limits))
+    found = passed(invariants(faulty, world.told, flier.limits, flier.simulator.sector.plane))
     assert "fly-by turns at 30 degrees of bank at most" in found
 
 
