@@ -4,11 +4,11 @@
 
 Aircraft circle, and fly holding patterns, to either side, near the origin and 200 NM from it; half
 of them climb and descend by 20 levels all the time. Their laps lie evenly to both sides of the
-equator: elsewhere the earth itself moves a lap flown by heading, since meridians converge. The simulator
-keeps no clock: a time is 6 s times the number of the cycle. What could drift is therefore what an
-aircraft is doing at a time. Heading and level must be those of the closed form in every cycle, to
-the last bit; the position must be back after every lap but for rounding. Prints the worst that was
-met; exit code 1 where it is beyond a bound.
+equator: elsewhere the earth itself moves a lap flown by heading, since meridians converge. The
+simulator keeps no clock: a time is 6 s times the number of the cycle. What could drift is therefore
+what an aircraft is doing at a time. Heading and level must be those of the closed form in every
+cycle, to the last bit; the position must be back after every lap but for rounding. Prints the worst
+that was met; exit code 1 where it is beyond a bound.
 """
 
 import argparse

@@ -5,16 +5,19 @@ BluebirdDT, `advance` first flies what was being flown and only then adopts what
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from skystack.airspace.geometry import direction, wrap_180, wrap_360
+from skystack.airspace.projection import LocalScale
 from skystack.airspace.sector import Sector
 from skystack.simulator.own_navigation import steer
 from skystack.simulator.performance import Performance
 from skystack.simulator.traffic import LEFT, NO_TURN, RIGHT, Clearance, Traffic
+from skystack.subroutine import subroutine
 
 CYCLE_S = 6
 """Seconds of a radar cycle, flown in sub-steps of one second."""
@@ -44,17 +47,15 @@ class Simulator:
 
     def advance(self, traffic: Traffic) -> Traffic:
         """One radar cycle of 6 s: active aircraft fly, then adopt what they are cleared to."""
-        scale = self.sector.plane.scale
-        north_nm = traffic.position_nm[:, 1]
-        # Within a cycle the local scale is linear in y to a part in ten million.
-        local = scale(north_nm), scale.slope(north_nm)
-        flown, moved_nm = traffic, jnp.zeros_like(traffic.position_nm)
+        begun_nm, place = traffic.position_nm, partial(_moved, self.sector.plane.scale)
+        flown, moved_nm = traffic, jnp.zeros_like(begun_nm)
         for _ in range(CYCLE_S):
             flown, step_nm = self._fly_one_second(flown)
-            northward = moved_nm[:, 1] + 0.5 * local[0] * step_nm[:, 1]
-            moved_nm += (local[0] + local[1] * northward)[:, None] * step_nm
-            # Added to the start, not second by second: rounded once a cycle instead of six times.
-            flown = flown._replace(position_nm=traffic.position_nm + moved_nm)
+            # Added up before they meet the position: rounded once, not six times.
+            moved_nm += step_nm
+            if self.own_navigation:  # which depends on the position
+                flown = flown._replace(position_nm=place(begun_nm, moved_nm))
+        flown = flown._replace(position_nm=subroutine(place, begun_nm, moved_nm))
         return adopt(_where_active(flown, traffic))
 
     def level_ground_speed_kt(
@@ -109,6 +110,20 @@ def _turn(
         turn_deg=jnp.where(arrived, 0.0, traffic.turn_deg - turned),
     )
     return turned_traffic, step_nm
+
+
+def _moved(
+    scale: LocalScale,
+    position_nm: Float[Array, "aircraft 2 *batch"],
+    moved_nm: Float[Array, "aircraft 2 *batch"],
+) -> Float[Array, "aircraft 2 *batch"]:
+    """Where a true displacement of a cycle or less leads in the plane.
+
+    Over so little the scale is linear in y to a part in ten million: its mean is that half-way.
+    """
+    local = scale(position_nm[:, 1])
+    local += 0.5 * scale.slope(position_nm[:, 1]) * local * moved_nm[:, 1]
+    return position_nm + local[:, None] * moved_nm
 
 
 def adopt(traffic: Traffic) -> Traffic:

@@ -213,33 +213,24 @@ def pair_distance_squared(
     def pairs(values: ArrayLike) -> tuple[Array, Array]:
         return first_and_second(jnp.asarray(values))
 
-    def true_offset(first: Array, second: Array) -> Array:
-        return (first - second) / plane.scale((first + second)[:, 1] / 2.0)[:, None]
+    def true_offset(position_nm: ArrayLike) -> Array:
+        at = jnp.asarray(position_nm)
+        first, second = first_and_second(at)
+        # The mean of both is that half-way, within a part in ten thousand 20 NM apart at 75 N.
+        half, other_half = first_and_second(0.5 / plane.scale(at[:, 1]))
+        return (first - second) * (half + other_half)[:, None]
 
-    offset = true_offset(*pairs(previous_nm))
-    motion = true_offset(*pairs(position_nm)) - offset
+    offset = true_offset(previous_nm)
+    motion = true_offset(position_nm) - offset
     (first, second), (first_after, second_after) = pairs(previous_level), pairs(level)
     gap, gap_after = first - second, first_after - second_after
     limit = ticks(separation_fl)
     passes = (gap > 0.0) != (gap_after > 0.0)  # one level is crossed by the other
     close = passes | (jnp.minimum(jnp.abs(gap), jnp.abs(gap_after)) < limit)
-    return jnp.where(
-        close,
-        closest_approach_squared(offset, motion, *_time_close(gap, gap_after, limit)),
-        jnp.inf,
-    )
-
-
-def _time_close(
-    gap: Float[Array, "pairs *batch"], gap_after: Float[Array, "pairs *batch"], limit: float
-) -> tuple[Float[Array, "pairs *batch"], Float[Array, "pairs *batch"]]:
-    """The part of the cycle, from 0 to 1, in which a level difference is less than a limit.
-
-    For pairs of which that is true at some instant; the others' part means nothing.
-    """
+    # The part of the cycle, from 0 to 1, in which |gap + climb * time| < limit, if there is any.
     climb = gap_after - gap
     time_a_tick = 1.0 / jnp.where(climb == 0.0, 1.0, climb)
     low, high = (-limit - gap) * time_a_tick, (limit - gap) * time_a_tick
-    begins = jnp.where(climb == 0.0, 0.0, jnp.clip(jnp.minimum(low, high), 0.0, 1.0))
-    ends = jnp.where(climb == 0.0, 1.0, jnp.clip(jnp.maximum(low, high), begins, 1.0))
-    return begins, ends
+    begins = jnp.maximum(jnp.minimum(low, high), 0.0)
+    ends = jnp.maximum(jnp.minimum(jnp.maximum(low, high), 1.0), begins)
+    return jnp.where(close, closest_approach_squared(offset, motion, begins, ends), jnp.inf)
