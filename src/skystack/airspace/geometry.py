@@ -140,7 +140,8 @@ def closest_approach(
 
     `velocity` is NM per unit of the times. A span that ends before it begins gives infinity.
     """
-    return jnp.sqrt(closest_approach_squared(offset_nm, velocity, from_time, until_time))
+    squared = closest_approach_squared(offset_nm, velocity, from_time, until_time)
+    return jnp.where(until_time >= from_time, jnp.sqrt(squared), jnp.inf)
 
 
 def closest_approach_squared(
@@ -149,12 +150,11 @@ def closest_approach_squared(
     from_time: Float[Array, "n *batch"],
     until_time: Float[Array, "n *batch"],
 ) -> Float[Array, "n *batch"]:
-    """The square [NM2] of `closest_approach`."""
+    """The square [NM2] of `closest_approach`, for spans that do not end before they begin."""
     speed2 = dot(velocity, velocity)
     approach = -dot(offset_nm, velocity) / jnp.where(speed2 > 0.0, speed2, 1.0)
-    time = jnp.clip(approach, from_time, until_time)
-    nearest = offset_nm + time[:, None] * velocity
-    return jnp.where(until_time >= from_time, dot(nearest, nearest), jnp.inf)
+    nearest = offset_nm + jnp.clip(approach, from_time, until_time)[:, None] * velocity
+    return dot(nearest, nearest)
 
 
 def value_of(values: np.ndarray, index: Int[Array, "n *batch"]) -> Array:

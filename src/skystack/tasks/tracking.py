@@ -232,5 +232,5 @@ def pair_distance_squared(
     time_a_tick = 1.0 / jnp.where(climb == 0.0, 1.0, climb)
     low, high = (-limit - gap) * time_a_tick, (limit - gap) * time_a_tick
     begins = jnp.maximum(jnp.minimum(low, high), 0.0)
-    ends = jnp.maximum(jnp.minimum(jnp.maximum(low, high), 1.0), begins)
+    ends = jnp.minimum(jnp.maximum(low, high), 1.0)
     return jnp.where(close, closest_approach_squared(offset, motion, begins, ends), jnp.inf)
