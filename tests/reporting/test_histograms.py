@@ -59,7 +59,7 @@ def test_panels_share_axes_and_bins():
 def test_separations_count_losses_and_show_every_scenario():
     nearest = np.array([0.0, 4.999, 5.0, 12.0, 300.0, np.inf])
     with house_style():
-        axes = separations([Nearest("Stacked", nearest)]).axes[0]
+        axes = separations([Nearest("Stacked", nearest, 2, 5.0)]).axes[0]
     assert axes.get_title(loc="left") == "Stacked: 2 of 6 below 5 NM"
     assert sum(bar.get_height() for bar in axes.patches) == 6
     assert axes.lines[0].get_xdata() == [5.0, 5.0]
@@ -67,6 +67,6 @@ def test_separations_count_losses_and_show_every_scenario():
 
 def test_separations_end_where_the_values_do():
     with house_style():
-        axes = separations([Nearest("Stacked", np.array([4.0, 27.0]))]).axes[0]
+        axes = separations([Nearest("Stacked", np.array([4.0, 27.0]), 1, 5.0)]).axes[0]
     assert axes.get_xlim() == (0.0, 30.0)
     assert axes.get_xlabel() == "least separation in a scenario, NM"

@@ -23,6 +23,7 @@ def set_episodes(run, experiment, clearances, success):
             "clearances": np.array(clearances, dtype=np.int32),
             "success": np.array(success),
             "min_separation_nm": np.full(len(success), np.inf),
+            "loss_of_separation": np.zeros(len(success), dtype=bool),
         }
     )
     pq.write_table(table, run / FOLDER.format(experiment) / "episodes.parquet")

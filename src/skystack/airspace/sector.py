@@ -150,7 +150,7 @@ def _distance_to_line(point: Float[np.ndarray, "2"], line: Float[np.ndarray, "po
     return float(np.min(np.hypot(*gap.T)))
 
 
-def _padded(lines: list[Float[np.ndarray, "points 2"]]) -> Float[np.ndarray, "lines points 2"]:
+def _padded(lines: list[Float[np.ndarray, "_ 2"]]) -> Float[np.ndarray, "lines most 2"]:
     """Polylines as one array, shorter ones padded with their end; float32."""
     most = max(map(len, lines))
     full = [np.append(line, np.repeat(line[-1:], most - len(line), axis=0), 0) for line in lines]

@@ -7,7 +7,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pyarrow as pa
-from jaxtyping import Int
+from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from skystack.airspace.sector import Sector
@@ -128,13 +128,15 @@ def _trajectory_table(task: NavigationTask, recording: Recording) -> pa.Table:
             "callsign": pa.DictionaryArray.from_arrays(
                 who.astype(np.int32), callsigns(task.scenarios.aircraft)
             ),
-            **{
-                name: values.reshape(-1)[keep].astype(np.float32)
-                for name, values in columns.items()
-            },
+            **{name: _stored(name, values.reshape(-1)[keep]) for name, values in columns.items()},
             "status": pa.DictionaryArray.from_arrays(status.reshape(-1)[keep], list(STATUS)),
         }
     )
+
+
+def _stored(name: str, values: Float[np.ndarray, " rows"]) -> np.ndarray:
+    """Degrees of position to 1 cm, so that separations can be measured again; all else float32."""
+    return values.round(7) if name in ("lat", "lon") else values.astype(np.float32)
 
 
 def _status(recording: Recording) -> Int[np.ndarray, "scenarios rows aircraft"]:

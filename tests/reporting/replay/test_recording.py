@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
 from skystack.evaluation.stored import write_table
 from skystack.reporting.replay.recording import Flown, _losses, as_json, read_replay
@@ -182,7 +183,7 @@ def test_losses_of_many_whose_rows_end_at_different_times():
         least = np.hypot(*np.moveaxis(apart[:-1] + part * np.diff(apart, axis=0), -1, 0)).min(0)
         if abs(levels[first] - levels[second]) < 10.0 and least.min() < 5.0:
             expected[first, second] = least
-    found = list(_losses(flown))
+    found = list(_losses(x_plus(), flown))
     assert {(loss.first, loss.second) for loss in found} == set(expected)
     for pair, least in expected.items():
         losses = [loss for loss in found if (loss.first, loss.second) == pair]
@@ -195,4 +196,4 @@ def test_losses_of_many_whose_rows_end_at_different_times():
 
 def test_who_has_one_row_only_loses_nothing():
     here = straight(np.zeros((1, 2)), 300.0)
-    assert list(_losses((here, here))) == []
+    assert list(_losses(x_plus(), (here, here))) == []

@@ -1,0 +1,152 @@
+"""Progress along routes: hairpins, geodesic legs, exit edges that bend in the plane."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from skystack.airspace.projection import METRES_PER_NM, WGS84
+from skystack.airspace.sector import Sector
+from skystack.simulator.generator import Crowd, LateralScenarios
+from skystack.simulator.performance import performance
+from skystack.simulator.simulator import Simulator
+from skystack.simulator.traffic import start, ticks
+from skystack.tasks.features import centreline_distance, distance_in_hand, next_fix_distance
+from skystack.tasks.tracking import Tracker
+
+SQUARE = ((-1.2, -1.2), (-1.2, 1.2), (1.2, 1.2), (1.2, -1.2))
+HAIRPIN = Sector(
+    "hairpin",
+    (0.0, 0.0),
+    SQUARE,
+    (200, 400),
+    {
+        "WO": (0.0, -1.35),
+        "S1": (0.0, 0.3),
+        "S2": (0.02, -0.3),
+        "S3": (0.04, 0.3),
+        "EE": (0.0, 1.2),
+        "EO": (0.0, 1.35),
+    },
+    (("WO", "S1", "S2", "S3", "EE", "EO"),),
+)
+FAR_NORTH = Sector(
+    "far north",
+    (64.0, 15.0),
+    ((60.0, 9.0), (62.0, 21.0), (68.0, 21.0), (67.0, 9.0)),
+    (200, 400),
+    {
+        "WESTO": (65.8, 8.6),
+        "WESTE": (65.8, 9.0),
+        "EASTE": (65.8, 21.0),
+        "EASTO": (65.8, 21.4),
+        "SOUTO": (60.5, 15.0),
+        "SOUTH": (61.0, 15.0),
+    },
+    (("WESTO", "WESTE", "EASTE", "EASTO"), ("EASTO", "EASTE", "SOUTH", "SOUTO")),
+)
+
+
+def traffic_at(sector, points_deg, route=0, heading_deg=90.0):
+    """Aircraft at points (lat, lon) on a route."""
+    count = len(points_deg)
+    position = sector.plane.to_plane(*np.array(points_deg).T)
+    return start(
+        jnp.asarray(position, dtype=jnp.float32),
+        jnp.full(count, heading_deg),
+        jnp.full(count, ticks(300.0), dtype=jnp.float32),
+        jnp.full(count, route, dtype=jnp.int32),
+        jnp.full(count, 466.0),
+        jnp.zeros(count, dtype=bool),
+    )
+
+
+def progress(sector, points_deg):
+    """The next fix of one aircraft that is seen at each of the points, one cycle after another."""
+    tracker, found = Tracker(sector), []
+    memory = None
+    for point in points_deg:
+        traffic = traffic_at(sector, [point])
+        memory = tracker.begin(traffic, traffic.level) if memory is None else memory
+        memory = tracker.track(memory, traffic)
+        found.append(int(memory.next_fix[0]))
+    return found
+
+
+def test_starts_of_a_hairpin_route_are_before_its_second_fix():
+    """The plane that halves a hairpin's legs also cuts the leg to it, 99 NM before the fix."""
+    simulator = Simulator(HAIRPIN, performance("table"))
+    lateral = LateralScenarios(simulator, aircraft=1)
+    drawn = jax.vmap(lateral.draw, out_axes=-1)(jax.random.split(jax.random.key(0), 200)).traffic
+    tracker = Tracker(HAIRPIN)
+    memory = tracker.begin(drawn, drawn.level)
+    assert np.all(memory.next_fix == 1)
+    flown = simulator.advance(drawn)
+    assert np.all(tracker.track(memory, flown).next_fix == 1)
+
+
+def test_a_hairpin_is_passed_at_its_fixes_or_by_turning_early():
+    along = [(0.0, lon) for lon in np.arange(-1.35, 0.3, 0.02)]
+    assert set(progress(HAIRPIN, along)) == {1, 2}
+    assert progress(HAIRPIN, along)[-2:] == [1, 2]  # a mile before S1
+    back = [(0.012, lon) for lon in np.arange(0.25, -0.2, -0.02)]
+    assert progress(HAIRPIN, [*along[:-3], *back])[-1] == 2  # turned early, never near S1
+    there = [(0.04, lon) for lon in np.arange(-0.32, 1.0, 0.02)]
+    assert progress(HAIRPIN, [*along, *back, (0.02, -0.3), *there])[-1] == 4
+
+
+def test_a_crowd_begins_on_the_way_to_the_fix_ahead():
+    crowd = Crowd(Simulator(FAR_NORTH, performance("table")), 50)
+    traffic = crowd.draw(jax.random.key(0)).traffic
+    memory = Tracker(FAR_NORTH).begin(traffic, traffic.level)
+    fixes = FAR_NORTH.route_table.fixes_nm[np.asarray(traffic.route), np.asarray(memory.next_fix)]
+    ahead = fixes - np.asarray(traffic.position_nm)
+    radians = np.radians(np.asarray(traffic.heading_deg))
+    assert np.all(np.sum(ahead * np.stack([np.sin(radians), np.cos(radians)], 1), axis=1) > 0.0)
+
+
+@pytest.mark.parametrize("aside_nm", [-12.0, -0.5, 0.5, 12.0])
+def test_the_centreline_of_a_leg_is_its_geodesic(aside_nm):
+    """North of 65 N a leg of 300 NM bends by 6 NM from the straight line in the plane."""
+    (lat1, lon1), (lat2, lon2) = FAR_NORTH.fixes["WESTE"], FAR_NORTH.fixes["EASTE"]
+    on_leg = np.array(WGS84.npts(lon1, lat1, lon2, lat2, 19))
+    track, _, _ = WGS84.inv(on_leg[:, 0], on_leg[:, 1], np.full(19, lon2), np.full(19, lat2))
+    metres = np.full(19, abs(aside_nm) * METRES_PER_NM)
+    lon, lat, _ = WGS84.fwd(*on_leg.T, track + np.sign(aside_nm) * 90.0, metres)
+    traffic = traffic_at(FAR_NORTH, np.stack([lat, lon], axis=1))
+    memory = Tracker(FAR_NORTH).begin(traffic, traffic.level)
+    found = centreline_distance(FAR_NORTH, traffic, memory)
+    assert np.asarray(found) == pytest.approx(aside_nm, abs=0.1)
+
+
+def test_distances_are_geodesic_far_north():
+    points = np.array([(61.5, 10.0), (65.0, 14.0), (67.5, 20.0), (63.0, 18.0)])
+    traffic = traffic_at(FAR_NORTH, points)
+    memory = Tracker(FAR_NORTH).begin(traffic, traffic.level + ticks(10.0))
+    lat, lon = np.repeat([FAR_NORTH.fixes["WESTE"]], 4, axis=0).T
+    fix_nm = WGS84.inv(points[:, 1], points[:, 0], lon, lat)[2] / METRES_PER_NM
+    found = np.asarray(next_fix_distance(FAR_NORTH, traffic, memory))
+    assert found == pytest.approx(fix_nm, rel=2e-3)
+    leg_nm = WGS84.inv(9.0, 65.8, 21.0, 65.8)[2] / METRES_PER_NM
+    in_hand = np.asarray(distance_in_hand(FAR_NORTH, traffic, memory))
+    assert in_hand == pytest.approx(fix_nm + leg_nm - 466.0 / 120.0, rel=2e-3)
+
+
+def test_an_exit_over_an_edge_that_bends_in_the_plane_is_no_excursion():
+    """The southern edge, straight in degrees, bends by 4 NM: it is crossed where it really is."""
+    sector = replace(
+        FAR_NORTH, fixes=dict(FAR_NORTH.fixes) | {"SOUTH": (61.0, 15.0), "SOUTO": (60.0, 15.0)}
+    )
+    tracker = Tracker(sector)
+    for lon in (10.0, 12.5, 15.0, 17.5, 20.0):
+        edge_lat = 60.0 + (lon - 9.0) / 12.0 * 2.0
+        for step in (0.013, 0.004, 0.001):  # degrees on either side of the edge
+            inside, outside = ((edge_lat + sign * step, lon) for sign in (1.0, -1.0))
+            before, after = (traffic_at(sector, [point], 1, 180.0) for point in (inside, outside))
+            memory = tracker.track(tracker.begin(before, before.level), before)
+            assert bool(memory.entered[0])
+            memory = tracker.track(memory, after)
+            assert bool(memory.exited[0])
+            assert not bool(memory.strayed[0])
