@@ -52,14 +52,12 @@ class Rows(NamedTuple):
     position_nm: Float[Array, "cycles aircraft 2"]
 
 
-def begin(simulator: Simulator) -> Traffic:
-    """All patterns, heading north: circles from the equator, holding patterns half a leg before."""
+def begin(simulator: Simulator, north_nm: Float[np.ndarray, " aircraft"]) -> Traffic:
+    """All patterns, heading north, so far north of the equator."""
     count = len(PATTERNS)
     level = jnp.full(count, LOW_FL * TICKS_PER_FL, dtype=jnp.float32)
-    straight_nm = np.asarray(simulator.level_ground_speed_kt(level)) * 120.0 / 3600.0
-    south_nm = np.where(HOLDS, straight_nm / 2.0, 0.0)
     return start(
-        position_nm=jnp.asarray(np.stack([FAR_NM, -south_nm], axis=1), dtype=jnp.float32),
+        position_nm=jnp.asarray(np.stack([FAR_NM, north_nm], axis=1), dtype=jnp.float32),
         heading_deg=jnp.zeros_like(level),
         level=level,
         route=jnp.zeros(count, dtype=jnp.int32),
@@ -121,7 +119,10 @@ def worst(simulator: Simulator, cycles: int, shown: Console) -> dict[str, float]
     """The greatest that each quantity becomes over so many cycles (rounded up to half days)."""
     rate = float(simulator.performance.vertical_speed_ft_min(*jnp.ones((2, 1)))[0])
     compiled = jax.jit(partial(fly, simulator))
-    traffic, lap_nm = begin(simulator), None
+    on_equator = begin(simulator, np.zeros(len(PATTERNS)))
+    first_lap_nm = compiled(on_equator, jnp.int32(0))[1].position_nm[:LAP]
+    # Half of each lap is then on either side of the equator.
+    traffic, lap_nm = begin(simulator, -np.mean(first_lap_nm[..., 1], axis=0)), None
     found = dict.fromkeys(BOUNDS, 0.0)
     for first in track(range(0, cycles, AT_ONCE), console=shown):
         traffic, flown = compiled(traffic, jnp.int32(first))
