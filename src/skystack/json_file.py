@@ -16,6 +16,8 @@ from skystack.files import read_whole
 MAX_BYTES = 10_000_000
 MAX_DEPTH = 32
 MAX_NUMBER = sys.float_info.max
+MOST_EXACT = 2.0**53
+"""Up to here a double holds every whole number."""
 
 Entries = Mapping[str, type[msgspec.Struct]]
 """The structures of a file by where they stand: "" is the whole, "aircraft" the members of a list
@@ -50,7 +52,17 @@ def read_json(path: Path) -> Any:
     except (ValueError, RecursionError) as error:
         raise InputError(f"is not JSON ({error})") from None
     check_plain(raw)
-    return raw
+    return with_whole_numbers(raw)
+
+
+def with_whole_numbers(value: Any) -> Any:
+    """The same values, whole numbers as such: 220.0 is a way to write 220 in JSON and in TOML."""
+    if isinstance(value, dict):
+        return {key: with_whole_numbers(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [with_whole_numbers(each) for each in value]
+    whole = isinstance(value, float) and value.is_integer() and abs(value) <= MOST_EXACT
+    return int(value) if whole else value
 
 
 def check_plain(value: Any, where: str = "", depth: int = 0) -> None:
@@ -79,8 +91,8 @@ def check_plain(value: Any, where: str = "", depth: int = 0) -> None:
 def decode(data: bytes, kind: Any, where: str) -> Any:
     """JSON of a known shape. Raises InputError that says where it is damaged."""
     try:
-        return msgspec.json.decode(data, type=kind)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        return msgspec.convert(with_whole_numbers(msgspec.json.decode(data)), kind)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"{where}: damaged: {error}") from None
 
 

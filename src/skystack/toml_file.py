@@ -4,7 +4,7 @@ import tomllib
 from typing import Any
 
 from skystack.errors import InputError
-from skystack.json_file import check_plain
+from skystack.json_file import check_plain, with_whole_numbers
 
 
 def parse_toml(data: bytes) -> dict[str, Any]:
@@ -19,4 +19,5 @@ def parse_toml(data: bytes) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:  # a ValueError for numbers of 4,300 digits
         raise InputError(f"not TOML: {error}") from None
     check_plain(values)
-    return values
+    whole: dict[str, Any] = with_whole_numbers(values)
+    return whole

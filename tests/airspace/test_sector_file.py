@@ -9,7 +9,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skystack.airspace.projection import TangentPlane, geodesic_leg
+from skystack.airspace.projection import METRES_PER_NM, WGS84, MercatorPlane, geodesic_leg
 from skystack.airspace.sector_file import SectorEntry, make_sector, read_sector
 from skystack.airspace.sectors import find_sector, sector_named, sector_names
 from skystack.errors import InputError
@@ -47,8 +47,10 @@ def test_a_file_becomes_a_sector(tmp_path):
     # The exit is the eastern edge, south to north: 1 degree of the meridian, 60 NM of a sphere.
     south, north = sector.edge_through("EDGED")
     length_nm = geodesic_leg((49.5, 10.5), (50.5, 10.5))[1]
-    assert np.isclose(north[1] - south[1], length_nm, rtol=1e-4)
-    assert south[0] == north[0] > 0.0
+    middle = sector.plane.scale((south + north)[1:] / 2.0)
+    assert np.isclose((north[1] - south[1]) / middle, length_nm, rtol=1e-4)
+    assert south[0] == pytest.approx(north[0], abs=1e-9)
+    assert south[0] > 0.0
 
 
 FEATURE = {"type": "Feature", "properties": {"name": "any"}, "geometry": PLAIN["area"]}
@@ -62,14 +64,106 @@ FEATURE = {"type": "Feature", "properties": {"name": "any"}, "geometry": PLAIN["
         {"type": "Polygon", "coordinates": [SQUARE[::-1]]},  # clockwise
         {"type": "Polygon", "coordinates": [SQUARE[:-1]]},  # not closed
         {"type": "Polygon", "coordinates": [SQUARE[:2] + SQUARE[1:]]},
+        {"type": "MultiPolygon", "coordinates": [[SQUARE]]},
+        FEATURE | {"geometry": {"type": "MultiPolygon", "coordinates": [[SQUARE]]}},
+        {"type": "Polygon", "coordinates": [[[*at, 9144.0] for at in SQUARE]]},
+        {"type": "Polygon", "coordinates": [[[lon - 360.0, lat] for lon, lat in SQUARE]]},
+        {"type": "Polygon", "coordinates": [[SQUARE[0], [9.5 + 5e-6, 49.5], *SQUARE[1:]]]},
+        {"type": "Polygon", "coordinates": [[*SQUARE[:-1], [9.5, 49.5 + 8e-6], SQUARE[-1]]]},
     ],
-    ids=["feature", "collection", "clockwise", "open", "a vertex twice"],
+    ids=[
+        *("feature", "collection", "clockwise", "open", "a vertex twice", "multipolygon of one"),
+        *("feature of a multipolygon", "altitudes", "longitudes below -180"),
+        *("a vertex 0.4 m on", "a last vertex 0.9 m from the first"),
+    ],
 )
 def test_an_area_may_be_written_in_several_ways(area, tmp_path):
     sector, plain = read(changed(["area"], area, PLAIN), tmp_path), read(PLAIN, tmp_path)
-    assert sorted(sector.area) == sorted(plain.area)
+    assert np.allclose(sorted(sector.area), sorted(plain.area), atol=1e-12)
     assert shapely.LinearRing(sector.area_nm).is_ccw
-    assert np.array_equal(sector.edge_through("EDGED"), plain.edge_through("EDGED"))
+    assert np.allclose(sector.edge_through("EDGED"), plain.edge_through("EDGED"), atol=1e-9)
+
+
+def test_vertices_more_than_a_metre_apart_are_kept(tmp_path):
+    ring = [SQUARE[0], [9.5 + 2e-5, 49.5], *SQUARE[1:]]  # 1.4 m
+    assert len(read(changed(["area", "coordinates", 0], ring, PLAIN), tmp_path).area) == 5
+
+
+def moved(sector, lon):
+    """The same sector, so many degrees further east, longitudes in [-180, 180]."""
+
+    def wrapped(value):
+        return (value + lon + 180.0) % 360.0 - 180.0
+
+    fixes = {
+        name: {"lat": at["lat"], "lon": wrapped(at["lon"])} for name, at in sector["fixes"].items()
+    }
+    ring = [[wrapped(east), north] for east, north in sector["area"]["coordinates"][0]]
+    area = {"type": "Polygon", "coordinates": [ring]}
+    return sector | {"fixes": fixes, "area": area}
+
+
+@pytest.mark.parametrize("lon", [169.5, 170.0, 170.25, -190.2, 169.4])
+def test_across_the_antimeridian_a_sector_is_the_same(lon, tmp_path):
+    there, here = read(moved(PLAIN, lon), tmp_path), read(PLAIN, tmp_path)
+    assert np.allclose(there.area_nm, here.area_nm, atol=1e-6)
+    for name, at in here.fixes_nm.items():
+        assert np.allclose(there.fixes_nm[name], at, atol=1e-6)
+    assert np.allclose(there.edge_through("EDGED"), here.edge_through("EDGED"), atol=1e-6)
+    assert np.isclose((there.origin[1] - here.origin[1] - lon + 180.0) % 360.0, 180.0)
+    for _, east in (*there.area, *there.fixes.values(), there.origin):
+        assert -180.0 <= east < 180.0
+
+
+def test_an_area_cut_at_the_antimeridian_is_one(tmp_path):
+    """As RFC 7946, section 3.1.9, has it written."""
+    whole = moved(PLAIN, 170.0)  # 179.5 E to 179.5 W
+    west = [[179.5, 49.5], [180.0, 49.5], [180.0, 50.5], [179.5, 50.5], [179.5, 49.5]]
+    east = [[-180.0, 49.5], [-179.5, 49.5], [-179.5, 50.5], [-180.0, 50.5], [-180.0, 49.5]]
+    cut = whole | {"area": {"type": "MultiPolygon", "coordinates": [[west], [east]]}}
+    joined, plain = read(cut, tmp_path), read(whole, tmp_path)
+    assert sorted(joined.area) == sorted(plain.area)
+    assert joined.origin == plain.origin
+
+
+def test_separation_standards_are_those_of_the_file(tmp_path):
+    sector = read(PLAIN | {"separation_nm": 3.0, "separation_fl": 20}, tmp_path)
+    assert (sector.separation_nm, sector.separation_fl) == (3.0, 20)
+    assert sector.loss_below_nm == 2.9995
+    plain = read(PLAIN, tmp_path)
+    assert (plain.separation_nm, plain.separation_fl) == (5.0, 10)
+
+
+def test_whole_numbers_may_be_written_with_a_point(tmp_path):
+    assert read(PLAIN | {"levels_fl": [200.0, 4e2]}, tmp_path).levels_fl == (200, 400)
+
+
+@pytest.mark.parametrize(("south", "west"), [(63.4, 10.0), (-38.5, 144.0), (-2.0, -178.0)])
+def test_sectors_400_nm_across_keep_their_size(south, west, tmp_path):
+    """Area and lengths by pyproj."""
+    wide = 6.7 / np.cos(np.radians(south + 3.3))
+    ring = [[west, south], [west + wide, south], [west + wide, south + 6.6], [west, south + 6.6]]
+    fixes = {
+        "WESTO": {"lat": south + 2.0, "lon": west - 0.3},
+        "EASTE": {"lat": south + 2.0, "lon": west + wide},
+        "EASTO": {"lat": south + 2.0, "lon": west + wide + 0.3},
+    }
+    area = {"type": "Polygon", "coordinates": [ring]}
+    entry = PLAIN | {"area": area, "fixes": fixes, "routes": [["WESTO", "EASTE", "EASTO"]]}
+    sector = read(entry, tmp_path)
+    x, y = sector.area_nm.T
+    across = 0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))  # in the plane
+    north = np.linspace(y.min(), y.max(), 2001)
+    middle = (north[1:] + north[:-1]) / 2.0
+    strips = (x.max() - x.min()) * np.diff(north) / sector.plane.scale(middle) ** 2
+    parallel = np.linspace(west, west + wide, 2001)
+    lon = np.concatenate([parallel, parallel[::-1]])
+    lat = np.repeat([south, south + 6.6], 2001)
+    geodesic_m2 = WGS84.polygon_area_perimeter(lon, lat)[0]
+    assert across == pytest.approx((x.max() - x.min()) * (y.max() - y.min()), rel=1e-6)
+    assert strips.sum() * METRES_PER_NM**2 == pytest.approx(geodesic_m2, rel=1e-4)
+    leg = geodesic_leg(sector.fixes["EASTE"], sector.fixes["EASTO"])[1]
+    assert sector.route_table.leg_nm[0, 1] == pytest.approx(leg, rel=1e-6)
 
 
 def test_the_area_may_lie_in_a_file_beside(tmp_path):
@@ -110,34 +204,68 @@ HOLE = [[9.9, 49.9], [10.1, 49.9], [10.1, 50.1]]
         (["levels_fl"], [205, 400], "levels_fl[0] is 205 (allowed: whole number"),
         (["levels_fl"], ..., "levels_fl is missing"),
         (["area"], ..., "area is missing"),
-        (["area", "type"], "Point", 'area: its GeoJSON type is "Point" (allowed: Polygon)'),
-        (["area"], 5, "area: its GeoJSON type is 5 (allowed: Polygon)"),
-        (["area"], {"type": "Feature"}, "area: its GeoJSON type is null (allowed: Polygon)"),
+        (["area", "type"], "Point", 'area: its GeoJSON type is "Point" (allowed: Polygon, or'),
+        (["area"], 5, "area: its GeoJSON type is 5 (allowed: Polygon, or"),
+        (["area"], {"type": "Feature"}, "area: its GeoJSON type is null (allowed: Polygon, or"),
         (
             ["area"],
             {"type": "FeatureCollection", "features": []},
             "area: is a FeatureCollection (allowed: of just one",
         ),
         (["area", "coordinates"], [SQUARE, HOLE], "area: coordinates must hold one ring"),
-        (["area", "coordinates"], [[[1, "x"]]], "area: coordinates[0] is not a ring"),
-        (["area", "coordinates"], [SQUARE[:2]], "area: has 2 vertices (allowed: 3 to 500)"),
+        (
+            ["area", "coordinates"],
+            [[[1, "x"]]],
+            'area: coordinates[0][0] is [1, "x"] (allowed: [longitude',
+        ),
+        (
+            ["area"],
+            {"type": "MultiPolygon", "coordinates": [[SQUARE], [HOLE]]},
+            "area: is a MultiPolygon of 2 polygons (allowed: one polygon, since a sector is one",
+        ),
+        (
+            ["area"],
+            {"type": "MultiPolygon", "coordinates": []},
+            "area: coordinates must hold a polygon",
+        ),
+        (
+            ["area", "coordinates", 0, 1],
+            [10.5, 76.0],
+            "area: coordinates[0][1] is [10.5, 76] (allowed: [longitude, latitude] pairs",
+        ),
+        (["area", "coordinates", 0, 1], [10.5], "area: coordinates[0][1] is [10.5] (allowed"),
+        (
+            ["area", "coordinates"],
+            [[[0.0, 60.0], [120.0, 60.0], [-120.0, 60.0]]],
+            "area: leads round a pole (allowed: an area that does not hold one)",
+        ),
+        (["separation_nm"], 0.0, "separation_nm is 0 (allowed: number >= 0.1)"),
+        (["separation_fl"], 10.5, "separation_fl is 10.5 (allowed: whole number)"),
+        (["separation_fl"], "10", 'separation_fl is "10" (allowed: whole number)'),
+        (["levels_fl"], [200.5, 400], "levels_fl[0] is 200.5 (allowed: whole number)"),
+        (["levels_fl"], [1e300, 400], "levels_fl[0] is 1e+300 (allowed: "),
+        (
+            ["area", "coordinates"],
+            [SQUARE[:2]],
+            "area: has 2 vertices at least a metre apart (allowed: 3 to 500)",
+        ),
         (
             ["area", "coordinates"],
             [BOW_TIE],
             "area: is no plain polygon: Self-intersection at lat 50.0000, lon 10.0000",
         ),
         (["area", "coordinates", 0, 1], [60.0, 49.5], "area: a vertex is"),
-        (["area", "coordinates", 0, 1], [-179.0, 49.5], "area: lies on both sides of the 180th"),
+        (["area", "coordinates", 0, 1], [-179.0, 49.5], "area: a vertex is"),
         (
             ["area", "coordinates", 0],
             [at[::-1] for at in SQUARE],
-            "fixes.WESTO is 3393 NM from the origin at lat 50.0, lon 9.3 (allowed: at most 250 NM; "
+            "fixes.WESTO is 3131 NM from the origin at lat 50.0, lon 9.3 (allowed: at most 400 NM; "
             "are they exchanged? GeoJSON has the longitude first)",
         ),
-        (["fixes", "MIDDL", "lat"], 91.0, "fixes.MIDDL: lat is 91.0 (allowed: number <= 80.0)"),
+        (["fixes", "MIDDL", "lat"], 91.0, "fixes.MIDDL: lat is 91 (allowed: number <= 75.0)"),
         (["fixes", "MIDDL", "lat"], "x", 'fixes.MIDDL: lat is "x" (allowed: number)'),
         (["fixes", "MIDDL", "alt"], 3, "fixes.MIDDL: unknown field 'alt'; did you mean 'lat'?"),
-        (["fixes", "MIDDL", "lat"], 70.0, "fixes.MIDDL is 1201 NM from the origin"),
+        (["fixes", "MIDDL", "lat"], 70.0, "fixes.MIDDL is 1203 NM from the origin"),
         (["fixes", " X"], {"lat": 50.0, "lon": 10.0}, "fixes: ' X' is \" X\" (allowed: 1 to 40"),
         (["routes"], [], "routes is empty"),
         (["routes", 0, 1], "MIDDLE", "routes[0]: unknown fix 'MIDDLE'; did you mean 'MIDDL'?"),
@@ -175,12 +303,13 @@ def test_the_sectors_of_the_package_hold_what_a_sector_promises(name):
     sector = sector_named(name)
     assert sector.name == name
     area = shapely.Polygon(sector.area_nm)
+    in_degrees = shapely.Polygon(sector.area)  # where its edges are straight
     assert area.is_valid
     for route in sector.routes:
         at = {fix: shapely.Point(sector.fixes_nm[fix]) for fix in route}
         assert area.distance(at[route[0]]) > 4.0  # the disc of starts lies outside
         assert area.distance(at[route[-1]]) > 4.0
-        assert area.exterior.distance(at[route[-2]]) < 0.01
+        assert in_degrees.exterior.distance(shapely.Point(sector.fixes[route[-2]])) < 0.01 / 60.0
         assert len(set(route)) == len(route) >= 3
 
 
@@ -192,8 +321,8 @@ def test_the_sectors_of_the_package_hold_what_a_sector_promises(name):
     clockwise=st.booleans(),
 )
 def test_a_regular_polygon_anywhere_keeps_its_size(lat, lon, corners, radius_nm, clockwise):
-    """Drawn in NM round its origin with pyproj's plane scales; area by the closed form."""
-    plane = TangentPlane(lat, lon)
+    """Drawn round its origin in the plane; area there by the closed form."""
+    plane = MercatorPlane(lat, lon)
     turn = 2.0 * np.pi * np.arange(corners) / corners
     ring = radius_nm * np.stack([np.cos(turn), np.sin(turn)], axis=1)
 
@@ -220,6 +349,7 @@ def test_a_regular_polygon_anywhere_keeps_its_size(lat, lon, corners, radius_nm,
         entry["fixes"]["IN"] = place(*(-3.0 * middle))
     sector = make_sector(msgspec.convert(entry, SectorEntry))
     area = 0.5 * corners * radius_nm**2 * np.sin(2.0 * np.pi / corners)
-    assert np.isclose(shapely.Polygon(sector.area_nm).area, area, rtol=1e-6)
+    # Edges are straight in degrees, not in the plane.
+    assert np.isclose(shapely.Polygon(sector.area_nm).area, area, rtol=5e-3)
     assert shapely.LinearRing(sector.area_nm).is_ccw
-    assert np.allclose(sector.edge_through("X"), ring[:2], atol=1e-6)
+    assert np.allclose(sector.edge_through("X")[[0, -1]], ring[:2], atol=1e-6)

@@ -12,7 +12,13 @@ import numpy as np
 from jaxtyping import Float
 from msgspec import Meta
 
-from skystack.airspace.projection import MAX_LATITUDE_DEG, MercatorPlane, geodesic_leg
+from skystack.airspace.projection import (
+    MAX_LATITUDE_DEG,
+    METRES_PER_NM,
+    MercatorPlane,
+    geodesic_leg,
+    wrap_longitude,
+)
 from skystack.airspace.sector import MAX_DISTANCE_NM, LatLon, Sector
 from skystack.errors import InputError, unknown_name
 from skystack.json_file import convert, inside, is_name, not_allowed, read_json
@@ -20,10 +26,12 @@ from skystack.json_file import convert, inside, is_name, not_allowed, read_json
 ON_EDGE_NM = 0.5
 """An exit fix lies this close to the area's edge, and further from its corners."""
 MAX_VERTICES = 500
-SHORTEST_EDGE_NM = 1e-3
+SAME_VERTEX_M = 1.0
+"""Vertices closer to each other than this are one."""
 
 Latitude = Annotated[float, Meta(ge=-MAX_LATITUDE_DEG, le=MAX_LATITUDE_DEG)]
-Longitude = Annotated[float, Meta(ge=-180.0, le=180.0)]
+Longitude = Annotated[float, Meta(ge=-360.0, le=360.0)]
+"""As it may be written; in a sector it is in [-180, 180)."""
 Level = Annotated[int, Meta(ge=0, le=600, multiple_of=10)]
 
 
@@ -40,8 +48,8 @@ class SectorEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: str
     levels_fl: tuple[Level, Level]
     area: Any
-    """GeoJSON: a Polygon, or a Feature or a collection that holds just one; in a file also the
-    name of a `.geojson` beside it."""
+    """GeoJSON: a Polygon, a MultiPolygon of one, or a Feature or a collection that holds just one;
+    in a file also the name of a `.geojson` beside it."""
     fixes: dict[str, Point]
     routes: tuple[tuple[str, ...], ...]
     origin: Point | None = None
@@ -69,7 +77,7 @@ def read_sector(path: Path) -> SectorEntry:
         entry: SectorEntry = convert(raw, _ENTRIES)
         make_sector(entry)
     # What else a Feature tells, of any type, is not for a configuration.
-    plain = {"type": "Polygon", "coordinates": [_outer(entry.area)]}
+    plain = {"type": "Polygon", "coordinates": [_outer_ring(entry.area)]}
     return msgspec.structs.replace(entry, area=plain)
 
 
@@ -100,7 +108,7 @@ def make_sector(entry: SectorEntry) -> Sector:
         _check_distance(f"fixes.{name}", plane, point.lat, point.lon)
     if not entry.routes:
         raise InputError("routes is empty (allowed: at least one route)")
-    fixes = {name: (point.lat, point.lon) for name, point in entry.fixes.items()}
+    fixes = {name: _lat_lon(point) for name, point in entry.fixes.items()}
     sector = Sector(
         entry.name,
         origin,
@@ -123,8 +131,8 @@ def _check_name(where: str, name: str) -> None:
         raise not_allowed(where, name, allowed)
 
 
-def _outer(area: Any) -> Any:
-    """The outer ring of GeoJSON as it stands there."""
+def _outer_ring(area: Any) -> Any:
+    """The outer ring of GeoJSON as it is written there."""
     geometry = area
     if isinstance(geometry, Mapping) and geometry.get("type") == "FeatureCollection":
         features = geometry.get("features")
@@ -134,42 +142,108 @@ def _outer(area: Any) -> Any:
     if isinstance(geometry, Mapping) and geometry.get("type") == "Feature":
         geometry = geometry.get("geometry")
     kind = geometry.get("type") if isinstance(geometry, Mapping) else geometry
-    if not isinstance(geometry, Mapping) or kind != "Polygon":
-        raise not_allowed("its GeoJSON type", kind, "Polygon")
-    rings = geometry.get("coordinates")
+    if not isinstance(geometry, Mapping) or kind not in ("Polygon", "MultiPolygon"):
+        raise not_allowed("its GeoJSON type", kind, "Polygon, or MultiPolygon of one polygon")
+    polygons = geometry.get("coordinates")
+    if kind == "Polygon":
+        return _only_ring(polygons)
+    if not isinstance(polygons, list | tuple) or not polygons:
+        raise InputError("coordinates must hold a polygon (allowed: a MultiPolygon of one)")
+    if len(polygons) == 1:
+        return _only_ring(polygons[0])
+    return _joined([_only_ring(polygon) for polygon in polygons])
+
+
+def _only_ring(rings: Any) -> Any:
     if not isinstance(rings, list | tuple) or len(rings) != 1:
-        raise InputError("coordinates must hold one ring (allowed: a Polygon without holes)")
+        raise InputError("coordinates must hold one ring (allowed: a polygon without holes)")
     return rings[0]
 
 
+def _joined(rings: list[Any]) -> Any:
+    """An area that is cut at the antimeridian, as RFC 7946 wants it, as one ring again."""
+    from shapely import Polygon, unary_union  # noqa: PLC0415
+
+    parts = [_unwrapped(_positions(ring)) for ring in rings]
+    east = {float(lon) for part in parts for lon, _ in part}
+    if {-180.0, 180.0} <= east:
+        # Of the two sides of the antimeridian, the western longitudes go on eastwards.
+        shifted = [
+            [(lon + 360.0 if max(lon for lon, _ in part) <= 0.0 else lon, lat) for lon, lat in part]
+            for part in parts
+        ]
+        whole = unary_union([Polygon(part) for part in shifted])
+        if whole.geom_type == "Polygon" and not whole.interiors:
+            return [list(point) for point in whole.simplify(0.0).exterior.coords]
+    raise InputError(
+        f"is a MultiPolygon of {len(rings)} polygons (allowed: one polygon, since a sector is one "
+        "area; write a sector file for each)"
+    )
+
+
+def _positions(ring: Any) -> list[tuple[float, float]]:
+    """(longitude, latitude) of a ring; an altitude, which positions may carry, is ignored."""
+    allowed = (
+        "[longitude, latitude] pairs, latitudes from "
+        f"{-MAX_LATITUDE_DEG:.0f} to {MAX_LATITUDE_DEG:.0f}"
+    )
+    if not isinstance(ring, list | tuple):
+        raise InputError(f"coordinates[0] is not a ring (allowed: a list of {allowed})")
+    positions = []
+    for index, position in enumerate(ring):
+        try:
+            lon, lat, *_ = msgspec.convert(position, tuple[float, ...])
+            pair = msgspec.convert((lon, lat), tuple[Longitude, Latitude])
+        except (msgspec.ValidationError, ValueError):
+            raise not_allowed(f"coordinates[0][{index}]", position, allowed) from None
+        positions.append(pair)
+    return positions
+
+
+def _unwrapped(positions: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """The same with longitudes that never jump: each edge leads the shorter way."""
+    lon, lat = np.array(positions).reshape(-1, 2).T
+    step = wrap_longitude(np.diff(lon, prepend=lon[:1]))
+    unwrapped = lon[:1] + np.cumsum(step)
+    if len(lon) and abs(unwrapped[-1] + wrap_longitude(lon[0] - lon[-1]) - lon[0]) > 1.0:
+        raise InputError("leads round a pole (allowed: an area that does not hold one)")
+    # As written where nothing jumps: adding up rounds.
+    turns = np.round((unwrapped - lon) / 360.0) * 360.0
+    return list(zip((lon + turns).tolist(), lat.tolist(), strict=True))
+
+
 def _ring(area: Any) -> list[LatLon]:
-    """The outer ring of GeoJSON as (latitude, longitude), not closed."""
-    try:
-        points = msgspec.convert(_outer(area), tuple[tuple[Longitude, Latitude], ...])
-    except msgspec.ValidationError:
-        raise InputError(
-            "coordinates[0] is not a ring (allowed: [longitude, latitude] pairs, "
-            f"latitudes from {-MAX_LATITUDE_DEG:.0f} to {MAX_LATITUDE_DEG:.0f})"
-        ) from None
-    points = tuple(
-        point
-        for point, before in zip(points, points[-1:] + points, strict=False)
-        if point != before
-    )  # a vertex twice makes an edge without length
+    """The outer ring of GeoJSON as (latitude, longitude), not closed, without jumps of longitude.
+
+    Vertices less than a metre from the one before are left out.
+    """
+    points: list[LatLon] = []
+    for lon, lat in _unwrapped(_positions(_outer_ring(area))):
+        if not points or _apart_m(points[-1], (lat, lon)) >= SAME_VERTEX_M:
+            points.append((lat, lon))
+    while len(points) > 1 and _apart_m(points[-1], points[0]) < SAME_VERTEX_M:
+        points.pop()
     if not 3 <= len(points) <= MAX_VERTICES:
-        raise InputError(f"has {len(points)} vertices (allowed: 3 to {MAX_VERTICES})")
-    east = [lon for lon, _ in points]
-    if max(east) - min(east) > 180.0:
-        raise InputError("lies on both sides of the 180th meridian (allowed: on one side)")
-    return [(lat, lon) for lon, lat in points]
+        raise InputError(
+            f"has {len(points)} vertices at least a metre apart (allowed: 3 to {MAX_VERTICES})"
+        )
+    return points
+
+
+def _apart_m(first: LatLon, second: LatLon) -> float:
+    return geodesic_leg(first, second)[1] * METRES_PER_NM
+
+
+def _lat_lon(point: Point) -> LatLon:
+    return point.lat, float(wrap_longitude(point.lon))
 
 
 def _origin(entry: SectorEntry, ring: list[LatLon]) -> LatLon:
     if entry.origin is not None:
-        return entry.origin.lat, entry.origin.lon
+        return _lat_lon(entry.origin)
     corners = np.array(ring)
-    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
-    return float(middle[0]), float(middle[1])
+    lat, lon = ((corners.min(axis=0) + corners.max(axis=0)) / 2.0).tolist()
+    return lat, float(wrap_longitude(lon))
 
 
 def _area(ring: list[LatLon], plane: MercatorPlane) -> tuple[LatLon, ...]:
@@ -179,26 +253,23 @@ def _area(ring: list[LatLon], plane: MercatorPlane) -> tuple[LatLon, ...]:
 
     for lat, lon in ring:
         _check_distance("a vertex", plane, lat, lon)
-    corners = plane.to_plane(*np.array(ring).T)
-    shortest_nm = float(np.hypot(*(corners - np.roll(corners, 1, axis=0)).T).min())
-    if shortest_nm < SHORTEST_EDGE_NM:
-        raise InputError(
-            f"has an edge of {shortest_nm:.2g} NM (allowed: at least {SHORTEST_EDGE_NM} NM)"
-        )
+    # Edges are straight in degrees; x to the east.
+    corners = np.array(ring)[:, ::-1]
     reason = is_valid_reason(Polygon(corners))
     if reason != "Valid Geometry":
-        raise InputError(f"is no plain polygon: {_with_degrees(reason, plane)}")
-    return tuple(ring if is_ccw(LinearRing(corners)) else ring[::-1])
+        raise InputError(f"is no plain polygon: {_with_place(reason)}")
+    in_order = ring if is_ccw(LinearRing(corners)) else ring[::-1]
+    return tuple((lat, float(wrap_longitude(lon))) for lat, lon in in_order)
 
 
-def _with_degrees(reason: str, plane: MercatorPlane) -> str:
-    """What shapely says is wrong, its place in degrees: `Self-intersection[3.1 -7.2]`."""
+def _with_place(reason: str) -> str:
+    """What shapely says is wrong, its place in words: `Self-intersection[3.1 -7.2]`."""
     what, _, place = reason.partition("[")
     try:
-        lat, lon = plane.to_degrees([float(number) for number in place.rstrip("]").split()])
+        lon, lat = (float(number) for number in place.rstrip("]").split())
     except ValueError:
         return reason
-    return f"{what} at lat {lat:.4f}, lon {lon:.4f}"
+    return f"{what} at lat {lat:.4f}, lon {float(wrap_longitude(lon)):.4f}"
 
 
 def _check_distance(where: str, plane: MercatorPlane, lat: float, lon: float) -> None:
@@ -242,21 +313,24 @@ def _check_exit(
     name: str, exit_nm: Float[np.ndarray, "2"], last_nm: Float[np.ndarray, "2"], sector: Sector
 ) -> None:
     """The exit fix is on one edge, and the last leg leaves the area over that edge."""
+    from shapely import LineString, Point  # noqa: PLC0415
+
     allowed = f"the last fix but one on the area's edge, within {ON_EDGE_NM} NM, at no corner"
-    start, *_, end = sector.edge_through(name)
-    edge = end - start
-    along, across = edge / np.hypot(*edge), exit_nm - start
-    off_nm = abs(float(along[0] * across[1] - along[1] * across[0]))
-    at_nm, length_nm = float(along @ across), float(np.hypot(*edge))
-    if off_nm > ON_EDGE_NM or not ON_EDGE_NM < at_nm < length_nm - ON_EDGE_NM:
-        room_nm = 2.0 * ON_EDGE_NM
-        nearest = start + along * float(np.clip(at_nm, room_nm, length_nm - room_nm))
+    edge, at = LineString(sector.edge_through(name)), Point(exit_nm)
+    room = ON_EDGE_NM * float(sector.plane.scale(exit_nm[1:])[0])
+    along = edge.project(at)
+    if edge.distance(at) > room or not room < along < edge.length - room:
+        clear = float(np.clip(along, 2.0 * room, edge.length - 2.0 * room))
+        nearest = np.array(edge.interpolate(clear).coords[0])
         lat, lon = sector.plane.to_degrees(nearest)
-        off_nm = float(np.hypot(*(exit_nm - nearest)))
+        off_nm = geodesic_leg(sector.fixes[name], (lat, lon))[1]
         raise InputError(
             f"its exit {name} is not on an edge but {off_nm:.1f} NM off lat {lat:.4f}, "
             f"lon {lon:.4f}, which is (allowed: {allowed})"
         )
-    beyond = last_nm - start
-    if along[0] * beyond[1] - along[1] * beyond[0] >= 0.0:
+    before, after = (
+        np.array(edge.interpolate(along + step * room).coords[0]) for step in (-1.0, 1.0)
+    )
+    direction, beyond = after - before, last_nm - before
+    if direction[0] * beyond[1] - direction[1] * beyond[0] >= 0.0:
         raise InputError(f"its last leg does not lead out over the edge of {name}")

@@ -99,6 +99,7 @@ def build_parser() -> argparse.ArgumentParser:
         dest="changes",
         help="change a setting, as ppo.total_steps=500000; may be repeated",
     )
+    _cycles(sub)
     sub.add_argument(
         "--checkpoint-every",
         type=_seed,
@@ -131,6 +132,13 @@ def build_parser() -> argparse.ArgumentParser:
     sub = verb("sector", "check a sector, describe and draw it", verbs.sector)
     sub.add_argument("sector", metavar="SECTOR", help="a name (see list) or a sector file (.json)")
     sub.add_argument("-o", dest="output", type=Path, metavar="FILE", help="a map: .png or .svg")
+    sub.add_argument(
+        "--cycles",
+        type=_positive,
+        default=300,
+        metavar="N",
+        help="of a scenario, to check the routes against (default 300)",
+    )
 
     sub = verb("replay", "write a page that replays what was flown, as on a radar", verbs.replay)
     _replay_arguments(sub)
@@ -211,6 +219,16 @@ def _evaluate_arguments(sub: argparse.ArgumentParser) -> None:
     )
     sub.add_argument(
         "--sector", metavar="NAME", help="another sector (see list) or a sector file (.json)"
+    )
+    _cycles(sub)
+
+
+def _cycles(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument(
+        "--cycles",
+        type=_positive,
+        metavar="N",
+        help="the most cycles of a scenario (default: the experiment's)",
     )
 
 

@@ -112,13 +112,17 @@ def train(options: argparse.Namespace) -> int:
     from skystack.learning.experiment import load_experiment
     from skystack.learning.run import CHECKPOINT_EVERY_S, Progress, begun_with, train_experiment
     from skystack.programs import compile_for_one_core, kept_programs
+    from skystack.tasks.build import build_task, unflyable_routes
 
-    experiment = load_experiment(options.experiment, options.changes)
+    cycles = [] if options.cycles is None else [f"task.cycles={options.cycles}"]
+    experiment = load_experiment(options.experiment, [*options.changes, *cycles])
     name = f"{experiment.name}-s{options.seed}"
     out, every_s = options.out or Path("runs") / name, options.checkpoint_every
     events = event_files(out) if options.tensorboard else nullcontext(lambda: None)
     for line in begun_with(experiment, out, options.resume):
         say(line)
+    if (beyond := unflyable_routes(build_task(experiment.task))) is not None:
+        say(beyond)
     compile_for_one_core()
     try:
         with kept_programs(), events as follow, show_progress() as report:
@@ -136,6 +140,7 @@ def train(options: argparse.Namespace) -> int:
             f"--out {out} --resume"
             + " --tensorboard" * options.tensorboard
             + f" --checkpoint-every {every_s}" * (every_s != CHECKPOINT_EVERY_S)
+            + f" --cycles {options.cycles}" * (options.cycles is not None)
             + "".join(f" --set {change}" for change in options.changes),
             INTERRUPTED,
         )
@@ -150,11 +155,12 @@ def evaluate(options: argparse.Namespace) -> int:
     from skystack.airspace.sectors import named_or_read
     from skystack.catalogue import find_policy
     from skystack.console import count_scenarios, output
-    from skystack.evaluation.judge import Conditions, judge
+    from skystack.evaluation.judge import Conditions, judge, task_of
     from skystack.evaluation.summary import aggregate
     from skystack.platforms.registry import said_of
     from skystack.programs import compile_for_one_core, kept_programs
     from skystack.reporting.tables import comparison_of
+    from skystack.tasks.build import unflyable_routes
 
     begun = time.monotonic()
     conditions = Conditions(
@@ -165,8 +171,12 @@ def evaluate(options: argparse.Namespace) -> int:
         platform=options.platform,
         time_limit_s=options.time_limit,
         sector=named_or_read(options.sector) if options.sector else None,
+        cycles=options.cycles,
     )
     policy = find_policy(options.policy)
+    task = task_of(policy, conditions.sector, conditions.cycles)
+    if (beyond := unflyable_routes(task)) is not None:
+        say(beyond)
     compile_for_one_core()
     counting = count_scenarios(options.platform, options.episodes)
     with kept_programs(), counting as on_scenario:
@@ -220,13 +230,13 @@ def _compare(options: argparse.Namespace) -> int:
 def sector(options: argparse.Namespace) -> int:
     from skystack.airspace.sectors import named_or_read, sector_from
     from skystack.console import output
-    from skystack.reporting.sector_sheet import facts_table, sector_facts, write_map
+    from skystack.reporting.sector_sheet import beyond_cycles, facts_table, sector_facts, write_map
 
     found = sector_from(named_or_read(options.sector))
     if options.output:
         write_map(found, options.output)
         say(f"written: {options.output}")
-    facts = sector_facts(found)
+    facts = sector_facts(found, options.cycles)
     if options.json:
         print_json(facts)
         return DONE
@@ -236,7 +246,13 @@ def sector(options: argparse.Namespace) -> int:
         f"{found.name}: FL{low:03d} to FL{high:03d}, {len(facts['routes'])} routes from "
         f"{len(starts)} first fixes ({', '.join(starts)})"
     )
+    print_line(
+        f"separation: {found.separation_nm:g} NM or {100 * found.separation_fl:,} ft; "
+        f"origin: lat {found.origin[0]:.4f}, lon {found.origin[1]:.4f}"
+    )
     output().print(facts_table(facts).as_rich())
+    if facts["routes_beyond_cycles"]:
+        print_line(beyond_cycles(facts))
     return DONE
 
 

@@ -40,6 +40,8 @@ class Conditions(NamedTuple):
     """For one scenario on another platform."""
     sector: str | SectorEntry | None = None
     """Another sector than the one that it was trained in."""
+    cycles: int | None = None
+    """The most cycles of a scenario; those of its training where none is given."""
 
 
 class Judged(NamedTuple):
@@ -52,8 +54,11 @@ class Judged(NamedTuple):
     """Scenarios that the platform did not finish, and why; they are in neither."""
 
 
-def task_of(policy: Policy, sector: str | SectorEntry | None = None) -> NavigationTask:
-    """The task that a policy was trained for, as it is flown; in another sector if one is given.
+def task_of(
+    policy: Policy, sector: str | SectorEntry | None = None, cycles: int | None = None
+) -> NavigationTask:
+    """The task that a policy was trained for, as it is flown; in another sector if one is given,
+    and for another number of cycles.
 
     Raises InputError when this version's task is another one than the policy's, or cannot be flown
     in that sector.
@@ -64,6 +69,8 @@ def task_of(policy: Policy, sector: str | SectorEntry | None = None) -> Navigati
     settings = experiment.task
     if sector is not None:
         settings = msgspec.structs.replace(settings, sector=sector)
+    if cycles is not None:
+        settings = msgspec.structs.replace(settings, cycles=cycles)
     task = build_task(settings)
     if (described.task_name, described.task_version) != (task.name, task.version):
         raise InputError(
@@ -87,7 +94,7 @@ def judge(
     platform that is not there, PlatformError when it finishes no scenario.
     """
     check_platform(conditions.platform)
-    described, task = policy.description, task_of(policy, conditions.sector)
+    described, task = policy.description, task_of(policy, conditions.sector, conditions.cycles)
     controller = partial(network_controller, policy.actor, policy.normaliser, conditions.greedy)
     name, seed = described.experiment, described.seed
     return _judge(name, seed, task, controller, conditions, out, on_scenario)

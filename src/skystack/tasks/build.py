@@ -3,6 +3,8 @@
 from collections.abc import Iterable
 from dataclasses import replace
 
+import numpy as np
+
 from skystack.airspace.sector import Sector
 from skystack.airspace.sectors import sector_from
 from skystack.errors import InputError, unknown_name
@@ -13,6 +15,7 @@ from skystack.simulator.simulator import Simulator
 from skystack.tasks.actions import ActionTable, LevelTable, large_turns, small_turns
 from skystack.tasks.contract import Task
 from skystack.tasks.features import FEATURES
+from skystack.tasks.flight_time import FlightTimes, flight_times
 from skystack.tasks.navigation import NavigationTask
 from skystack.tasks.pairs import PAIR_FEATURES
 from skystack.tasks.settings import TaskSettings
@@ -38,7 +41,41 @@ def build_task(settings: TaskSettings) -> NavigationTask:
             f"task.actions is {settings.actions} (allowed for {settings.name}: {allowed})"
         )
     scenarios = _vertical(settings, simulator) if vertical else _lateral(settings, simulator)
-    return NavigationTask(settings, simulator, scenarios, _actions(settings, sector))
+    task = NavigationTask(settings, simulator, scenarios, _actions(settings, sector))
+    _check_cycles(task)
+    return task
+
+
+def _flight_times(task: NavigationTask) -> FlightTimes:
+    vertical, (low, high) = task.name == "vertical", task.sector.levels_fl
+    levels = tuple(range(low, high + 1, 10)) if vertical else _levels(task.settings)
+    disc_nm = 0.0 if vertical else task.settings.disc_nm
+    return flight_times(task.simulator, levels, disc_nm)
+
+
+def _check_cycles(task: NavigationTask) -> None:
+    """Refuse a scenario that ends before the shortest route can have been flown."""
+    times, cycles = _flight_times(task), task.settings.cycles
+    needed = int(times.cycles[times.shortest])
+    if needed > cycles:
+        route = " ".join(task.sector.routes[times.shortest])
+        raise InputError(
+            f"task.cycles is {cycles}, but the shortest route of {task.sector.name}, {route}, "
+            f"takes {needed} at {times.speed_kt:.0f} kt (allowed: {needed} and more; --cycles or "
+            "task.cycles in the TOML raises it)"
+        )
+
+
+def unflyable_routes(task: NavigationTask) -> str | None:
+    """A line on routes that cannot be flown within the task's cycles, if there are any."""
+    times, cycles = _flight_times(task), task.settings.cycles
+    beyond = int(np.sum(times.cycles > cycles))
+    if not beyond:
+        return None
+    return (
+        f"{beyond} of {len(times.cycles)} routes of {task.sector.name} take more than {cycles} "
+        f"cycles, the longest {times.cycles.max()} (--cycles raises it)"
+    )
 
 
 def _actions(settings: TaskSettings, sector: Sector) -> ActionTable:
@@ -61,8 +98,7 @@ def _lateral(settings: TaskSettings, simulator: Simulator) -> LateralScenarios:
             f"task.aircraft is {settings.aircraft}, but each needs a first fix of its own and "
             f"{sector.name} has {first_fixes(simulator)} (2 aircraft where none is given)"
         )
-    given = settings.level_fl
-    levels = (given,) if isinstance(given, int) else given
+    levels = _levels(settings)
     low, high = sector.levels_fl
     for level in levels:
         if level % 10 or not low <= level <= high:
@@ -73,6 +109,11 @@ def _lateral(settings: TaskSettings, simulator: Simulator) -> LateralScenarios:
     return LateralScenarios(
         simulator, settings.aircraft, levels, settings.disc_nm, _shares(settings)
     )
+
+
+def _levels(settings: TaskSettings) -> tuple[int, ...]:
+    given = settings.level_fl
+    return (given,) if isinstance(given, int) else given
 
 
 def _performance(settings: TaskSettings) -> Performance:
