@@ -94,6 +94,7 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
         only those where it is true. The seeds of the others are ignored, and their observations
         are the ones that they had. Raises InputError for a seed or mask of another kind.
         """
+        refuse_forked()
         anew, seeds = self._checked_mask(options), self._seeds(seed)
         if self._state is None and not anew.all():
             raise ResetNeeded("a reset of all scenarios comes before that of some")
