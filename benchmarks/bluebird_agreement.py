@@ -78,9 +78,9 @@ class Measured(NamedTuple):
 
 
 INSTRUCTED = Worst(0.02, 0.005, 0.001, 0.001, 1.0, 0.001, 0.0)
-OWN_NAVIGATION = Worst(0.02, 0.005, 0.05, 0.001, 1.0, 0.05, 0.0)
-"""On own navigation the cleared heading is the actual one. Near a fix a thousandth of a mile to the
-side is a hundredth of a degree of bearing."""
+OWN_NAVIGATION = Worst(0.02, 0.005, 0.2, 0.001, 1.0, 0.2, 0.0)
+"""On own navigation the cleared heading is the actual one. Half a mile before a fix a thousandth of
+a mile to the side is a tenth of a degree of bearing."""
 
 
 @cache

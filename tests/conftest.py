@@ -47,6 +47,7 @@ QUICKLY = (
     "docs",
     "evaluation",
     "export",
+    "gym/test_processes.py",
     "reporting",
     "reproduction",
     "benchmarks/test_fewest_clearances.py",

@@ -14,8 +14,10 @@ class InputError(ValueError):
     What cannot be printed is escaped, and what is too long is cut.
     """
 
-    def __init__(self, message: str) -> None:
-        shown = message if len(message) <= LONGEST_LINE else f"{message[:LONGEST_LINE]}..."
+    def __init__(self, message: str | Exception) -> None:
+        shown = str(message)  # Gymnasium's workers hand over the error itself as its message
+        if len(shown) > LONGEST_LINE:
+            shown = f"{shown[:LONGEST_LINE]}..."
         if not shown.isprintable():
             shown = "".join(each if each.isprintable() else ascii(each)[1:-1] for each in shown)
         super().__init__(shown)

@@ -36,7 +36,7 @@ def test_pettingzoo_has_nothing_to_complain_about(environment):
 
 def test_a_seed_decides_everything(environment):
     other = MultiAgentEnvironment(environment.task)
-    other._begun, other._flown = environment._begun, environment._flown
+    other._programs = environment._programs
     both = iter((environment, other))
     parallel_seed_test(lambda: next(both), num_cycles=30)
 
@@ -96,7 +96,7 @@ def test_what_does_not_exist_is_refused(environment):
 
 def test_it_is_drawn(environment):
     drawn = MultiAgentEnvironment(environment.task, "rgb_array")
-    drawn._begun, drawn._flown = environment._begun, environment._flown
+    drawn._programs = environment._programs
     drawn.reset(seed=0)
     begun = drawn.render()
     drawn.step({AC1: 2})

@@ -46,6 +46,21 @@ def test_it_is_what_single_environments_would_be(ours):
     assert ours.get_attr("num_envs", [0, 2]) == [SCENARIOS] * 2
 
 
+def test_it_is_drawn():
+    """Stable-Baselines3 puts two pictures one below the other."""
+    vector = make_vector_environment("lateral", 2, SETTINGS, "SameStep", render_mode="rgb_array")
+    drawn = StableBaselines3Environment(vector)
+    drawn.seed(0)
+    drawn.reset()
+    first, second = drawn.get_images()
+    assert np.array_equal(drawn.render(), np.concatenate([first, second]))
+    assert not np.array_equal(first, second)
+
+
+def test_without_a_render_mode_there_is_no_picture(ours):
+    assert ours.get_images() == [None] * SCENARIOS
+
+
 def test_another_autoreset_mode_is_refused():
     with pytest.raises(InputError, match=r"NextStep .allowed for Stable-Baselines3: SameStep"):
         StableBaselines3Environment(make_vector_environment("lateral"))

@@ -33,8 +33,7 @@ def vector(task):
 
     def another(*options, **more):
         environment = VectorTaskEnvironment(task, SCENARIOS, *options, **more)
-        for program in ("_begun", "_stepped", "_restarted"):
-            setattr(environment, program, getattr(first, program))
+        environment._programs = first._programs
         return environment
 
     return another
@@ -99,6 +98,135 @@ def test_after_a_reset_without_a_seed_new_scenarios_follow(vector):
     assert np.array_equal(environment.reset()[0], second)
 
 
+MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED]
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_mask_restarts_what_gymnasium_restarts(vector, mode):
+    """With and without seeds, among scenarios under way, cut short, and just restarted."""
+    limited = [lambda: gymnasium.wrappers.TimeLimit(single(), 9)] * SCENARIOS
+    theirs = SyncVectorEnv(limited, autoreset_mode=mode)
+    ours = vector(mode, max_episode_steps=9)
+    both = (ours, theirs)
+
+    def reset(mask, seed):
+        """Gymnasium takes the mask out of the options that it is given."""
+        resets = [each.reset(seed=seed, options={"reset_mask": mask.copy()}) for each in both]
+        for one, other in zip(*resets, strict=True):
+            alike(one, other)
+        assert ours.np_random_seed == theirs.np_random_seed
+
+    reset(np.ones(SCENARIOS, dtype=bool), 5)
+    rng, ended = np.random.default_rng(1), 0
+    seeds = [None, 11, [21, None, 23], None]
+    for step in range(40):
+        actions = rng.integers(5, size=SCENARIOS)
+        steps = [each.step(actions) for each in both]
+        for one, other in zip(*steps, strict=True):
+            alike(one, other)
+        over = steps[0][2] | steps[0][3]
+        ended += int(over.sum())
+        if step % 4 == 3:
+            reset(np.arange(SCENARIOS) == (step // 4) % SCENARIOS, seeds[step // 4 % 4])
+        elif over.any() and mode is AutoresetMode.DISABLED:
+            reset(over, None)
+    assert ended >= SCENARIOS
+
+
+def test_options_are_left_as_they_are(vector):
+    environment = vector()
+    environment.reset(seed=0)
+    options = {"reset_mask": np.array([True, False, False])}
+    environment.reset(options=options)
+    assert options["reset_mask"].tolist() == [True, False, False]
+
+
+@pytest.mark.parametrize(
+    "mask",
+    [
+        [True, False, True],
+        np.array([1, 0, 1]),
+        np.array([True, False]),
+        np.array([[True, False, True]]),
+        np.zeros(SCENARIOS, dtype=bool),
+        None,
+    ],
+)
+def test_a_mask_of_another_kind_is_refused_as_in_gymnasium(vector, mask):
+    theirs, ours = SyncVectorEnv([single] * SCENARIOS), vector()
+    ours.reset(seed=0)
+    with pytest.raises((TypeError, ValueError), match="reset_mask"):
+        theirs.reset(options={"reset_mask": mask})
+    with pytest.raises(InputError, match="allowed: a numpy array of 3 booleans"):
+        ours.reset(seed=9, options={"reset_mask": mask})
+    assert ours.np_random_seed == (0, 1, 2)
+
+
+def test_some_can_only_be_restarted_after_all_have_begun(vector):
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        vector().reset(options={"reset_mask": np.array([True, False, True])})
+
+
+def test_without_autoreset_what_is_over_must_be_reset(vector):
+    environment = vector("Disabled", max_episode_steps=2)
+    environment.reset(seed=0)
+    none = np.zeros(SCENARIOS, dtype=int)
+    environment.step(none)
+    environment.reset(options={"reset_mask": np.array([False, True, False])})
+    *_, truncated, _ = environment.step(none)
+    assert truncated.tolist() == [True, False, True]
+    with pytest.raises(gymnasium.error.ResetNeeded, match=r"scenarios \[0, 2\] are over"):
+        environment.step(none)
+    environment.reset(options={"reset_mask": truncated})
+    assert environment.step(none)[3].tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_it_draws_what_single_environments_draw(vector, mode):
+    """Trails grow, and end where a scenario is restarted by its end or by a mask."""
+
+    def limited():
+        drawn = make_environment("avoidance", render_mode="rgb_array")
+        return gymnasium.wrappers.TimeLimit(drawn, 12)
+
+    theirs = SyncVectorEnv([limited] * SCENARIOS, autoreset_mode=mode)
+    ours = vector(mode, max_episode_steps=12, render_mode="rgb_array")
+    both = (ours, theirs)
+    assert ours.render_mode == theirs.render_mode
+    assert ours.metadata == theirs.metadata
+    for each in both:
+        each.reset(seed=0)
+    before = ours.render()
+    mask = np.array([True, False, False])
+    for step in range(1, 15):
+        for each in both:
+            each.step(np.array([1, 2, 3]))
+        if step == 9:
+            for each in both:
+                each.reset(options={"reset_mask": mask.copy()})
+        if step in (1, 9, 11, 12, 13):
+            for mine, its in zip(*(each.render() for each in both), strict=True):
+                assert mine.dtype == np.uint8
+                # Positions of two programs differ in their rounding, and pixels with them.
+                assert np.mean(np.any(mine != its, axis=2)) < 1e-4
+    assert not np.array_equal(ours.render()[1], before[1])
+
+
+def test_gymnasium_makes_it_with_pictures():
+    made = gymnasium.make_vec(NAME, num_envs=2, render_mode="rgb_array")
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        made.render()
+    made.reset(seed=0)
+    first, second = made.render()
+    assert first.shape == second.shape
+    assert not np.array_equal(first, second)
+    silent = gymnasium.make_vec(NAME, num_envs=2)
+    silent.reset(seed=0)
+    assert silent.render() is None
+    with pytest.raises(InputError, match=r"render_mode is human \(allowed: rgb_array\)"):
+        gymnasium.make_vec(NAME, num_envs=2, render_mode="human")
+
+
 def test_gymnasium_makes_it():
     made = gymnasium.make_vec(NAME, num_envs=4, autoreset_mode="SameStep")
     assert isinstance(made, VectorTaskEnvironment)
@@ -115,8 +243,8 @@ def test_actions_that_are_not_in_the_table_are_refused(vector, actions):
 
 
 def test_what_cannot_be_is_refused(task, vector):
-    with pytest.raises(InputError, match="allowed: NextStep, SameStep"):
-        VectorTaskEnvironment(task, SCENARIOS, "Disabled")
+    with pytest.raises(InputError, match="allowed: NextStep, SameStep, Disabled"):
+        VectorTaskEnvironment(task, SCENARIOS, "Never")
     with pytest.raises(InputError, match="max_episode_steps is 0"):
         VectorTaskEnvironment(task, SCENARIOS, max_episode_steps=0)
     with pytest.raises(InputError, match="num_envs is 0"):

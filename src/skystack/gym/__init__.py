@@ -2,10 +2,13 @@
 
 `skystack/Lateral-v0`, `skystack/LateralLarge-v0`, `skystack/Vertical-v0` and
 `skystack/Avoidance-v0`: the paper's experiments, for `gymnasium.make` and `gymnasium.make_vec`.
-Keywords are those of `skystack.gym.registration`. JAX is imported when the first one is made.
+Keywords are those of `skystack.gym.registration`. JAX is imported when the first one is made,
+and started by its first reset.
 """
 
 from gymnasium import register
+
+import skystack.forks  # noqa: F401  (notes every fork from now on)
 
 REGISTERED = {
     "skystack/Lateral-v0": "lateral",

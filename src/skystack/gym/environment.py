@@ -10,6 +10,7 @@ from gymnasium.error import ResetNeeded
 from jaxtyping import Float, PRNGKeyArray, UInt8
 
 from skystack.errors import InputError
+from skystack.forks import refuse_forked
 from skystack.gym.radar import Radar
 from skystack.tasks.contract import Metrics, Outcome, Task
 from skystack.tasks.plain import PlainTask, Seen
@@ -32,6 +33,9 @@ class TaskEnvironment(gymnasium.Env[Observation, np.int64]):
     It is a `skystack.gym.stacked.TwoPhaseEnvironment`: `instruct` as often as wanted, then
     `advance`, instead of `step`. `render_mode="rgb_array"` draws a radar picture. Environments of
     one task can share its compiled `programs`.
+
+    It can be copied and pickled at any time; the copy continues identically. Making it does not
+    start JAX. Raises InputError in a process that was forked after JAX was started.
     """
 
     metadata = {"render_modes": list(RENDER_MODES), "render_fps": FRAMES_PER_S}  # noqa: RUF012
@@ -85,6 +89,7 @@ class TaskEnvironment(gymnasium.Env[Observation, np.int64]):
 
     @property
     def _scenario(self) -> Seen:
+        refuse_forked()
         if self._now is None:
             raise ResetNeeded("reset() begins the first scenario")
         return self._now
@@ -118,7 +123,8 @@ def radar_of(task: Task, render_mode: str | None) -> Radar | None:
 
 
 def drawn_key(generator: np.random.Generator) -> PRNGKeyArray:
-    """The key of the next scenario."""
+    """The key of the next scenario. Raises InputError as `refuse_forked`."""
+    refuse_forked()
     return jax.random.key(drawn_number(generator))
 
 

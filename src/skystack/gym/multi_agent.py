@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray, UInt8
 from pettingzoo import ParallelEnv
 
 from skystack.errors import unknown_name
+from skystack.forks import refuse_forked
 from skystack.gym.environment import (
     FRAMES_PER_S,
     RENDER_MODES,
@@ -25,6 +26,7 @@ from skystack.gym.environment import (
 from skystack.gym.registration import settings_of
 from skystack.simulator.traffic import callsigns
 from skystack.tasks.build import build_task
+from skystack.tasks.compiled import TaskPrograms, compiled
 from skystack.tasks.contract import NO_ACTION, Outcome
 from skystack.tasks.navigation import NavigationState, NavigationTask
 from skystack.tasks.plain import checked_action
@@ -45,6 +47,9 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
     aircraft have left before: the terminal reward judges the scenario as a whole, and is theirs as
     well. Infos then hold the scenario's metrics. Instructions of several agents in one cycle are
     separate bursts, as nobody could say them in one breath.
+
+    It can be copied and pickled at any time; the copy continues identically. Raises InputError in a
+    process that was forked after JAX was started.
     """
 
     metadata = {  # noqa: RUF012
@@ -67,7 +72,7 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
         }
         self._radar = radar_of(task, render_mode)
         self._generator: np.random.Generator | None = None
-        self._begun, self._flown = jax.jit(self._begin), jax.jit(self._fly)
+        self._programs = MultiAgentPrograms(task)
         self._now: NavigationState | None = None
         self._views: Float[Array, "aircraft observation"]
 
@@ -83,7 +88,7 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
         """A new random scenario, that of the single environment under the same seed."""
         if seed is not None or self._generator is None:
             self._generator, _ = seeding.np_random(seed)
-        self._now, self._views = self._begun(drawn_key(self._generator))
+        self._now, self._views = self._programs.begin(drawn_key(self._generator))
         self.agents = self.possible_agents.copy()
         if self._radar is not None:
             self._radar.clear()
@@ -97,7 +102,7 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
 
         Raises InputError for an unknown agent or action.
         """
-        self._now, self._views, outcome = self._flown(self._scenario, self._told(actions))
+        self._now, self._views, outcome = self._programs.fly(self._scenario, self._told(actions))
         if self._radar is not None:
             self._radar.sweep(self._now)
         judged: Outcome = jax.device_get(outcome)
@@ -116,6 +121,7 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
 
     def state(self) -> Observation:
         """The task's own observation: what one controller of all aircraft would see."""
+        refuse_forked()
         return np.array(self._views[0])
 
     def render(self) -> UInt8[np.ndarray, "height width 3"] | None:
@@ -124,6 +130,7 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
 
     @property
     def _scenario(self) -> NavigationState:
+        refuse_forked()
         if self._now is None:
             raise ResetNeeded("reset() begins the first scenario")
         return self._now
@@ -143,25 +150,37 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
             told[number] = own[checked_action(action, len(own))]
         return told
 
-    def _begin(self, key: PRNGKeyArray) -> tuple[NavigationState, Array]:
-        state = self.task.reset(key)
+
+class MultiAgentPrograms(TaskPrograms):
+    """What the environment computes."""
+
+    _task: NavigationTask
+
+    @compiled
+    def begin(
+        self, key: PRNGKeyArray
+    ) -> tuple[NavigationState, Float[Array, "aircraft observation"]]:
+        """The scenario of a key, and what each aircraft sees."""
+        state = self._task.reset(key)
         return state, self._view(state)
 
-    def _fly(
+    @compiled
+    def fly(
         self, state: NavigationState, actions: Int[Array, " aircraft"]
-    ) -> tuple[NavigationState, Array, Outcome]:
-        for number in range(len(self.possible_agents)):
-            state = self.task.instruct(state, actions[number])
-        state, outcome = self.task.advance(state)
+    ) -> tuple[NavigationState, Float[Array, "aircraft observation"], Outcome]:
+        """Instruct every aircraft, then fly one cycle."""
+        for number in range(self._task.scenarios.aircraft):
+            state = self._task.instruct(state, actions[number])
+        state, outcome = self._task.advance(state)
         return state, self._view(state), outcome
 
     def _view(self, state: NavigationState) -> Float[Array, "aircraft observation"]:
         """What each aircraft sees: the task's observation of itself as the first."""
-        aircraft = list(range(len(self.possible_agents)))
+        aircraft = list(range(self._task.scenarios.aircraft))
         orders = [[own, *(other for other in aircraft if other != own)] for own in aircraft]
 
         def seen(order: Int[Array, " aircraft"]) -> Float[Array, " observation"]:
-            return self.task.observe(
+            return self._task.observe(
                 # What has no axis is of the scenario.
                 jax.tree.map(lambda values: values[order] if values.ndim else values, state)
             )

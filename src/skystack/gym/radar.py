@@ -1,5 +1,6 @@
 """The radar picture of a scenario as an array of pixels; needs no display."""
 
+from collections.abc import Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -35,6 +36,32 @@ class Visible(Protocol):
 class Radar:
     """Follows one scenario and draws it.
 
+    Radars of one task can share a `screen`, which takes longer to make than all else.
+    """
+
+    def __init__(self, task: Any, screen: "Screen | None" = None) -> None:
+        self.screen = Screen(task) if screen is None else screen
+        self._task = task
+        self._trail: list[Float[np.ndarray, "aircraft 2"]] = []
+
+    def clear(self) -> None:
+        """A new scenario begins."""
+        self._trail.clear()
+
+    def sweep(self, state: TaskState) -> None:
+        """Add the aircraft's positions to the trail, unless no time has passed."""
+        position_nm = np.asarray(self._task.traffic(state).position_nm)
+        if not self._trail or not np.array_equal(position_nm, self._trail[-1]):
+            self._trail.append(position_nm)
+
+    def picture(self, state: TaskState) -> UInt8[np.ndarray, "height width 3"]:
+        """A state of the scenario, with the trail swept so far."""
+        return self.screen.picture(self._task.traffic(state), self._trail)
+
+
+class Screen:
+    """The sector, on which traffic is drawn.
+
     Each aircraft has its callsign with its level, actual and cleared, the trail of where it was, a
     solid line to where it would be in two minutes, and a dotted one on the heading that it is
     cleared to. Its planned route lies underneath.
@@ -46,7 +73,6 @@ class Radar:
                 f"task {task.name} cannot be drawn (allowed: tasks with `sector` and `traffic`)"
             )
         self._task = task
-        self._trail: list[Float[np.ndarray, "aircraft 2"]] = []
         with house_style():
             figure, (self._axes,) = grid_of_axes(1, 1, SIZE_IN)
             figure.set_dpi(PIXELS_PER_INCH)
@@ -57,20 +83,15 @@ class Radar:
             settle(figure)
             name_fixes(self._axes, task.sector)
 
-    def clear(self) -> None:
-        """A new scenario begins."""
-        self._trail.clear()
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies draw the sector again: figures of matplotlib are tied to their process."""
+        return type(self), (self._task,)
 
-    def sweep(self, state: TaskState) -> None:
-        """Remember where everybody is after a cycle; where nobody has moved, none has passed."""
-        position_nm = np.asarray(self._task.traffic(state).position_nm)
-        if not self._trail or not np.array_equal(position_nm, self._trail[-1]):
-            self._trail.append(position_nm)
-
-    def picture(self, state: TaskState) -> UInt8[np.ndarray, "height width 3"]:
-        """What is to be seen in a state of the scenario swept so far."""
-        traffic = self._task.traffic(state)
-        seconds = CYCLE_S * (len(self._trail) - 1)
+    def picture(
+        self, traffic: Traffic, trail: Sequence[Float[np.ndarray, "aircraft 2"]]
+    ) -> UInt8[np.ndarray, "height width 3"]:
+        """The traffic of one scenario, whose positions after each cycle are the trail."""
+        seconds = CYCLE_S * (len(trail) - 1)
         with house_style():
             self._axes.set_title(
                 f"{self._task.name}, minute {seconds // 60:02d}:{seconds % 60:02d}"
@@ -80,7 +101,7 @@ class Radar:
                 sector, colour = self._task.sector, colour_of(number)
                 route = sector.routes[int(traffic.route[number])]
                 planned = np.array([sector.fixes_nm[name] for name in route])
-                draw_way(self._axes, planned, np.array(self._trail)[:, number], colour)
+                draw_way(self._axes, planned, np.array(trail)[:, number], colour)
                 if traffic.active[number]:
                     draw_aircraft(self._axes, _blip(traffic, number, callsign), colour)
             self._canvas.draw()  # type: ignore[no-untyped-call]

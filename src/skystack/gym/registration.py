@@ -41,10 +41,11 @@ def make_vector_environment(
     settings: TaskSettings | None = None,
     autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     max_episode_steps: int | None = None,
+    render_mode: str | None = None,
 ) -> VectorTaskEnvironment:
     """Many scenarios at once; arguments as of `settings_of` and of the environment."""
     task = build_training_task(settings_of(experiment, settings))
-    return VectorTaskEnvironment(task, num_envs, autoreset_mode, max_episode_steps)
+    return VectorTaskEnvironment(task, num_envs, autoreset_mode, max_episode_steps, render_mode)
 
 
 @lru_cache(maxsize=16)

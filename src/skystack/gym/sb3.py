@@ -3,12 +3,12 @@
 PPO there trains four times as fast on it as on 32 single environments.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, UInt8
 from stable_baselines3.common.vec_env import VecEnv
 
 from skystack.errors import InputError
@@ -61,6 +61,10 @@ class StableBaselines3Environment(VecEnv):  # type: ignore[misc]
             infos[number] |= _of_one(gathered["final_info"], number)
             infos[number]["terminal_observation"] = gathered["final_obs"][number]
         return observation, rewards.astype(np.float32), over, infos
+
+    def get_images(self) -> Sequence[UInt8[np.ndarray, "height width 3"] | None]:
+        """The radar picture of each scenario; None without a render mode."""
+        return self._environment.render() or [None] * self.num_envs
 
     def close(self) -> None:
         self._environment.close()

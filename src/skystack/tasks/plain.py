@@ -6,6 +6,7 @@ said now), so one program answers them all.
 """
 
 import operator
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax
@@ -14,6 +15,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skystack.errors import InputError
+from skystack.forks import refuse_forked
+from skystack.tasks.compiled import TaskPrograms, compiled
 from skystack.tasks.contract import Outcome, Task, TaskState
 
 
@@ -44,19 +47,16 @@ def checked_action(action: Any, actions: int) -> int:
     return number
 
 
-class PlainTask:
+class PlainTask(TaskPrograms):
     """Implements `skystack.stacking.TwoPhase`, and `reset`, `advance` and `step` of a task.
 
-    Raises InputError for an action that is not in the task's table.
+    Can be copied and pickled; copies share its programs. Raises InputError for an action that is
+    not in the task's table, and in a process that was forked after JAX was started.
     """
 
     def __init__(self, task: Task) -> None:
-        self._task, self._actions = task, len(task.action_names)
-        self._like = jax.eval_shape(task.reset, jax.random.key(0))
-        self._reset, self._begin = jax.jit(self._drawn), jax.jit(self._seen)
-        self._told, self._flown = jax.jit(self._tell), jax.jit(self._fly)
-        self._stepped = jax.jit(self._step)
-        self._unpacked = jax.jit(self._unpack)
+        super().__init__(task)
+        self._actions = len(task.action_names)
 
     def reset(self, key: PRNGKeyArray) -> Seen:
         """The scenario of a key."""
@@ -71,6 +71,7 @@ class PlainTask:
         return self._unpacked(seen.packed)
 
     def observe(self, seen: Seen) -> Float[np.ndarray, " observation"]:
+        refuse_forked()  # the array may still be waiting for one of JAX's threads
         return np.asarray(seen.view.observation)
 
     def checked_action(self, action: Any) -> int:
@@ -78,21 +79,51 @@ class PlainTask:
         return checked_action(action, self._actions)
 
     def may_stack(self, seen: Seen, action: Any) -> bool:
+        refuse_forked()
         return bool(np.asarray(seen.view.allowed)[self.checked_action(action)])
 
     def instruct(self, seen: Seen, action: Any) -> Seen:
-        return self._told(seen.packed, np.int32(self.checked_action(action)))
+        return self._instruct(seen.packed, np.int32(self.checked_action(action)))
 
     def advance(self, seen: Seen) -> tuple[Seen, Outcome]:
         """One radar cycle."""
-        return self._flown(seen.packed)
+        return self._advance(seen.packed)
 
     def step(self, seen: Seen, action: Any) -> tuple[Seen, Outcome]:
         """The MDP step of the task."""
-        return self._stepped(seen.packed, np.int32(self.checked_action(action)))
+        return self._step(seen.packed, np.int32(self.checked_action(action)))
 
-    def _drawn(self, key: PRNGKeyArray) -> Seen:
+    @compiled
+    def _reset(self, key: PRNGKeyArray) -> Seen:
         return self._seen(self._task.reset(key))
+
+    @compiled
+    def _begin(self, state: TaskState) -> Seen:
+        return self._seen(state)
+
+    @compiled
+    def _unpacked(self, packed: Float[Array, " values"]) -> TaskState:
+        return self._unpack(packed)
+
+    @compiled
+    def _instruct(self, packed: Float[Array, " values"], action: Int[Array, ""]) -> Seen:
+        return self._seen(self._task.instruct(self._unpack(packed), action))
+
+    @compiled
+    def _advance(self, packed: Float[Array, " values"]) -> tuple[Seen, Outcome]:
+        state, outcome = self._task.advance(self._unpack(packed))
+        return self._seen(state), outcome
+
+    @compiled
+    def _step(
+        self, packed: Float[Array, " values"], action: Int[Array, ""]
+    ) -> tuple[Seen, Outcome]:
+        state, outcome = self._task.step(self._unpack(packed), action)
+        return self._seen(state), outcome
+
+    @cached_property
+    def _like(self) -> TaskState:
+        return jax.eval_shape(lambda: self._task.reset(jax.random.key(0)))
 
     def _seen(self, state: TaskState) -> Seen:
         leaves = [jnp.ravel(leaf).astype(jnp.float32) for leaf in jax.tree.leaves(state)]
@@ -111,16 +142,3 @@ class PlainTask:
         every = jnp.arange(len(self._task.action_names), dtype=jnp.int32)
         allowed: Any = jax.vmap(self._task.may_stack, (None, 0))(state, every)
         return View(self._task.observe(state), allowed)
-
-    def _tell(self, packed: Float[Array, " values"], action: Int[Array, ""]) -> Seen:
-        return self._seen(self._task.instruct(self._unpack(packed), action))
-
-    def _fly(self, packed: Float[Array, " values"]) -> tuple[Seen, Outcome]:
-        state, outcome = self._task.advance(self._unpack(packed))
-        return self._seen(state), outcome
-
-    def _step(
-        self, packed: Float[Array, " values"], action: Int[Array, ""]
-    ) -> tuple[Seen, Outcome]:
-        state, outcome = self._task.step(self._unpack(packed), action)
-        return self._seen(state), outcome
