@@ -18,7 +18,7 @@ import onnxruntime
 from skystack.catalogue import find_policy
 from skystack.evaluation.judge import task_of
 from skystack.export.onnx_file import export_onnx
-from skystack.platforms.instruction import worded
+from skystack.platforms.instruction import Instruction, worded
 from skystack.platforms.phraseology import written
 from skystack.seeds import scenario_key
 from skystack.stacking import stack
@@ -43,12 +43,14 @@ seen = environment.reset(scenario_key(seed=0, scenario=2))
 cycle, over = 0, False
 while not over:
     seen, clearance = stack(environment, decide, seen)  # no time passes
+    seen, outcome = environment.advance(seen)  # one radar cycle
     if clearance.instructions:
+        # It is adopted at the end of the cycle: the turn begins from the heading of then.
         traffic = environment.state_of(seen).traffic
         who, _ = task.actions.changes[clearance.action - 1]
-        cleared, actual = traffic.cleared_heading_deg[who], traffic.heading_deg[who]
-        said = written(worded(f"AC{who + 1}", int(cleared), None, float(actual)))
-        print(f"{6 * cycle:4d} s  {said} (from {clearance.instructions})")
-    seen, outcome = environment.advance(seen)  # one radar cycle
+        cleared, heading = traffic.cleared_heading_deg[who], traffic.heading_deg[who]
+        issued = Instruction(f"AC{who + 1}", heading_deg=int(cleared))
+        text = written(worded(issued, float(heading), fl=300.0))
+        print(f"{6 * cycle:4d} s  {text} (from {clearance.instructions})")
     cycle, over = cycle + 1, bool(outcome.terminated)
 print(f"success: {bool(outcome.metrics.success)}")

@@ -1,5 +1,6 @@
 """The verb `simulate`: fly a scenario file on a platform and keep the trajectories."""
 
+import math
 import tempfile
 from collections.abc import Callable
 from functools import partial
@@ -10,7 +11,10 @@ import pyarrow as pa
 from rich.table import Table
 
 from skystack.errors import InputError, PlatformError
+from skystack.evaluation.flown_scenario import judge_flight
+from skystack.evaluation.losses import Loss
 from skystack.evaluation.stored import write_table
+from skystack.evaluation.tables import STATUS
 from skystack.files import check_folder_of
 from skystack.platforms.flight import Flight, flight_rows, fly_scenario
 from skystack.platforms.phraseology import written
@@ -23,6 +27,7 @@ from skystack.platforms.registry import (
     said_of,
 )
 from skystack.simulator.scenario_file import Scenario, load_scenario
+from skystack.simulator.simulator import CYCLE_S
 
 
 def simulate_file(
@@ -39,10 +44,12 @@ def simulate_file(
     if output is not None:
         check_folder_of(output)
     flight = _fly(path, scenario, platform, time_limit_s)
-    table = pa.table(flight_rows(scenario, flight))
+    judged = judge_flight(scenario, flight)
+    status = pa.DictionaryArray.from_arrays(judged.status.reshape(-1), list(STATUS))
+    table = pa.table(flight_rows(scenario, flight) | {"status": status})
     if output is not None:
         beside = {"aircraft": _aircraft(scenario), "clearances": _clearances(flight)}
-        write_table(output, table, scenario.sector, scenario.performance, beside)
+        write_table(output, table, scenario.sector, scenario.performance, beside, scenario.fleet)
     return {
         "scenario": str(path),
         "platform": platform,
@@ -54,8 +61,33 @@ def simulate_file(
             {"cycle": cycle, "callsign": instruction.callsign, "text": written(instruction)}
             for cycle, instruction in flight.issued
         ],
+        "losses_of_separation": [_loss(scenario, loss) for loss in judged.losses],
         "final": table.slice(table.num_rows - len(scenario.aircraft)).to_pylist(),
     }
+
+
+def _loss(scenario: Scenario, loss: Loss) -> dict[str, Any]:
+    first, second = (scenario.aircraft[number].callsign for number in (loss.first, loss.second))
+    return {
+        "first": first,
+        "second": second,
+        "from_s": loss.begins * CYCLE_S,
+        "to_s": loss.ends * CYCLE_S,
+        "least_nm": loss.least_nm,
+    }
+
+
+def loss_lines(summary: dict[str, Any]) -> list[str]:
+    """The losses of separation, for a terminal: how many, then each."""
+    found = summary["losses_of_separation"]
+    lines = [f"losses of separation: {len(found)}"]
+    for loss in found:
+        least_nm = math.floor(loss["least_nm"] * 100.0) / 100.0  # 4.999 NM is not 5.00
+        lines.append(
+            f"  {loss['first']} and {loss['second']}: {loss['from_s']} to {loss['to_s']} s, "
+            f"least {least_nm:.2f} NM"
+        )
+    return lines
 
 
 def _aircraft(scenario: Scenario) -> list[dict[str, Any]]:
@@ -123,5 +155,6 @@ _SHOWN = {
     "fl": ".1f",
     "heading_deg": ".1f",
     "ground_speed_kt": ".0f",
+    "status": "",
 }
 """Columns of the summary and how their values are written."""

@@ -112,7 +112,6 @@ def train(options: argparse.Namespace) -> int:
     from skystack.learning.experiment import load_experiment
     from skystack.learning.run import CHECKPOINT_EVERY_S, Progress, begun_with, train_experiment
     from skystack.programs import compile_for_one_core, kept_programs
-    from skystack.tasks.build import build_task, unflyable_routes
 
     cycles = [] if options.cycles is None else [f"task.cycles={options.cycles}"]
     experiment = load_experiment(options.experiment, [*options.changes, *cycles])
@@ -121,8 +120,6 @@ def train(options: argparse.Namespace) -> int:
     events = event_files(out) if options.tensorboard else nullcontext(lambda: None)
     for line in begun_with(experiment, out, options.resume):
         say(line)
-    if (beyond := unflyable_routes(build_task(experiment.task))) is not None:
-        say(beyond)
     compile_for_one_core()
     try:
         with kept_programs(), events as follow, show_progress() as report:
@@ -160,7 +157,7 @@ def evaluate(options: argparse.Namespace) -> int:
     from skystack.platforms.registry import said_of
     from skystack.programs import compile_for_one_core, kept_programs
     from skystack.reporting.tables import comparison_of
-    from skystack.tasks.build import unflyable_routes
+    from skystack.tasks.build import check_cycles
 
     begun = time.monotonic()
     conditions = Conditions(
@@ -175,7 +172,7 @@ def evaluate(options: argparse.Namespace) -> int:
     )
     policy = find_policy(options.policy)
     task = task_of(policy, conditions.sector, conditions.cycles)
-    if (beyond := unflyable_routes(task)) is not None:
+    if (beyond := check_cycles(task)) is not None:
         say(beyond)
     compile_for_one_core()
     counting = count_scenarios(options.platform, options.episodes)
@@ -292,7 +289,7 @@ def _picture(options: argparse.Namespace, runs: list[Path]) -> int:
 
 def simulate(options: argparse.Namespace) -> int:
     from skystack.console import output
-    from skystack.simulate import simulate_file, summary_table
+    from skystack.simulate import loss_lines, simulate_file, summary_table
 
     summary = simulate_file(options.scenario, options.output, options.platform, options.time_limit)
     for line in summary["notes"]:
@@ -303,6 +300,8 @@ def simulate(options: argparse.Namespace) -> int:
         output().print(summary_table(summary))
         for said in summary["clearances"]:
             print_line(f"{said['cycle'] * 6:6d} s  {said['text']}")
+        for line in loss_lines(summary):
+            print_line(line)
     if options.output:
         say(f"written: {options.output}")
     return DONE

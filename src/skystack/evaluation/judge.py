@@ -20,8 +20,8 @@ from skystack.files import make_folder
 from skystack.learning.experiment import Experiment, experiment_from
 from skystack.learning.policy import Policy
 from skystack.platforms.processes import TIME_LIMIT_S
-from skystack.platforms.registry import OWN, check_platform, flown_type, open_platform
-from skystack.tasks.build import build_task
+from skystack.platforms.registry import OWN, adoption_of, check_platform, flown_type, open_platform
+from skystack.tasks.build import build_task, check_cycles
 from skystack.tasks.navigation import NavigationTask
 
 DO_NOTHING = "do-nothing"
@@ -72,6 +72,7 @@ def task_of(
     if cycles is not None:
         settings = msgspec.structs.replace(settings, cycles=cycles)
     task = build_task(settings)
+    check_cycles(task)
     if (described.task_name, described.task_version) != (task.name, task.version):
         raise InputError(
             f"{where} was trained for task {described.task_name} version "
@@ -133,10 +134,16 @@ def _judge(
     else:
         flown = _fly_elsewhere(task, controller, conditions, out, on_scenario)
     wall_s = time.monotonic() - begun
-    tables = make_tables(task, flown.recording, partial(flown_type, platform))
+    tables = make_tables(
+        task, flown.recording, partial(flown_type, platform), adoption_of(platform)
+    )
     if out is not None:
         folder = evaluation_folder(out, name, trained_seed, stacking, platform)
-        tables.write(folder, task.simulator.sector, task.settings.performance)
+        fleet = [
+            msgspec.structs.replace(each, type=flown_type(platform, each.type))
+            for each in task.settings.fleet
+        ]
+        tables.write(folder, task.simulator.sector, task.settings.performance, fleet)
     row = summarise(
         name, trained_seed, platform, stacking, conditions.greedy, wall_s, tables.episodes
     )

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 
 from skystack.airspace.sector import LatLon, Sector
 from skystack.airspace.sector_file import Point, SectorEntry, make_sector
-from skystack.errors import InputError
+from skystack.errors import InputError, unknown_name
 from skystack.evaluation.columns import (
     MOST_GROUP_BYTES,
     MOST_KEPT_ROWS,
@@ -21,6 +21,7 @@ from skystack.evaluation.columns import (
 )
 from skystack.files import write_aside
 from skystack.json_file import decode, inside
+from skystack.simulator.fleet import AircraftType, fleet
 from skystack.simulator.performance import PERFORMANCE
 from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario
 
@@ -30,7 +31,7 @@ MOST_CYCLES = 100_000
 Cycle = Annotated[int, msgspec.Meta(ge=0, le=MOST_CYCLES)]
 Level = Annotated[float, msgspec.Meta(ge=-1000.0, le=1000.0)]
 
-_SECTOR, _PERFORMANCE = b"sector", b"performance"
+_SECTOR, _PERFORMANCE, _FLEET = b"sector", b"performance", b"fleet"
 
 
 def write_table(
@@ -39,27 +40,33 @@ def write_table(
     sector: Sector,
     performance: str,
     beside: Mapping[str, list[dict[str, Any]]] | None = None,
+    fleet: Sequence[AircraftType] = (),
 ) -> None:
-    """Write one table as Parquet, its sector and the name of the performance in the metadata.
+    """Write one table as Parquet, its sector, the name of the performance and the fleet's types in
+    the metadata.
 
     `beside` are small tables that go along in the metadata as JSON. Raises InputError if it cannot
     be written.
     """
     sink = pa.BufferOutputStream()
     metadata = {_SECTOR: msgspec.json.encode(sector), _PERFORMANCE: performance.encode()}
+    if fleet:
+        metadata[_FLEET] = msgspec.json.encode(fleet)
     metadata |= {key.encode(): msgspec.json.encode(rows) for key, rows in (beside or {}).items()}
     pq.write_table(table.replace_schema_metadata(metadata), sink, compression="zstd")
     write_aside(path, sink.getvalue().to_pybytes())
 
 
-def read_table(path: Path, columns: Sequence[str], filters: Any = None) -> pa.Table:
+def read_table(
+    path: Path, columns: Sequence[str], filters: Any = None, optional: Sequence[str] = ()
+) -> pa.Table:
     """Some columns of a table, texts as dictionaries: what repeats in them takes no memory.
 
-    `filters` are pyarrow's, as `[("scenario", "=", 3)]`. Raises InputError for a missing, damaged
-    or too large table.
+    `optional` columns are read where they exist. `filters` are pyarrow's, as
+    `[("scenario", "=", 3)]`. Raises InputError for a missing, damaged or too large table.
     """
     try:
-        table = _read(path, columns, filters)
+        table = _read(path, columns, filters, optional)
     except FileNotFoundError:
         raise InputError(f"{path}: missing (evaluation writes it)") from None
     except (OSError, ValueError, KeyError, pa.ArrowException) as error:
@@ -73,12 +80,14 @@ def read_table(path: Path, columns: Sequence[str], filters: Any = None) -> pa.Ta
     return table
 
 
-def _read(path: Path, columns: Sequence[str], filters: Any) -> pa.Table:
+def _read(path: Path, columns: Sequence[str], filters: Any, optional: Sequence[str]) -> pa.Table:
     """Batch by batch: rows that are not asked for take no memory."""
     only = None if filters is None else pq.filters_to_expression(filters)
     by = [] if filters is None else [name for name, _, _ in filters]
-    needed = list(dict.fromkeys([*columns, *by]))
     head = pq.read_metadata(path)
+    known = head.schema.to_arrow_schema().names
+    columns = [*columns, *(name for name in optional if name in known)]
+    needed = list(dict.fromkeys([*columns, *by]))
     _check_head(path, head, needed)
     texts = sorted(TEXT & set(needed))
     with pq.ParquetFile(path, metadata=head, read_dictionary=texts) as file:
@@ -239,7 +248,23 @@ def stored_scenario(folder: Path, number: int) -> Scenario:
         cycles,
         tuple(_aircraft(row, flown[row["callsign"]]) for row in who),
         tuple(_given(row) for row in said),
+        _fleet_of(path, start, {row["type"] for row in who}),
     )
+
+
+def _fleet_of(path: Path, table: pa.Table, types: Collection[str]) -> tuple[AircraftType, ...]:
+    """The fleet in a table's metadata, if any. Raises InputError for types that it lacks."""
+    data = (table.schema.metadata or {}).get(_FLEET)
+    if data is None:
+        return ()
+    where = f"{path}: the fleet in its metadata"
+    members: tuple[AircraftType, ...] = decode(data, tuple[AircraftType, ...], where)
+    with inside(where):
+        known = fleet(members).types
+        for each in types:
+            if each not in known:
+                raise unknown_name("type", each, known)
+    return members
 
 
 def _check_given(path: Path, row: Mapping[str, Any], cycles: int, flown: Collection[str]) -> None:

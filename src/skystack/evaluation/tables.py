@@ -7,15 +7,16 @@ from pathlib import Path
 import jax
 import numpy as np
 import pyarrow as pa
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from skystack.airspace.sector import Sector
 from skystack.evaluation.rollout import Recording
 from skystack.evaluation.stored import write_table
 from skystack.files import make_folder
-from skystack.platforms.instruction import worded
+from skystack.platforms.instruction import NEXT_CYCLE, Adoption, Instruction, worded
 from skystack.platforms.phraseology import written
+from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
 from skystack.simulator.traffic import Traffic, callsigns, trajectory_columns
@@ -34,22 +35,32 @@ class Tables:
     trajectories: pa.Table
     clearances: pa.Table
 
-    def write(self, folder: Path, sector: Sector, performance: str) -> None:
+    def write(
+        self,
+        folder: Path,
+        sector: Sector,
+        performance: str,
+        fleet: Sequence[AircraftType] = (),
+    ) -> None:
         """Write `<name>.parquet` each; the sector goes along, so that a folder replays alone."""
         make_folder(folder)
         for name, table in vars(self).items():
-            write_table(folder / f"{name}.parquet", table, sector, performance)
+            write_table(folder / f"{name}.parquet", table, sector, performance, fleet=fleet)
 
 
 def make_tables(
-    task: NavigationTask, recording: Recording, flown_as: Callable[[str], str] = str
+    task: NavigationTask,
+    recording: Recording,
+    flown_as: Callable[[str], str] = str,
+    adoption: Adoption = NEXT_CYCLE,
 ) -> Tables:
-    """All four tables of what was flown; a platform may fly a type as another."""
+    """All four tables of what was flown; a platform may fly a type as another, and may adopt
+    clearances in its own way."""
     return Tables(
         episodes=episode_table(task, recording),
         aircraft=_aircraft_table(task, recording, flown_as),
         trajectories=_trajectory_table(task, recording),
-        clearances=_clearance_table(task, recording),
+        clearances=_clearance_table(task, recording, adoption),
     )
 
 
@@ -140,30 +151,43 @@ def _stored(name: str, values: Float[np.ndarray, " rows"]) -> np.ndarray:
 
 
 def _status(recording: Recording) -> Int[np.ndarray, "scenarios rows aircraft"]:
-    """Index in STATUS; whoever strayed and came out right has exited."""
-    status = np.where(recording.entered, 1, 0)
-    status = np.where(recording.strayed, 3, status)
-    status = np.where(recording.exited, 2, status)
+    """Index in STATUS; row 0 is the start."""
+    status = status_of(recording.entered, recording.exited, recording.strayed)
     start = np.zeros_like(status[:, :1])
-    return np.concatenate([start, status], axis=1).astype(np.int8)
+    return np.concatenate([start, status], axis=1)
 
 
-def _clearance_table(task: NavigationTask, recording: Recording) -> pa.Table:
-    """One row a clearance, in the order issued."""
+def status_of(
+    entered: Bool[np.ndarray, "*rows"],
+    exited: Bool[np.ndarray, "*rows"],
+    strayed: Bool[np.ndarray, "*rows"],
+) -> Int[np.ndarray, "*rows"]:
+    """Index in STATUS; an aircraft that strayed and came out right has exited."""
+    status = np.where(entered, 1, 0)
+    status = np.where(strayed, 3, status)
+    return np.where(exited, 2, status).astype(np.int8)
+
+
+def _clearance_table(task: NavigationTask, recording: Recording, adoption: Adoption) -> pa.Table:
+    """One row a clearance, in the order issued, in the words of what is flown."""
     scenario, cycle = np.nonzero(recording.instructions > 0)
     who = np.array([(-1, 0), *task.actions.changes])[recording.action[scenario, cycle]][:, 0]
     at, kind, signs = (scenario, cycle, who), task.actions.kind, callsigns(task.scenarios.aircraft)
     if kind == "level":
         value = _flight_levels(np.asarray(recording.traffic.cleared_level)[at])
-        actual = recording.before("level")[at] / TICKS_PER_FL
+        issued = [Instruction(signs[a], level_fl=int(v)) for a, v in zip(who, value, strict=True)]
     else:
         value = np.rint(np.asarray(recording.traffic.cleared_heading_deg)[at]).astype(np.int32)
-        actual = recording.before("heading_deg")[at]
+        issued = [
+            Instruction(signs[a], heading_deg=int(v)) for a, v in zip(who, value, strict=True)
+        ]
+    heading_deg, level = (
+        (recording.before(name) if adoption.at_once else getattr(recording.traffic, name))[at]
+        for name in ("heading_deg", "level")
+    )
     said = [
-        worded(signs[a], None, int(v), 0.0, float(now))
-        if kind == "level"
-        else worded(signs[a], int(v), None, float(now))
-        for a, v, now in zip(who, value, actual, strict=True)
+        worded(one, float(heading), float(fl), adoption)
+        for one, heading, fl in zip(issued, heading_deg, level / TICKS_PER_FL, strict=True)
     ]
     return pa.table(
         {

@@ -30,7 +30,7 @@ from skystack.learning.policy import (
 from skystack.learning.settings import PPOSettings
 from skystack.learning.watch import Watch, finite
 from skystack.seeds import training_key
-from skystack.tasks.build import build_training_task
+from skystack.tasks.build import build_task, build_training_task, check_cycles
 from skystack.tasks.contract import Task
 
 CHECKPOINT_EVERY_S = 60.0
@@ -144,8 +144,9 @@ def begun_with(experiment: Experiment, folder: Path, resume: bool) -> list[str]:
 
     Raises InputError where a finished training would be lost or nothing can be written.
     """
+    beyond = check_cycles(build_task(experiment.task))
     make_folder(folder / "checkpoint")
-    said = ["compiling ..."]
+    said = [*([] if beyond is None else [beyond]), "compiling ..."]
     if (folder / "policy.json").exists() and not resume:
         raise InputError(
             f"{folder}: holds a trained policy already (allowed: another folder by --out, or "

@@ -2,7 +2,7 @@
 
 Needs `bluebird-dt` (the extra `[bluebird]`, AGPL); this module alone imports it. Scenarios of the
 `table` performance fly its `LinearPredictor` at the speeds of its tables, those of `constant` its
-`SimplePredictor` at 400 kt: the models that ours were made from.
+`SimplePredictor` at 400 kt: the models that ours were made from. A fleet flies at its own speeds.
 """
 
 import json
@@ -22,9 +22,10 @@ from skystack.airspace.sector import Sector as OurSector
 from skystack.airspace.sector_file import Point, SectorEntry, make_sector
 from skystack.errors import InputError, PlatformError, unknown_name
 from skystack.json_file import inside
-from skystack.platforms.instruction import Instruction
+from skystack.platforms.instruction import NEXT_CYCLE, Instruction
 from skystack.platforms.languages import bluebird_actions
 from skystack.platforms.protocol import Report, check_types
+from skystack.simulator.performance import TablePerformance
 from skystack.simulator.scenario_file import Aircraft, Scenario
 from skystack.simulator.simulator import CYCLE_S
 
@@ -34,6 +35,8 @@ _FAR_NM = 10_000.0
 
 class Bluebird:
     """Implements `skystack.platforms.protocol.Platform`; writes no files at all."""
+
+    adoption = NEXT_CYCLE
 
     def __init__(self) -> None:
         # Its warnings would reach standard error by Python's handler of last resort.
@@ -53,6 +56,7 @@ class Bluebird:
         self._aircraft = [flying[aircraft.callsign] for aircraft in scenario.aircraft]
         for twin, aircraft in zip(self._aircraft, scenario.aircraft, strict=True):
             twin.aircraft_type = aircraft.type
+            twin.selected_instructions.fl = aircraft.fl  # which it makes a whole number
             if scenario.performance == "table":
                 twin.selected_instructions.cas = None
         return self._report()
@@ -127,7 +131,10 @@ def _simulator(scenario: Scenario) -> Any:
         _add(manager, aircraft, speed_kt)
     table = scenario.performance == "table"
     # One second a step; a fix counts as reached within 0.5 and 2 NM, as where they are made.
-    predictor = LinearPredictor(1.0, 0.5) if table else SimplePredictor(1.0, 2.0)
+    if scenario.fleet:
+        predictor = _FleetPredictor({each.type: each.table() for each in scenario.fleet})
+    else:
+        predictor = LinearPredictor(1.0, 0.5) if table else SimplePredictor(1.0, 2.0)
     return manager.to_simulator(
         scenario_name="skystack",
         predictor=predictor,
@@ -136,6 +143,29 @@ def _simulator(scenario: Scenario) -> Any:
         autosave_interval=None,
         log_filename="skystack",
     )
+
+
+class _FleetPredictor(LinearPredictor):  # type: ignore[misc]
+    """Flies each type by a table of ours: BluebirdDT's own know classes of weight alone."""
+
+    def __init__(self, tables: dict[str, TablePerformance]) -> None:
+        super().__init__(1.0, 0.5)
+        self._tables = tables
+
+    def update_total_speeds(self, aircraft: Any) -> None:
+        table = self._tables[aircraft.aircraft_type]
+        aircraft.speed_tas = table.airspeed_kt(aircraft.fl, _phase(aircraft))
+
+    def update_vertical_speeds(self, aircraft: Any) -> None:
+        table, phase = self._tables[aircraft.aircraft_type], _phase(aircraft)
+        at_ceiling = phase > 0 and aircraft.fl >= table.ceiling_fl
+        aircraft.vertical_speed = 0.0 if at_ceiling else phase * table.rate_ft_min
+
+
+def _phase(aircraft: Any) -> int:
+    """1 in a climb, -1 in a descent, 0 in level flight."""
+    to_go = aircraft.selected_fl - aircraft.fl
+    return (to_go > 0.0) - (to_go < 0.0)
 
 
 def _add(manager: Any, aircraft: Aircraft, speed_kt: float) -> None:

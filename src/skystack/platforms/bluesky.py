@@ -27,9 +27,8 @@ from skystack.platforms.bluesky_scenario import (
     clearance_commands,
     start_commands,
 )
-from skystack.platforms.instruction import Instruction
+from skystack.platforms.instruction import AT_ONCE, Instruction
 from skystack.platforms.protocol import Report
-from skystack.simulator.performance import performance
 from skystack.simulator.scenario_file import Scenario
 from skystack.simulator.simulator import CYCLE_S
 
@@ -44,6 +43,7 @@ class BlueSky:
     BlueSky's state is its modules': one of these may be open in a process at a time.
     """
 
+    adoption = AT_ONCE
     _is_open: ClassVar[bool] = False
 
     def __init__(self, folder: Path) -> None:
@@ -86,7 +86,7 @@ class BlueSky:
         if instruction.level_fl is not None:
             _check_ceiling(instruction.callsign, instruction.level_fl, index)
         told = replace(instruction, callsign=self._callsigns[index])
-        _process(clearance_commands(told, performance(self._scenario.performance)))
+        _process(clearance_commands(told, self._scenario.model_of(self._scenario.aircraft[index])))
         if instruction.heading_deg is not None:
             selected = bluesky.traf.ap.trk[index]
             wrong = abs((selected - instruction.heading_deg + 180.0) % 360.0 - 180.0) > _TOLERANCE

@@ -18,7 +18,6 @@ from skystack.simulator.performance import (
     ConstantPerformance,
     Performance,
     TablePerformance,
-    performance,
     tas_from_cas,
     tas_from_mach,
 )
@@ -73,7 +72,7 @@ def start_commands(scenario: Scenario, callsigns: Iterable[str]) -> list[str]:
     """The commands that create a scenario's aircraft, under other callsigns, in level flight."""
     commands = [f"DT {STEP_S}"]
     for callsign, aircraft in zip(callsigns, scenario.aircraft, strict=True):
-        speed = selected_speed(performance(scenario.performance), aircraft.fl)
+        speed = selected_speed(scenario.model_of(aircraft), aircraft.fl)
         commands += [
             f"CRE {callsign} {flown_type(aircraft.type)} {aircraft.lat:.10f} {aircraft.lon:.10f} "
             f"{aircraft.heading_deg:.10f} {100.0 * aircraft.fl:.6f} {speed}",
@@ -115,12 +114,12 @@ def scenario_text(scenario: Scenario) -> str:
                 f"callsign is {aircraft.callsign!r} "
                 "(allowed in a BlueSky scenario file: capital letters and digits)"
             )
-    model = performance(scenario.performance)
+    model = {aircraft.callsign: scenario.model_of(aircraft) for aircraft in scenario.aircraft}
     callsigns = [aircraft.callsign for aircraft in scenario.aircraft]
     timed = [(0, command) for command in start_commands(scenario, callsigns)]
     for cycle, told in scenario.transmissions().items():
         for given in told:
-            commands = clearance_commands(_instruction(given), model)
+            commands = clearance_commands(_instruction(given), model[given.callsign])
             timed += [(cycle, command) for command in commands]
     timed.append((scenario.cycles, "HOLD"))
     return "".join(f"{_clock(cycle)}>{command}\n" for cycle, command in timed)

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from skystack.airspace.projection import MercatorPlane
 from skystack.platforms.protocol import Report
+from skystack.simulator.fleet import members_of
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.scenario_file import Aircraft, Scenario
 from skystack.simulator.simulator import Simulator
@@ -74,4 +75,4 @@ def scenario_of(
         )
         for number, callsign in enumerate(callsigns)
     )
-    return Scenario(sector, performance, cycles, aircraft, ())
+    return Scenario(sector, performance, cycles, aircraft, (), members_of(simulator.performance))

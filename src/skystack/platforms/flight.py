@@ -1,4 +1,4 @@
-"""Fly a scenario on a platform, giving the clearances that its file names."""
+"""Fly a scenario on a platform, issuing the clearances that its file names."""
 
 from typing import Literal, NamedTuple
 
@@ -16,7 +16,7 @@ class Flight(NamedTuple):
     reports: list[Report]
     """Rows 0 (the start) to `cycles`."""
     issued: list[tuple[int, Instruction]]
-    """What was said before which cycle: one transmission each."""
+    """What was issued before which cycle: one transmission each, in the words of what is flown."""
 
 
 def fly_scenario(platform: Platform, scenario: Scenario) -> Flight:
@@ -25,29 +25,27 @@ def fly_scenario(platform: Platform, scenario: Scenario) -> Flight:
     A clearance of cycle k shows as cleared in row k+1. Raises what the platform raises.
     """
     reports = [platform.reset(scenario)]
-    told = scenario.transmissions()
+    clearances = scenario.transmissions()
     index = {aircraft.callsign: number for number, aircraft in enumerate(scenario.aircraft)}
     issued = []
     for cycle in range(scenario.cycles):
-        for given in told.get(cycle, []):
-            instruction = instruction_of(given, reports[-1], index[given.callsign])
+        instructions = [instruction_of(given) for given in clearances.get(cycle, [])]
+        for instruction in instructions:
             platform.issue(instruction)
-            issued.append((cycle, instruction))
         reports.append(platform.advance())
+        adopted = reports[-2] if platform.adoption.at_once else reports[-1]
+        for instruction in instructions:
+            who = index[instruction.callsign]
+            heading_deg, fl = float(adopted.heading_deg[who]), float(adopted.fl[who])
+            issued.append((cycle, worded(instruction, heading_deg, fl, platform.adoption)))
     return Flight(reports, issued)
 
 
-def instruction_of(given: GivenClearance, report: Report, aircraft: int) -> Instruction:
-    """A file's clearance in the words that the traffic calls for."""
+def instruction_of(given: GivenClearance) -> Instruction:
+    """A file's clearance; a direction of turn is obeyed where one is given."""
     obeyed: dict[str | None, Literal["left", "right"]] = {"left": "left", "right": "right"}
-    return worded(
-        given.callsign,
-        given.heading_deg,
-        given.fl,
-        float(report.heading_deg[aircraft]),
-        float(report.fl[aircraft]),
-        obeyed.get(given.turn),
-    )
+    turn = obeyed.get(given.turn)
+    return Instruction(given.callsign, given.heading_deg, turn, turn is not None, given.fl)
 
 
 def flight_rows(scenario: Scenario, flight: Flight) -> dict[str, np.ndarray]:

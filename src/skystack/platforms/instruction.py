@@ -1,9 +1,27 @@
-"""What one aircraft is told in one transmission: the one value behind every language."""
+"""What one aircraft is cleared to in one transmission: the one value behind every language."""
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
 
 from skystack.errors import InputError
+
+SAME_DEG, SAME_FL = 1e-3, 1e-6
+"""Differences below these are rounding of a simulator, not a turn or a climb."""
+
+
+class Adoption(NamedTuple):
+    """When and how a simulator begins to fly a clearance; the words must be of what it flies."""
+
+    at_once: bool
+    """From the state in which it was issued; else from that one cycle later."""
+    half_turn_left: bool
+    """Half a turn goes to the left; else it passes through no north."""
+
+
+NEXT_CYCLE = Adoption(at_once=False, half_turn_left=False)
+"""Our simulator and BluebirdDT."""
+AT_ONCE = Adoption(at_once=True, half_turn_left=True)
+"""BlueSky."""
 
 
 @dataclass(frozen=True)
@@ -38,34 +56,39 @@ class Instruction:
             )
 
 
-def shorter_turn(actual_deg: float, target_deg: float) -> Literal["left", "right"] | None:
-    """The way that a turn goes if it is free to choose; None where there is nothing to turn."""
+def shorter_turn(
+    actual_deg: float, target_deg: float, half_turn_left: bool = False
+) -> Literal["left", "right"] | None:
+    """The way that a turn goes if it is free to choose; None where there is nothing to turn.
+
+    Half a turn passes through no north, or goes to the left.
+    """
     turn = (target_deg - actual_deg) % 360.0
-    if turn == 0.0:
+    if min(turn, 360.0 - turn) < SAME_DEG:
         return None
-    # Half a turn passes through no north, as in the simulator.
-    right = target_deg > actual_deg if turn == 180.0 else turn < 180.0
-    return "right" if right else "left"
+    if turn == 180.0:
+        return "right" if target_deg > actual_deg and not half_turn_left else "left"
+    return "right" if turn < 180.0 else "left"
 
 
 def worded(
-    callsign: str,
-    heading_deg: int | None,
-    level_fl: int | None,
-    actual_heading_deg: float,
-    actual_fl: float | None = None,
-    turn: Literal["left", "right"] | None = None,
+    instruction: Instruction,
+    heading_deg: float,
+    fl: float,
+    adoption: Adoption = NEXT_CYCLE,
 ) -> Instruction:
-    """An instruction with the words that the aircraft's present state calls for.
+    """An instruction with the direction of turn and of level that will be flown.
 
-    `turn` is given where the direction is to be obeyed; without it the shorter way is said. The
-    actual level is needed only with a level.
+    `heading_deg` and `fl` are the aircraft's in the state in which the simulator adopts it, see
+    `Adoption`. A direction that was given stays, unless there is nothing to turn.
     """
-    if heading_deg is not None and turn is None:
-        said = shorter_turn(actual_heading_deg, heading_deg % 360)
-    else:
-        said = turn
-    vertical: Literal["climb", "descend"] | None = None
-    if level_fl is not None and actual_fl is not None and level_fl != actual_fl:
-        vertical = "climb" if level_fl > actual_fl else "descend"
-    return Instruction(callsign, heading_deg, said, turn is not None, level_fl, vertical)
+    turn, by_direction, vertical = instruction.turn, instruction.by_direction, instruction.vertical
+    if instruction.heading_deg is not None:
+        target_deg = instruction.heading_deg % 360
+        by_direction = by_direction and heading_deg % 360.0 != target_deg
+        if not by_direction:
+            turn = shorter_turn(heading_deg, target_deg, adoption.half_turn_left)
+    if instruction.level_fl is not None:
+        higher = instruction.level_fl - fl
+        vertical = None if abs(higher) < SAME_FL else "climb" if higher > 0.0 else "descend"
+    return replace(instruction, turn=turn, by_direction=by_direction, vertical=vertical)

@@ -6,9 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from skystack.platforms.instruction import Instruction
+from skystack.platforms.instruction import NEXT_CYCLE, Instruction
 from skystack.platforms.protocol import Report, check_types
-from skystack.simulator.performance import DEFAULT_TYPE
 from skystack.simulator.scenario_file import Scenario
 from skystack.simulator.simulator import Simulator, instruct
 from skystack.simulator.traffic import (
@@ -22,12 +21,11 @@ from skystack.simulator.traffic import (
     trajectory_columns,
 )
 
-TYPES = (DEFAULT_TYPE,)
-"""The types whose speeds are known: the table is that of BluebirdDT's MEDIUM class."""
-
 
 class Skystack:
     """Implements `skystack.platforms.protocol.Platform`."""
+
+    adoption = NEXT_CYCLE
 
     def __init__(self) -> None:
         self._scenario: Scenario
@@ -36,8 +34,9 @@ class Skystack:
         self._advance: Any = None
 
     def reset(self, scenario: Scenario) -> Report:
-        check_types(scenario, TYPES, "skystack", ", ".join(TYPES))
         simulator = scenario.simulator()
+        types = simulator.performance.types
+        check_types(scenario, types, "skystack", ", ".join(types))
         if simulator != self._simulator:
             self._simulator, self._advance = simulator, jax.jit(simulator.advance)
         self._scenario, self._traffic = scenario, scenario.initial_traffic(simulator)

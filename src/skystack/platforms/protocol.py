@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from skystack.errors import InputError
-from skystack.platforms.instruction import Instruction
+from skystack.platforms.instruction import Adoption, Instruction
 from skystack.simulator.scenario_file import Scenario
 
 
@@ -42,6 +42,10 @@ class Platform(Protocol):
     It prints nothing, writes only into the folder it was opened with, and flies a scenario the
     same whatever was flown before. Anything may raise PlatformError: the simulator itself failed.
     """
+
+    @property
+    def adoption(self) -> Adoption:
+        """When and how it begins to fly a clearance."""
 
     def reset(self, scenario: Scenario) -> Report:
         """Begin a scenario; its clearances are for the caller to issue.

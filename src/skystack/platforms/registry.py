@@ -8,6 +8,7 @@ from pathlib import Path
 from skystack.errors import missing_extra, unknown_name
 from skystack.platforms.bluesky_scenario import flown_type as bluesky_flown_type
 from skystack.platforms.guard import Guarded
+from skystack.platforms.instruction import AT_ONCE, NEXT_CYCLE, Adoption
 from skystack.platforms.protocol import Platform
 from skystack.simulator.performance import DEFAULT_TYPE
 
@@ -63,6 +64,11 @@ def _open(name: str, folder: Path) -> Platform:
 def flown_type(platform: str, aircraft_type: str) -> str:
     """The type that a platform flies for a given one: the same, where it knows it."""
     return bluesky_flown_type(aircraft_type) if platform == "bluesky" else aircraft_type
+
+
+def adoption_of(platform: str) -> Adoption:
+    """When and how a platform begins to fly a clearance, without opening it."""
+    return AT_ONCE if platform == "bluesky" else NEXT_CYCLE
 
 
 def said_of(platform: str, aircraft_types: Iterable[str] = (DEFAULT_TYPE,)) -> list[str]:

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 from msgspec import Meta
 
 from skystack.errors import InputError
-from skystack.simulator.performance import DEFAULT_TYPE, TablePerformance
+from skystack.simulator.performance import DEFAULT_TYPE, Performance, TablePerformance
 
 _MEDIUM = TablePerformance()
 
@@ -89,6 +89,11 @@ class Fleet:
             for number, other in enumerate(values[1:], start=1):
                 value = jnp.where(kind == number, other, value)
         return value
+
+
+def members_of(performance: Performance) -> tuple[AircraftType, ...]:
+    """The types of a fleet; none of another performance model."""
+    return performance.members if isinstance(performance, Fleet) else ()
 
 
 def fleet(members: tuple[AircraftType, ...]) -> Fleet:

@@ -16,7 +16,9 @@ from skystack.airspace.sector import MAX_DISTANCE_NM, Sector
 from skystack.airspace.sectors import find_sector
 from skystack.errors import InputError, unknown_name
 from skystack.json_file import convert, inside, is_name, not_allowed, read_json
-from skystack.simulator.performance import DEFAULT_TYPE
+from skystack.simulator.fleet import AircraftType
+from skystack.simulator.fleet import fleet as fleet_of
+from skystack.simulator.performance import DEFAULT_TYPE, Performance
 from skystack.simulator.performance import performance as performance_named
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import Traffic, start, ticks
@@ -91,16 +93,32 @@ class Scenario:
     aircraft: tuple[Aircraft, ...]
     clearances: tuple[GivenClearance, ...]
     """In the order of the file: of two in one cycle the later one wins."""
+    fleet: tuple[AircraftType, ...] = ()
+    """How fast each type flies; by `performance` where none is given."""
+
+    @property
+    def model(self) -> Performance:
+        """The performance model of all aircraft."""
+        return fleet_of(self.fleet) if self.fleet else performance_named(self.performance)
+
+    def model_of(self, aircraft: Aircraft) -> Performance:
+        """The performance model of one aircraft alone."""
+        tables = {member.type: member.table() for member in self.fleet}
+        return tables.get(aircraft.type, self.model)
 
     def simulator(self) -> Simulator:
         """The simulator that flies it."""
         own_navigation = any(aircraft.own_navigation for aircraft in self.aircraft)
-        return Simulator(self.sector, performance_named(self.performance), own_navigation)
+        return Simulator(self.sector, self.model, own_navigation)
 
     def initial_traffic(self, simulator: Simulator) -> Traffic:
         """The aircraft at cycle 0, in level flight."""
         aircraft = self.aircraft
         level = jnp.array([ticks(one.fl) for one in aircraft], dtype=jnp.float32)
+        types = simulator.performance.types
+        kind = jnp.array(
+            [types.index(one.type) if one.type in types else 0 for one in aircraft], dtype=jnp.int32
+        )
         position = self.sector.plane.to_plane(
             [one.lat for one in aircraft], [one.lon for one in aircraft]
         )
@@ -111,8 +129,9 @@ class Scenario:
             route=jnp.array(
                 [self.sector.route_index(one.route) for one in aircraft], dtype=jnp.int32
             ),
-            ground_speed_kt=simulator.level_ground_speed_kt(level),
+            ground_speed_kt=simulator.level_ground_speed_kt(level, kind),
             own_navigation=jnp.array([one.own_navigation for one in aircraft]),
+            kind=kind,
         )
 
     def transmissions(self) -> dict[int, list[GivenClearance]]:

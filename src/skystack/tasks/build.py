@@ -41,9 +41,7 @@ def build_task(settings: TaskSettings) -> NavigationTask:
             f"task.actions is {settings.actions} (allowed for {settings.name}: {allowed})"
         )
     scenarios = _vertical(settings, simulator) if vertical else _lateral(settings, simulator)
-    task = NavigationTask(settings, simulator, scenarios, _actions(settings, sector))
-    _check_cycles(task)
-    return task
+    return NavigationTask(settings, simulator, scenarios, _actions(settings, sector))
 
 
 def _flight_times(task: NavigationTask) -> FlightTimes:
@@ -53,8 +51,12 @@ def _flight_times(task: NavigationTask) -> FlightTimes:
     return flight_times(task.simulator, levels, disc_nm)
 
 
-def _check_cycles(task: NavigationTask) -> None:
-    """Refuse a scenario that ends before the shortest route can have been flown."""
+def check_cycles(task: NavigationTask) -> str | None:
+    """Whether the routes can be flown within the task's cycles, before training or judging.
+
+    Raises InputError where not even the shortest can. Returns a line on the others, if there are
+    any that cannot.
+    """
     times, cycles = _flight_times(task), task.settings.cycles
     needed = int(times.cycles[times.shortest])
     if needed > cycles:
@@ -64,11 +66,6 @@ def _check_cycles(task: NavigationTask) -> None:
             f"takes {needed} at {times.speed_kt:.0f} kt (allowed: {needed} and more; --cycles or "
             "task.cycles in the TOML raises it)"
         )
-
-
-def unflyable_routes(task: NavigationTask) -> str | None:
-    """A line on routes that cannot be flown within the task's cycles, if there are any."""
-    times, cycles = _flight_times(task), task.settings.cycles
     beyond = int(np.sum(times.cycles > cycles))
     if not beyond:
         return None

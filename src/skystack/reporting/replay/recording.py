@@ -5,25 +5,20 @@ Read from the folder of an evaluation, or from what `skystack simulate` wrote.
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache, partial
-from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 import pyarrow as pa
 from jaxtyping import Float
 
-from skystack.airspace.projection import MercatorPlane
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
+from skystack.evaluation.losses import FlightPath, Loss, losses
 from skystack.evaluation.stored import check_who, metadata_of, read_table, rows_of, sector_of
 from skystack.platforms.registry import OWN
-from skystack.simulator.performance import TICKS_PER_FL
-from skystack.tasks.tracking import pair_distance_squared
 
 NUMBERS = (
     *("lat", "lon", "fl", "heading_deg", "cleared_heading_deg", "cleared_fl"),
@@ -47,16 +42,6 @@ class Said(NamedTuple):
     instructions: int
     """How many were stacked into it."""
     text: str
-
-
-class Loss(NamedTuple):
-    """A loss of separation: two aircraft, and the rows between which they were too close."""
-
-    first: int
-    second: int
-    begins: int
-    ends: int
-    least_nm: float
 
 
 @dataclass(frozen=True)
@@ -191,14 +176,14 @@ def _scenario(
 
 
 def _simulated(path: Path) -> Replay:
-    flown = read_table(path, ("cycle", "callsign", *NUMBERS))
+    flown = read_table(path, ("cycle", "callsign", *NUMBERS), optional=("status",))
     who, said = (metadata_of(path, flown, key) for key in ("aircraft", "clearances"))
     sector = sector_of(path, flown)
     check_who(path, sector, who)
     if not flown.num_rows:
         raise InputError(f"{path}: holds no row")
-    status = pa.array([FLYING] * flown.num_rows)
-    flown = flown.append_column("status", status)
+    if "status" not in flown.column_names:  # as tables of version 0.1.0
+        flown = flown.append_column("status", pa.array([FLYING] * flown.num_rows))
     flying = tuple(_aircraft(sector, path, flown, each) for each in who)
     cycles = int(flown["cycle"].to_numpy().max())
     return Replay(path.stem, sector, (_assembled(sector, 0, cycles, None, flying, said, path),))
@@ -240,54 +225,9 @@ def _assembled(
     clearances = (
         Said(index[row["callsign"]], *(row[name] for name in CLEARANCE[1:])) for row in said
     )
+    lost = tuple(losses(sector, [FlightPath(each.position_nm, each.fl) for each in aircraft]))
     in_order = tuple(sorted(clearances, key=lambda each: each.cycle))
-    return ReplayScenario(
-        number, cycles, success, aircraft, in_order, tuple(_losses(sector, aircraft))
-    )
-
-
-@cache
-def _squared_nm2(plane: MercatorPlane, separation_fl: int) -> Any:
-    """Compiled once for all scenarios of a sector."""
-    return jax.jit(partial(pair_distance_squared, plane, separation_fl))
-
-
-_CYCLES = 128
-"""Of all pairs at once: the program is compiled once for a number of aircraft, not for every
-length, and the pairs of 200 aircraft take little memory."""
-
-
-def _losses(sector: Sector, aircraft: tuple[Flown, ...]) -> Iterator[Loss]:
-    """By the tasks' own closed form, for every pair from one row to the next."""
-    if len(aircraft) < 2:  # no pair
-        return
-    distance = _distances_nm(sector, aircraft)
-    for pair, (first, second) in enumerate(combinations(range(len(aircraft)), 2)):
-        close = np.flatnonzero(distance[pair] < sector.loss_below_nm)
-        for run in np.split(close, np.flatnonzero(np.diff(close) > 1) + 1) if len(close) else ():
-            least = float(distance[pair, run].min())
-            yield Loss(first, second, int(run[0]), int(run[-1]) + 1, least)
-
-
-def _distances_nm(sector: Sector, aircraft: tuple[Flown, ...]) -> Float[np.ndarray, "pairs cycles"]:
-    """The least in every cycle; no number where one of the two has no more rows."""
-    rows = max(2, *(len(each.fl) for each in aircraft))
-    rows += (1 - rows) % _CYCLES  # whole blocks, and the row in which the last one ends
-    place = np.stack([_filled(each.position_nm.T, rows) for each in aircraft])
-    level = np.stack([_filled(np.rint(each.fl * TICKS_PER_FL), rows) for each in aircraft])
-    squared_nm2 = _squared_nm2(sector.plane, sector.separation_fl)
-    blocks = []
-    for begin in range(0, rows - 1, _CYCLES):
-        before, after = (slice(at, at + _CYCLES) for at in (begin, begin + 1))
-        cycles = place[..., before], place[..., after], level[..., before], level[..., after]
-        blocks.append(np.sqrt(np.asarray(squared_nm2(*cycles))))
-    return np.concatenate(blocks, axis=1)
-
-
-def _filled(values: Float[np.ndarray, "*axes rows"], rows: int) -> Float[np.ndarray, "*axes all"]:
-    """What is filled in is no number, and close to nothing."""
-    widths = [(0, 0)] * (values.ndim - 1) + [(0, rows - values.shape[-1])]
-    return np.pad(values, widths, constant_values=np.nan).astype(np.float32)
+    return ReplayScenario(number, cycles, success, aircraft, in_order, lost)
 
 
 def _by_scenario(table: pa.Table) -> dict[int, pa.Table]:
