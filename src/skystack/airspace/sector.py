@@ -89,6 +89,29 @@ class Sector:
         """Positions of the fixes in the plane, float64."""
         return {name: self.plane.to_plane(*point) for name, point in self.fixes.items()}
 
+    def path_nm(self, fixes: tuple[str, ...]) -> Float[np.ndarray, "points 2"]:
+        """The geodesic legs between fixes in the plane, to be drawn: the fixes, and points between
+        where a leg bends by more than `STRAIGHT_WITHIN_NM`."""
+        points = [self.fixes_nm[fixes[0]][None]]
+        for start, end in pairwise(fixes):
+            points += [self._between(start, end), self.fixes_nm[end][None]]
+        return np.concatenate(points)
+
+    def _between(self, start: str, end: str) -> Float[np.ndarray, "points 2"]:
+        """Points on the geodesic between two fixes, none where it is straight enough."""
+        (lat1, lon1), (lat2, lon2) = self.fixes[start], self.fixes[end]
+        ends_nm = self.fixes_nm[start], self.fixes_nm[end]
+        middle = WGS84.npts(lon1, lat1, lon2, lat2, 1)
+        bend_nm = _distance_to_line(
+            self.plane.to_plane(middle[0][1], middle[0][0]), np.stack(ends_nm)
+        )
+        if bend_nm <= STRAIGHT_WITHIN_NM:
+            return np.empty((0, 2))
+        # Pieces of an arc bend with the square of their number.
+        pieces = int(np.ceil(np.sqrt(bend_nm / STRAIGHT_WITHIN_NM)))
+        lon, lat = np.array(WGS84.npts(lon1, lat1, lon2, lat2, pieces)).T
+        return self.plane.to_plane(lat, lon)
+
     def route_index(self, route: tuple[str, ...]) -> int:
         """Index of a route. Raises InputError when the sector has no such route."""
         for name in route:

@@ -100,10 +100,11 @@ class Screen:
             for number, callsign in enumerate(callsigns(len(traffic.level))):
                 sector, colour = self._task.sector, colour_of(number)
                 route = sector.routes[int(traffic.route[number])]
-                planned = np.array([sector.fixes_nm[name] for name in route])
+                planned = sector.path_nm(route)
                 draw_way(self._axes, planned, np.array(trail)[:, number], colour)
                 if traffic.active[number]:
-                    draw_aircraft(self._axes, _blip(traffic, number, callsign), colour)
+                    blip = _blip(sector, traffic, number, callsign)
+                    draw_aircraft(self._axes, blip, colour)
             self._canvas.draw()  # type: ignore[no-untyped-call]
             for artist in set(self._axes.get_children()) - lasting:
                 artist.remove()
@@ -111,7 +112,7 @@ class Screen:
         return np.array(pixels)[:, :, :3]
 
 
-def _blip(traffic: Traffic, number: int, callsign: str) -> Blip:
+def _blip(sector: Sector, traffic: Traffic, number: int, callsign: str) -> Blip:
     return Blip(
         callsign,
         np.asarray(traffic.position_nm[number]),
@@ -120,4 +121,5 @@ def _blip(traffic: Traffic, number: int, callsign: str) -> Blip:
         ground_speed_kt=float(traffic.ground_speed_kt[number]),
         fl=float(traffic.level[number]) / TICKS_PER_FL,
         cleared_fl=float(traffic.cleared_level[number]) / TICKS_PER_FL,
+        scale=float(sector.plane.scale(np.asarray(traffic.position_nm[number, 1:]))[0]),
     )

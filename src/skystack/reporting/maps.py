@@ -45,7 +45,7 @@ def sector_map(sector: Sector) -> Figure:
     axes.plot(*_points(sector, ends).T, "^", color=INK, markersize=8.0, zorder=4)
     name_axes(axes)
     span = _draw_width(axes, sector)
-    bar = _draw_scale(axes)
+    bar = _draw_scale(axes, sector)
     figure.legend(
         handles=[
             Line2D([], [], marker="^", ls="", color=INK, ms=8.0, label="first or last fix"),
@@ -80,7 +80,7 @@ def route_maps(sector: Sector) -> Figure:
             key=lambda route: turns_deg(route, sector.fixes),
         )
         axes.set_title(f"From {start}")
-        drawn += [*_draw_routes(axes, sector, routes), _draw_scale(axes)]
+        drawn += [*_draw_routes(axes, sector, routes), _draw_scale(axes, sector)]
         axes.legend(
             loc="upper left",
             bbox_to_anchor=(0.0, 0.0),
@@ -102,7 +102,7 @@ def draw_sector(axes: Axes, sector: Sector, colour: str = FAINT, style: Any = "-
     axes.fill(*sector.area_nm.T, facecolor=AREA, edgecolor=colour, linewidth=0.8, zorder=1)
     legs = {tuple(sorted(leg)) for route in sector.routes for leg in pairwise(route)}
     for leg in sorted(legs):
-        axes.plot(*_points(sector, leg).T, color=colour, linewidth=0.8, linestyle=style, zorder=2)
+        axes.plot(*sector.path_nm(leg).T, color=colour, linewidth=0.8, linestyle=style, zorder=2)
     fixes = np.array(list(sector.fixes_nm.values()))
     axes.plot(*fixes.T, "^", markersize=5.0, markerfacecolor=PAPER, markeredgecolor=MUTED, zorder=3)
     everything = np.concatenate([fixes, sector.area_nm])
@@ -174,9 +174,10 @@ def name_fixes(axes: Axes, sector: Sector, lines: Sequence[Polyline] = ()) -> No
 
 def _draw_width(axes: Axes, sector: Sector) -> Polyline:
     """The width of the first route's last airway, between its edges."""
-    right, left = sector.route_table.exit_edge_nm[0].astype(np.float64)
+    right, *_, left = sector.route_table.exit_edge_nm[0].astype(np.float64)
     across = left - right
     width_nm = float(np.linalg.norm(across))
+    true_nm = width_nm / float(sector.plane.scale((right + left)[1:] / 2.0)[0])
     inward = np.array([-across[1], across[0]]) / width_nm * DIMENSION_INSET_NM
     ends = np.stack([right, left]) + inward
     arrow = {"arrowstyle": "<->", "color": INK, "linewidth": 0.9, "shrinkA": 0, "shrinkB": 0}
@@ -188,7 +189,7 @@ def _draw_width(axes: Axes, sector: Sector) -> Polyline:
     axes.text(
         east,
         north,
-        f"{width_nm:.0f} NM",
+        f"{true_nm:.0f} NM",
         rotation=upright_deg,
         rotation_mode="anchor",
         ha="center",
@@ -199,14 +200,16 @@ def _draw_width(axes: Axes, sector: Sector) -> Polyline:
     return along(ends)
 
 
-def _draw_scale(axes: Axes) -> Polyline:
+def _draw_scale(axes: Axes, sector: Sector) -> Polyline:
     """A bar of known length in the lower right corner, and what it takes up."""
-    east, north = axes.get_xlim()[1] - SCALE_BAR_NM - 3.0, axes.get_ylim()[0] + 3.0
-    bar = np.array([[east, north], [east + SCALE_BAR_NM, north]])
+    north = axes.get_ylim()[0] + 3.0
+    length = SCALE_BAR_NM * float(sector.plane.scale(np.array([north]))[0])
+    east = axes.get_xlim()[1] - length - 3.0
+    bar = np.array([[east, north], [east + length, north]])
     axes.plot(*bar.T, color=INK, linewidth=1.6, marker="|", markersize=6.0, zorder=5)
     axes.annotate(
         f"{SCALE_BAR_NM:.0f} NM",
-        (east + SCALE_BAR_NM / 2.0, north),
+        (east + length / 2.0, north),
         xytext=(0.0, 4.0),
         textcoords="offset points",
         ha="center",

@@ -26,6 +26,8 @@ class Blip(NamedTuple):
     ground_speed_kt: float
     fl: float
     cleared_fl: float
+    scale: float = 1.0
+    """Of the plane there: what a true length is multiplied by."""
 
 
 def colour_of(number: int) -> str:
@@ -46,9 +48,10 @@ def draw_way(
 
 def draw_aircraft(axes: Axes, blip: Blip, colour: str, ring_nm: float = 0.0) -> None:
     """A square, its callsign with its level, a solid line to where it would be in two minutes, a
-    dotted one on the heading that it is cleared to; and a ring of the radius, if one is given."""
+    dotted one on the heading that it is cleared to; and a ring of the true radius, if one is given.
+    """
     here = blip.position_nm
-    ahead_nm = AHEAD_MIN / 60.0 * blip.ground_speed_kt
+    ahead_nm = AHEAD_MIN / 60.0 * blip.ground_speed_kt * blip.scale
     heading, cleared = np.radians(blip.heading_deg), np.radians(blip.cleared_heading_deg)
     for angle, style in ((cleared, ":"), (heading, "-")):
         ahead = here + ahead_nm * np.array([np.sin(angle), np.cos(angle)])
@@ -57,7 +60,9 @@ def draw_aircraft(axes: Axes, blip: Blip, colour: str, ring_nm: float = 0.0) -> 
     if ring_nm:
         centre = (float(here[0]), float(here[1]))
         axes.add_patch(
-            Circle(centre, ring_nm, fill=False, ec=colour, lw=0.9, alpha=0.7, zorder=8.5)
+            Circle(
+                centre, ring_nm * blip.scale, fill=False, ec=colour, lw=0.9, alpha=0.7, zorder=8.5
+            )
         )
     axes.annotate(
         f"{blip.callsign}\n{levels_of(blip)}",

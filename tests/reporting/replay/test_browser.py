@@ -153,13 +153,14 @@ def test_marks_stand_where_things_happen(open_page):
 
 
 def test_a_predicted_and_an_actual_loss_of_separation(open_page):
-    """On straight tracks the closest approach is that of the formula from the first row on."""
+    """On straight tracks the loss is that of the formula from the first row on."""
     with open_page("meeting") as viewer:
         for row in (0, 10, FIRST_LOSS):
             viewer.scrub_to(row)
-            seconds = round((AHEAD_NM - CLOSING_NM * row) / CLOSING_NM * 6)
+            to_go_nm = AHEAD_NM - CLOSING_NM * row - math.sqrt(5.0**2 - BESIDE_NM**2)
+            seconds = round(to_go_nm / CLOSING_NM * 6)
             left = f"{seconds // 60}:{seconds % 60:02d}"
-            assert viewer.alerts == [f"{EVIL} and AC2: 3.0 NM in {left}"]
+            assert viewer.alerts == [f"{EVIL} and AC2: in {left}, least 3.0 NM"]
         assert viewer.pixels("conflict") > 50
         assert viewer.pixels("loss") == 0
         for row in range(FIRST_LOSS + 1, LAST_LOSS):

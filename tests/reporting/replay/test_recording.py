@@ -9,8 +9,9 @@ import pytest
 
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
+from skystack.evaluation.losses import FlightPath, losses
 from skystack.evaluation.stored import write_table
-from skystack.reporting.replay.recording import Flown, _losses, as_json, read_replay
+from skystack.reporting.replay.recording import as_json, read_replay
 
 from .conftest import SCENARIOS
 from .meeting import AHEAD_NM, BESIDE_NM, CLOSING_NM, EVIL, FIRST_LOSS, LAST_LOSS
@@ -162,10 +163,7 @@ def test_json_never_ends_a_script_element():
 
 
 def straight(place, fl):
-    level, zero = np.full(len(place), fl), np.zeros(len(place))
-    status = ("in_sector",) * len(place)
-    told = (zero, zero, level, zero, zero, status)
-    return Flown("AC", "B753", (), fl, 300, place, level, *told)
+    return FlightPath(place, np.full(len(place), fl))
 
 
 def test_losses_of_many_whose_rows_end_at_different_times():
@@ -183,12 +181,12 @@ def test_losses_of_many_whose_rows_end_at_different_times():
         least = np.hypot(*np.moveaxis(apart[:-1] + part * np.diff(apart, axis=0), -1, 0)).min(0)
         if abs(levels[first] - levels[second]) < 10.0 and least.min() < 5.0:
             expected[first, second] = least
-    found = list(_losses(x_plus(), flown))
+    found = list(losses(x_plus(), flown))
     assert {(loss.first, loss.second) for loss in found} == set(expected)
     for pair, least in expected.items():
-        losses = [loss for loss in found if (loss.first, loss.second) == pair]
+        own = [loss for loss in found if (loss.first, loss.second) == pair]
         seconds = np.zeros(len(least), dtype=bool)
-        for loss in losses:
+        for loss in own:
             seconds[loss.begins : loss.ends] = True
             assert loss.least_nm == pytest.approx(least[loss.begins : loss.ends].min(), abs=1e-2)
         np.testing.assert_array_equal(seconds, least < 5.0)
@@ -196,4 +194,4 @@ def test_losses_of_many_whose_rows_end_at_different_times():
 
 def test_who_has_one_row_only_loses_nothing():
     here = straight(np.zeros((1, 2)), 300.0)
-    assert list(_losses(x_plus(), (here, here))) == []
+    assert list(losses(x_plus(), (here, here))) == []

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
+from skystack.airspace.sector import Sector
 from skystack.errors import InputError
 from skystack.files import check_folder_of, write_aside
 from skystack.reporting.maps import draw_sector, name_fixes
@@ -180,12 +181,12 @@ class _Scene:
         }
         for number, flown in enumerate(scenario.aircraft):
             trail = flown.position_nm[self._span.begin : row + 1]
-            route = np.array([replay.sector.fixes_nm[fix] for fix in flown.route])
+            route = replay.sector.path_nm(flown.route)
             draw_way(axes, route, trail, colour_of(number))
             if row < len(flown.fl):
                 colour = VERMILION if number in close else colour_of(number)
                 ring_nm = replay.sector.separation_nm if number in close else 0.0
-                draw_aircraft(axes, _blip(flown, row), colour, ring_nm)
+                draw_aircraft(axes, _blip(replay.sector, flown, row), colour, ring_nm)
         for line, each in enumerate(said[: -SAID - 1 : -1]):
             fresh = row - each.cycle <= 5
             stacked = f" ({each.instructions} instructions)" if each.instructions > 1 else ""
@@ -201,7 +202,7 @@ class _Scene:
             )
 
 
-def _blip(flown: Flown, row: int) -> Blip:
+def _blip(sector: Sector, flown: Flown, row: int) -> Blip:
     return Blip(
         flown.callsign,
         flown.position_nm[row],
@@ -210,6 +211,7 @@ def _blip(flown: Flown, row: int) -> Blip:
         ground_speed_kt=float(flown.ground_speed_kt[row]),
         fl=float(flown.fl[row]),
         cleared_fl=float(flown.cleared_fl[row]),
+        scale=float(sector.plane.scale(flown.position_nm[row, 1:])[0]),
     )
 
 

@@ -11,8 +11,19 @@ function summed(differences, rows, unit) {
   return values;
 }
 
+/** Plane length per true length, as a function of the distance [NM] north of the origin. */
+function scaleOf({ coefficients, range_nm: range }) {
+  return (y) => {
+    const reduced = Math.min(Math.max(y / range, -1), 1);
+    return coefficients.reduceRight((value, each) => value * reduced + each, 0);
+  };
+}
+
+const UNKNOWN_CLIMB_FT_MIN = 2000;
+
 function unpackAircraft(packed, scale) {
   const column = (name, unit = 1) => summed(packed[name], packed.rows, unit);
+  const climbFtMin = column("climb_ft_min");
   return {
     callsign: packed.callsign,
     type: packed.type,
@@ -26,8 +37,9 @@ function unpackAircraft(packed, scale) {
     headingDeg: column("heading", scale.deg),
     clearedHeadingDeg: column("cleared_heading", scale.deg),
     clearedFl: column("cleared_fl", scale.fl),
-    speedKt: column("speed_kt"),
-    climbFtMin: column("climb_ft_min"),
+    speedKt: column("speed_kt", scale.kt),
+    climbFtMin,
+    usualClimbFtMin: climbFtMin.reduce((a, b) => Math.max(a, Math.abs(b)), 0) || UNKNOWN_CLIMB_FT_MIN,
     status: packed.status,
   };
 }

@@ -24,7 +24,7 @@ function penOf(canvas, view) {
     COLOURS.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]),
   );
   const [at, nm] = [view.toPixels(width, height), view.pixelsPerNm(width, height)];
-  return { g, at, nm, width, height, colour };
+  return { g, at, nm, scale: view.scale, middle: view.centre[1], width, height, colour };
 }
 
 function stroke(pen, points, colour, { width = 1, dash = [], close = false } = {}) {
@@ -77,6 +77,12 @@ function drawArea(pen, sector) {
   stroke(pen, outline, colour["area-line"], { width: 1.5, close: true });
 }
 
+/** The points of a leg: its two fixes, and some between where the geodesic bends in the plane. */
+function legPoints(sector, from, to) {
+  const known = sector.bent_legs[JSON.stringify([from, to])];
+  return known ?? [sector.fixes[from], sector.fixes[to]];
+}
+
 function drawAirways(pen, sector) {
   const legs = new Map();
   for (const route of sector.routes) {
@@ -86,12 +92,13 @@ function drawAirways(pen, sector) {
     }
   }
   for (const ends of legs.values()) {
-    stroke(pen, ends.map((fix) => pen.at(...sector.fixes[fix])), pen.colour.airway);
+    stroke(pen, legPoints(sector, ...ends).map((at) => pen.at(...at)), pen.colour.airway);
   }
 }
 
-function drawRoute(pen, sector, aircraft) {
-  const points = aircraft.route.map((fix) => pen.at(...sector.fixes[fix]));
+function drawRoute(pen, sector, { route }) {
+  const legs = route.slice(1).map((fix, before) => legPoints(sector, route[before], fix));
+  const points = legs.flat().map((at) => pen.at(...at));
   stroke(pen, points, pen.colour.selected, { width: 1.5, dash: [7, 5] });
 }
 
@@ -128,10 +135,11 @@ function drawFixes(pen, fixes) {
   }
 }
 
-/** A bar of a round number of NM, and which way is north (up). */
+/** A bar of a round number of NM in the middle of the picture, and which way is north (up). */
 function drawScale(pen) {
-  const nm = [100, 50, 20, 10, 5, 2, 1].find((each) => each * pen.nm <= pen.width / 4) ?? 1;
-  const [x, y, length] = [14, pen.height - 14, nm * pen.nm];
+  const trueNm = pen.nm * pen.scale(pen.middle);
+  const nm = [100, 50, 20, 10, 5, 2, 1].find((each) => each * trueNm <= pen.width / 4) ?? 1;
+  const [x, y, length] = [14, pen.height - 14, nm * trueNm];
   stroke(pen, [[x, y - 5], [x, y], [x + length, y], [x + length, y - 5]], pen.colour.muted);
   write(pen, `${nm} NM`, x + length + 8, y - 3, pen.colour.muted, { size: 11 });
 }
@@ -143,8 +151,8 @@ function placeOf(aircraft, row, part) {
   return [between(aircraft.xNm), between(aircraft.yNm)];
 }
 
-function ahead(aircraft, row, [x, y], degrees, seconds) {
-  const nm = (aircraft.speedKt[row] * seconds) / 3600;
+function ahead(pen, aircraft, row, [x, y], degrees, seconds) {
+  const nm = ((aircraft.speedKt[row] * seconds) / 3600) * pen.scale(y);
   const angle = (degrees * Math.PI) / 180;
   return [x + nm * Math.sin(angle), y + nm * Math.cos(angle)];
 }
@@ -160,15 +168,16 @@ function drawAircraft(pen, aircraft, row, place, look) {
   g.globalAlpha = 1;
   const [x, y] = pen.at(...place);
   const heading = aircraft.headingDeg[row];
-  const vector = ahead(aircraft, row, place, heading, VECTOR_S);
+  const vector = ahead(pen, aircraft, row, place, heading, VECTOR_S);
   stroke(pen, [[x, y], pen.at(...vector)], look.colour, { width: 1.3 });
   const cleared = aircraft.clearedHeadingDeg[row];
   if (threeDigits(cleared) !== threeDigits(heading)) {
-    const turned = ahead(aircraft, row, place, cleared, VECTOR_S);
+    const turned = ahead(pen, aircraft, row, place, cleared, VECTOR_S);
     stroke(pen, [[x, y], pen.at(...turned)], look.colour, { dash: [3, 4] });
   }
   if (look.ring) {
-    ring(pen, [x, y], look.ring * pen.nm, look.colour, { width: look.strong ? 1.6 : 0.7 });
+    const radius = look.ring * pen.nm * pen.scale(place[1]);
+    ring(pen, [x, y], radius, look.colour, { width: look.strong ? 1.6 : 0.7 });
   }
   g.fillStyle = pen.colour.radar;
   g.fillRect(x - 4, y - 4, 8, 8);

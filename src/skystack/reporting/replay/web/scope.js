@@ -8,7 +8,8 @@ class Scope {
   constructor(canvas, replay, view) {
     this.canvas = canvas;
     this.sector = replay.sector;
-    this.limits = { nm: replay.separation_nm, fl: replay.separation_fl };
+    const { loss_below_nm: nm, separation_fl: fl, separation_nm: standard } = replay;
+    this.limits = { nm, fl, standard, scale: view.scale };
     this.view = view;
     this.slots = new Map();
     this.blocks = [];
@@ -56,7 +57,7 @@ class Scope {
       colour: pen.colour[kind ?? plain],
       selected: isSelected,
       strong: Boolean(kind),
-      ring: rings || kind || isSelected ? this.limits.nm : 0,
+      ring: rings || kind || isSelected ? this.limits.standard : 0,
     };
   }
 
@@ -64,7 +65,7 @@ class Scope {
     const lines = blockLines(aircraft, this.row);
     const headings = [aircraft.headingDeg[this.row], aircraft.clearedHeadingDeg[this.row]];
     const vector = (heading, part) =>
-      pen.at(...ahead(aircraft, this.row, place, heading, part * VECTOR_S));
+      pen.at(...ahead(pen, aircraft, this.row, place, heading, part * VECTOR_S));
     return {
       callsign: aircraft.callsign,
       name: aircraft.callsign,

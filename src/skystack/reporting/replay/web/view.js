@@ -9,6 +9,7 @@ class View {
     const [xs, ys] = [0, 1].map((axis) => points.map((point) => point[axis]));
     this.low = [Math.min(...xs), Math.min(...ys)];
     this.high = [Math.max(...xs), Math.max(...ys)];
+    this.scale = scaleOf(sector.scale);
     this.fit();
   }
 
