@@ -147,8 +147,8 @@ def train(options: argparse.Namespace) -> int:
 
 
 def evaluate(options: argparse.Namespace) -> int:
+    from skystack.agents.files import find_agent
     from skystack.airspace.sectors import named_or_read
-    from skystack.catalogue import find_policy
     from skystack.console import count_scenarios, output
     from skystack.evaluation.judge import Conditions, judge
     from skystack.evaluation.summary import aggregate
@@ -166,11 +166,11 @@ def evaluate(options: argparse.Namespace) -> int:
         time_limit_s=options.time_limit,
         sector=named_or_read(options.sector) if options.sector else None,
     )
-    policy = find_policy(options.policy)
+    policy = find_agent(options.policy)
     compile_for_one_core()
     counting = count_scenarios(options.platform, options.episodes)
     with kept_programs(), counting as on_scenario:
-        judged = judge(policy, conditions, options.out, on_scenario)
+        judged = judge(policy, conditions, options.out, on_scenario, experiment=options.experiment)
     for line in said_of(options.platform):
         say(line)
     rows = [aggregate([judged.row], [judged.episodes])]
