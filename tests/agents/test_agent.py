@@ -58,7 +58,7 @@ def test_what_is_no_policy_is_refused():
 
 
 def test_the_experiment_must_be_given_and_fit():
-    with pytest.raises(InputError, match=r"not known for which .*--experiment NAME or FILE.toml"):
+    with pytest.raises(InputError, match=r"does not say which exp.*--experiment NAME or FILE.toml"):
         skystack.judge(lambda observation: 0, FEW)
     with pytest.raises(InputError, match="did you mean 'lateral'"):
         skystack.judge(lambda observation: 0, FEW, experiment="laterla")

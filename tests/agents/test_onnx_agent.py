@@ -121,7 +121,7 @@ def test_metadata_is_read_with_care(tmp_path):
     secret = tmp_path / "secret.toml"
     secret.write_text("name = 1")
     elsewhere = read_onnx(write(path, **facts(experiment=str(secret))))
-    with pytest.raises(InputError, match=r"none that ships.*--experiment NAME"):
+    with pytest.raises(InputError, match=r"does not ship.*--experiment NAME"):
         task_of_agent(elsewhere, None)
 
 

@@ -88,10 +88,10 @@ def task_of_agent(
     if experiment is None and facts is not None and facts.experiment in experiment_names():
         experiment = facts.experiment
     if experiment is None:
-        trained = f" ({facts.experiment!r} is none that ships)" if facts else ""
+        known = f": its {facts.experiment!r} does not ship" if facts else ""
         raise InputError(
-            f"{agent.name}: it is not known for which experiment it is{trained} (allowed: "
-            "--experiment NAME or FILE.toml; in Python experiment=...)"
+            f"{agent.name} does not say which experiment it is for{known} (allowed: --experiment "
+            "NAME or FILE.toml; in Python experiment=...)"
         )
     if isinstance(experiment, str):
         experiment = load_experiment(experiment)
