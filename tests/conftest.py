@@ -43,6 +43,7 @@ def compile_once(tmp_path_factory):
 MEASURED = ("learning", "simulator", "tasks", "test_stacking.py")
 """The tests of what coverage is measured of; to note every line slows Python down."""
 QUICKLY = (
+    "agents",
     "benchmarking",
     "docs",
     "evaluation",

@@ -3,7 +3,9 @@
 What most programs need stands here; each name is loaded when it is first used.
 
     find_policy       a shipped policy by name, or that of a run folder: a callable of numpy
-    judge             fly a policy on held-out scenarios, under `Conditions`
+    find_agent        the same, or the policy in a file: ONNX, Stable-Baselines3
+    judge             fly a policy, a function too, on held-out scenarios, under `Conditions`
+    Batched           marks a function of many observations at once as a policy
     load_experiment   a task and how it is learned, by name or from a TOML file
     train_experiment  train it into a folder
     build_task        the task of an experiment's settings
@@ -17,6 +19,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from skystack.agents.agent import Batched
+    from skystack.agents.files import find_agent
     from skystack.airspace.sectors import find_sector
     from skystack.catalogue import find_policy
     from skystack.errors import InputError
@@ -30,6 +34,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "Batched",
     "Conditions",
     "InputError",
     "PlainTask",
@@ -37,6 +42,7 @@ __all__ = [
     "TwoPhase",
     "__version__",
     "build_task",
+    "find_agent",
     "find_policy",
     "find_sector",
     "judge",
@@ -46,12 +52,14 @@ __all__ = [
 ]
 
 _MODULES = {
+    "Batched": "agents.agent",
     "Conditions": "evaluation.judge",
     "InputError": "errors",
     "PlainTask": "tasks.plain",
     "Stack": "stacking",
     "TwoPhase": "stacking",
     "build_task": "tasks.build",
+    "find_agent": "agents.files",
     "find_policy": "catalogue",
     "find_sector": "airspace.sectors",
     "judge": "evaluation.judge",

@@ -6,7 +6,8 @@ asked for is issued as one clearance; then one cycle is flown. (Section "Online 
 the paper.) Not to be confused with stacking past actions into an observation.
 
 This module knows policies and two-phase environments and nothing else. `stack` works with anything
-that computes; `stack_traced` does the same inside `jax.jit`.
+that computes; `stack_traced` does the same inside `jax.jit`, and `stack_many` for many scenarios
+whose policy runs outside it.
 """
 
 from collections.abc import Callable
@@ -114,6 +115,42 @@ def stack_traced(
     zero = jnp.zeros((), dtype=jnp.int32)
     burst = _Burst(environment, ask, limit, lambda first, second: first & second())
     return burst.compile(state, jax.lax.while_loop, zero)
+
+
+class ManyTwoPhase(TwoPhase[State], Protocol[State]):
+    """Many scenarios at once: actions and `may_stack` are arrays `[scenarios]`."""
+
+    def choose(self, condition: Any, yes: Any, no: Any) -> Any:
+        """One of two trees of arrays, scenario by scenario."""
+
+
+def stack_many(
+    environment: ManyTwoPhase[State],
+    policy: Callable[[Any, Any, Any], Any],
+    state: State,
+    asking: Any,
+    limit: int | None = None,
+) -> tuple[State, Stack]:
+    """`stack` for many scenarios at once, with a policy in plain Python.
+
+    `policy` maps observations, the scenarios that still ask (a mask `[scenarios]`) and the number
+    of each one's query in this cycle to an action for every scenario, `NO_ACTION` for the others.
+    `asking` masks the scenarios to begin with. Without a limit a stack ends at `ENDLESS`.
+    """
+
+    def ask(state: State, query: Any) -> Any:
+        return policy(environment.observe(state), asking, query)
+
+    def while_any(
+        condition: Callable[[Carry], Any], body: Callable[[Carry], Carry], carry: Carry
+    ) -> Carry:
+        nonlocal asking
+        while (asking := asking & condition(carry)).any():
+            carry = environment.choose(asking, body(carry), carry)
+        return carry
+
+    burst = _Burst(environment, ask, limit, lambda first, second: first & second())
+    return burst.compile(state, while_any, asking * 0)
 
 
 def _and(first: Any, second: Callable[[], Any]) -> Any:

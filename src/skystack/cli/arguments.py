@@ -202,7 +202,16 @@ def _reproduce_arguments(sub: argparse.ArgumentParser) -> None:
 
 
 def _evaluate_arguments(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("policy", metavar="POLICY", help="a shipped policy's name or a run folder")
+    sub.add_argument(
+        "policy",
+        metavar="POLICY",
+        help="a shipped policy's name, a run folder, or a file: .onnx, .zip (Stable-Baselines3)",
+    )
+    sub.add_argument(
+        "--experiment",
+        metavar="NAME",
+        help="what a file is for: an experiment (see list) or its .toml file",
+    )
     sub.add_argument("--episodes", type=_positive, default=1000, help="default 1000")
     sub.add_argument("--seed", type=_seed, default=0, help="of the scenarios, default 0")
     sub.add_argument(

@@ -149,15 +149,14 @@ def train(options: argparse.Namespace) -> int:
 
 
 def evaluate(options: argparse.Namespace) -> int:
+    from skystack.agents.files import find_agent
     from skystack.airspace.sectors import named_or_read
-    from skystack.catalogue import find_policy
     from skystack.console import count_scenarios, output
-    from skystack.evaluation.judge import Conditions, judge, task_of
+    from skystack.evaluation.judge import Conditions, judge
     from skystack.evaluation.summary import aggregate
     from skystack.platforms.registry import said_of
     from skystack.programs import compile_for_one_core, kept_programs
     from skystack.reporting.tables import comparison_of
-    from skystack.tasks.build import check_cycles
 
     begun = time.monotonic()
     conditions = Conditions(
@@ -170,15 +169,12 @@ def evaluate(options: argparse.Namespace) -> int:
         sector=named_or_read(options.sector) if options.sector else None,
         cycles=options.cycles,
     )
-    policy = find_policy(options.policy)
-    task = task_of(policy, conditions.sector, conditions.cycles)
-    if (beyond := check_cycles(task)) is not None:
-        say(beyond)
+    policy = find_agent(options.policy)
     compile_for_one_core()
     counting = count_scenarios(options.platform, options.episodes)
     with kept_programs(), counting as on_scenario:
-        judged = judge(policy, conditions, options.out, on_scenario)
-    for line in said_of(options.platform):
+        judged = judge(policy, conditions, options.out, on_scenario, experiment=options.experiment)
+    for line in [*judged.notes, *said_of(options.platform)]:
         say(line)
     rows = [aggregate([judged.row], [judged.episodes])]
     if options.json:

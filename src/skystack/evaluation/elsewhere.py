@@ -1,6 +1,6 @@
 """Fly scenarios on another simulator: the same policy, stacking and task, another `advance`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,14 +9,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PRNGKeyArray
-from numpy.typing import ArrayLike
 
-from skystack.errors import InputError, PlatformError
-from skystack.evaluation.rollout import Controller, Recording, keep, query_keys, together
+from skystack.errors import PlatformError
+from skystack.evaluation.hosted import Decisions, HostedController, Moment
+from skystack.evaluation.rollout import (
+    Controller,
+    Recording,
+    keep,
+    query_keys,
+    recording_of,
+    together,
+)
+from skystack.json_file import inside
 from skystack.platforms.conversion import scenario_of, traffic_of
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.processes import TIME_LIMIT_S, in_processes
-from skystack.platforms.protocol import Platform
+from skystack.platforms.protocol import Platform, Report
 from skystack.seeds import scenario_key
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import Traffic, callsigns
@@ -30,7 +38,7 @@ class Job(NamedTuple):
     """What a process needs to fly scenarios; picklable."""
 
     task: NavigationTask
-    controller: Callable[[], Controller]
+    controller: Callable[[], Controller | HostedController]
     """Makes the controller, in the process."""
     stacking: bool
     seed: int
@@ -52,12 +60,7 @@ class Pilot:
     def __init__(self, job: Job, folder: Path) -> None:
         self._job, self._task = job, job.task
         self._platform = job.open_platform(folder)
-        controller = job.controller()
-        policy = partial(controller.decide, controller.weights)
-        limit = None if job.stacking else 1
-
-        def decide(state: NavigationState, key: PRNGKeyArray) -> tuple[NavigationState, Stack]:
-            return stack_traced(self._task, policy, state, key, limit)
+        self._decide = _decision(self._task, job.controller(), None if job.stacking else 1)
 
         def judge(
             told: NavigationState, stack: Stack, flown: Traffic
@@ -66,28 +69,25 @@ class Pilot:
             kept = keep(stack, state, outcome, jnp.zeros((), dtype=bool))
             return state, outcome, kept
 
-        self._reset = jax.jit(self._task.reset)
-        self._decide, self._judge = jax.jit(decide), jax.jit(judge)
+        self._reset, self._judge = jax.jit(self._task.reset), jax.jit(judge)
         self._compile()
 
     def _compile(self) -> None:
         """All that is compiled, before anything is timed."""
         key = scenario_key(self._job.seed, 0)
         state = jax.device_get(self._reset(key))
-        told, stack = jax.device_get(self._decide(state, key))
+        told, stack = self._decide(state, key, 0, 0)
         self._judge(told, stack, jax.tree.map(jnp.asarray, state.traffic))
 
     def fly(self, number: int) -> Recording:
         """One scenario to its end. Raises InputError, which names it, and PlatformError."""
-        try:
-            return self._fly(number)
-        except InputError as error:
-            raise InputError(f"scenario {number}: {error}") from None
+        with inside(f"scenario {number}"):
+            report, state = self._begin(number)
+        return self._fly(number, report, state)
 
-    def _fly(self, number: int) -> Recording:
-        task, plane = self._task, self._task.simulator.sector.plane
-        key = scenario_key(self._job.seed, number)
-        state: NavigationState = jax.device_get(self._reset(key))
+    def _begin(self, number: int) -> tuple[Report, NavigationState]:
+        task = self._task
+        state: NavigationState = jax.device_get(self._reset(scenario_key(self._job.seed, number)))
         scenario = scenario_of(
             state.traffic,
             task.simulator,
@@ -96,21 +96,28 @@ class Pilot:
             callsigns(task.scenarios.aircraft),
             state.memory.exit_level,
         )
-        report = self._platform.reset(scenario)
+        return self._platform.reset(scenario), state
+
+    def _fly(self, number: int, report: Report, state: NavigationState) -> Recording:
+        task, plane = self._task, self._task.simulator.sector.plane
         start = traffic_of(report, state.traffic, plane)
         state = state._replace(traffic=start)
-        rows = []
-        for query in query_keys(task, key):
-            told, stack = jax.device_get(self._decide(state, query))
-            checked_action(stack.action, len(task.action_names))
-            if stack.instructions > 0:
-                self._issue(told.traffic, stack)
-            flown = traffic_of(self._platform.advance(), told.traffic, plane)
+        rows: list[tuple[Any, ...]] = []
+        for cycle, key in enumerate(query_keys(task, scenario_key(self._job.seed, number))):
+            told, stack = self._decide(state, key, number, cycle)
+            with inside(f"scenario {number}, cycle {cycle}"):
+                if stack.instructions > 0:
+                    self._issue(told.traffic, stack)
+                flown = traffic_of(self._platform.advance(), told.traffic, plane)
             state, outcome, kept = jax.device_get(self._judge(told, stack, flown))
-            rows.append(kept)
+            rows.append(jax.tree.map(lambda values: np.asarray(values)[None], kept))
             if outcome.terminated:
                 break
-        return _recording(number, start, state.memory.exit_level, rows, task.settings.cycles)
+        start, exit_level = jax.tree.map(
+            lambda values: np.asarray(values)[None], (start, state.memory.exit_level)
+        )
+        numbers = np.array([number], dtype=np.int32)
+        return recording_of(numbers, start, exit_level, rows, task.settings.cycles)
 
     def _issue(self, told: Traffic, stack: Stack) -> None:
         actions = self._task.actions
@@ -124,29 +131,44 @@ class Pilot:
             self._platform.issue(Instruction(callsign, heading_deg=cleared_deg))
 
 
-def _recording(
-    number: int,
-    start: Traffic,
-    exit_level: ArrayLike,
-    rows: Sequence[tuple[Any, ...]],
-    cycles: int,
-) -> Recording:
-    """Rows of one scenario as a recording of full length: the last repeats, but nothing happens."""
-    missing = cycles - len(rows)
-    kept = jax.tree.map(lambda *values: np.stack([*values, *values[-1:] * missing])[None], *rows)
-    recording = Recording(
-        np.array([number], dtype=np.int32),
-        jax.tree.map(lambda row: row[None], start),
-        np.asarray(exit_level)[None],
-        *kept,
-    )
-    ran = np.arange(cycles) < len(rows)
-    return recording._replace(
-        instructions=np.where(ran, recording.instructions, 0),
-        ran=ran[None],
-        reward=np.where(ran, recording.reward, 0.0).astype(np.float32),
-        metrics=jax.tree.map(lambda values: values[:, -1], recording.metrics),
-    )
+Decide = Callable[[NavigationState, PRNGKeyArray, int, int], tuple[NavigationState, Stack]]
+"""Stacks what a controller asks for: (state, key, number of the scenario, cycle)."""
+
+
+def _decision(
+    task: NavigationTask, controller: Controller | HostedController, limit: int | None
+) -> Decide:
+    """Of one scenario; raises InputError, which names it, for what is no action of the task."""
+    if isinstance(controller, HostedController):
+        decisions = Decisions(task, controller, limit)
+
+        def ask(
+            state: NavigationState, key: PRNGKeyArray, number: int, cycle: int
+        ) -> tuple[NavigationState, Stack]:
+            moment = Moment(np.array([number], dtype=np.int32), cycle, key[None])
+            many = jax.tree.map(lambda values: np.asarray(values)[..., None], state)
+            decided = decisions.decide(many, np.ones(1, dtype=bool), moment)
+            one: tuple[NavigationState, Stack] = jax.tree.map(
+                lambda values: np.asarray(values)[..., 0], decided
+            )
+            return one
+
+        return ask
+    policy = partial(controller.decide, controller.weights)
+
+    @jax.jit
+    def compiled(state: NavigationState, key: PRNGKeyArray) -> tuple[NavigationState, Stack]:
+        return stack_traced(task, policy, state, key, limit)
+
+    def decide(
+        state: NavigationState, key: PRNGKeyArray, number: int, cycle: int
+    ) -> tuple[NavigationState, Stack]:
+        told, stack = jax.device_get(compiled(state, key))
+        with inside(f"scenario {number}, cycle {cycle}"):
+            checked_action(stack.action, len(task.action_names))
+        return told, stack
+
+    return decide
 
 
 def _pilot(job: Job, folder: Path) -> Callable[[int], Recording]:

@@ -1,24 +1,33 @@
 """Judge one controller on held-out scenarios: fly, write the tables, reduce them to a row."""
 
+import pickle
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import pyarrow as pa
 
+from skystack.agents.agent import Agent, agent_of, row_name
 from skystack.airspace.sector_file import SectorEntry
 from skystack.errors import InputError
 from skystack.evaluation.elsewhere import FlownElsewhere, Job, fly_elsewhere
-from skystack.evaluation.rollout import NOBODY, Controller, fly, network_controller
+from skystack.evaluation.hosted import HostedController, fly_hosted
+from skystack.evaluation.rollout import NOBODY, Controller, Recording, fly, network_controller
 from skystack.evaluation.summary import Row, summarise
 from skystack.evaluation.tables import make_tables
+from skystack.export.facts import Facts
 from skystack.files import make_folder
-from skystack.learning.experiment import Experiment, experiment_from
-from skystack.learning.policy import Policy
+from skystack.learning.experiment import (
+    Experiment,
+    experiment_from,
+    experiment_names,
+    load_experiment,
+)
+from skystack.learning.policy import Policy, PolicyDescription
 from skystack.platforms.processes import TIME_LIMIT_S
 from skystack.platforms.registry import OWN, adoption_of, check_platform, flown_type, open_platform
 from skystack.tasks.build import build_task, check_cycles
@@ -52,6 +61,8 @@ class Judged(NamedTuple):
     clearances: pa.Table
     failed: dict[int, str]
     """Scenarios that the platform did not finish, and why; they are in neither."""
+    notes: Sequence[str] = ()
+    """What to know about the row: routes that take longer than a scenario."""
 
 
 def task_of(
@@ -66,6 +77,51 @@ def task_of(
     described = policy.description
     where = f"policy {described.experiment}-s{described.seed}"
     experiment: Experiment = experiment_from(described.config, where)
+    task = _task(experiment, sector, cycles)
+    _check_trained_for(task, described, where)
+    return task
+
+
+def task_of_agent(
+    agent: Agent,
+    experiment: str | Experiment | None,
+    sector: str | SectorEntry | None = None,
+    cycles: int | None = None,
+) -> NavigationTask:
+    """The task that an agent is judged on: its experiment's, in another sector if one is given.
+
+    An export of our own policies names its experiment; all others need one, by name, file (.toml)
+    or itself. Raises InputError where it is missing, or the agent does not observe what its task
+    shows or has other actions.
+    """
+    facts = agent.facts
+    if experiment is None and facts is not None and facts.experiment in experiment_names():
+        experiment = facts.experiment
+    if experiment is None:
+        known = f": its {facts.experiment!r} does not ship" if facts else ""
+        raise InputError(
+            f"{agent.name} does not say which experiment it is for{known} (allowed: --experiment "
+            "NAME or FILE.toml; in Python experiment=...)"
+        )
+    if isinstance(experiment, str):
+        experiment = load_experiment(experiment)
+    task = _task(experiment, sector, cycles)
+    if facts is not None:
+        _check_trained_for(task, facts, agent.name)
+    has = (agent.observations, agent.actions)
+    wanted = (len(task.observation_names), len(task.action_names))
+    if any(mine not in (None, its) for mine, its in zip(has, wanted, strict=True)):
+        mine, its = (
+            f"{values} observed values and {actions} actions"
+            for values, actions in (tuple("?" if n is None else n for n in has), wanted)
+        )
+        raise InputError(f"{agent.name} has {mine} (allowed for {experiment.name}: {its})")
+    return task
+
+
+def _task(
+    experiment: Experiment, sector: str | SectorEntry | None, cycles: int | None
+) -> NavigationTask:
     settings = experiment.task
     if sector is not None:
         settings = msgspec.structs.replace(settings, sector=sector)
@@ -73,6 +129,12 @@ def task_of(
         settings = msgspec.structs.replace(settings, cycles=cycles)
     task = build_task(settings)
     check_cycles(task)
+    return task
+
+
+def _check_trained_for(
+    task: NavigationTask, described: PolicyDescription | Facts, where: str
+) -> None:
     if (described.task_name, described.task_version) != (task.name, task.version):
         raise InputError(
             f"{where} was trained for task {described.task_name} version "
@@ -80,25 +142,63 @@ def task_of(
         )
     if described.observation != task.observation_names or described.actions != task.action_names:
         raise InputError(f"{where}: its observation or actions are not those of its task")
-    return task
+
+
+_USUAL = Conditions()
 
 
 def judge(
-    policy: Policy,
-    conditions: Conditions,
-    out: Path | None,
+    policy: Any,
+    conditions: Conditions = _USUAL,
+    out: Path | None = None,
     on_scenario: Callable[[int], None] = lambda done: None,
+    *,
+    experiment: str | Experiment | None = None,
+    name: str | None = None,
 ) -> Judged:
     """Fly a policy on the scenarios of an evaluation seed; `out` is the folder for evaluations.
 
-    `on_scenario` hears how many scenarios another platform has done. Raises InputError for a
-    platform that is not there, PlatformError when it finishes no scenario.
+    `policy` is one of `find_policy` or `find_agent`; a function from an observation, float32
+    `[observation]`, to the number of an action; a `Batched` function of many observations; or a
+    model of Stable-Baselines3. All but the first must decide by the observation alone: they are
+    asked for one scenario after the other, on other platforms in other processes. They need the
+    `experiment` that they are for, its name, its file (.toml) or itself, unless they say which.
+
+    `name` is that of the row and of the folder. `on_scenario` hears how many scenarios are done.
+    Raises InputError for a platform that is not there, an experiment that does not fit and a policy
+    that fails or answers with what is no action; PlatformError when no scenario is finished.
     """
     check_platform(conditions.platform)
+    if isinstance(policy, Policy):
+        return _judge_own(policy, conditions, out, on_scenario, experiment, name)
+    agent = agent_of(policy, name)
+    task = task_of_agent(agent, experiment, conditions.sector, conditions.cycles)
+    if not conditions.greedy and not agent.logits:
+        raise InputError(
+            f"{agent.name} has no probabilities to sample from (allowed: its greedy action)"
+        )
+    controller = partial(HostedController, agent, conditions.greedy)
+    called, seed = row_name(name or agent.name), agent.facts.seed if agent.facts else 0
+    return _judge(called, seed, task, controller, conditions, out, on_scenario)
+
+
+def _judge_own(
+    policy: Policy,
+    conditions: Conditions,
+    out: Path | None,
+    on_scenario: Callable[[int], None],
+    experiment: str | Experiment | None,
+    name: str | None,
+) -> Judged:
     described, task = policy.description, task_of(policy, conditions.sector, conditions.cycles)
+    if experiment is not None:
+        raise InputError(
+            f"{described.experiment} carries its own experiment (allowed: --experiment with "
+            "policies of other libraries)"
+        )
     controller = partial(network_controller, policy.actor, policy.normaliser, conditions.greedy)
-    name, seed = described.experiment, described.seed
-    return _judge(name, seed, task, controller, conditions, out, on_scenario)
+    called = row_name(name) if name else described.experiment
+    return _judge(called, described.seed, task, controller, conditions, out, on_scenario)
 
 
 def judge_nobody(experiment: Experiment, conditions: Conditions, out: Path | None) -> Judged:
@@ -120,7 +220,7 @@ def _judge(
     name: str,
     trained_seed: int,
     task: NavigationTask,
-    controller: Callable[[], Controller],
+    controller: Callable[[], Controller | HostedController],
     conditions: Conditions,
     out: Path | None,
     on_scenario: Callable[[int], None],
@@ -129,8 +229,7 @@ def _judge(
     begun = time.monotonic()
     platform, stacking = conditions.platform, conditions.stacking
     if platform == OWN:
-        here = fly(task, controller(), conditions.seed, conditions.episodes, stacking)
-        flown = FlownElsewhere(here, {})
+        flown = FlownElsewhere(_fly_here(task, controller(), conditions, on_scenario), {})
     else:
         flown = _fly_elsewhere(task, controller, conditions, out, on_scenario)
     wall_s = time.monotonic() - begun
@@ -147,12 +246,26 @@ def _judge(
     row = summarise(
         name, trained_seed, platform, stacking, conditions.greedy, wall_s, tables.episodes
     )
-    return Judged(row, tables.episodes, tables.clearances, flown.failed)
+    beyond = check_cycles(task)
+    notes = [] if beyond is None else [beyond]
+    return Judged(row, tables.episodes, tables.clearances, flown.failed, notes)
+
+
+def _fly_here(
+    task: NavigationTask,
+    controller: Controller | HostedController,
+    conditions: Conditions,
+    on_scenario: Callable[[int], None],
+) -> Recording:
+    seed, episodes, stacking = conditions.seed, conditions.episodes, conditions.stacking
+    if isinstance(controller, HostedController):
+        return fly_hosted(task, controller, seed, episodes, stacking, on_scenario)
+    return fly(task, controller, seed, episodes, stacking)
 
 
 def _fly_elsewhere(
     task: NavigationTask,
-    controller: Callable[[], Controller],
+    controller: Callable[[], Controller | HostedController],
     conditions: Conditions,
     out: Path | None,
     on_scenario: Callable[[int], None],
@@ -165,9 +278,20 @@ def _fly_elsewhere(
         conditions.seed,
         partial(open_platform, conditions.platform),
     )
+    _check_sent(job)
     if out is not None:
         make_folder(out)  # refused before anything is flown, which takes long
     with tempfile.TemporaryDirectory(prefix="skystack-") as work:
         return fly_elsewhere(
             job, conditions.episodes, Path(work), conditions.time_limit_s, on_scenario
         )
+
+
+def _check_sent(job: Job) -> None:
+    """Raise InputError for a controller that cannot be sent to other processes."""
+    try:
+        pickle.dumps(job)
+    except Exception as error:  # objects raise what they like when they are pickled
+        raise InputError(
+            f"the policy cannot be sent to other processes, as other platforms need: {error}"
+        ) from error

@@ -150,13 +150,39 @@ def together(parts: Sequence[Recording]) -> Recording:
     return whole
 
 
+def recording_of(
+    number: Int[np.ndarray, " scenarios"],
+    start: Traffic,
+    exit_level: Float[np.ndarray, "scenarios aircraft"],
+    rows: Sequence[tuple[Any, ...]],
+    cycles: int,
+) -> Recording:
+    """A recording of full length from what `keep` kept of each cycle, `[scenarios, ...]`.
+
+    Where cycles are missing at the end the last one repeats, and nothing happens in it.
+    """
+    missing = cycles - len(rows)
+    kept = jax.tree.map(lambda *values: np.stack([*values, *values[-1:] * missing], axis=1), *rows)
+    recording = Recording(number, start, exit_level, *kept)
+    ran = recording.ran & (np.arange(cycles) < len(rows))
+    last = ran.sum(axis=1) - 1
+    return recording._replace(
+        instructions=np.where(ran, recording.instructions, 0),
+        ran=ran,
+        reward=np.where(ran, recording.reward, 0.0).astype(np.float32),
+        metrics=jax.tree.map(
+            lambda values: values[np.arange(len(number)), last], recording.metrics
+        ),
+    )
+
+
 def query_keys(task: NavigationTask, key: PRNGKeyArray) -> Key[Array, " cycles"]:
     """A scenario's keys for a policy that samples, one a cycle."""
     return jax.random.split(jax.random.fold_in(key, _POLICY), task.settings.cycles)
 
 
 def keep(
-    stack: Stack, flown: NavigationState, outcome: Outcome, over: Bool[Array, ""]
+    stack: Stack, flown: NavigationState, outcome: Outcome, over: Bool[Array, "*batch"]
 ) -> tuple[Any, ...]:
     """What a recording keeps of a cycle, in its order; `over`: the scenario had ended before."""
     return (

@@ -3,7 +3,6 @@
 Observations go in as the task gives them: the normaliser is part of the graph.
 """
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 
 import skystack
 from skystack.errors import missing_extra
-from skystack.export.facts import facts
+from skystack.export.facts import facts, facts_as_texts
 from skystack.files import write_aside
 from skystack.learning.inference import CLIP, SMALLEST_VARIANCE
 from skystack.learning.policy import Policy
@@ -60,11 +59,7 @@ def _model(onnx: Any, policy: Policy) -> Any:
         producer_name="skystack",
         producer_version=skystack.__version__,
     )
-    texts = {
-        name: value if isinstance(value, str) else json.dumps(value)
-        for name, value in described.items()
-    }
-    helper.set_model_props(model, texts)
+    helper.set_model_props(model, facts_as_texts(policy))
     return model
 
 

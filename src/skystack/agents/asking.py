@@ -1,0 +1,93 @@
+"""Asking an agent: what it answers is checked and copied, and what goes wrong names where."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from skystack.agents.agent import Agent, Decide
+from skystack.errors import InputError
+from skystack.tasks.plain import checked_action
+
+
+def ask_actions(
+    agent: Agent,
+    observations: Float[np.ndarray, "scenarios observation"],
+    numbers: Int[np.ndarray, " scenarios"],
+    cycle: int,
+    actions: int,
+) -> Int[np.ndarray, " scenarios"]:
+    """The actions that an agent takes: the greatest score where it has no other way to act.
+
+    `numbers` are those of the scenarios, for messages. Raises InputError, which names scenario and
+    cycle, for an agent that fails or answers with what is not one of the actions 0, 1, ...
+    """
+    if agent.act is None:
+        return ask_scores(agent, observations, numbers, cycle, actions).argmax(axis=1)
+    checked = []
+    for number, answer in _answers(agent.act, agent.batched, observations, numbers, cycle):
+        with _at([number], cycle):
+            checked.append(checked_action(answer, actions))
+    return np.array(checked, dtype=np.int32)
+
+
+def ask_scores(
+    agent: Agent,
+    observations: Float[np.ndarray, "scenarios observation"],
+    numbers: Int[np.ndarray, " scenarios"],
+    cycle: int,
+    actions: int,
+) -> Float[np.ndarray, "scenarios actions"]:
+    """An agent's score of each action; raises InputError as `ask_actions` does."""
+    assert agent.scores is not None, "the caller knows"
+    checked = []
+    for number, answer in _answers(agent.scores, agent.batched, observations, numbers, cycle):
+        scores = np.array(answer, dtype=np.float32)
+        with _at([number], cycle):
+            if scores.shape != (actions,) or not np.all(np.isfinite(scores)):
+                raise InputError(f"its scores are {answer} (allowed: {actions} finite numbers)")
+        checked.append(scores)
+    return np.stack(checked)
+
+
+def _answers(
+    decide: Decide,
+    batched: bool,
+    observations: Float[np.ndarray, "scenarios observation"],
+    numbers: Int[np.ndarray, " scenarios"],
+    cycle: int,
+) -> Iterator[tuple[int, Any]]:
+    """Each scenario's number and answer, in order."""
+    if not batched:
+        for number, observation in zip(numbers.tolist(), observations, strict=True):
+            with _at([number], cycle):
+                answer = _plain(decide(observation))
+            yield number, answer
+        return
+    with _at(numbers.tolist(), cycle):
+        answers = _plain(decide(observations))
+        if not isinstance(answers, list | tuple) or len(answers) != len(numbers):
+            count = len(answers) if isinstance(answers, list | tuple) else repr(answers)
+            raise InputError(f"its answers are {count} (allowed: {len(numbers)}, one for each)")
+    yield from zip(numbers.tolist(), answers, strict=True)
+
+
+def _plain(answer: Any) -> Any:
+    """An array of any library as plain numbers, which nothing changes afterwards."""
+    return answer.tolist() if hasattr(answer, "tolist") else answer
+
+
+@contextmanager
+def _at(numbers: Sequence[int], cycle: int) -> Iterator[None]:
+    """Whatever is raised inside becomes one line that says which scenario was decided on, when."""
+    others = f" and {len(numbers) - 1} more" if len(numbers) > 1 else ""
+    where = f"scenario {numbers[0]}{others}, cycle {cycle}"
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+    except Exception as error:
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"{where}: the policy failed: {text}") from error

@@ -1,0 +1,166 @@
+"""`skystack evaluate` of other libraries' files, and functions in other simulators."""
+
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import skystack
+from skystack.agents.agent import Batched
+from skystack.cli import main
+from skystack.evaluation.agreement import same_clearances
+from skystack.learning.experiment import Experiment
+from skystack.tasks.settings import TaskSettings
+
+TABLES = ["aircraft", "clearances", "episodes", "trajectories"]
+
+
+def evaluate(capsys, *words):
+    """The exit code, the row and what went to standard error."""
+    code = main(["evaluate", *(str(word) for word in words), "--json"])
+    captured = capsys.readouterr()
+    return code, json.loads(captured.out)["rows"][0] if captured.out else None, captured.err
+
+
+@pytest.fixture(scope="module")
+def onnx_file(tmp_path_factory):
+    pytest.importorskip("onnxruntime")
+    path = tmp_path_factory.mktemp("export") / "theirs.onnx"
+    assert main(["export", "lateral-best", "--format", "onnx", "-o", str(path)]) == 0
+    return path
+
+
+@pytest.mark.parametrize("stacking", ["--stacking", "--no-stacking"])
+def test_an_onnx_file_gives_the_row_and_the_tables(stacking, onnx_file, capsys, tmp_path):
+    words = ["--episodes", 6, stacking, "--out", tmp_path]
+    code, row, _ = evaluate(capsys, onnx_file, *words)
+    assert code == 0
+    _, ours, _ = evaluate(capsys, "lateral-best", *words)
+    left = {"experiment", "wall_s", "min_separation_nm_min", "min_separation_nm_mean"}
+    assert row.keys() == ours.keys()
+    assert {name: row[name] for name in row.keys() - left} == {
+        name: ours[name] for name in row.keys() - left
+    }
+    kind = "stacked" if stacking == "--stacking" else "plain"
+    folder, other = (tmp_path / f"{name}-s0-skystack-{kind}" for name in ("theirs", "lateral-best"))
+    assert sorted(path.stem for path in folder.iterdir()) == TABLES
+    issued, expected = (pq.read_table(each / "clearances.parquet") for each in (folder, other))
+    assert issued.equals(expected)
+    page = tmp_path / "replay.html"
+    assert main(["replay", str(folder), str(other), "-o", str(page)]) == 0
+    assert page.stat().st_size > 10_000
+    capsys.readouterr()
+
+
+def test_an_onnx_file_is_sampled_as_the_policy_itself(onnx_file, capsys):
+    rows = [
+        evaluate(capsys, name, "--episodes", 6, "--sample")[1]
+        for name in (onnx_file, "lateral-best")
+    ]
+    assert rows[0]["instructions_mean"] == rows[1]["instructions_mean"]
+    assert not rows[0]["greedy"]
+
+
+def test_a_zip_is_judged_on_the_experiment_that_is_named(capsys, tmp_path):
+    stable_baselines3 = pytest.importorskip("stable_baselines3")
+    import gymnasium
+
+    import skystack.gym  # noqa: F401  (registers the environments)
+
+    environment = gymnasium.make("skystack/Lateral-v0")
+    model = stable_baselines3.PPO("MlpPolicy", environment, device="cpu", seed=0)
+    model.save(tmp_path / "model.zip")
+    few = [tmp_path / "model.zip", "--episodes", 2]
+    code, row, _ = evaluate(capsys, *few, "--experiment", "lateral", "--out", tmp_path / "e")
+    assert (code, row["experiment"], row["episodes"]) == (0, "model", 2)
+    assert [path.name for path in (tmp_path / "e").iterdir()] == ["model-s0-skystack-stacked"]
+    for words, why in (
+        ([], "model does not say which experiment it is for (allowed: --experiment NAME"),
+        (["--experiment", "vertical"], "model has 8 observed values and 5 actions (allowed for ve"),
+        (["--experiment", "lateral", "--sector", "merg"], "unknown sector 'merg'; did you mean"),
+    ):
+        code, _, err = evaluate(capsys, *few, *words)
+        assert (code, err.count("\n")) == (2, 1)
+        assert err.startswith(f"skystack: {why}")
+
+
+def test_mistakes_are_told_in_one_line(capsys, tmp_path):
+    (tmp_path / "model.zip").write_bytes(b"no zip")
+    for words, why in (
+        (["lateral", "--experiment", "lateral"], "lateral carries its own experiment"),
+        ([tmp_path / "model.zip"], f"{tmp_path / 'model.zip'}: is not a zip"),
+        ([tmp_path / "none.onnx"], f"{tmp_path / 'none.onnx'}: cannot be read"),
+    ):
+        code, row, err = evaluate(capsys, *words)
+        assert (code, row, err.count("\n")) == (2, None, 1)
+        assert err.startswith(f"skystack: {why}")
+
+
+def turning(settings, until_deg):
+    """A function that pickles by its contents only: turns the first aircraft left for so long.
+
+    `theta_f` is the turn to the next fix, -180 to 180 degrees as 0 to 1.
+    """
+
+    def turn(seen):
+        return int(360.0 * seen[settings.features.index("theta_f")] - 180.0 < until_deg)
+
+    return turn
+
+
+@pytest.mark.parametrize("stacking", [True, False])
+def test_a_function_flies_in_bluebird(stacking, tmp_path):
+    """The same clearances as here: left turns of the first aircraft, in bursts."""
+    pytest.importorskip("bluebird_dt")
+    settings = TaskSettings(features=("theta_f", "d_f"), cycles=20)
+    experiment = Experiment("turning", task=settings)
+    turn = turning(settings, until_deg=25.0)
+    conditions = skystack.Conditions(episodes=2, stacking=stacking)
+    here = skystack.judge(turn, conditions, tmp_path, experiment=experiment)
+    many = Batched(lambda observations: np.array([turn(seen) for seen in observations]))
+    for policy in (turn, many) if stacking else (turn,):
+        there = skystack.judge(
+            policy,
+            conditions._replace(platform="bluebird"),
+            tmp_path,
+            experiment=experiment,
+            name="there",
+        )
+        assert there.failed == {}
+        assert all(same_clearances(here.clearances, there.clearances, range(2)))
+    assert {path.name.split("-")[0] for path in tmp_path.iterdir()} == {"turn", "there"}
+    if stacking:
+        assert set(here.clearances["callsign"].to_pylist()) == {"AC1"}
+        assert max(here.clearances["instructions"].to_pylist()) > 1
+
+
+def test_an_onnx_file_flies_in_bluebird(onnx_file):
+    pytest.importorskip("bluebird_dt")
+    agent = skystack.find_agent(str(onnx_file))
+    here, there = (
+        skystack.judge(agent, skystack.Conditions(episodes=2, platform=platform))
+        for platform in ("skystack", "bluebird")
+    )
+    assert all(same_clearances(here.clearances, there.clearances, range(2)))
+    assert there.row["success_rate"] == 1.0
+
+
+def test_a_function_that_fails_elsewhere_is_named_too():
+    pytest.importorskip("bluebird_dt")
+    calls = []
+
+    def fails(seen):
+        calls.append(seen)
+        return 1 // (4 - len(calls))
+
+    settings = TaskSettings(cycles=10)
+    with pytest.raises(
+        skystack.InputError,
+        match=r"^scenario \d, cycle \d: the policy failed: ZeroDivisionError: .*zero$",
+    ):
+        skystack.judge(
+            fails,
+            skystack.Conditions(episodes=2, platform="bluebird"),
+            experiment=Experiment("short", task=settings),
+        )
