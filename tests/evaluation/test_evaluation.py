@@ -211,7 +211,7 @@ def test_the_shipped_vertical_policy_says_one_thing_where_one_is_needed():
 def test_the_tables_say_of_which_type_each_aircraft_is(tmp_path):
     """Types and levels come from the experiment; a slow one flies its own table's airspeed."""
     slow = '{type="AT76", mach=[0.4,0.4,0.4]}'
-    changes = [f"task.fleet=[{{}},{slow}]", "task.level_fl=[280,300]", "task.cycles=5"]
+    changes = [f"task.fleet=[{{}},{slow}]", "task.level_fl=[280,300]", "task.cycles=98"]
     experiment = load_experiment("lateral", changes)
     judge_nobody(experiment, Conditions(episodes=20), tmp_path)
     (where,) = tmp_path.iterdir()
