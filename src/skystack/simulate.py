@@ -1,15 +1,18 @@
 """The verb `simulate`: fly a scenario file on a platform and keep the trajectories."""
 
+import math
 import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 from rich.table import Table
 
 from skystack.errors import InputError, PlatformError
+from skystack.evaluation.followed import STATUS, follow
 from skystack.evaluation.stored import write_table
 from skystack.files import check_folder_of
 from skystack.platforms.flight import Flight, flight_rows, fly_scenario
@@ -19,8 +22,8 @@ from skystack.platforms.registry import (
     OWN,
     check_platform,
     flown_type,
+    notes_of,
     open_platform,
-    said_of,
 )
 from skystack.simulator.scenario_file import Scenario, load_scenario
 
@@ -28,7 +31,7 @@ from skystack.simulator.scenario_file import Scenario, load_scenario
 def simulate_file(
     path: Path, output: Path | None, platform: str = OWN, time_limit_s: float = TIME_LIMIT_S
 ) -> dict[str, Any]:
-    """Fly a scenario file; returns the last row of every aircraft and what was said.
+    """Fly a scenario file; returns the last row of every aircraft, clearances and losses.
 
     Writes all rows as Parquet where `output` is given (its folder must exist). Raises InputError
     for a scenario that cannot be flown, a platform that is not there or a file that cannot be
@@ -39,21 +42,27 @@ def simulate_file(
     if output is not None:
         check_folder_of(output)
     flight = _fly(path, scenario, platform, time_limit_s)
-    table = pa.table(flight_rows(scenario, flight))
+    followed = follow(scenario, flight.reports)
+    status = np.array(STATUS)[followed.status].reshape(-1)
+    table = pa.table(flight_rows(scenario, flight) | {"status": status})
     if output is not None:
         beside = {"aircraft": _aircraft(scenario), "clearances": _clearances(flight)}
-        write_table(output, table, scenario.sector, scenario.performance, beside)
+        performance, types = scenario.performance, scenario.fleet
+        write_table(output, table, scenario.sector, performance, types, beside)
+    least_nm = followed.min_separation_nm
     return {
         "scenario": str(path),
         "platform": platform,
         "types": {one.callsign: flown_type(platform, one.type) for one in scenario.aircraft},
-        "notes": said_of(platform, {one.type for one in scenario.aircraft}),
+        "notes": notes_of(platform, scenario),
         "rows": table.num_rows,
         "output": None if output is None else str(output),
         "clearances": [
             {"cycle": cycle, "callsign": instruction.callsign, "text": written(instruction)}
             for cycle, instruction in flight.issued
         ],
+        "losses_of_separation": followed.losses,
+        "min_separation_nm": least_nm if math.isfinite(least_nm) else None,
         "final": table.slice(table.num_rows - len(scenario.aircraft)).to_pylist(),
     }
 
@@ -73,15 +82,15 @@ def _aircraft(scenario: Scenario) -> list[dict[str, Any]]:
 
 
 def _clearances(flight: Flight) -> list[dict[str, Any]]:
-    """What was said, with the columns of an evaluation's table; a heading and a level are two."""
+    """The clearances, with the columns of an evaluation's table; a heading and a level are two."""
     rows = []
-    for cycle, told in flight.issued:
-        parts = (("heading", told.heading_deg, told.turn), ("level", told.level_fl, told.vertical))
+    for cycle, each in flight.issued:
+        parts = (("heading", each.heading_deg, each.turn), ("level", each.level_fl, each.vertical))
         for kind, value, direction in parts:
             if value is not None:
-                row = {"cycle": cycle, "callsign": told.callsign, "kind": kind, "value": value}
+                row = {"cycle": cycle, "callsign": each.callsign, "kind": kind, "value": value}
                 rows.append(row | {"direction": direction, "instructions": 1})
-                rows[-1]["text"] = written(told)
+                rows[-1]["text"] = written(each)
     return rows
 
 
@@ -105,23 +114,32 @@ def _flyer(platform: str, folder: Path) -> Callable[[Scenario], Flight]:
     return partial(fly_scenario, open_platform(platform, folder))
 
 
+def losses_line(summary: dict[str, Any]) -> str:
+    """Losses of separation in a line, for a terminal."""
+    count, least_nm = summary["losses_of_separation"], summary["min_separation_nm"]
+    if least_nm is None:
+        return "losses of separation: none (no two aircraft without vertical separation)"
+    return f"losses of separation: {count or 'none'} (least distance {least_nm:.2f} NM)"
+
+
 def summary_table(summary: dict[str, Any]) -> Table:
-    """Where everybody ended, for a terminal."""
-    table = Table(title=f"{summary['scenario']}: {summary['rows']} rows")
+    """Where the aircraft ended, for a terminal."""
+    final = summary["final"]
+    table = Table(title=f"{summary['scenario']}: {summary['rows']} rows, {final[0]['time_s']} s")
     for name in _SHOWN:
-        table.add_column(name.replace("_", " "), justify="left" if name == "callsign" else "right")
-    for row in summary["final"]:
+        table.add_column(name.replace("_", "\n"), justify="left" if name == "callsign" else "right")
+    for row in final:
         table.add_row(*(f"{row[name]:{how}}" for name, how in _SHOWN.items()))
     return table
 
 
 _SHOWN = {
     "callsign": "",
-    "time_s": "d",
     "lat": ".4f",
     "lon": ".4f",
     "fl": ".1f",
     "heading_deg": ".1f",
     "ground_speed_kt": ".0f",
+    "status": "",
 }
 """Columns of the summary and how their values are written."""

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from skystack.errors import InputError, PlatformError
 from skystack.evaluation.rollout import Controller, Recording, keep, query_keys, together
 from skystack.platforms.conversion import scenario_of, traffic_of
-from skystack.platforms.instruction import worded
+from skystack.platforms.instruction import Instruction
 from skystack.platforms.processes import TIME_LIMIT_S, in_processes
 from skystack.platforms.protocol import Platform
 from skystack.seeds import scenario_key
@@ -118,12 +118,10 @@ class Pilot:
         callsign = callsigns(self._task.scenarios.aircraft)[aircraft]
         if actions.kind == "level":
             cleared_fl = int(np.rint(told.cleared_level[aircraft] / TICKS_PER_FL))
-            actual_fl = float(told.level[aircraft] / TICKS_PER_FL)
-            instruction = worded(callsign, None, cleared_fl, 0.0, actual_fl)
+            instruction = Instruction(callsign, level_fl=cleared_fl)
         else:
             cleared_deg = int(np.rint(told.cleared_heading_deg[aircraft])) % 360
-            actual_deg = float(told.heading_deg[aircraft])
-            instruction = worded(callsign, cleared_deg, None, actual_deg)
+            instruction = Instruction(callsign, heading_deg=cleared_deg)
         self._platform.issue(instruction)
 
 

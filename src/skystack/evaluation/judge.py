@@ -20,7 +20,14 @@ from skystack.files import make_folder
 from skystack.learning.experiment import Experiment, experiment_from
 from skystack.learning.policy import Policy
 from skystack.platforms.processes import TIME_LIMIT_S
-from skystack.platforms.registry import OWN, check_platform, flown_type, open_platform
+from skystack.platforms.registry import (
+    OWN,
+    adoption_of,
+    check_platform,
+    flown_type,
+    open_platform,
+    said_of,
+)
 from skystack.tasks.build import build_task
 from skystack.tasks.navigation import NavigationTask
 
@@ -50,6 +57,8 @@ class Judged(NamedTuple):
     clearances: pa.Table
     failed: dict[int, str]
     """Scenarios that the platform did not finish, and why; they are in neither."""
+    notes: tuple[str, ...] = ()
+    """What the platform flew in another way than the task asks for, in lines for the user."""
 
 
 def task_of(policy: Policy, sector: str | SectorEntry | None = None) -> NavigationTask:
@@ -126,14 +135,18 @@ def _judge(
     else:
         flown = _fly_elsewhere(task, controller, conditions, out, on_scenario)
     wall_s = time.monotonic() - begun
-    tables = make_tables(task, flown.recording, partial(flown_type, platform))
+    flown_as, adoption = partial(flown_type, platform), adoption_of(platform)
+    tables = make_tables(task, flown.recording, flown_as, adoption)
     if out is not None:
         folder = evaluation_folder(out, name, trained_seed, stacking, platform)
-        tables.write(folder, task.simulator.sector, task.settings.performance)
+        settings = task.settings
+        tables.write(folder, task.simulator.sector, settings.performance, settings.fleet)
     row = summarise(
         name, trained_seed, platform, stacking, conditions.greedy, wall_s, tables.episodes
     )
-    return Judged(row, tables.episodes, tables.clearances, flown.failed)
+    climbs = task.actions.kind == "level"
+    notes = tuple(said_of(platform, task.simulator.performance.types, climbs))
+    return Judged(row, tables.episodes, tables.clearances, flown.failed, notes)
 
 
 def _fly_elsewhere(

@@ -21,8 +21,10 @@ from skystack.evaluation.columns import (
 )
 from skystack.files import write_aside
 from skystack.json_file import decode, inside
-from skystack.simulator.performance import PERFORMANCE
-from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario
+from skystack.platforms.registry import PLATFORMS, flown_type
+from skystack.simulator.fleet import MOST_TYPES, AircraftType, fleet
+from skystack.simulator.performance import DEFAULT_TYPE, PERFORMANCE
+from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario, on_tick
 
 MOST_AIRCRAFT = 200
 MOST_CYCLES = 100_000
@@ -30,7 +32,8 @@ MOST_CYCLES = 100_000
 Cycle = Annotated[int, msgspec.Meta(ge=0, le=MOST_CYCLES)]
 Level = Annotated[float, msgspec.Meta(ge=-1000.0, le=1000.0)]
 
-_SECTOR, _PERFORMANCE = b"sector", b"performance"
+_SECTOR, _PERFORMANCE, _FLEET = b"sector", b"performance", b"fleet"
+_Types = Annotated[tuple[AircraftType, ...], msgspec.Meta(max_length=MOST_TYPES)]
 
 
 def write_table(
@@ -38,15 +41,18 @@ def write_table(
     table: pa.Table,
     sector: Sector,
     performance: str,
+    types: Sequence[AircraftType] = (),
     beside: Mapping[str, list[dict[str, Any]]] | None = None,
 ) -> None:
-    """Write one table as Parquet, its sector and the name of the performance in the metadata.
+    """Write one table as Parquet, its sector, the performance and the fleet in the metadata.
 
     `beside` are small tables that go along in the metadata as JSON. Raises InputError if it cannot
     be written.
     """
     sink = pa.BufferOutputStream()
     metadata = {_SECTOR: msgspec.json.encode(sector), _PERFORMANCE: performance.encode()}
+    if types:
+        metadata[_FLEET] = msgspec.json.encode(types)
     metadata |= {key.encode(): msgspec.json.encode(rows) for key, rows in (beside or {}).items()}
     pq.write_table(table.replace_schema_metadata(metadata), sink, compression="zstd")
     write_aside(path, sink.getvalue().to_pybytes())
@@ -98,6 +104,14 @@ def _read(path: Path, columns: Sequence[str], filters: Any) -> pa.Table:
 
 _BATCH = 65536
 """Rows."""
+
+
+def has_column(path: Path, name: str) -> bool:
+    """Whether a table has a column. Raises InputError where it cannot be read."""
+    try:
+        return name in pq.read_schema(path).names
+    except (OSError, pa.ArrowException):
+        raise InputError(f"{path}: missing or damaged: not a Parquet table") from None
 
 
 def rows_of(callsign: str, table: pa.Table) -> pa.Table:
@@ -218,11 +232,7 @@ def stored_scenario(folder: Path, number: int) -> Scenario:
     aircraft = read_table(folder / "aircraft.parquet", columns, only)
     issued = read_table(folder / "clearances.parquet", ("cycle", "callsign", "kind", "value"), only)
     episodes = read_table(folder / "episodes.parquet", ("cycles",), only)
-    performance = (
-        (start.schema.metadata or {}).get(_PERFORMANCE, b"table").decode("utf-8", "replace")
-    )
-    if performance not in PERFORMANCE:
-        raise InputError(f"{path}: unknown performance {performance!r} in its metadata")
+    performance, types = _performance_of(path, start)
     flown = {row.pop("callsign"): row for row in start.to_pylist()}
     if episodes.num_rows != 1 or set(flown) != set(aircraft["callsign"].to_pylist()):
         raise InputError(f"{folder}: its tables do not agree on scenario {number}")
@@ -237,9 +247,33 @@ def stored_scenario(folder: Path, number: int) -> Scenario:
         sector,
         performance,
         cycles,
-        tuple(_aircraft(row, flown[row["callsign"]]) for row in who),
+        tuple(_aircraft(row, flown[row["callsign"]], types) for row in who),
         tuple(_given(row) for row in said),
+        types,
     )
+
+
+def _performance_of(path: Path, table: pa.Table) -> tuple[str, tuple[AircraftType, ...]]:
+    """Performance and fleet in a table's metadata; none is the default, and no fleet."""
+    metadata = table.schema.metadata or {}
+    performance = metadata.get(_PERFORMANCE, b"table").decode("utf-8", "replace")
+    if performance not in PERFORMANCE:
+        raise InputError(f"{path}: unknown performance {performance!r} in its metadata")
+    types: tuple[AircraftType, ...] = ()
+    if _FLEET in metadata:
+        types = decode(metadata[_FLEET], _Types, f"{path}: the fleet in its metadata")
+        with inside(f"{path}: its metadata"):
+            fleet(types, "fleet")
+    return performance, types
+
+
+def _type_asked_for(flown: str, types: Sequence[AircraftType]) -> str:
+    """The type that was to fly; a table has the one that the platform flew in its place."""
+    known = [each.type for each in types] or [DEFAULT_TYPE]
+    if flown in known:
+        return flown
+    asked = (each for each in known if flown in {flown_type(name, each) for name in PLATFORMS})
+    return next(asked, flown)
 
 
 def _check_given(path: Path, row: Mapping[str, Any], cycles: int, flown: Collection[str]) -> None:
@@ -250,11 +284,13 @@ def _check_given(path: Path, row: Mapping[str, Any], cycles: int, flown: Collect
         raise InputError(f"{path}: no clearance of this scenario: {shown}")
 
 
-def _aircraft(row: dict[str, Any], start: dict[str, float]) -> Aircraft:
+def _aircraft(
+    row: dict[str, Any], start: dict[str, float], types: Sequence[AircraftType]
+) -> Aircraft:
     return Aircraft(
-        **start,
+        **start | {"fl": on_tick(start["fl"])},
         callsign=row["callsign"],
-        type=row["type"],
+        type=_type_asked_for(row["type"], types),
         route=tuple(row["route"].split()),
         exit_fl=row["exit_fl"],
         own_navigation=row["own_navigation"],

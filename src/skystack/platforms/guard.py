@@ -5,7 +5,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from skystack.airspace.projection import wrap_longitude
 from skystack.errors import InputError, PlatformError
+from skystack.platforms.adoption import Adoption
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.protocol import Platform, Report
 from skystack.simulator.scenario_file import Scenario
@@ -14,11 +16,18 @@ Answer = TypeVar("Answer")
 
 
 class Guarded:
-    """A platform whose own errors are PlatformErrors and whose reports are whole and finite."""
+    """A platform whose own errors are PlatformErrors and whose reports are whole and finite.
+
+    Their longitudes are in [-180, 180), whatever the platform counts them from.
+    """
 
     def __init__(self, opened: Callable[[], Platform]) -> None:
         self._platform = _ask(opened)
         self._callsigns: tuple[str, ...] = ()
+
+    @property
+    def adoption(self) -> Adoption:
+        return self._platform.adoption
 
     def reset(self, scenario: Scenario) -> Report:
         self._callsigns = tuple(aircraft.callsign for aircraft in scenario.aircraft)
@@ -42,7 +51,7 @@ class Guarded:
             if wrong.size:
                 callsign = self._callsigns[wrong[0]]
                 raise PlatformError(f"reported a {name} of {callsign} that is not finite")
-        return report
+        return report._replace(lon=wrap_longitude(report.lon))
 
 
 def _ask(question: Callable[..., Answer], *arguments: Any) -> Answer:

@@ -1,4 +1,8 @@
-"""What one aircraft is told in one transmission: the one value behind every language."""
+"""One transmission to one aircraft: the one value behind every language.
+
+A platform flies `heading_deg`, `level_fl` and, with `by_direction`, `turn`. The words, `turn` and
+`vertical`, are those of the way that is flown: `skystack.platforms.adoption` finds them.
+"""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -14,9 +18,9 @@ class Instruction:
     heading_deg: int | None = None
     """Whole degrees in [0, 360]; 0 and 360 are the same."""
     turn: Literal["left", "right"] | None = None
-    """The way to turn, where it is said."""
+    """The way to turn; None where there is nothing to turn, or it is not known yet."""
     by_direction: bool = False
-    """Turn the way that is said even where it is the longer one; else always the shorter way."""
+    """Turn that way even where it is the longer one; else always the shorter way."""
     level_fl: int | None = None
     vertical: Literal["climb", "descend"] | None = None
     """Which way the level lies; None where it is the one being flown."""
@@ -36,36 +40,3 @@ class Instruction:
             raise InputError(
                 f"vertical is {self.vertical!r} (allowed: only together with level_fl)"
             )
-
-
-def shorter_turn(actual_deg: float, target_deg: float) -> Literal["left", "right"] | None:
-    """The way that a turn goes if it is free to choose; None where there is nothing to turn."""
-    turn = (target_deg - actual_deg) % 360.0
-    if turn == 0.0:
-        return None
-    # Half a turn passes through no north, as in the simulator.
-    right = target_deg > actual_deg if turn == 180.0 else turn < 180.0
-    return "right" if right else "left"
-
-
-def worded(
-    callsign: str,
-    heading_deg: int | None,
-    level_fl: int | None,
-    actual_heading_deg: float,
-    actual_fl: float | None = None,
-    turn: Literal["left", "right"] | None = None,
-) -> Instruction:
-    """An instruction with the words that the aircraft's present state calls for.
-
-    `turn` is given where the direction is to be obeyed; without it the shorter way is said. The
-    actual level is needed only with a level.
-    """
-    if heading_deg is not None and turn is None:
-        said = shorter_turn(actual_heading_deg, heading_deg % 360)
-    else:
-        said = turn
-    vertical: Literal["climb", "descend"] | None = None
-    if level_fl is not None and actual_fl is not None and level_fl != actual_fl:
-        vertical = "climb" if level_fl > actual_fl else "descend"
-    return Instruction(callsign, heading_deg, said, turn is not None, level_fl, vertical)

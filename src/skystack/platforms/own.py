@@ -6,9 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from skystack.platforms.adoption import SKYSTACK
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.protocol import Report, check_types
-from skystack.simulator.performance import DEFAULT_TYPE
 from skystack.simulator.scenario_file import Scenario
 from skystack.simulator.simulator import Simulator, instruct
 from skystack.simulator.traffic import (
@@ -22,12 +22,14 @@ from skystack.simulator.traffic import (
     trajectory_columns,
 )
 
-TYPES = (DEFAULT_TYPE,)
-"""The types whose speeds are known: the table is that of BluebirdDT's MEDIUM class."""
-
 
 class Skystack:
-    """Implements `skystack.platforms.protocol.Platform`."""
+    """Implements `skystack.platforms.protocol.Platform`; flies the types of the scenario's fleet.
+
+    Without a fleet these are the B753 alone: the table is that of BluebirdDT's MEDIUM class.
+    """
+
+    adoption = SKYSTACK
 
     def __init__(self) -> None:
         self._scenario: Scenario
@@ -36,8 +38,9 @@ class Skystack:
         self._advance: Any = None
 
     def reset(self, scenario: Scenario) -> Report:
-        check_types(scenario, TYPES, "skystack", ", ".join(TYPES))
         simulator = scenario.simulator()
+        known = simulator.performance.types
+        check_types(scenario, known, "skystack", ", ".join(known))
         if simulator != self._simulator:
             self._simulator, self._advance = simulator, jax.jit(simulator.advance)
         self._scenario, self._traffic = scenario, scenario.initial_traffic(simulator)

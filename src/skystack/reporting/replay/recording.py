@@ -20,7 +20,14 @@ from jaxtyping import Float
 from skystack.airspace.projection import MercatorPlane
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
-from skystack.evaluation.stored import check_who, metadata_of, read_table, rows_of, sector_of
+from skystack.evaluation.stored import (
+    check_who,
+    has_column,
+    metadata_of,
+    read_table,
+    rows_of,
+    sector_of,
+)
 from skystack.platforms.registry import OWN
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.tasks.tracking import pair_distance_squared
@@ -191,14 +198,15 @@ def _scenario(
 
 
 def _simulated(path: Path) -> Replay:
-    flown = read_table(path, ("cycle", "callsign", *NUMBERS))
+    has_status = has_column(path, "status")  # older tables have none
+    flown = read_table(path, ("cycle", "callsign", *NUMBERS, *(("status",) if has_status else ())))
     who, said = (metadata_of(path, flown, key) for key in ("aircraft", "clearances"))
     sector = sector_of(path, flown)
     check_who(path, sector, who)
     if not flown.num_rows:
         raise InputError(f"{path}: holds no row")
-    status = pa.array([FLYING] * flown.num_rows)
-    flown = flown.append_column("status", status)
+    if not has_status:
+        flown = flown.append_column("status", pa.array([FLYING] * flown.num_rows))
     flying = tuple(_aircraft(sector, path, flown, each) for each in who)
     cycles = int(flown["cycle"].to_numpy().max())
     return Replay(path.stem, sector, (_assembled(sector, 0, cycles, None, flying, said, path),))
