@@ -52,6 +52,13 @@ def check_flown_types(scenario: Scenario) -> None:
     """Raise InputError for an aircraft type that BlueSky would silently replace."""
     allowed = f"a type that it knows, as {', '.join(SUBSTITUTES.values())}"
     check_types(scenario, TYPES | set(SUBSTITUTES), "BlueSky", allowed)
+    fleet = {member.type for member in scenario.fleet}
+    for asked in sorted(fleet & set(SUBSTITUTES)):
+        if flown_type(asked) in fleet:  # the tables could not tell one from the other
+            raise InputError(
+                f"the fleet has {asked}, which BlueSky flies as {flown_type(asked)}, and "
+                f"{flown_type(asked)} itself (allowed: one of them)"
+            )
 
 
 @lru_cache(maxsize=4096)
