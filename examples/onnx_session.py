@@ -18,7 +18,8 @@ import onnxruntime
 from skystack.catalogue import find_policy
 from skystack.evaluation.judge import task_of
 from skystack.export.onnx_file import export_onnx
-from skystack.platforms.instruction import Instruction, worded
+from skystack.platforms.adoption import SKYSTACK, in_words
+from skystack.platforms.instruction import Instruction
 from skystack.platforms.phraseology import written
 from skystack.seeds import scenario_key
 from skystack.stacking import stack
@@ -50,7 +51,7 @@ while not over:
         who, _ = task.actions.changes[clearance.action - 1]
         cleared, heading = traffic.cleared_heading_deg[who], traffic.heading_deg[who]
         issued = Instruction(f"AC{who + 1}", heading_deg=int(cleared))
-        text = written(worded(issued, float(heading), fl=300.0))
-        print(f"{6 * cycle:4d} s  {text} (from {clearance.instructions})")
+        (worded,) = in_words([issued], heading[None], np.array([300.0]), SKYSTACK)
+        print(f"{6 * cycle:4d} s  {written(worded)} (from {clearance.instructions})")
     cycle, over = cycle + 1, bool(outcome.terminated)
 print(f"success: {bool(outcome.metrics.success)}")

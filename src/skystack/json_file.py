@@ -43,7 +43,10 @@ def read_json(path: Path) -> Any:
         raise InputError("is empty (allowed: JSON)")
     try:
         raw = json.loads(
-            data.decode("utf-8-sig"), object_pairs_hook=_object, parse_constant=_refuse_constant
+            data.decode("utf-8-sig"),
+            object_pairs_hook=_object,
+            parse_constant=_refuse_constant,
+            parse_float=_number,
         )
     except UnicodeDecodeError as error:
         raise InputError(f"is not UTF-8 (byte {error.start})") from None
@@ -131,6 +134,16 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
             raise InputError(f"field {name!r} stands twice in one object (allowed: once)")
         found[name] = value
     return found
+
+
+_EXACT = 2**53
+"""Whole numbers below it are exact as floating-point numbers."""
+
+
+def _number(text: str) -> int | float:
+    """JSON has one kind of number: 220.0 is the whole number 220."""
+    number = float(text)
+    return int(number) if number.is_integer() and abs(number) < _EXACT else number
 
 
 def _refuse_constant(name: str) -> NoReturn:

@@ -7,14 +7,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 from rich.table import Table
 
 from skystack.errors import InputError, PlatformError
-from skystack.evaluation.flown_scenario import judge_flight
-from skystack.evaluation.losses import Loss
+from skystack.evaluation.followed import STATUS, follow
 from skystack.evaluation.stored import write_table
-from skystack.evaluation.tables import STATUS
 from skystack.files import check_folder_of
 from skystack.platforms.flight import Flight, flight_rows, fly_scenario
 from skystack.platforms.phraseology import written
@@ -23,17 +22,16 @@ from skystack.platforms.registry import (
     OWN,
     check_platform,
     flown_type,
+    notes_of,
     open_platform,
-    said_of,
 )
 from skystack.simulator.scenario_file import Scenario, load_scenario
-from skystack.simulator.simulator import CYCLE_S
 
 
 def simulate_file(
     path: Path, output: Path | None, platform: str = OWN, time_limit_s: float = TIME_LIMIT_S
 ) -> dict[str, Any]:
-    """Fly a scenario file; returns the last row of every aircraft and what was said.
+    """Fly a scenario file; returns the last row of every aircraft, clearances and losses.
 
     Writes all rows as Parquet where `output` is given (its folder must exist). Raises InputError
     for a scenario that cannot be flown, a platform that is not there or a file that cannot be
@@ -44,50 +42,29 @@ def simulate_file(
     if output is not None:
         check_folder_of(output)
     flight = _fly(path, scenario, platform, time_limit_s)
-    judged = judge_flight(scenario, flight)
-    status = pa.DictionaryArray.from_arrays(judged.status.reshape(-1), list(STATUS))
+    followed = follow(scenario, flight.reports)
+    status = np.array(STATUS)[followed.status].reshape(-1)
     table = pa.table(flight_rows(scenario, flight) | {"status": status})
     if output is not None:
         beside = {"aircraft": _aircraft(scenario), "clearances": _clearances(flight)}
-        write_table(output, table, scenario.sector, scenario.performance, beside, scenario.fleet)
+        performance, types = scenario.performance, scenario.fleet
+        write_table(output, table, scenario.sector, performance, types, beside)
+    least_nm = followed.min_separation_nm
     return {
         "scenario": str(path),
         "platform": platform,
         "types": {one.callsign: flown_type(platform, one.type) for one in scenario.aircraft},
-        "notes": said_of(platform, {one.type for one in scenario.aircraft}),
+        "notes": notes_of(platform, scenario),
         "rows": table.num_rows,
         "output": None if output is None else str(output),
         "clearances": [
             {"cycle": cycle, "callsign": instruction.callsign, "text": written(instruction)}
             for cycle, instruction in flight.issued
         ],
-        "losses_of_separation": [_loss(scenario, loss) for loss in judged.losses],
+        "losses_of_separation": followed.losses,
+        "min_separation_nm": least_nm if math.isfinite(least_nm) else None,
         "final": table.slice(table.num_rows - len(scenario.aircraft)).to_pylist(),
     }
-
-
-def _loss(scenario: Scenario, loss: Loss) -> dict[str, Any]:
-    first, second = (scenario.aircraft[number].callsign for number in (loss.first, loss.second))
-    return {
-        "first": first,
-        "second": second,
-        "from_s": loss.begins * CYCLE_S,
-        "to_s": loss.ends * CYCLE_S,
-        "least_nm": loss.least_nm,
-    }
-
-
-def loss_lines(summary: dict[str, Any]) -> list[str]:
-    """The losses of separation, for a terminal: how many, then each."""
-    found = summary["losses_of_separation"]
-    lines = [f"losses of separation: {len(found)}"]
-    for loss in found:
-        least_nm = math.floor(loss["least_nm"] * 100.0) / 100.0  # 4.999 NM is not 5.00
-        lines.append(
-            f"  {loss['first']} and {loss['second']}: {loss['from_s']} to {loss['to_s']} s, "
-            f"least {least_nm:.2f} NM"
-        )
-    return lines
 
 
 def _aircraft(scenario: Scenario) -> list[dict[str, Any]]:
@@ -105,15 +82,15 @@ def _aircraft(scenario: Scenario) -> list[dict[str, Any]]:
 
 
 def _clearances(flight: Flight) -> list[dict[str, Any]]:
-    """What was said, with the columns of an evaluation's table; a heading and a level are two."""
+    """The clearances, with the columns of an evaluation's table; a heading and a level are two."""
     rows = []
-    for cycle, told in flight.issued:
-        parts = (("heading", told.heading_deg, told.turn), ("level", told.level_fl, told.vertical))
+    for cycle, each in flight.issued:
+        parts = (("heading", each.heading_deg, each.turn), ("level", each.level_fl, each.vertical))
         for kind, value, direction in parts:
             if value is not None:
-                row = {"cycle": cycle, "callsign": told.callsign, "kind": kind, "value": value}
+                row = {"cycle": cycle, "callsign": each.callsign, "kind": kind, "value": value}
                 rows.append(row | {"direction": direction, "instructions": 1})
-                rows[-1]["text"] = written(told)
+                rows[-1]["text"] = written(each)
     return rows
 
 
@@ -137,19 +114,27 @@ def _flyer(platform: str, folder: Path) -> Callable[[Scenario], Flight]:
     return partial(fly_scenario, open_platform(platform, folder))
 
 
+def losses_line(summary: dict[str, Any]) -> str:
+    """Losses of separation in a line, for a terminal."""
+    count, least_nm = summary["losses_of_separation"], summary["min_separation_nm"]
+    if least_nm is None:
+        return "losses of separation: none (no two aircraft without vertical separation)"
+    return f"losses of separation: {count or 'none'} (least distance {least_nm:.2f} NM)"
+
+
 def summary_table(summary: dict[str, Any]) -> Table:
-    """Where everybody ended, for a terminal."""
-    table = Table(title=f"{summary['scenario']}: {summary['rows']} rows")
+    """Where the aircraft ended, for a terminal."""
+    final = summary["final"]
+    table = Table(title=f"{summary['scenario']}: {summary['rows']} rows, {final[0]['time_s']} s")
     for name in _SHOWN:
-        table.add_column(name.replace("_", " "), justify="left" if name == "callsign" else "right")
-    for row in summary["final"]:
+        table.add_column(name.replace("_", "\n"), justify="left" if name == "callsign" else "right")
+    for row in final:
         table.add_row(*(f"{row[name]:{how}}" for name, how in _SHOWN.items()))
     return table
 
 
 _SHOWN = {
     "callsign": "",
-    "time_s": "d",
     "lat": ".4f",
     "lon": ".4f",
     "fl": ".1f",

@@ -157,7 +157,7 @@ def test_a_level_is_captured_exactly(platform, level):
     assert column(reports, "cleared_fl")[1, 0] == level
     assert column(reports, "vertical_speed_ft_min")[-1, 0] == 0.0
     rate = column(reports, "vertical_speed_ft_min")[3, 0]
-    assert rate == pytest.approx(1500.0 if level > 300 else -1500.0)
+    assert rate == pytest.approx(2500.0 if level > 300 else -2500.0)
 
 
 def test_heading_and_level_may_be_told_at_once(platform):

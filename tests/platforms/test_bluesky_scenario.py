@@ -69,7 +69,11 @@ def test_clearances_stand_at_the_time_of_their_cycle():
     assert told == [
         (30, "HDG BAW12 035"),
         (30, "ALT BAW12 FL340"),
-        (30, "SPD BAW12 M0.80000000"),
+        (30, "VS BAW12 2500.000000"),
+        # The climb of 40 levels: its speed, its Mach number from the crossover on, and cruise.
+        (30, "SPD BAW12 290.000000"),
+        (72, "SPD BAW12 M0.79000000"),
+        (132, "SPD BAW12 M0.80000000"),
         (4200, "HDG BAW12 000"),
         (6000, "HOLD"),
     ]

@@ -18,7 +18,7 @@ REFUSED = [
     # Fields and types.
     (("levels",), 1, "unknown field 'levels'; did you mean 'levels_fl'? (allowed: aircraft, "),
     ((*A1, "callsing"), 1, "aircraft[1]: unknown field 'callsing'; did you mean 'callsign'? ("),
-    ((*A1, "\ud800"), 1, "unknown field '\\ud800' (allowed: aircraft, callsign, clearances, cycle"),
+    ((*A1, "\ud800"), 1, "unknown field '\\ud800' (allowed: aircraft, callsign, ceiling_fl, clear"),
     (("a\nb - at `$.x`",), 1, "unknown field 'a\\nb - at `$.x`' (allowed: aircraft, callsign, c"),
     ((*C0, "turns"), 1, "clearances[0]: unknown field 'turns'; did you mean 'turn'? (allowed: "),
     (("sector",), ..., "sector is missing"),

@@ -154,7 +154,6 @@ def evaluate(options: argparse.Namespace) -> int:
     from skystack.console import count_scenarios, output
     from skystack.evaluation.judge import Conditions, judge
     from skystack.evaluation.summary import aggregate
-    from skystack.platforms.registry import said_of
     from skystack.programs import compile_for_one_core, kept_programs
     from skystack.reporting.tables import comparison_of
 
@@ -174,7 +173,7 @@ def evaluate(options: argparse.Namespace) -> int:
     counting = count_scenarios(options.platform, options.episodes)
     with kept_programs(), counting as on_scenario:
         judged = judge(policy, conditions, options.out, on_scenario, experiment=options.experiment)
-    for line in [*judged.notes, *said_of(options.platform)]:
+    for line in judged.notes:
         say(line)
     rows = [aggregate([judged.row], [judged.episodes])]
     if options.json:
@@ -285,7 +284,7 @@ def _picture(options: argparse.Namespace, runs: list[Path]) -> int:
 
 def simulate(options: argparse.Namespace) -> int:
     from skystack.console import output
-    from skystack.simulate import loss_lines, simulate_file, summary_table
+    from skystack.simulate import losses_line, simulate_file, summary_table
 
     summary = simulate_file(options.scenario, options.output, options.platform, options.time_limit)
     for line in summary["notes"]:
@@ -296,8 +295,7 @@ def simulate(options: argparse.Namespace) -> int:
         output().print(summary_table(summary))
         for said in summary["clearances"]:
             print_line(f"{said['cycle'] * 6:6d} s  {said['text']}")
-        for line in loss_lines(summary):
-            print_line(line)
+        print_line(losses_line(summary))
     if options.output:
         say(f"written: {options.output}")
     return DONE

@@ -125,10 +125,11 @@ class Pilot:
         callsign = callsigns(self._task.scenarios.aircraft)[aircraft]
         if actions.kind == "level":
             cleared_fl = int(np.rint(told.cleared_level[aircraft] / TICKS_PER_FL))
-            self._platform.issue(Instruction(callsign, level_fl=cleared_fl))
+            instruction = Instruction(callsign, level_fl=cleared_fl)
         else:
             cleared_deg = int(np.rint(told.cleared_heading_deg[aircraft])) % 360
-            self._platform.issue(Instruction(callsign, heading_deg=cleared_deg))
+            instruction = Instruction(callsign, heading_deg=cleared_deg)
+        self._platform.issue(instruction)
 
 
 Decide = Callable[[NavigationState, PRNGKeyArray, int, int], tuple[NavigationState, Stack]]

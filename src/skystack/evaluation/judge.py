@@ -3,7 +3,7 @@
 import pickle
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,7 +29,14 @@ from skystack.learning.experiment import (
 )
 from skystack.learning.policy import Policy, PolicyDescription
 from skystack.platforms.processes import TIME_LIMIT_S
-from skystack.platforms.registry import OWN, adoption_of, check_platform, flown_type, open_platform
+from skystack.platforms.registry import (
+    OWN,
+    adoption_of,
+    check_platform,
+    flown_type,
+    open_platform,
+    said_of,
+)
 from skystack.tasks.build import build_task, check_cycles
 from skystack.tasks.navigation import NavigationTask
 
@@ -61,8 +68,9 @@ class Judged(NamedTuple):
     clearances: pa.Table
     failed: dict[int, str]
     """Scenarios that the platform did not finish, and why; they are in neither."""
-    notes: Sequence[str] = ()
-    """What to know about the row: routes that take longer than a scenario."""
+    notes: tuple[str, ...] = ()
+    """What the user should know: what a platform flew in another way than the task asks for, and
+    routes that take longer than a scenario."""
 
 
 def task_of(
@@ -233,22 +241,20 @@ def _judge(
     else:
         flown = _fly_elsewhere(task, controller, conditions, out, on_scenario)
     wall_s = time.monotonic() - begun
-    tables = make_tables(
-        task, flown.recording, partial(flown_type, platform), adoption_of(platform)
-    )
+    flown_as, adoption = partial(flown_type, platform), adoption_of(platform)
+    tables = make_tables(task, flown.recording, flown_as, adoption)
     if out is not None:
         folder = evaluation_folder(out, name, trained_seed, stacking, platform)
-        fleet = [
-            msgspec.structs.replace(each, type=flown_type(platform, each.type))
-            for each in task.settings.fleet
-        ]
-        tables.write(folder, task.simulator.sector, task.settings.performance, fleet)
+        settings = task.settings
+        tables.write(folder, task.simulator.sector, settings.performance, settings.fleet)
     row = summarise(
         name, trained_seed, platform, stacking, conditions.greedy, wall_s, tables.episodes
     )
+    climbs = task.actions.kind == "level"
     beyond = check_cycles(task)
-    notes = [] if beyond is None else [beyond]
-    return Judged(row, tables.episodes, tables.clearances, flown.failed, notes)
+    notes = said_of(platform, task.simulator.performance.types, climbs)
+    notes += [] if beyond is None else [beyond]
+    return Judged(row, tables.episodes, tables.clearances, flown.failed, tuple(notes))
 
 
 def _fly_here(

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 
 from skystack.airspace.sector import LatLon, Sector
 from skystack.airspace.sector_file import Point, SectorEntry, make_sector
-from skystack.errors import InputError, unknown_name
+from skystack.errors import InputError
 from skystack.evaluation.columns import (
     MOST_GROUP_BYTES,
     MOST_KEPT_ROWS,
@@ -21,9 +21,10 @@ from skystack.evaluation.columns import (
 )
 from skystack.files import write_aside
 from skystack.json_file import decode, inside
-from skystack.simulator.fleet import AircraftType, fleet
-from skystack.simulator.performance import PERFORMANCE
-from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario
+from skystack.platforms.registry import PLATFORMS, flown_type
+from skystack.simulator.fleet import MOST_TYPES, AircraftType, fleet
+from skystack.simulator.performance import DEFAULT_TYPE, PERFORMANCE
+from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario, on_tick
 
 MOST_AIRCRAFT = 200
 MOST_CYCLES = 100_000
@@ -32,6 +33,7 @@ Cycle = Annotated[int, msgspec.Meta(ge=0, le=MOST_CYCLES)]
 Level = Annotated[float, msgspec.Meta(ge=-1000.0, le=1000.0)]
 
 _SECTOR, _PERFORMANCE, _FLEET = b"sector", b"performance", b"fleet"
+_Types = Annotated[tuple[AircraftType, ...], msgspec.Meta(max_length=MOST_TYPES)]
 
 
 def write_table(
@@ -39,34 +41,31 @@ def write_table(
     table: pa.Table,
     sector: Sector,
     performance: str,
+    types: Sequence[AircraftType] = (),
     beside: Mapping[str, list[dict[str, Any]]] | None = None,
-    fleet: Sequence[AircraftType] = (),
 ) -> None:
-    """Write one table as Parquet, its sector, the name of the performance and the fleet's types in
-    the metadata.
+    """Write one table as Parquet, its sector, the performance and the fleet in the metadata.
 
     `beside` are small tables that go along in the metadata as JSON. Raises InputError if it cannot
     be written.
     """
     sink = pa.BufferOutputStream()
     metadata = {_SECTOR: msgspec.json.encode(sector), _PERFORMANCE: performance.encode()}
-    if fleet:
-        metadata[_FLEET] = msgspec.json.encode(fleet)
+    if types:
+        metadata[_FLEET] = msgspec.json.encode(types)
     metadata |= {key.encode(): msgspec.json.encode(rows) for key, rows in (beside or {}).items()}
     pq.write_table(table.replace_schema_metadata(metadata), sink, compression="zstd")
     write_aside(path, sink.getvalue().to_pybytes())
 
 
-def read_table(
-    path: Path, columns: Sequence[str], filters: Any = None, optional: Sequence[str] = ()
-) -> pa.Table:
+def read_table(path: Path, columns: Sequence[str], filters: Any = None) -> pa.Table:
     """Some columns of a table, texts as dictionaries: what repeats in them takes no memory.
 
-    `optional` columns are read where they exist. `filters` are pyarrow's, as
-    `[("scenario", "=", 3)]`. Raises InputError for a missing, damaged or too large table.
+    `filters` are pyarrow's, as `[("scenario", "=", 3)]`. Raises InputError for a missing, damaged
+    or too large table.
     """
     try:
-        table = _read(path, columns, filters, optional)
+        table = _read(path, columns, filters)
     except FileNotFoundError:
         raise InputError(f"{path}: missing (evaluation writes it)") from None
     except (OSError, ValueError, KeyError, pa.ArrowException) as error:
@@ -80,14 +79,12 @@ def read_table(
     return table
 
 
-def _read(path: Path, columns: Sequence[str], filters: Any, optional: Sequence[str]) -> pa.Table:
+def _read(path: Path, columns: Sequence[str], filters: Any) -> pa.Table:
     """Batch by batch: rows that are not asked for take no memory."""
     only = None if filters is None else pq.filters_to_expression(filters)
     by = [] if filters is None else [name for name, _, _ in filters]
-    head = pq.read_metadata(path)
-    known = head.schema.to_arrow_schema().names
-    columns = [*columns, *(name for name in optional if name in known)]
     needed = list(dict.fromkeys([*columns, *by]))
+    head = pq.read_metadata(path)
     _check_head(path, head, needed)
     texts = sorted(TEXT & set(needed))
     with pq.ParquetFile(path, metadata=head, read_dictionary=texts) as file:
@@ -107,6 +104,14 @@ def _read(path: Path, columns: Sequence[str], filters: Any, optional: Sequence[s
 
 _BATCH = 65536
 """Rows."""
+
+
+def has_column(path: Path, name: str) -> bool:
+    """Whether a table has a column. Raises InputError where it cannot be read."""
+    try:
+        return name in pq.read_schema(path).names
+    except (OSError, pa.ArrowException):
+        raise InputError(f"{path}: missing or damaged: not a Parquet table") from None
 
 
 def rows_of(callsign: str, table: pa.Table) -> pa.Table:
@@ -227,11 +232,7 @@ def stored_scenario(folder: Path, number: int) -> Scenario:
     aircraft = read_table(folder / "aircraft.parquet", columns, only)
     issued = read_table(folder / "clearances.parquet", ("cycle", "callsign", "kind", "value"), only)
     episodes = read_table(folder / "episodes.parquet", ("cycles",), only)
-    performance = (
-        (start.schema.metadata or {}).get(_PERFORMANCE, b"table").decode("utf-8", "replace")
-    )
-    if performance not in PERFORMANCE:
-        raise InputError(f"{path}: unknown performance {performance!r} in its metadata")
+    performance, types = _performance_of(path, start)
     flown = {row.pop("callsign"): row for row in start.to_pylist()}
     if episodes.num_rows != 1 or set(flown) != set(aircraft["callsign"].to_pylist()):
         raise InputError(f"{folder}: its tables do not agree on scenario {number}")
@@ -246,25 +247,33 @@ def stored_scenario(folder: Path, number: int) -> Scenario:
         sector,
         performance,
         cycles,
-        tuple(_aircraft(row, flown[row["callsign"]]) for row in who),
+        tuple(_aircraft(row, flown[row["callsign"]], types) for row in who),
         tuple(_given(row) for row in said),
-        _fleet_of(path, start, {row["type"] for row in who}),
+        types,
     )
 
 
-def _fleet_of(path: Path, table: pa.Table, types: Collection[str]) -> tuple[AircraftType, ...]:
-    """The fleet in a table's metadata, if any. Raises InputError for types that it lacks."""
-    data = (table.schema.metadata or {}).get(_FLEET)
-    if data is None:
-        return ()
-    where = f"{path}: the fleet in its metadata"
-    members: tuple[AircraftType, ...] = decode(data, tuple[AircraftType, ...], where)
-    with inside(where):
-        known = fleet(members).types
-        for each in types:
-            if each not in known:
-                raise unknown_name("type", each, known)
-    return members
+def _performance_of(path: Path, table: pa.Table) -> tuple[str, tuple[AircraftType, ...]]:
+    """Performance and fleet in a table's metadata; none is the default, and no fleet."""
+    metadata = table.schema.metadata or {}
+    performance = metadata.get(_PERFORMANCE, b"table").decode("utf-8", "replace")
+    if performance not in PERFORMANCE:
+        raise InputError(f"{path}: unknown performance {performance!r} in its metadata")
+    types: tuple[AircraftType, ...] = ()
+    if _FLEET in metadata:
+        types = decode(metadata[_FLEET], _Types, f"{path}: the fleet in its metadata")
+        with inside(f"{path}: its metadata"):
+            fleet(types, "fleet")
+    return performance, types
+
+
+def _type_asked_for(flown: str, types: Sequence[AircraftType]) -> str:
+    """The type that was to fly; a table has the one that the platform flew in its place."""
+    known = [each.type for each in types] or [DEFAULT_TYPE]
+    if flown in known:
+        return flown
+    asked = (each for each in known if flown in {flown_type(name, each) for name in PLATFORMS})
+    return next(asked, flown)
 
 
 def _check_given(path: Path, row: Mapping[str, Any], cycles: int, flown: Collection[str]) -> None:
@@ -275,11 +284,13 @@ def _check_given(path: Path, row: Mapping[str, Any], cycles: int, flown: Collect
         raise InputError(f"{path}: no clearance of this scenario: {shown}")
 
 
-def _aircraft(row: dict[str, Any], start: dict[str, float]) -> Aircraft:
+def _aircraft(
+    row: dict[str, Any], start: dict[str, float], types: Sequence[AircraftType]
+) -> Aircraft:
     return Aircraft(
-        **start,
+        **start | {"fl": on_tick(start["fl"])},
         callsign=row["callsign"],
-        type=row["type"],
+        type=_type_asked_for(row["type"], types),
         route=tuple(row["route"].split()),
         exit_fl=row["exit_fl"],
         own_navigation=row["own_navigation"],

@@ -1,20 +1,22 @@
 """What happened, as four tables: episodes, aircraft, trajectories, clearances (Parquet)."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import jax
 import numpy as np
 import pyarrow as pa
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from skystack.airspace.sector import Sector
+from skystack.evaluation.followed import STATUS, status_of
 from skystack.evaluation.rollout import Recording
 from skystack.evaluation.stored import write_table
 from skystack.files import make_folder
-from skystack.platforms.instruction import NEXT_CYCLE, Adoption, Instruction, worded
+from skystack.platforms.adoption import SKYSTACK, Adoption, in_words
+from skystack.platforms.instruction import Instruction
 from skystack.platforms.phraseology import written
 from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import TICKS_PER_FL
@@ -22,8 +24,6 @@ from skystack.simulator.simulator import CYCLE_S
 from skystack.simulator.traffic import Traffic, callsigns, trajectory_columns
 from skystack.tasks.navigation import NavigationTask
 from skystack.tasks.rewards import MAX_INSTRUCTIONS
-
-STATUS = ("before_entry", "in_sector", "exited", "strayed")
 
 
 @dataclass(frozen=True)
@@ -36,26 +36,21 @@ class Tables:
     clearances: pa.Table
 
     def write(
-        self,
-        folder: Path,
-        sector: Sector,
-        performance: str,
-        fleet: Sequence[AircraftType] = (),
+        self, folder: Path, sector: Sector, performance: str, types: Sequence[AircraftType] = ()
     ) -> None:
-        """Write `<name>.parquet` each; the sector goes along, so that a folder replays alone."""
+        """Write `<name>.parquet` each; sector and fleet go along: a folder replays alone."""
         make_folder(folder)
         for name, table in vars(self).items():
-            write_table(folder / f"{name}.parquet", table, sector, performance, fleet=fleet)
+            write_table(folder / f"{name}.parquet", table, sector, performance, types)
 
 
 def make_tables(
     task: NavigationTask,
     recording: Recording,
     flown_as: Callable[[str], str] = str,
-    adoption: Adoption = NEXT_CYCLE,
+    adoption: Adoption = SKYSTACK,
 ) -> Tables:
-    """All four tables of what was flown; a platform may fly a type as another, and may adopt
-    clearances in its own way."""
+    """All four tables of what was flown, as a platform flies types and adopts clearances."""
     return Tables(
         episodes=episode_table(task, recording),
         aircraft=_aircraft_table(task, recording, flown_as),
@@ -151,44 +146,25 @@ def _stored(name: str, values: Float[np.ndarray, " rows"]) -> np.ndarray:
 
 
 def _status(recording: Recording) -> Int[np.ndarray, "scenarios rows aircraft"]:
-    """Index in STATUS; row 0 is the start."""
+    """Index in STATUS; at the start nobody has entered."""
     status = status_of(recording.entered, recording.exited, recording.strayed)
-    start = np.zeros_like(status[:, :1])
-    return np.concatenate([start, status], axis=1)
-
-
-def status_of(
-    entered: Bool[np.ndarray, "*rows"],
-    exited: Bool[np.ndarray, "*rows"],
-    strayed: Bool[np.ndarray, "*rows"],
-) -> Int[np.ndarray, "*rows"]:
-    """Index in STATUS; an aircraft that strayed and came out right has exited."""
-    status = np.where(entered, 1, 0)
-    status = np.where(strayed, 3, status)
-    return np.where(exited, 2, status).astype(np.int8)
+    return np.concatenate([np.zeros_like(status[:, :1]), status], axis=1)
 
 
 def _clearance_table(task: NavigationTask, recording: Recording, adoption: Adoption) -> pa.Table:
-    """One row a clearance, in the order issued, in the words of what is flown."""
+    """One row a clearance, in the order issued."""
     scenario, cycle = np.nonzero(recording.instructions > 0)
     who = np.array([(-1, 0), *task.actions.changes])[recording.action[scenario, cycle]][:, 0]
     at, kind, signs = (scenario, cycle, who), task.actions.kind, callsigns(task.scenarios.aircraft)
     if kind == "level":
         value = _flight_levels(np.asarray(recording.traffic.cleared_level)[at])
-        issued = [Instruction(signs[a], level_fl=int(v)) for a, v in zip(who, value, strict=True)]
+        commands = [Instruction(signs[a], level_fl=v) for a, v in _pairs(who, value)]
     else:
         value = np.rint(np.asarray(recording.traffic.cleared_heading_deg)[at]).astype(np.int32)
-        issued = [
-            Instruction(signs[a], heading_deg=int(v)) for a, v in zip(who, value, strict=True)
-        ]
-    heading_deg, level = (
-        (recording.before(name) if adoption.at_once else getattr(recording.traffic, name))[at]
-        for name in ("heading_deg", "level")
-    )
-    said = [
-        worded(one, float(heading), float(fl), adoption)
-        for one, heading, fl in zip(issued, heading_deg, level / TICKS_PER_FL, strict=True)
-    ]
+        commands = [Instruction(signs[a], heading_deg=v) for a, v in _pairs(who, value)]
+    heading_deg, level = (_when_adopted(recording, name, adoption)[at] for name in _STATE)
+    issued = in_words(commands, heading_deg, level / TICKS_PER_FL, adoption)
+    direction = [each.turn or each.vertical for each in issued]
     return pa.table(
         {
             "scenario": recording.number[scenario],
@@ -197,11 +173,24 @@ def _clearance_table(task: NavigationTask, recording: Recording, adoption: Adopt
             "callsign": pa.DictionaryArray.from_arrays(who.astype(np.int32), signs),
             "kind": pa.array([kind] * len(who), type=pa.string()),
             "value": value,
-            "direction": pa.array([each.turn or each.vertical for each in said], type=pa.string()),
+            "direction": pa.array(direction, type=pa.string()),
             "instructions": recording.instructions[scenario, cycle].astype(np.int32),
-            "text": pa.array([written(each) for each in said], type=pa.string()),
+            "text": pa.array([written(each) for each in issued], type=pa.string()),
         }
     )
+
+
+_STATE = ("heading_deg", "level")
+
+
+def _when_adopted(recording: Recording, name: str, adoption: Adoption) -> np.ndarray:
+    """A field of the traffic when the clearances of each cycle were adopted."""
+    after = np.asarray(getattr(recording.traffic, name))
+    return after if adoption.cycles else recording.before(name)
+
+
+def _pairs(who: Int[np.ndarray, " n"], value: Int[np.ndarray, " n"]) -> Iterator[tuple[int, int]]:
+    return zip(who.tolist(), value.tolist(), strict=True)
 
 
 def _flight_levels(ticks: ArrayLike) -> Int[np.ndarray, "*n"]:

@@ -6,7 +6,7 @@ from skystack.errors import InputError
 from skystack.evaluation.stored import stored_scenario
 from skystack.files import write_aside
 from skystack.platforms.bluesky_scenario import scenario_text
-from skystack.platforms.registry import said_of
+from skystack.platforms.registry import notes_of
 from skystack.simulator.scenario_file import Scenario, load_scenario
 
 
@@ -23,7 +23,7 @@ def export_scenario(source: Path, number: int | None, output: Path) -> list[str]
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
     write_aside(output, text.encode())
-    return said_of("bluesky", sorted({aircraft.type for aircraft in scenario.aircraft}))
+    return notes_of("bluesky", scenario)
 
 
 def _scenario(source: Path, number: int | None) -> Scenario:

@@ -2,7 +2,11 @@
 
 Needs `bluebird-dt` (the extra `[bluebird]`, AGPL); this module alone imports it. Scenarios of the
 `table` performance fly its `LinearPredictor` at the speeds of its tables, those of `constant` its
-`SimplePredictor` at 400 kt: the models that ours were made from. A fleet flies at its own speeds.
+`SimplePredictor` at 400 kt: the models that ours were made from. Types of a fleet fly the fleet's
+speeds and rates.
+
+BluebirdDT's areas end at the 180th meridian. Longitudes are counted from the sector's origin in it,
+which changes nothing else: the ellipsoid is one of revolution.
 """
 
 import json
@@ -18,13 +22,16 @@ from bluebird_dt.predictor import LinearPredictor, SimplePredictor
 from bluebird_dt.scenario_manager.custom import Custom
 from bluebird_dt.utility.paths import AIRCRAFT_WEIGHT_MAPPING_FILE
 
+from skystack.airspace.projection import wrap_longitude
 from skystack.airspace.sector import Sector as OurSector
 from skystack.airspace.sector_file import Point, SectorEntry, make_sector
 from skystack.errors import InputError, PlatformError, unknown_name
 from skystack.json_file import inside
-from skystack.platforms.instruction import NEXT_CYCLE, Instruction
+from skystack.platforms.adoption import BLUEBIRD
+from skystack.platforms.instruction import Instruction
 from skystack.platforms.languages import bluebird_actions
 from skystack.platforms.protocol import Report, check_types
+from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import TablePerformance
 from skystack.simulator.scenario_file import Aircraft, Scenario
 from skystack.simulator.simulator import CYCLE_S
@@ -36,7 +43,7 @@ _FAR_NM = 10_000.0
 class Bluebird:
     """Implements `skystack.platforms.protocol.Platform`; writes no files at all."""
 
-    adoption = NEXT_CYCLE
+    adoption = BLUEBIRD
 
     def __init__(self) -> None:
         # Its warnings would reach standard error by Python's handler of last resort.
@@ -46,23 +53,33 @@ class Bluebird:
         self._types = json.loads(Path(AIRCRAFT_WEIGHT_MAPPING_FILE).read_bytes())
         self._simulator: Any = None
         self._aircraft: list[Any] = []
+        self._origin_lon_deg = 0.0
 
     def reset(self, scenario: Scenario) -> Report:
         self.close()
-        allowed = f"one of the {len(self._types)} types of its weight map, as B753"
-        check_types(scenario, self._types, "BluebirdDT", allowed)
+        known = {*self._types, *(member.type for member in scenario.fleet)}
+        allowed = f"one of the {len(self._types)} types of its weight map, as B753, or of the fleet"
+        check_types(scenario, known, "BluebirdDT", allowed)
+        self._origin_lon_deg = scenario.sector.origin[1]
         self._simulator = _simulator(scenario)
-        flying = self._simulator.manager.environment.aircraft
+        manager = self._simulator.manager
+        flying = manager.environment.aircraft
         self._aircraft = [flying[aircraft.callsign] for aircraft in scenario.aircraft]
         for twin, aircraft in zip(self._aircraft, scenario.aircraft, strict=True):
             twin.aircraft_type = aircraft.type
-            twin.selected_instructions.fl = aircraft.fl  # which it makes a whole number
+            twin.fl = twin.cleared_fl = twin.selected_fl = aircraft.fl  # which it may have rounded
             if scenario.performance == "table":
                 twin.selected_instructions.cas = None
+            manager.predictor.update_speeds(twin, None)
         return self._report()
 
     def issue(self, instruction: Instruction) -> None:
-        told = self._simulator.action(
+        if instruction.level_fl is not None and instruction.level_fl % 10:
+            raise InputError(
+                f"level_fl is {instruction.level_fl} for {instruction.callsign} (allowed: "
+                "multiples of 10, to which BluebirdDT rounds)"
+            )
+        accepted = self._simulator.action(
             [
                 {
                     "callsign": instruction.callsign,
@@ -73,7 +90,7 @@ class Bluebird:
                 for kind, value in bluebird_actions(instruction)
             ]
         )
-        if not told:
+        if not accepted:
             raise PlatformError(f"BluebirdDT refused {instruction}")
 
     def advance(self) -> Report:
@@ -97,21 +114,21 @@ class Bluebird:
         twins = self._aircraft
         selected = [twin.selected_instructions for twin in twins]
         own = [
-            told.heading is None or twin.on_route
-            for told, twin in zip(selected, twins, strict=True)
+            chosen.heading is None or twin.on_route
+            for chosen, twin in zip(selected, twins, strict=True)
         ]
         return Report(
             lat=column([twin.lat for twin in twins]),
-            lon=column([twin.lon for twin in twins]),
+            lon=wrap_longitude(column([twin.lon for twin in twins]) + self._origin_lon_deg),
             fl=column([twin.fl for twin in twins]),
             heading_deg=column([twin.heading for twin in twins]),
             cleared_heading_deg=column(
                 [
-                    twin.heading if free else told.heading
-                    for twin, told, free in zip(twins, selected, own, strict=True)
+                    twin.heading if free else chosen.heading
+                    for twin, chosen, free in zip(twins, selected, own, strict=True)
                 ]
             ),
-            cleared_fl=column([told.fl for told in selected]),
+            cleared_fl=column([chosen.fl for chosen in selected]),
             ground_speed_kt=column([twin.ground_speed or twin.speed_tas for twin in twins]),
             vertical_speed_ft_min=column([twin.vertical_speed for twin in twins]),
         )
@@ -128,16 +145,10 @@ def _simulator(scenario: Scenario) -> Any:
     )
     start = scenario.initial_traffic(scenario.simulator())
     for aircraft, speed_kt in zip(scenario.aircraft, start.ground_speed_kt.tolist(), strict=True):
-        _add(manager, aircraft, speed_kt)
-    table = scenario.performance == "table"
-    # One second a step; a fix counts as reached within 0.5 and 2 NM, as where they are made.
-    if scenario.fleet:
-        predictor = _FleetPredictor({each.type: each.table() for each in scenario.fleet})
-    else:
-        predictor = LinearPredictor(1.0, 0.5) if table else SimplePredictor(1.0, 2.0)
+        _add(manager, aircraft, scenario.sector, speed_kt)
     return manager.to_simulator(
         scenario_name="skystack",
-        predictor=predictor,
+        predictor=_predictor(scenario),
         attach_context_to_logger=False,
         save_log_to_file=False,
         autosave_interval=None,
@@ -145,16 +156,23 @@ def _simulator(scenario: Scenario) -> Any:
     )
 
 
-class _FleetPredictor(LinearPredictor):  # type: ignore[misc]
-    """Flies each type by a table of ours: BluebirdDT's own know classes of weight alone."""
+def _predictor(scenario: Scenario) -> Any:
+    """One second a step; a fix counts as reached within 0.5 and 2 NM, as where they are made."""
+    if scenario.performance != "table":
+        return SimplePredictor(1.0, 2.0)
+    return _FleetPredictor(scenario.fleet) if scenario.fleet else LinearPredictor(1.0, 0.5)
 
-    def __init__(self, tables: dict[str, TablePerformance]) -> None:
+
+class _FleetPredictor(LinearPredictor):  # type: ignore[misc]  # of a package without types
+    """BluebirdDT's motion at the speeds and rates of a fleet's types."""
+
+    def __init__(self, fleet: tuple[AircraftType, ...]) -> None:
         super().__init__(1.0, 0.5)
-        self._tables = tables
+        self._tables: dict[str, TablePerformance] = {each.type: each.table() for each in fleet}
 
     def update_total_speeds(self, aircraft: Any) -> None:
-        table = self._tables[aircraft.aircraft_type]
-        aircraft.speed_tas = table.airspeed_kt(aircraft.fl, _phase(aircraft))
+        speeds = self._tables[aircraft.aircraft_type].airspeeds_kt[1 - _phase(aircraft)]
+        aircraft.speed_tas = float(np.interp(aircraft.fl, np.arange(len(speeds)), speeds))
 
     def update_vertical_speeds(self, aircraft: Any) -> None:
         table, phase = self._tables[aircraft.aircraft_type], _phase(aircraft)
@@ -163,16 +181,20 @@ class _FleetPredictor(LinearPredictor):  # type: ignore[misc]
 
 
 def _phase(aircraft: Any) -> int:
-    """1 in a climb, -1 in a descent, 0 in level flight."""
-    to_go = aircraft.selected_fl - aircraft.fl
-    return (to_go > 0.0) - (to_go < 0.0)
+    """1 in a climb, 0 in cruise, -1 in a descent."""
+    return int(np.sign(aircraft.selected_fl - aircraft.fl))
 
 
-def _add(manager: Any, aircraft: Aircraft, speed_kt: float) -> None:
+def _place(sector: OurSector, lat: float, lon: float) -> tuple[float, float]:
+    """A position as BluebirdDT has it: its longitude from the sector's origin."""
+    return lat, float(wrap_longitude(lon - sector.origin[1]))
+
+
+def _add(manager: Any, aircraft: Aircraft, sector: OurSector, speed_kt: float) -> None:
     manager.add_aircraft_with_coordinations(
         aircraft_start_time=0.0,
         callsign=aircraft.callsign,
-        pos=Pos3D(aircraft.lat, aircraft.lon, aircraft.fl),
+        pos=Pos3D(*_place(sector, aircraft.lat, aircraft.lon), aircraft.fl),
         heading=aircraft.heading_deg,
         speed=speed_kt,
         route=Route(filed=list(aircraft.route)),
@@ -185,9 +207,9 @@ def _add(manager: Any, aircraft: Aircraft, speed_kt: float) -> None:
 def _airspace(scenario: Scenario) -> Any:
     """The scenario's sector as BluebirdDT's airspace."""
     sector = scenario.sector
-    area = Area([Pos2D(lat, lon) for lat, lon in sector.area])
+    area = Area([Pos2D(*_place(sector, *corner)) for corner in sector.area])
     volume = Volume(area, *sector.levels_fl)
-    fixes = Fixes({name: Pos2D(lat, lon) for name, (lat, lon) in sector.fixes.items()})
+    fixes = Fixes({name: Pos2D(*_place(sector, *at)) for name, at in sector.fixes.items()})
     return Airspace({sector.name: Sector([volume])}, fixes)
 
 

@@ -2,9 +2,10 @@
 
 Needs `bluesky-simulator` (the extra `[bluesky]`); this module alone imports it. BlueSky flies by
 its own rules: the types and envelopes of OpenAP (speeds, Mach number, ceiling, acceleration); turns
-at 25 degrees of bank the shorter way; climbs and descents at its autopilot's 1,500 ft/min, reached
-at 300 ft/min a second. It is told the cruise speed of the scenario's performance at the start level
-and again with every level. Clearances act from the first second of the next cycle.
+at 25 degrees of bank the shorter way; rates of climb and descent are reached at 300 ft/min a
+second. Speeds and rates are those of the scenario's performance, selected anew as the level and the
+phase of flight change; what lies outside the envelope is refused. Clearances act from the first
+second of the next cycle.
 """
 
 import io
@@ -18,23 +19,32 @@ from zipfile import ZipFile
 
 import bluesky
 import numpy as np
+from bluesky.tools import aero
 from jaxtyping import Float
 
+from skystack.airspace.projection import wrap_longitude
 from skystack.errors import InputError, PlatformError
+from skystack.platforms.adoption import BLUESKY
 from skystack.platforms.bluesky_scenario import (
     STEP_S,
     check_flown_types,
     clearance_commands,
+    phase_of,
+    selected_speed,
     start_commands,
 )
-from skystack.platforms.instruction import AT_ONCE, Instruction
+from skystack.platforms.instruction import Instruction
 from skystack.platforms.protocol import Report
+from skystack.simulator.performance import ConstantPerformance, TablePerformance
 from skystack.simulator.scenario_file import Scenario
 from skystack.simulator.simulator import CYCLE_S
 
 _M_PER_FL, _M_S_PER_KT, _M_S_PER_FT_MIN = 30.48, 1852.0 / 3600.0, 0.3048 / 60.0
 _TOLERANCE = 1e-6
-"""How far a selected heading [deg] or level [FL] may be from the cleared one."""
+"""How far a selected heading [deg] or level [FL] may be from the cleared one, or a Mach number
+beyond the greatest."""
+_SLACK_M_S = 0.01
+"""By which a speed may lie outside the envelope."""
 
 
 class BlueSky:
@@ -43,7 +53,7 @@ class BlueSky:
     BlueSky's state is its modules': one of these may be open in a process at a time.
     """
 
-    adoption = AT_ONCE
+    adoption = BLUESKY
     _is_open: ClassVar[bool] = False
 
     def __init__(self, folder: Path) -> None:
@@ -61,6 +71,8 @@ class BlueSky:
         self._scenario: Scenario
         self._index: dict[str, int] = {}
         self._callsigns: list[str] = []
+        self._models: list[TablePerformance | ConstantPerformance] = []
+        self._speeds: list[str] = []
         self._cleared_heading_deg = np.empty(0)
         self._cycle = 0
 
@@ -73,6 +85,11 @@ class BlueSky:
         self._cleared_heading_deg = np.full(len(self._index), np.nan)
         with _silent():
             bluesky.sim.reset()
+        self._models = [scenario.performance_of(one.type) for one in scenario.aircraft]
+        self._speeds = [
+            selected_speed(model, one.fl)
+            for model, one in zip(self._models, scenario.aircraft, strict=True)
+        ]
         _process(start_commands(scenario, self._callsigns))
         self._check_start()
         with _silent():
@@ -84,9 +101,9 @@ class BlueSky:
         if instruction.by_direction:
             _check_direction(instruction, bluesky.traf.hdg[index])
         if instruction.level_fl is not None:
-            _check_ceiling(instruction.callsign, instruction.level_fl, index)
-        told = replace(instruction, callsign=self._callsigns[index])
-        _process(clearance_commands(told, self._scenario.model_of(self._scenario.aircraft[index])))
+            self._check_level(index, instruction.level_fl)
+        command = replace(instruction, callsign=self._callsigns[index])
+        _process(clearance_commands(command, self._models[index]))
         if instruction.heading_deg is not None:
             selected = bluesky.traf.ap.trk[index]
             wrong = abs((selected - instruction.heading_deg + 180.0) % 360.0 - 180.0) > _TOLERANCE
@@ -99,6 +116,7 @@ class BlueSky:
                 raise PlatformError(f"BlueSky refused {instruction}")
 
     def advance(self) -> Report:
+        self._select_speeds()
         with _silent():
             for _ in range(CYCLE_S // STEP_S):
                 bluesky.sim.step()
@@ -114,12 +132,44 @@ class BlueSky:
     def close(self) -> None:
         BlueSky._is_open = False
 
+    def _select_speeds(self) -> None:
+        """Select what the performance flies where an aircraft now is, if that has changed."""
+        both = (_levels_fl(each).tolist() for each in (bluesky.traf.alt, bluesky.traf.selalt))
+        commands = []
+        for index, (fl, selected_fl) in enumerate(zip(*both, strict=True)):
+            speed = selected_speed(self._models[index], fl, phase_of(fl, selected_fl))
+            if speed != self._speeds[index]:
+                commands.append(f"SPD {self._callsigns[index]} {speed}")
+            self._speeds[index] = speed
+        if commands:
+            _process(commands)
+
+    def _check_level(self, index: int, fl: int) -> None:
+        """Raise InputError for a level that BlueSky does not fly at the scenario's performance."""
+        aircraft = self._scenario.aircraft[index]
+        _check_ceiling(aircraft.callsign, fl, index)
+        model, actual_fl = self._models[index], _levels_fl(bluesky.traf.alt)[index]
+        ceiling_fl = getattr(model, "ceiling_fl", np.inf)
+        if max(ceiling_fl, actual_fl) < fl:
+            raise InputError(
+                f"fl is {fl} for {aircraft.callsign} (allowed: up to FL{ceiling_fl:g}, the "
+                f"ceiling of {aircraft.type} in the scenario)"
+            )
+        _check_speed(aircraft.callsign, selected_speed(model, fl), fl, index)
+        fastest = bluesky.traf.perf.vsmax[index] / _M_S_PER_FT_MIN
+        if model.rate_ft_min > fastest and fl != actual_fl:
+            raise InputError(
+                f"rate_ft_min is {model.rate_ft_min:g} for {aircraft.callsign} (allowed: up to "
+                f"{fastest:.0f}, as its type {bluesky.traf.perf.actype[index]} climbs in BlueSky)"
+            )
+
     def _check_start(self) -> None:
-        """Whether BlueSky flies what it was told to."""
+        """Whether BlueSky flies the scenario as it is."""
         if _flying() != self._callsigns:
             raise PlatformError(f"BlueSky created {_flying()} for {list(self._index)}")
         for index, aircraft in enumerate(self._scenario.aircraft):
             _check_ceiling(aircraft.callsign, aircraft.fl, index)
+            _check_speed(aircraft.callsign, self._speeds[index], aircraft.fl, index)
             waypoints = len(aircraft.route) - 1 if aircraft.own_navigation else 0
             if (
                 bluesky.traf.ap.route[index].nwp != waypoints
@@ -133,7 +183,7 @@ class BlueSky:
         cleared = self._cleared_heading_deg
         return Report(
             lat=traffic.lat.copy(),
-            lon=traffic.lon.copy(),
+            lon=wrap_longitude(traffic.lon),
             fl=_levels_fl(traffic.alt),
             heading_deg=heading,
             cleared_heading_deg=np.where(np.isnan(cleared), heading, cleared),
@@ -200,4 +250,22 @@ def _check_ceiling(callsign: str, fl: float, index: int) -> None:
         raise InputError(
             f"fl is {fl} for {callsign} (allowed: up to FL{ceiling_fl:.0f}, the ceiling of its "
             f"type {bluesky.traf.perf.actype[index]} in BlueSky)"
+        )
+
+
+def _check_speed(callsign: str, speed: str, fl: float, index: int) -> None:
+    """Raise InputError for a selected speed that BlueSky would not fly in level flight."""
+    limits, altitude_m = bluesky.traf.perf, fl * _M_PER_FL
+    if speed.startswith("M"):
+        mach = float(speed[1:])
+        cas_m_s = aero.vmach2cas(np.array([mach]), np.array([altitude_m])).item()
+    else:
+        cas_m_s = float(speed) * _M_S_PER_KT
+        mach = aero.vcas2mach(np.array([cas_m_s]), np.array([altitude_m])).item()
+    low, high, most = limits.vmin[index], limits.vmax[index], limits.mmo[index]
+    if not (low - _SLACK_M_S <= cas_m_s <= high + _SLACK_M_S and mach <= most + _TOLERANCE):
+        raise InputError(
+            f"{callsign} flies {cas_m_s / _M_S_PER_KT:.0f} kt CAS, M{mach:.2f}, at FL{fl:g} "
+            f"(allowed for its type {limits.actype[index]} in BlueSky: {low / _M_S_PER_KT:.0f} "
+            f"to {high / _M_S_PER_KT:.0f} kt, up to M{most:.2f})"
         )

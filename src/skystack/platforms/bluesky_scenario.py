@@ -3,10 +3,15 @@
 The adapter stacks the very commands that stand in the file, so that plain BlueSky flies a file as
 the adapter flew the scenario. A clearance of cycle k stands at 6 k seconds: BlueSky obeys it from
 the first second of cycle k+1, one cycle earlier than our simulator does.
+
+With every level goes the rate of climb and descent of the type. BlueSky has no speed schedule of
+ours, so the speed is selected again at the beginning of every cycle in which the level or the phase
+of flight has changed it.
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from functools import lru_cache
 
 import numpy as np
 
@@ -16,7 +21,6 @@ from skystack.platforms.languages import bluesky_commands
 from skystack.platforms.protocol import check_types
 from skystack.simulator.performance import (
     ConstantPerformance,
-    Performance,
     TablePerformance,
     tas_from_cas,
     tas_from_mach,
@@ -36,7 +40,6 @@ TYPES = frozenset(_FIXED_WING.split())
 """Fixed-wing types that BlueSky knows (OpenAP 2.6); it silently flies another for any other."""
 STEP_S = 1
 """BlueSky's time step."""
-_CRUISE = 1
 _CALLSIGN = re.compile(r"[A-Z0-9]+")
 
 
@@ -49,30 +52,41 @@ def check_flown_types(scenario: Scenario) -> None:
     """Raise InputError for an aircraft type that BlueSky would silently replace."""
     allowed = f"a type that it knows, as {', '.join(SUBSTITUTES.values())}"
     check_types(scenario, TYPES | set(SUBSTITUTES), "BlueSky", allowed)
+    fleet = {member.type for member in scenario.fleet}
+    for asked in sorted(fleet & set(SUBSTITUTES)):
+        if flown_type(asked) in fleet:  # the tables could not tell one from the other
+            raise InputError(
+                f"the fleet has {asked}, which BlueSky flies as {flown_type(asked)}, and "
+                f"{flown_type(asked)} itself (allowed: one of them)"
+            )
 
 
-def selected_speed(model: Performance, fl: float) -> str:
-    """What a performance model flies in cruise at a level, as BlueSky takes a selected speed.
+@lru_cache(maxsize=4096)
+def selected_speed(model: TablePerformance | ConstantPerformance, fl: float, phase: int = 0) -> str:
+    """What a performance model flies at a level, as BlueSky takes a selected speed.
 
-    Calibrated airspeed [kt], or `M` and a Mach number. Raises InputError for a model whose cruise
-    speed is not known.
+    Calibrated airspeed [kt], or `M` and a Mach number. The phase is 1 in a climb, 0 in cruise and
+    -1 in a descent.
     """
-    level = np.array([fl])
+    level = np.array([fl], dtype=float)
     mach_1_kt = tas_from_mach(level, 1.0).item()
-    if isinstance(model, TablePerformance):
-        cas, mach = model.cas_kt(level, _CRUISE), model.mach[_CRUISE]
-        below_crossover = tas_from_cas(level, cas).item() <= mach * mach_1_kt
-        return f"{cas.item():.6f}" if below_crossover else f"M{mach:.8f}"
     if isinstance(model, ConstantPerformance):
         return f"M{model.airspeed_kt / mach_1_kt:.8f}"
-    raise InputError(f"performance is {type(model).__name__} (allowed: table, constant)")
+    cas, mach = model.cas_kt(level, 1 - phase), model.mach[1 - phase]
+    below_crossover = tas_from_cas(level, cas).item() <= mach * mach_1_kt
+    return f"{cas.item():.6f}" if below_crossover else f"M{mach:.8f}"
+
+
+def phase_of(fl: float, selected_fl: float) -> int:
+    """1 where an aircraft climbs to a selected level, -1 where it descends, 0 where it is at it."""
+    return (selected_fl > fl) - (selected_fl < fl)
 
 
 def start_commands(scenario: Scenario, callsigns: Iterable[str]) -> list[str]:
     """The commands that create a scenario's aircraft, under other callsigns, in level flight."""
     commands = [f"DT {STEP_S}"]
     for callsign, aircraft in zip(callsigns, scenario.aircraft, strict=True):
-        speed = selected_speed(scenario.model_of(aircraft), aircraft.fl)
+        speed = selected_speed(scenario.performance_of(aircraft.type), aircraft.fl)
         commands += [
             f"CRE {callsign} {flown_type(aircraft.type)} {aircraft.lat:.10f} {aircraft.lon:.10f} "
             f"{aircraft.heading_deg:.10f} {100.0 * aircraft.fl:.6f} {speed}",
@@ -91,13 +105,39 @@ def _route_commands(scenario: Scenario, callsign: str, aircraft: Aircraft) -> li
     return [*waypoints, f"LNAV {callsign} ON"]
 
 
-def clearance_commands(instruction: Instruction, model: Performance) -> list[str]:
-    """An instruction as BlueSky takes it; with a level goes the speed of cruise there."""
+def clearance_commands(
+    instruction: Instruction, model: TablePerformance | ConstantPerformance
+) -> list[str]:
+    """An instruction as BlueSky takes it; with a level goes the rate [ft/min] at which to reach it.
+
+    Its autopilot would climb and descend at 1,500 ft/min.
+    """
     commands = bluesky_commands(instruction)
     if instruction.level_fl is not None:
-        speed = selected_speed(model, float(instruction.level_fl))
-        commands.append(f"SPD {instruction.callsign} {speed}")
+        commands.append(f"VS {instruction.callsign} {model.rate_ft_min:.6f}")
     return commands
+
+
+def levels_fl(
+    start_fl: float, cleared_fl: dict[int, int], cycles: int, rate_ft_min: float
+) -> Iterator[tuple[float, float]]:
+    """Level and selected level at the beginning of every cycle, as BlueSky flies them.
+
+    `cleared_fl` are the levels by the cycle before which they are cleared. Each second the vertical
+    speed changes by at most 300 ft/min, and a level is captured within 1.05 s of it.
+    """
+    fl = selected = start_fl
+    fl_a_second, gained = rate_ft_min / 6000.0, 0.0
+    for cycle in range(cycles):
+        selected = float(cleared_fl.get(cycle, selected))
+        yield fl, selected
+        for _ in range(CYCLE_S // STEP_S):
+            to_go = selected - fl
+            climbs = abs(to_go) > 1.05 * max(fl_a_second, abs(gained))
+            wanted = climbs * np.sign(to_go) * fl_a_second
+            change = wanted - gained
+            gained = gained + np.sign(change) * 0.05 if abs(change) > 0.05 else wanted
+            fl = float(fl + gained) if climbs else selected
 
 
 def scenario_text(scenario: Scenario) -> str:
@@ -114,19 +154,41 @@ def scenario_text(scenario: Scenario) -> str:
                 f"callsign is {aircraft.callsign!r} "
                 "(allowed in a BlueSky scenario file: capital letters and digits)"
             )
-    model = {aircraft.callsign: scenario.model_of(aircraft) for aircraft in scenario.aircraft}
-    callsigns = [aircraft.callsign for aircraft in scenario.aircraft]
-    timed = [(0, command) for command in start_commands(scenario, callsigns)]
-    for cycle, told in scenario.transmissions().items():
-        for given in told:
-            commands = clearance_commands(_instruction(given), model[given.callsign])
+    model_of = {one.callsign: scenario.performance_of(one.type) for one in scenario.aircraft}
+    timed = [(0, command) for command in start_commands(scenario, model_of)]
+    for cycle, given_then in scenario.transmissions().items():
+        for given in given_then:
+            commands = clearance_commands(_instruction(given), model_of[given.callsign])
             timed += [(cycle, command) for command in commands]
+    for aircraft in scenario.aircraft:
+        timed += _speed_commands(scenario, aircraft)
     timed.append((scenario.cycles, "HOLD"))
-    return "".join(f"{_clock(cycle)}>{command}\n" for cycle, command in timed)
+    in_order = sorted(timed, key=lambda each: each[0])
+    return "".join(f"{_clock(cycle)}>{command}\n" for cycle, command in in_order)
+
+
+def _speed_commands(scenario: Scenario, aircraft: Aircraft) -> Iterator[tuple[int, str]]:
+    """The speeds to select after the start, each with its cycle."""
+    cleared_fl = {
+        cycle: given.fl
+        for cycle, given_then in scenario.transmissions().items()
+        for given in given_then
+        if given.callsign == aircraft.callsign and given.fl is not None
+    }
+    if not cleared_fl:
+        return
+    model = scenario.performance_of(aircraft.type)
+    last = selected_speed(model, aircraft.fl)
+    flown = levels_fl(aircraft.fl, cleared_fl, scenario.cycles, model.rate_ft_min)
+    for cycle, (fl, selected_fl) in enumerate(flown):
+        speed = selected_speed(model, fl, phase_of(fl, selected_fl))
+        if speed != last:
+            yield cycle, f"SPD {aircraft.callsign} {speed}"
+        last = speed
 
 
 def _instruction(given: GivenClearance) -> Instruction:
-    """What a file's clearance says, if BlueSky can be told it."""
+    """A file's clearance, if BlueSky can fly it."""
     if given.turn in ("left", "right"):
         raise InputError(
             f"turn is {given.turn!r} in cycle {given.cycle} for {given.callsign} "

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from skystack.airspace.projection import MercatorPlane
 from skystack.platforms.protocol import Report
-from skystack.simulator.fleet import members_of
+from skystack.simulator.fleet import Fleet
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.scenario_file import Aircraft, Scenario
 from skystack.simulator.simulator import Simulator
@@ -56,15 +56,18 @@ def scenario_of(
     callsigns: Sequence[str],
     exit_level: ArrayLike,
 ) -> Scenario:
-    """The scenario that begins with given traffic, without clearances; levels are in ticks."""
-    sector = simulator.sector
+    """The scenario that begins with given traffic, without clearances; levels are in ticks.
+
+    Its fleet is the simulator's.
+    """
+    sector, model = simulator.sector, simulator.performance
     lat_lon = sector.plane.to_degrees(np.asarray(traffic.position_nm, dtype=np.float64))
     fl = np.asarray(traffic.level, dtype=np.float64) / TICKS_PER_FL
     exit_fl = np.rint(np.asarray(exit_level, dtype=np.float64) / TICKS_PER_FL)
     aircraft = tuple(
         Aircraft(
             callsign=callsign,
-            type=simulator.performance.types[int(traffic.kind[number])],
+            type=model.types[int(traffic.kind[number])],
             route=sector.routes[int(traffic.route[number])],
             lat=float(lat_lon[number, 0]),
             lon=float(lat_lon[number, 1]),
@@ -75,4 +78,5 @@ def scenario_of(
         )
         for number, callsign in enumerate(callsigns)
     )
-    return Scenario(sector, performance, cycles, aircraft, (), members_of(simulator.performance))
+    fleet = model.members if isinstance(model, Fleet) else ()
+    return Scenario(sector, performance, cycles, aircraft, (), fleet)

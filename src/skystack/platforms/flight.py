@@ -1,10 +1,11 @@
-"""Fly a scenario on a platform, issuing the clearances that its file names."""
+"""Fly a scenario on a platform, giving the clearances that its file names."""
 
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from skystack.platforms.instruction import Instruction, worded
+from skystack.platforms.adoption import in_words
+from skystack.platforms.instruction import Instruction
 from skystack.platforms.protocol import Platform, Report
 from skystack.simulator.scenario_file import GivenClearance, Scenario
 from skystack.simulator.simulator import CYCLE_S
@@ -16,7 +17,7 @@ class Flight(NamedTuple):
     reports: list[Report]
     """Rows 0 (the start) to `cycles`."""
     issued: list[tuple[int, Instruction]]
-    """What was issued before which cycle: one transmission each, in the words of what is flown."""
+    """The transmissions before which cycle, in the words of what was then flown."""
 
 
 def fly_scenario(platform: Platform, scenario: Scenario) -> Flight:
@@ -25,27 +26,39 @@ def fly_scenario(platform: Platform, scenario: Scenario) -> Flight:
     A clearance of cycle k shows as cleared in row k+1. Raises what the platform raises.
     """
     reports = [platform.reset(scenario)]
-    clearances = scenario.transmissions()
-    index = {aircraft.callsign: number for number, aircraft in enumerate(scenario.aircraft)}
+    transmissions = scenario.transmissions()
     issued = []
     for cycle in range(scenario.cycles):
-        instructions = [instruction_of(given) for given in clearances.get(cycle, [])]
-        for instruction in instructions:
-            platform.issue(instruction)
+        for given in transmissions.get(cycle, []):
+            issued.append((cycle, command_of(given)))
+            platform.issue(issued[-1][1])
         reports.append(platform.advance())
-        adopted = reports[-2] if platform.adoption.at_once else reports[-1]
-        for instruction in instructions:
-            who = index[instruction.callsign]
-            heading_deg, fl = float(adopted.heading_deg[who]), float(adopted.fl[who])
-            issued.append((cycle, worded(instruction, heading_deg, fl, platform.adoption)))
-    return Flight(reports, issued)
+    return Flight(reports, _worded(platform, scenario, reports, issued))
 
 
-def instruction_of(given: GivenClearance) -> Instruction:
-    """A file's clearance; a direction of turn is obeyed where one is given."""
+def command_of(given: GivenClearance) -> Instruction:
+    """A file's clearance as a platform is given it."""
     obeyed: dict[str | None, Literal["left", "right"]] = {"left": "left", "right": "right"}
     turn = obeyed.get(given.turn)
     return Instruction(given.callsign, given.heading_deg, turn, turn is not None, given.fl)
+
+
+def _worded(
+    platform: Platform,
+    scenario: Scenario,
+    reports: list[Report],
+    issued: list[tuple[int, Instruction]],
+) -> list[tuple[int, Instruction]]:
+    index = {aircraft.callsign: number for number, aircraft in enumerate(scenario.aircraft)}
+    adopted = [
+        (reports[cycle + platform.adoption.cycles], index[command.callsign])
+        for cycle, command in issued
+    ]
+    heading_deg = np.array([report.heading_deg[aircraft] for report, aircraft in adopted])
+    fl = np.array([report.fl[aircraft] for report, aircraft in adopted])
+    commands = [command for _, command in issued]
+    words = in_words(commands, heading_deg, fl, platform.adoption)
+    return [(cycle, each) for (cycle, _), each in zip(issued, words, strict=True)]
 
 
 def flight_rows(scenario: Scenario, flight: Flight) -> dict[str, np.ndarray]:

@@ -7,7 +7,8 @@ import numpy as np
 
 from skystack.airspace.projection import wrap_longitude
 from skystack.errors import InputError, PlatformError
-from skystack.platforms.instruction import Adoption, Instruction
+from skystack.platforms.adoption import Adoption
+from skystack.platforms.instruction import Instruction
 from skystack.platforms.protocol import Platform, Report
 from skystack.simulator.scenario_file import Scenario
 
@@ -17,7 +18,7 @@ Answer = TypeVar("Answer")
 class Guarded:
     """A platform whose own errors are PlatformErrors and whose reports are whole and finite.
 
-    Longitudes are in [-180, 180), whatever the simulator counts.
+    Their longitudes are in [-180, 180), whatever the platform counts them from.
     """
 
     def __init__(self, opened: Callable[[], Platform]) -> None:

@@ -6,7 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from skystack.platforms.instruction import NEXT_CYCLE, Instruction
+from skystack.platforms.adoption import SKYSTACK
+from skystack.platforms.instruction import Instruction
 from skystack.platforms.protocol import Report, check_types
 from skystack.simulator.scenario_file import Scenario
 from skystack.simulator.simulator import Simulator, instruct
@@ -23,9 +24,12 @@ from skystack.simulator.traffic import (
 
 
 class Skystack:
-    """Implements `skystack.platforms.protocol.Platform`."""
+    """Implements `skystack.platforms.protocol.Platform`; flies the types of the scenario's fleet.
 
-    adoption = NEXT_CYCLE
+    Without a fleet these are the B753 alone: the table is that of BluebirdDT's MEDIUM class.
+    """
+
+    adoption = SKYSTACK
 
     def __init__(self) -> None:
         self._scenario: Scenario
@@ -35,8 +39,8 @@ class Skystack:
 
     def reset(self, scenario: Scenario) -> Report:
         simulator = scenario.simulator()
-        types = simulator.performance.types
-        check_types(scenario, types, "skystack", ", ".join(types))
+        known = simulator.performance.types
+        check_types(scenario, known, "skystack", ", ".join(known))
         if simulator != self._simulator:
             self._simulator, self._advance = simulator, jax.jit(simulator.advance)
         self._scenario, self._traffic = scenario, scenario.initial_traffic(simulator)

@@ -15,7 +15,8 @@ import numpy as np
 from jaxtyping import Float
 
 from skystack.errors import InputError
-from skystack.platforms.instruction import Adoption, Instruction
+from skystack.platforms.adoption import Adoption
+from skystack.platforms.instruction import Instruction
 from skystack.simulator.scenario_file import Scenario
 
 
@@ -25,6 +26,7 @@ class Report(NamedTuple):
     lat: Float[np.ndarray, " aircraft"]
     """Degrees, like `lon`."""
     lon: Float[np.ndarray, " aircraft"]
+    """In [-180, 180)."""
     fl: Float[np.ndarray, " aircraft"]
     heading_deg: Float[np.ndarray, " aircraft"]
     """In [0, 360)."""
@@ -45,7 +47,7 @@ class Platform(Protocol):
 
     @property
     def adoption(self) -> Adoption:
-        """When and how it begins to fly a clearance."""
+        """When it begins to fly a clearance, and which way it turns."""
 
     def reset(self, scenario: Scenario) -> Report:
         """Begin a scenario; its clearances are for the caller to issue.
@@ -54,7 +56,9 @@ class Platform(Protocol):
         """
 
     def issue(self, instruction: Instruction) -> None:
-        """Tell an aircraft of the scenario something, before the next cycle is flown.
+        """Clear an aircraft of the scenario before the next cycle is flown.
+
+        Of the words only a direction of turn to obey counts (`by_direction`).
 
         Raises InputError for an instruction that this simulator cannot fly.
         """

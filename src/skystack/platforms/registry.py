@@ -6,11 +6,12 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from skystack.errors import missing_extra, unknown_name
+from skystack.platforms.adoption import BLUEBIRD, BLUESKY, SKYSTACK, Adoption
 from skystack.platforms.bluesky_scenario import flown_type as bluesky_flown_type
 from skystack.platforms.guard import Guarded
-from skystack.platforms.instruction import AT_ONCE, NEXT_CYCLE, Adoption
 from skystack.platforms.protocol import Platform
 from skystack.simulator.performance import DEFAULT_TYPE
+from skystack.simulator.scenario_file import Scenario
 
 OWN = "skystack"
 PLATFORMS = (OWN, "bluebird", "bluesky")
@@ -19,6 +20,7 @@ _NEEDS = {
     "bluesky": ("bluesky-simulator", "pebble"),
 }
 """Distributions of each extra; extra and platform have one name."""
+_ADOPTIONS = {OWN: SKYSTACK, "bluebird": BLUEBIRD, "bluesky": BLUESKY}
 
 
 def check_platform(name: str) -> None:
@@ -61,21 +63,43 @@ def _open(name: str, folder: Path) -> Platform:
     return Skystack()
 
 
+def adoption_of(platform: str) -> Adoption:
+    """When a platform begins to fly a clearance; of a name that exists, without opening it."""
+    return _ADOPTIONS[platform]
+
+
 def flown_type(platform: str, aircraft_type: str) -> str:
     """The type that a platform flies for a given one: the same, where it knows it."""
     return bluesky_flown_type(aircraft_type) if platform == "bluesky" else aircraft_type
 
 
-def adoption_of(platform: str) -> Adoption:
-    """When and how a platform begins to fly a clearance, without opening it."""
-    return AT_ONCE if platform == "bluesky" else NEXT_CYCLE
+def said_of(
+    platform: str, aircraft_types: Iterable[str] = (DEFAULT_TYPE,), climbs: bool = False
+) -> list[str]:
+    """What a platform flies in another way than it is asked to, in lines for the user.
 
-
-def said_of(platform: str, aircraft_types: Iterable[str] = (DEFAULT_TYPE,)) -> list[str]:
-    """What must be said of a platform: the types that it flies as others."""
-    flown = {each: flown_type(platform, each) for each in aircraft_types}
-    return [
+    `climbs`: whether levels are cleared.
+    """
+    flown = {each: flown_type(platform, each) for each in sorted(set(aircraft_types))}
+    lines = [
         f"{platform} has no {asked}: flown as {instead}"
         for asked, instead in flown.items()
         if asked != instead
     ]
+    if climbs and platform == "bluesky":
+        lines.append(
+            "bluesky keeps the speed of a climb or descent within what its type may fly at the "
+            "cleared level"
+        )
+    return lines
+
+
+def notes_of(platform: str, scenario: Scenario) -> list[str]:
+    """`said_of` for a scenario, and whose speeds types fly that are not in its fleet."""
+    types = {aircraft.type for aircraft in scenario.aircraft}
+    lines = said_of(platform, types, any(each.fl is not None for each in scenario.clearances))
+    whose = {"bluebird": "of its own tables", "bluesky": f"of {DEFAULT_TYPE}"}.get(platform)
+    others = types - {DEFAULT_TYPE, *(member.type for member in scenario.fleet)}
+    if whose is None or scenario.performance != "table":
+        return lines
+    return lines + [f"{platform} flies {each} at the speeds {whose}" for each in sorted(others)]

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 from msgspec import Meta
 
 from skystack.errors import InputError
-from skystack.simulator.performance import DEFAULT_TYPE, Performance, TablePerformance
+from skystack.simulator.performance import DEFAULT_TYPE, TablePerformance
 
 _MEDIUM = TablePerformance()
 
@@ -19,7 +19,7 @@ Mach = Annotated[float, Meta(ge=0.2, le=0.95)]
 
 
 class AircraftType(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An entry of `task.fleet`: how fast a type flies, and how often it comes.
+    """An entry of a fleet: how fast a type flies, and how often it comes in random scenarios.
 
     Triples are climb, cruise, descent; what is left out is as of the B753.
     """
@@ -91,15 +91,14 @@ class Fleet:
         return value
 
 
-def members_of(performance: Performance) -> tuple[AircraftType, ...]:
-    """The types of a fleet; none of another performance model."""
-    return performance.members if isinstance(performance, Fleet) else ()
+MOST_TYPES = 20
+"""In a fleet."""
 
 
-def fleet(members: tuple[AircraftType, ...]) -> Fleet:
-    """A fleet. Raises InputError for a type that stands in it twice."""
+def fleet(members: tuple[AircraftType, ...], where: str = "task.fleet") -> Fleet:
+    """A fleet. Raises InputError, which names the field `where`, for a type that comes twice."""
     types = [member.type for member in members]
     for number, name in enumerate(types):
         if name in types[:number]:
-            raise InputError(f"task.fleet[{number}].type is {name} (allowed: every type once)")
+            raise InputError(f"{where}[{number}].type is {name} (allowed: every type once)")
     return Fleet(members)

@@ -16,9 +16,14 @@ from skystack.airspace.sector import MAX_DISTANCE_NM, Sector
 from skystack.airspace.sectors import find_sector
 from skystack.errors import InputError, unknown_name
 from skystack.json_file import convert, inside, is_name, not_allowed, read_json
-from skystack.simulator.fleet import AircraftType
-from skystack.simulator.fleet import fleet as fleet_of
-from skystack.simulator.performance import DEFAULT_TYPE, Performance
+from skystack.simulator.fleet import MOST_TYPES, AircraftType, fleet
+from skystack.simulator.performance import (
+    DEFAULT_TYPE,
+    TICKS_PER_FL,
+    ConstantPerformance,
+    Performance,
+    TablePerformance,
+)
 from skystack.simulator.performance import performance as performance_named
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import Traffic, start, ticks
@@ -63,6 +68,7 @@ class _FileEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     aircraft: Annotated[tuple[_AircraftEntry, ...], Meta(min_length=1, max_length=200)]
     levels_fl: tuple[Level, Level] | None = None
     performance: Name = "table"
+    fleet: Annotated[tuple[AircraftType, ...], Meta(max_length=MOST_TYPES)] = ()
     clearances: tuple[GivenClearance, ...] = ()
 
 
@@ -72,11 +78,13 @@ class Aircraft:
 
     callsign: str
     type: str
-    """An ICAO designator; whether it can be flown is for each platform to say."""
+    """An ICAO designator. Of a type that is not in the scenario's fleet each platform decides
+    whether it can fly it."""
     route: tuple[str, ...]
     lat: float
     lon: float
     fl: float
+    """Whole ticks, see `on_tick`."""
     heading_deg: float
     exit_fl: int
     own_navigation: bool
@@ -94,31 +102,32 @@ class Scenario:
     clearances: tuple[GivenClearance, ...]
     """In the order of the file: of two in one cycle the later one wins."""
     fleet: tuple[AircraftType, ...] = ()
-    """How fast each type flies; by `performance` where none is given."""
+    """The speeds and rates of its types; empty where all fly those of `performance`."""
 
-    @property
     def model(self) -> Performance:
-        """The performance model of all aircraft."""
-        return fleet_of(self.fleet) if self.fleet else performance_named(self.performance)
+        """The performance of all aircraft."""
+        return fleet(self.fleet, "fleet") if self.fleet else performance_named(self.performance)
 
-    def model_of(self, aircraft: Aircraft) -> Performance:
-        """The performance model of one aircraft alone."""
-        tables = {member.type: member.table() for member in self.fleet}
-        return tables.get(aircraft.type, self.model)
+    def performance_of(self, aircraft_type: str) -> TablePerformance | ConstantPerformance:
+        """The performance of a type; that of `performance` where the fleet does not have it."""
+        for member in self.fleet:
+            if member.type == aircraft_type:
+                return member.table()
+        model = performance_named(self.performance)
+        assert isinstance(model, TablePerformance | ConstantPerformance)
+        return model
 
     def simulator(self) -> Simulator:
         """The simulator that flies it."""
         own_navigation = any(aircraft.own_navigation for aircraft in self.aircraft)
-        return Simulator(self.sector, self.model, own_navigation)
+        return Simulator(self.sector, self.model(), own_navigation)
 
     def initial_traffic(self, simulator: Simulator) -> Traffic:
-        """The aircraft at cycle 0, in level flight."""
-        aircraft = self.aircraft
+        """The aircraft at cycle 0, in level flight; unknown types as the first that is known."""
+        aircraft, types = self.aircraft, simulator.performance.types
+        kinds = [types.index(one.type) if one.type in types else 0 for one in aircraft]
+        kind = jnp.array(kinds, dtype=jnp.int32)
         level = jnp.array([ticks(one.fl) for one in aircraft], dtype=jnp.float32)
-        types = simulator.performance.types
-        kind = jnp.array(
-            [types.index(one.type) if one.type in types else 0 for one in aircraft], dtype=jnp.int32
-        )
         position = self.sector.plane.to_plane(
             [one.lat for one in aircraft], [one.lon for one in aircraft]
         )
@@ -155,6 +164,7 @@ class Scenario:
 _ENTRIES: dict[str, type[msgspec.Struct]] = {
     "": _FileEntry,
     "aircraft": _AircraftEntry,
+    "fleet": AircraftType,
     "clearances": GivenClearance,
 }
 
@@ -179,6 +189,7 @@ def _checked(file: _FileEntry, folder: Path) -> Scenario:
     sector = replace(sector, levels_fl=(low, high))
     with inside("performance"):
         performance_named(file.performance)
+    _check_fleet(file)
     _check_callsigns(file.aircraft)
     aircraft = tuple(
         _checked_aircraft(f"aircraft[{index}]", entry, sector)
@@ -194,7 +205,24 @@ def _checked(file: _FileEntry, folder: Path) -> Scenario:
             allowed = f"0 to {file.cycles - 1}, which is cycles - 1"
             raise not_allowed(f"{where}.cycle", given.cycle, allowed)
         _check_clearance(where, given, sector)
-    return Scenario(sector, file.performance, file.cycles, aircraft, file.clearances)
+    return Scenario(sector, file.performance, file.cycles, aircraft, file.clearances, file.fleet)
+
+
+def on_tick(fl: float) -> float:
+    """The nearest level of whole ticks (1/60 ft): every simulator can start an aircraft there."""
+    return ticks(fl) / TICKS_PER_FL
+
+
+def _check_fleet(file: _FileEntry) -> None:
+    if not file.fleet:
+        return
+    if file.performance != "table":
+        raise not_allowed("performance", file.performance, '"table" where there is a fleet')
+    known = fleet(file.fleet, "fleet").types
+    for index, entry in enumerate(file.aircraft):
+        if entry.type not in known:
+            allowed = f"the types of the fleet: {', '.join(known)}"
+            raise not_allowed(f"aircraft[{index}].type", entry.type, allowed)
 
 
 def _check_callsigns(aircraft: tuple[_AircraftEntry, ...]) -> None:
@@ -224,9 +252,10 @@ def _checked_aircraft(where: str, entry: _AircraftEntry, sector: Sector) -> Airc
             f"at lat {entry.lat}, lon {entry.lon} (allowed: at most {MAX_DISTANCE_NM:.0f} NM)"
         )
     low, high = sector.levels_fl
-    if not low <= entry.fl <= high:
+    fl = on_tick(entry.fl)
+    if not low <= fl <= high:
         raise not_allowed(f"{where}.fl", entry.fl, f"{low} to {high}")
-    exit_fl = entry.fl if entry.exit_fl is None else entry.exit_fl
+    exit_fl = fl if entry.exit_fl is None else entry.exit_fl
     given = "" if entry.exit_fl is not None else " (not given, so fl)"
     _check_level(f"{where}.exit_fl{given}", exit_fl, sector)
     heading = entry.heading_deg
@@ -236,7 +265,7 @@ def _checked_aircraft(where: str, entry: _AircraftEntry, sector: Sector) -> Airc
         route=entry.route,
         lat=entry.lat,
         lon=entry.lon,
-        fl=entry.fl,
+        fl=fl,
         heading_deg=sector.first_heading_deg(entry.route) if heading is None else heading % 360.0,
         exit_fl=int(exit_fl),
         own_navigation=entry.own_navigation,

@@ -17,7 +17,14 @@ from jaxtyping import Float
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
 from skystack.evaluation.losses import FlightPath, Loss, losses
-from skystack.evaluation.stored import check_who, metadata_of, read_table, rows_of, sector_of
+from skystack.evaluation.stored import (
+    check_who,
+    has_column,
+    metadata_of,
+    read_table,
+    rows_of,
+    sector_of,
+)
 from skystack.platforms.registry import OWN
 
 NUMBERS = (
@@ -176,13 +183,14 @@ def _scenario(
 
 
 def _simulated(path: Path) -> Replay:
-    flown = read_table(path, ("cycle", "callsign", *NUMBERS), optional=("status",))
+    has_status = has_column(path, "status")  # older tables have none
+    flown = read_table(path, ("cycle", "callsign", *NUMBERS, *(("status",) if has_status else ())))
     who, said = (metadata_of(path, flown, key) for key in ("aircraft", "clearances"))
     sector = sector_of(path, flown)
     check_who(path, sector, who)
     if not flown.num_rows:
         raise InputError(f"{path}: holds no row")
-    if "status" not in flown.column_names:  # as tables of version 0.1.0
+    if not has_status:
         flown = flown.append_column("status", pa.array([FLYING] * flown.num_rows))
     flying = tuple(_aircraft(sector, path, flown, each) for each in who)
     cycles = int(flown["cycle"].to_numpy().max())

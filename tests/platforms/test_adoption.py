@@ -1,0 +1,158 @@
+"""The words of clearances are those of what is flown: brute force on the rows that follow."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skystack.airspace.xplus import x_plus
+from skystack.platforms.adoption import BLUESKY, SKYSTACK, in_words
+from skystack.platforms.flight import fly_scenario
+from skystack.platforms.instruction import Instruction
+from skystack.platforms.languages import cpdlc
+from skystack.platforms.own import Skystack
+from skystack.platforms.phraseology import written
+from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario
+
+SECTOR = replace(x_plus(), levels_fl=(100, 400))
+CYCLES = 24
+SIDES = {"left": -1, "right": 1, None: 0}
+WAYS = {"descend": -1, "climb": 1, None: 0}
+
+
+def random_aircraft(rng, number):
+    """Anywhere on a route, headings of every kind, on own navigation or not."""
+    route = SECTOR.routes[rng.integers(len(SECTOR.routes))]
+    own = bool(rng.random() < 0.3)
+    lat, lon = SECTOR.fixes[route[0]] if own else rng.uniform(-0.3, 0.3, size=2).tolist()
+    special = rng.choice([0.0, 359.5, 0.5, 90.0, 180.0, 270.0, 45.0])
+    halves, any_one = rng.integers(720) / 2.0, rng.uniform(0.0, 360.0)
+    free = rng.choice([special, rng.integers(360), halves, any_one])
+    heading = SECTOR.first_heading_deg(route) if own else float(free)
+    fl = float(rng.integers(11, 38) * 10 + rng.choice([0.0, 0.0, 5.0, 0.9]))
+    return Aircraft(f"AC{number}", "B753", route, lat, lon, fl, heading, 300, own)
+
+
+def random_clearances(rng, aircraft, directions):
+    """A few, often while the turn or climb of the one before is under way."""
+    cycle, heading, level = 0, aircraft.heading_deg, aircraft.fl
+    while (cycle := cycle + int(rng.integers(1, 6))) < CYCLES - 3:
+        turn = None
+        change = rng.choice([180, -180, 179, -179, 170, -170, 5, -5, 1, *range(-90, 91, 30)])
+        target = int(rng.choice([round(heading + change) % 360, 0, 360, rng.integers(361)]))
+        if rng.random() < 0.2:
+            target = None
+        elif rng.random() < 0.3:
+            turn = str(rng.choice(directions))
+        near = np.clip(level // 10 * 10 + rng.choice([-10, 0, 10, -50, 50]), 110, 380)
+        fl = int(near) if target is None or rng.random() < 0.5 else None
+        yield GivenClearance(cycle, aircraft.callsign, target, turn, fl)
+        heading = heading if target is None else float(target)
+        level = level if fl is None else float(fl)
+
+
+def random_scenario(seed, count, directions=("shortest", "left", "right")):
+    rng = np.random.default_rng(seed)
+    flying = tuple(random_aircraft(rng, number) for number in range(count))
+    clearances = [given for one in flying for given in random_clearances(rng, one, directions)]
+    return Scenario(SECTOR, "table", CYCLES, flying, tuple(clearances))
+
+
+def change(before, after):
+    """The sign of the way from one heading to another, less than half a turn apart."""
+    return np.sign((after - before + 180.0) % 360.0 - 180.0)
+
+
+def checked(scenario, flight, delay):
+    """Every word against the rows; returns counts of what was met."""
+    met = {"turns": 0, "levels": 0, "half turns": 0, "other way than at issue": 0}
+    index = {one.callsign: number for number, one in enumerate(scenario.aircraft)}
+    for cycle, said in flight.issued:
+        issue, before, after = (
+            flight.reports[row] for row in (cycle, cycle + delay, cycle + delay + 1)
+        )
+        one = index[said.callsign]
+        text, link = written(said), cpdlc(said).lower()
+        assert (said.callsign, cycle) == (scenario.aircraft[one].callsign, cycle)
+        if said.heading_deg is not None:
+            flown = change(before.heading_deg[one], after.heading_deg[one])
+            assert SIDES[said.turn] == flown, (cycle, said, before.heading_deg[one])
+            way = f"turn {said.turn}" if said.turn else "fly"
+            assert f"{way} heading" in text
+            assert f"{way} heading" in link
+            at_issue = change(issue.heading_deg[one], said.heading_deg)
+            met["turns"] += 1
+            met["half turns"] += abs(said.heading_deg % 360 - before.heading_deg[one]) == 180.0
+            met["other way than at issue"] += not said.by_direction and flown != at_issue
+        if said.level_fl is not None:
+            flown = np.sign(after.fl[one] - before.fl[one])
+            if delay:  # BlueSky's vertical speed turns round in some seconds
+                assert WAYS[said.vertical] == flown, (cycle, said, before.fl[one])
+            else:
+                faster = after.vertical_speed_ft_min[one] - before.vertical_speed_ft_min[one]
+                assert WAYS[said.vertical] in (flown, np.sign(faster))
+            assert f"{said.vertical or 'maintain'} FL{said.level_fl}" in text
+            assert f"{said.vertical or 'maintain'}{' to' * bool(said.vertical)} fl" in link
+            met["levels"] += 1
+            met["other way than at issue"] += flown != np.sign(said.level_fl - issue.fl[one])
+    return met
+
+
+def test_ours_says_what_it_flies_in_two_thousand_random_sequences():
+    platform, total = Skystack(), {}
+    for seed in range(10):
+        scenario = random_scenario(seed, 200)
+        for name, count in checked(scenario, fly_scenario(platform, scenario), 1).items():
+            total[name] = total.get(name, 0) + count
+    assert min(total["turns"], total["levels"]) > 5000
+    assert total["half turns"] > 100
+    assert total["other way than at issue"] > 500
+
+
+def test_bluebird_says_what_it_flies():
+    bluebird = pytest.importorskip("skystack.platforms.bluebird", exc_type=ImportError)
+    scenario = random_scenario(99, 60)
+    met = checked(scenario, fly_scenario(bluebird.Bluebird(), scenario), 1)
+    assert min(met.values()) > 2
+
+
+def test_bluesky_says_what_it_flies(tmp_path):
+    bluesky = pytest.importorskip("skystack.platforms.bluesky", exc_type=ImportError)
+    scenario = random_scenario(98, 60, directions=("shortest",))
+    platform = bluesky.BlueSky(tmp_path)
+    try:
+        met = checked(scenario, fly_scenario(platform, scenario), 0)
+    finally:
+        platform.close()
+    assert min(met["turns"], met["levels"], met["half turns"]) > 2
+
+
+HALF_TURNS = [(0.0, 180), (180.0, 360), (90.0, 270), (270.0, 90), (359.5, 0), (0.0, 360)]
+
+
+@pytest.mark.parametrize(
+    ("adoption", "words"),
+    [
+        (SKYSTACK, ["right", "left", "right", "left", "right", None]),
+        (BLUESKY, ["left", "left", "left", "left", "right", None]),
+    ],
+)
+def test_half_turns_pass_through_no_north_but_in_bluesky_which_turns_left(adoption, words):
+    commands = [Instruction("AC1", target) for _, target in HALF_TURNS]
+    actual = np.array([heading for heading, _ in HALF_TURNS])
+    found = in_words(commands, actual, np.zeros(len(commands)), adoption)
+    assert [each.turn for each in found] == words
+
+
+def test_a_level_is_reached_within_a_tick():
+    commands = [Instruction("AC1", level_fl=300)] * 3
+    found = in_words(commands, np.zeros(3), np.array([300.0 - 1e-9, 299.0, 300.1]), SKYSTACK)
+    assert [each.vertical for each in found] == [None, "climb", "descend"]
+
+
+def test_a_direction_that_is_given_is_kept_where_there_is_a_turn():
+    commands = [Instruction("AC1", 45, "left", by_direction=True)] * 2
+    level = np.zeros(2)
+    there, near = in_words(commands, np.array([45.0, 44.0]), level, SKYSTACK)
+    assert (there.turn, there.by_direction) == (None, False)
+    assert (near.turn, near.by_direction) == ("left", True)

@@ -1,0 +1,199 @@
+"""Types of a fleet fly their own speeds and rates on every platform, or are refused."""
+
+import re
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+
+from skystack.airspace.projection import WGS84
+from skystack.airspace.xplus import x_plus
+from skystack.errors import InputError
+from skystack.platforms.bluesky_scenario import scenario_text
+from skystack.platforms.flight import fly_scenario
+from skystack.platforms.own import Skystack
+from skystack.platforms.registry import notes_of, open_platform
+from skystack.simulator.fleet import AircraftType
+from skystack.simulator.performance import tas_from_cas, tas_from_mach
+from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario
+from tests.scenarios import MINIMAL, changed, load
+
+SECTOR = replace(x_plus(), levels_fl=(50, 400))
+AT76 = AircraftType(
+    "AT76",
+    low_cas_kt=(160.0, 170.0, 180.0),
+    high_cas_kt=(160.0, 170.0, 180.0),
+    mach=(0.40, 0.44, 0.42),
+    rate_ft_min=1200.0,
+)
+A320 = AircraftType("A320", 1.0, (210.0, 220.0, 200.0), (250.0, 260.0, 240.0), rate_ft_min=1800.0)
+FLEET = (AircraftType(), AT76, A320)
+LEVEL = {"A": ("B753", 120.0), "B": ("AT76", 180.0), "C": ("AT76", 280.0), "D": ("A320", 300.9)}
+CLIMBS = ((3, "A", 340), (4, "B", 130), (30, "D", 120), (90, "B", 240), (150, "A", 60))
+
+
+def scenario(flying=LEVEL, levels=(), fleet=FLEET, cycles=300):
+    aircraft = tuple(
+        Aircraft(callsign, kind, SECTOR.routes[0], -0.2, 0.1, fl, 45.0 + 30.0 * place, 300, False)
+        for place, (callsign, (kind, fl)) in enumerate(flying.items())
+    )
+    turns = tuple(GivenClearance(20 * place, one, 100) for place, one in enumerate(flying))
+    climbs = tuple(GivenClearance(cycle, callsign, fl=fl) for cycle, callsign, fl in levels)
+    return Scenario(SECTOR, "table", cycles, aircraft, turns + climbs, fleet)
+
+
+def fly(name, flown, folder):
+    if name != "skystack":
+        pytest.importorskip({"bluebird": "bluebird_dt"}.get(name, name))
+    platform = open_platform(name, folder)
+    try:
+        return np.array(fly_scenario(platform, flown).reports)
+    finally:
+        platform.close()
+
+
+def cruise_kt(kind, fl):
+    """True airspeed by the formulas of the standard atmosphere."""
+    level = np.array([fl])
+    cas = np.interp(fl, [100.0, 150.0], [kind.low_cas_kt[1], kind.high_cas_kt[1]])
+    return min(tas_from_cas(level, np.array([cas])), tas_from_mach(level, kind.mach[1])).item()
+
+
+@pytest.mark.parametrize("name", ["skystack", "bluebird", "bluesky"])
+def test_every_type_cruises_at_its_own_speed(name, tmp_path):
+    flown = scenario(cycles=10)
+    speeds = fly(name, flown, tmp_path)[:, 6]
+    kinds = {each.type: each for each in FLEET}
+    right = [cruise_kt(kinds[kind], fl) for kind, fl in LEVEL.values()]
+    np.testing.assert_allclose(speeds, np.tile(right, (11, 1)), rtol=2e-4)
+    assert right[2] == pytest.approx(261.5, abs=0.1)
+
+
+@pytest.mark.parametrize(("levels", "within_fl"), [((), 0.0), (CLIMBS, 1e-9)])
+def test_bluebird_flies_a_fleet_as_ours(levels, within_fl, tmp_path):
+    flown = scenario(levels=levels)
+    ours, theirs = (fly(name, flown, tmp_path) for name in ("skystack", "bluebird"))
+    place = [ours[:, 1], ours[:, 0], theirs[:, 1], theirs[:, 0]]
+    _, _, apart_m = WGS84.inv(*(values.reshape(-1) for values in place))
+    assert apart_m.max() / 1852.0 < 0.02
+    assert np.abs(ours[:, 2] - theirs[:, 2]).max() <= within_fl
+    np.testing.assert_allclose(ours[:, 6], theirs[:, 6], atol=0.01)
+
+
+def test_climbs_in_bluesky_are_flown_at_the_type_s_rate_and_speed(tmp_path):
+    flown = scenario(levels=CLIMBS, cycles=70)
+    ours, theirs = (fly(name, flown, tmp_path) for name in ("skystack", "bluesky"))
+    # AT76 "B" descends from cycle 4 on, by 50 levels at 1,200 ft/min; "A" climbs at 2,500.
+    np.testing.assert_allclose(theirs[20, 7], ours[20, 7], atol=1e-6)
+    assert theirs[20, 7, :2].tolist() == pytest.approx([2500.0, -1200.0])
+    # A minute after the last clearance, BlueSky having slowed down or accelerated.
+    np.testing.assert_allclose(theirs[40:, 6], ours[40:, 6], rtol=0.01)
+    assert theirs[-1, 2, 1] == ours[-1, 2, 1] == 130.0
+
+
+def test_the_file_for_bluesky_has_the_type_s_speeds():
+    text = scenario_text(scenario(cycles=10))
+    assert re.search(r"CRE B AT76 \S+ \S+ \S+ 18000\S* 170\.000000\n", text)
+    assert re.search(r"CRE C AT76 \S+ \S+ \S+ 28000\S* M0\.44000000\n", text)
+    climb = scenario_text(scenario(levels=CLIMBS))
+    assert "00:00:24.00>VS B 1200.000000" in climb
+    assert "00:00:24.00>SPD B 180.000000" in climb
+
+
+@pytest.mark.parametrize(
+    ("member", "message"),
+    [
+        (
+            {"high_cas_kt": (390.0,) * 3, "mach": (0.9, 0.9, 0.9)},
+            "A flies .* M0.90, at FL300 .*up to M0.79",
+        ),
+        ({"high_cas_kt": (100.0, 100.0, 100.0)}, "A flies 100 kt CAS.*124 to 309 kt"),
+    ],
+)
+def test_speeds_outside_bluesky_s_envelope_are_refused(member, message, tmp_path):
+    fast = {"high_cas_kt": (300.0, 300.0, 300.0), "mach": (0.44, 0.44, 0.44)}
+    kind = msgspec.structs.replace(AT76, **fast | member)
+    with pytest.raises(InputError, match=message):
+        fly("bluesky", scenario({"A": ("AT76", 300.0)}, fleet=(kind,), cycles=2), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("member", "message"),
+    [
+        ({"rate_ft_min": 8000.0}, "rate_ft_min is 8000 for A .*up to 3272"),
+        ({"ceiling_fl": 250.0}, "fl is 260 for A .*up to FL250, the ceiling of AT76"),
+    ],
+)
+def test_climbs_that_bluesky_does_not_fly_are_refused(member, message, tmp_path):
+    kind = msgspec.structs.replace(AT76, **member)
+    flown = scenario({"A": ("AT76", 200.0)}, ((0, "A", 260),), fleet=(kind,), cycles=2)
+    with pytest.raises(InputError, match=message):
+        fly("bluesky", flown, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["skystack", "bluebird", "bluesky"])
+def test_a_level_between_whole_ones_is_flown_as_given(name, tmp_path):
+    flown = scenario({"A": ("B753", 300.9), "B": ("B753", 305.0)}, fleet=(), cycles=3)
+    levels = fly(name, flown, tmp_path)[:, [2, 5]]
+    np.testing.assert_allclose(levels[:, 0], np.tile([300.9, 305.0], (4, 1)), rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(levels[:, 1], levels[:, 0], rtol=0.0, atol=1e-9)
+
+
+MEMBER = {"type": "AT76", "low_cas_kt": [160, 170, 180.0], "mach": [0.4, 0.44, 0.42]}
+
+
+def with_fleet(members, **fields):
+    two = changed(("fleet",), members) | fields
+    for one in two["aircraft"]:
+        one["type"] = "AT76"
+    return two
+
+
+def test_a_scenario_file_may_bring_a_fleet(tmp_path):
+    flown = load(with_fleet([MEMBER]), tmp_path)
+    assert flown.performance_of("AT76").low_cas_kt == (160.0, 170.0, 180.0)
+    reports = fly_scenario(Skystack(), flown).reports
+    kind = msgspec.convert(MEMBER, AircraftType)
+    np.testing.assert_allclose(reports[-1].ground_speed_kt, cruise_kt(kind, 300.0), rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("file", "message"),
+    [
+        (with_fleet([MEMBER, MEMBER]), "fleet[1].type is AT76 (allowed: every type once)"),
+        (
+            with_fleet([MEMBER], performance="constant"),
+            'performance is "constant" (allowed: "table"',
+        ),
+        (with_fleet([MEMBER | {"mach": [2, 2, 2]}]), "fleet[0].mach[0] is 2"),
+        (
+            changed(("fleet",), [MEMBER]),
+            'aircraft[0].type is "B753" (allowed: the types of the fleet: AT76)',
+        ),
+    ],
+)
+def test_a_fleet_that_cannot_be_is_refused(file, message, tmp_path):
+    with pytest.raises(InputError, match=re.escape(message)):
+        load(file, tmp_path)
+
+
+def test_types_that_are_not_in_the_fleet_are_flown_as_is_stated(tmp_path):
+    file = changed(("aircraft", 1, "type"), "B744", MINIMAL)
+    flown = load(file, tmp_path)
+    assert notes_of("bluebird", flown) == ["bluebird flies B744 at the speeds of its own tables"]
+    assert notes_of("bluesky", flown)[1:] == ["bluesky flies B744 at the speeds of B753"]
+
+
+def test_exact_levels_are_whole_numbers_however_they_are_written(tmp_path):
+    file = changed(("aircraft", 0, "exit_fl"), 220.0)
+    assert load(file, tmp_path).aircraft[0].exit_fl == 220
+    with pytest.raises(InputError, match=re.escape("aircraft[0].exit_fl is 220.5 (allowed: whole")):
+        load(changed(("aircraft", 0, "exit_fl"), 220.5), tmp_path)
+
+
+def test_a_fleet_with_a_type_and_its_substitute_is_refused(tmp_path):
+    both = (AircraftType(), AircraftType("B752"))
+    flown = scenario({"A": ("B753", 300.0)}, fleet=both, cycles=2)
+    with pytest.raises(InputError, match="the fleet has B753, which BlueSky flies as B752, and"):
+        fly("bluesky", flown, tmp_path)
