@@ -148,7 +148,8 @@ def judge(
     asked for one scenario after the other, on other platforms in other processes. They need the
     `experiment` that they are for, its name, its file (.toml) or itself, unless they say which.
 
-    `name` is that of the row and of the folder. `on_scenario` hears how many scenarios are done.
+    `name` is that of the row and of the folder. `on_scenario` hears how many scenarios another
+    platform has done.
     Raises InputError for a platform that is not there, an experiment that does not fit and a policy
     that fails or answers with what is no action; PlatformError when no scenario is finished.
     """
@@ -213,7 +214,7 @@ def _judge(
     begun = time.monotonic()
     platform, stacking = conditions.platform, conditions.stacking
     if platform == OWN:
-        flown = FlownElsewhere(_fly_here(task, controller(), conditions, on_scenario), {})
+        flown = FlownElsewhere(_fly_here(task, controller(), conditions), {})
     else:
         flown = _fly_elsewhere(task, controller, conditions, out, on_scenario)
     wall_s = time.monotonic() - begun
@@ -231,11 +232,10 @@ def _fly_here(
     task: NavigationTask,
     controller: Controller | HostedController,
     conditions: Conditions,
-    on_scenario: Callable[[int], None],
 ) -> Recording:
     seed, episodes, stacking = conditions.seed, conditions.episodes, conditions.stacking
     if isinstance(controller, HostedController):
-        return fly_hosted(task, controller, seed, episodes, stacking, on_scenario)
+        return fly_hosted(task, controller, seed, episodes, stacking)
     return fly(task, controller, seed, episodes, stacking)
 
 
