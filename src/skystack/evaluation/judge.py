@@ -98,14 +98,11 @@ def task_of_agent(
     task = _task(experiment, sector)
     if facts is not None:
         _check_trained_for(task, facts, agent.name)
-    has = (agent.observations, agent.actions)
-    wanted = (len(task.observation_names), len(task.action_names))
-    if any(mine not in (None, its) for mine, its in zip(has, wanted, strict=True)):
-        mine, its = (
-            f"{values} observed values and {actions} actions"
-            for values, actions in (tuple("?" if n is None else n for n in has), wanted)
-        )
-        raise InputError(f"{agent.name} has {mine} (allowed for {experiment.name}: {its})")
+    seen, actions = len(task.observation_names), len(task.action_names)
+    if agent.observations not in (None, seen) or agent.actions not in (None, actions):
+        has = f"{agent.observations or '?'} observed values and {agent.actions or '?'} actions"
+        its = f"{experiment.name}: {seen}, {actions}"
+        raise InputError(f"{agent.name} has {has} (allowed for {its})")
     return task
 
 
