@@ -42,6 +42,17 @@ def test_the_rule_brings_everybody_out(run):
     assert 0 < stacked < plain
 
 
+def test_the_judged_rule_brings_everybody_out(run, tmp_path):
+    few = ("--scenarios", "3", "--out", str(tmp_path))
+    (plain, success), (stacked, stacked_success) = run("judged_rule.py", *few)
+    assert (success, stacked_success) == (100, 100)
+    assert 0 < stacked < plain
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "aim-s0-skystack-plain",
+        "aim-s0-skystack-stacked",
+    }
+
+
 def test_a_policy_of_stable_baselines3_is_stacked(run):
     pytest.importorskip("stable_baselines3")
     small = ("--steps", "1024", "--environments", "16")

@@ -85,7 +85,7 @@ def test_a_zip_is_judged_on_the_experiment_that_is_named(capsys, tmp_path):
         assert err.startswith(f"skystack: {why}")
 
 
-def test_mistakes_are_told_in_one_line(capsys, tmp_path):
+def test_mistakes_are_reported_in_one_line(capsys, tmp_path):
     (tmp_path / "model.zip").write_bytes(b"no zip")
     for words, why in (
         (["lateral", "--experiment", "lateral"], "lateral carries its own experiment"),

@@ -132,14 +132,6 @@ def test_only_those_who_still_ask_are_asked():
     assert recording.instructions.sum(axis=1).tolist() == [12, 0, 0, 0, 0, 0]
 
 
-def test_done_scenarios_are_counted():
-    heard = []
-    task = build_task(AIMED.task)
-    recording = fly_hosted(task, HostedController(agent_of(aim)), 0, 4, True, heard.append)
-    ended = np.sort(recording.ran.sum(axis=1))
-    assert heard == sorted({int((ended <= end).sum()) for end in ended})
-
-
 def test_answers_are_copied_and_observations_may_be_changed():
     kept, buffer = [], np.zeros(1000, dtype=np.int64)
 

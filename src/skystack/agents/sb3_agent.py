@@ -27,7 +27,7 @@ MOST_DESCRIPTION = 16_000_000
 MOST_PARTS = 1000
 """Of a zip."""
 SAFE_TORCH = (2, 6)
-"""Before it `weights_only=True` could be got round (CVE-2025-32434)."""
+"""Before it `weights_only=True` could be bypassed (CVE-2025-32434)."""
 Layer = tuple[np.ndarray, np.ndarray]
 """Weights, outputs by inputs, and biases."""
 
@@ -48,7 +48,7 @@ _SETTINGS = {
     "ortho_init",
     "share_features_extractor",
 }
-"""Of a policy that can be left out of account here, or are read from the tensors."""
+"""Of a policy: those that do not change its answers, or are read here or from the tensors."""
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,7 @@ def _tensors(torch: Any, data: bytes) -> dict[str, np.ndarray]:
 
 
 def _layers(tensors: Mapping[str, np.ndarray], hidden: str, last: str | None) -> tuple[Layer, ...]:
-    """In their order; between two numbers stands an activation."""
+    """In order; the numbers between theirs are activations."""
     pattern = re.compile(re.escape(hidden) + r"(\d{1,3})\.weight")
     numbers = sorted(int(found[1]) for name in tensors if (found := pattern.fullmatch(name)))
     if numbers != list(range(0, 2 * len(numbers), 2)):

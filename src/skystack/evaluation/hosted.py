@@ -4,7 +4,6 @@ The task's parts are compiled, each for all scenarios together; between them the
 results are those of `skystack.evaluation.rollout`, whose one program no such agent can be part of.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -110,9 +109,8 @@ def fly_hosted(
     seed: int,
     scenarios: int,
     stacking: bool,
-    on_scenario: Callable[[int], None] = lambda done: None,
 ) -> Recording:
-    """`skystack.evaluation.rollout.fly` for an agent; `on_scenario` hears how many are done.
+    """`skystack.evaluation.rollout.fly` for an agent.
 
     Raises InputError, which names scenario and cycle, for an agent that fails or answers with what
     is not in the task's action table.
@@ -121,11 +119,7 @@ def fly_hosted(
     parts = []
     for first in range(0, scenarios, SCENARIOS_AT_ONCE):
         numbers = np.arange(first, min(first + SCENARIOS_AT_ONCE, scenarios), dtype=np.int32)
-
-        def on_done(done: int, before: int = first) -> None:
-            on_scenario(before + done)
-
-        parts.append(_fly_many(task, decisions, seed, numbers, on_done))
+        parts.append(_fly_many(task, decisions, seed, numbers))
     return together(parts)
 
 
@@ -134,7 +128,6 @@ def _fly_many(
     decisions: Decisions,
     seed: int,
     numbers: Int[np.ndarray, " scenarios"],
-    on_done: Callable[[int], None],
 ) -> Recording:
     """These scenarios to the end of the last; who has ended stays as it is and is not asked."""
 
@@ -155,12 +148,9 @@ def _fly_many(
     while not over.all():
         moment = Moment(numbers, len(rows), queries[:, len(rows)])
         told, stack = decisions.decide(state, ~over, moment)
-        before = over.sum()
         state, ended, kept = advance(told, stack, over)
         over = np.asarray(ended)
         rows.append(jax.device_get(kept))
-        if over.sum() > before:
-            on_done(int(over.sum()))
     return recording_of(numbers, start, exit_level, rows, task.settings.cycles)
 
 

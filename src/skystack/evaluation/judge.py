@@ -116,14 +116,11 @@ def task_of_agent(
     task = _task(experiment, sector, cycles)
     if facts is not None:
         _check_trained_for(task, facts, agent.name)
-    has = (agent.observations, agent.actions)
-    wanted = (len(task.observation_names), len(task.action_names))
-    if any(mine not in (None, its) for mine, its in zip(has, wanted, strict=True)):
-        mine, its = (
-            f"{values} observed values and {actions} actions"
-            for values, actions in (tuple("?" if n is None else n for n in has), wanted)
-        )
-        raise InputError(f"{agent.name} has {mine} (allowed for {experiment.name}: {its})")
+    seen, actions = len(task.observation_names), len(task.action_names)
+    if agent.observations not in (None, seen) or agent.actions not in (None, actions):
+        has = f"{agent.observations or '?'} observed values and {agent.actions or '?'} actions"
+        its = f"{experiment.name}: {seen}, {actions}"
+        raise InputError(f"{agent.name} has {has} (allowed for {its})")
     return task
 
 
@@ -172,7 +169,8 @@ def judge(
     asked for one scenario after the other, on other platforms in other processes. They need the
     `experiment` that they are for, its name, its file (.toml) or itself, unless they say which.
 
-    `name` is that of the row and of the folder. `on_scenario` hears how many scenarios are done.
+    `name` is that of the row and of the folder. `on_scenario` hears how many scenarios another
+    platform has done.
     Raises InputError for a platform that is not there, an experiment that does not fit and a policy
     that fails or answers with what is no action; PlatformError when no scenario is finished.
     """
@@ -237,7 +235,7 @@ def _judge(
     begun = time.monotonic()
     platform, stacking = conditions.platform, conditions.stacking
     if platform == OWN:
-        flown = FlownElsewhere(_fly_here(task, controller(), conditions, on_scenario), {})
+        flown = FlownElsewhere(_fly_here(task, controller(), conditions), {})
     else:
         flown = _fly_elsewhere(task, controller, conditions, out, on_scenario)
     wall_s = time.monotonic() - begun
@@ -261,11 +259,10 @@ def _fly_here(
     task: NavigationTask,
     controller: Controller | HostedController,
     conditions: Conditions,
-    on_scenario: Callable[[int], None],
 ) -> Recording:
     seed, episodes, stacking = conditions.seed, conditions.episodes, conditions.stacking
     if isinstance(controller, HostedController):
-        return fly_hosted(task, controller, seed, episodes, stacking, on_scenario)
+        return fly_hosted(task, controller, seed, episodes, stacking)
     return fly(task, controller, seed, episodes, stacking)
 
 
