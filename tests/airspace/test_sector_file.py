@@ -272,7 +272,7 @@ HOLE = [[9.9, 49.9], [10.1, 49.9], [10.1, 50.1]]
         (
             ["fixes", "EDGED", "lon"],
             10.4,  # a tenth of a degree inside: 6.01 NM times the cosine of 50 degrees
-            "routes[0]: its exit EDGED is not on an edge but 3.9 NM off lat 50.0000, lon 10.5000",
+            "routes[0]: its exit EDGED is not on an edge but 3.87 NM off lat 50.0000, lon 10.5000",
         ),
         (["fixes", "EDGED", "lat"], 50.4999, "routes[0]: its exit EDGED is not on an edge"),
         (["fixes", "MIDDL"], {"lat": 50.0, "lon": 9.3}, "routes[0]: it is"),

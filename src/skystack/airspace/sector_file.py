@@ -231,7 +231,7 @@ def _check_exit(
         lat, lon = sector.plane.to_degrees(nearest)
         off_nm = geodesic_leg(sector.fixes[name], (lat, lon))[1]
         raise InputError(
-            f"its exit {name} is not on an edge but {off_nm:.1f} NM off lat {lat:.4f}, "
+            f"its exit {name} is not on an edge but {off_nm:.2f} NM off lat {lat:.4f}, "
             f"lon {lon:.4f}, which is (allowed: {allowed})"
         )
     before, after = (
