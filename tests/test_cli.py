@@ -1,16 +1,19 @@
 """The command line, as a newcomer would use and misuse it."""
 
 import json
+import math
 import os
 import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import pytest
 
 import skystack
+from skystack.airspace.projection import WGS84
 from skystack.benchmarking import peers
 from skystack.benchmarking import run as benchmarking
 from skystack.benchmarking.figures import Figure
@@ -200,6 +203,54 @@ def test_describe_and_draw_a_sector(capsys, tmp_path):
     assert max(map(abs, straight["turns_deg"])) < 0.01
     for wrong in (["nosuch"], ["merge", "-o", str(tmp_path / "map.gif")]):
         code, _, err = run(capsys, "sector", *wrong)
+        assert (code, err.count("\n")) == (2, 1)
+
+
+def test_a_sector_that_takes_longer_than_a_scenario(capsys, tmp_path):
+    """270 NM of the meridian to the exit: 347 cycles at 466 kt, less 4 NM."""
+    file = tmp_path / "long.json"
+    fixes = {"S": (44.75, 8.0), "N": (49.25, 8.0), "NO": (49.35, 8.0), "SE": (44.85, 8.0)}
+    long = {
+        "name": "long",
+        "levels_fl": [200.0, 400.0],
+        "separation_nm": 3,
+        "area": {
+            "type": "MultiPolygon",
+            "coordinates": [[[[7.5, 44.85, 0], [8.5, 44.85, 0], [8.5, 49.25, 0], [7.5, 49.25, 0]]]],
+        },
+        "fixes": {name: {"lat": lat, "lon": lon} for name, (lat, lon) in fixes.items()},
+        "routes": [["S", "N", "NO"], ["NO", "SE", "S"]],
+    }
+    file.write_text(json.dumps(long))
+    needed, longest = (
+        math.ceil((WGS84.inv(8.0, start, 8.0, end)[2] / 1852.0 - 4.0) / 465.94 * 600.0)
+        for start, end in ((44.75, 49.25), (49.35, 44.85))
+    )
+    span = f"{needed} to {longest}" if needed < longest else f"{needed}"
+    late = f"2 of 2 routes take more than 300 cycles: {span} at 466 kt (see --cycles)"
+    code, out, _ = run(capsys, "sector", str(file))
+    assert (code, late in out) == (0, True)
+    assert "separation: 3 NM or 1,000 ft" in out
+    code, out, _ = run(capsys, "sector", str(file), "--cycles", str(longest))
+    assert (code, "routes take more" in out) == (0, False)
+    refused = f"takes {needed} at 466 kt (allowed: {needed} to 10000"
+    evaluation = ("evaluate", "lateral-best", "--sector", str(file), "--episodes", "2", "--json")
+    training = ("train", "lateral", "--set", f"task.sector={file}", "--out", str(tmp_path / "t"))
+    for words in (evaluation, training):
+        code, out, err = run(capsys, *words)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert refused in err
+    assert not (tmp_path / "t").exists()
+    code, out, err = run(capsys, *evaluation, "--cycles", str(needed + 30))
+    assert (code, "take more" in err) == (0, False)
+    assert json.loads(out)["rows"][0]["episodes"] == 2
+    small = [*SMALL, "--cycles", str(needed), "--json"]
+    assert run(capsys, *training, *small)[0] == 0
+    config = tomllib.loads((tmp_path / "t" / "config.toml").read_text())
+    assert config["task"]["cycles"] == needed
+    assert config["task"]["sector"]["separation_nm"] == 3.0
+    for many in ("0", "10001", "x"):
+        code, _, err = run(capsys, "sector", str(file), "--cycles", many)
         assert (code, err.count("\n")) == (2, 1)
 
 

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, get_args, get_type_hints
 
 import msgspec
 
@@ -177,9 +177,11 @@ def _refusal(message: str, raw: Any, entries: Entries) -> InputError:
     """What msgspec refused in the words of a JSON file, with the value."""
     found = _REFUSAL.fullmatch(message)
     what, where = (found["what"], found["where"] or "") if found else (message, "")
+    if "..." in where:  # in an object with names of the file's own, which msgspec does not give
+        return InputError(f"{where}: {what[0].lower()}{what[1:]}")
     value = raw
     for step in re.findall(r"\w+", where):
-        value = value[int(step)] if isinstance(value, list) else value[step]
+        value = value[int(step)] if isinstance(value, list | tuple) else value[step]
     if what.startswith("Object contains unknown field"):
         fields = entries[where.partition("[")[0]].__struct_fields__
         unknown = unknown_name("field", next(name for name in value if name not in fields), fields)
@@ -189,7 +191,10 @@ def _refusal(message: str, raw: Any, entries: Entries) -> InputError:
         return InputError(f"{where}.{missing} is missing".removeprefix("."))
     if what.startswith("Number out of range"):
         return not_allowed(where, value, "finite number")
+    if what.startswith("Invalid enum value"):
+        table, _, field = where.rpartition(".")
+        return not_allowed(where, value, ", ".join(get_args(get_type_hints(entries[table])[field])))
     allowed = what.partition(", got")[0].removeprefix("Expected ")
-    allowed = allowed.replace("`", "").replace(" | null", "")
+    allowed = allowed.replace("`", "").replace(" | null", "").replace(" | ", " or ")
     allowed = re.sub(r"\w+", lambda word: _JSON_WORDS.get(word[0], word[0]), allowed)
     return not_allowed(where or "the file", value, allowed)

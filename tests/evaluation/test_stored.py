@@ -5,10 +5,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from skystack.airspace.sector_file import SectorEntry, make_sector
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
 from skystack.evaluation import columns, stored
-from skystack.evaluation.stored import read_table, rows_of, sector_of
+from skystack.evaluation.stored import read_table, rows_of, sector_of, write_table
 
 
 def repeated(text, rows):
@@ -78,6 +79,32 @@ def test_a_sector_in_metadata_lies_on_the_earth(field, at, tmp_path):
     pq.write_table(table.replace_schema_metadata({"sector": msgspec.json.encode(sector)}), path)
     with pytest.raises(InputError, match=f"the sector in its metadata: {field}.*Expected `float`"):
         sector_of(path, read_table(path, ("cycle",)))
+
+
+@pytest.mark.parametrize("east", [0.0, 179.7])  # there, on both sides of the antimeridian
+def test_a_sector_in_metadata_is_the_one_that_was_flown_in(east, tmp_path):
+    """Written as of an evaluation and read back: area, fixes, levels and separation standards."""
+    entry = {
+        "name": "three miles",
+        "levels_fl": [200, 400],
+        "separation_nm": 3.0,
+        "separation_fl": 20,
+        "area": {
+            "type": "Polygon",
+            "coordinates": [[[east, 59.0], [east + 1.0, 58.5], [east + 1.0, 60], [east, 60]]],
+        },
+        "fixes": {
+            "W": {"lat": 59.5, "lon": east - 0.2},
+            "E": {"lat": 59.5, "lon": east + 1.0},
+            "O": {"lat": 59.5, "lon": east + 1.2},
+        },
+        "routes": [["W", "E", "O"]],
+    }
+    sector = make_sector(msgspec.convert(entry, SectorEntry))
+    path = tmp_path / "table.parquet"
+    write_table(path, pa.table({"cycle": [0]}), sector, "table")
+    assert sector_of(path, read_table(path, ("cycle",))) == sector
+    assert (sector.separation_nm, sector.separation_fl) == (3.0, 20)
 
 
 def test_a_text_that_is_a_structure_is_refused(tmp_path):

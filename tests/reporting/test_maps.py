@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from skystack.airspace.projection import METRES_PER_NM, WGS84, geodesic_leg
+from skystack.airspace.sector_file import Point, SectorEntry, make_sector
 from skystack.airspace.xplus import XPlus, x_plus
 from skystack.reporting.maps import along, beside, route_maps, sector_map
 from skystack.reporting.style import house_style
@@ -26,6 +28,30 @@ def test_the_sector_has_its_fixes_levels_and_width(half_width_nm):
     assert f"{2.0 * half_width_nm:.0f} NM" in named(axes)
     assert axes.get_aspect() == 1.0
     assert "NM" in axes.get_xlabel()
+
+
+def test_lengths_on_the_map_are_true_ones_where_edges_bend():
+    """Far north, over 7 degrees of latitude; the exit edge by pyproj."""
+    ring = [[11.0, 59.0], [19.0, 58.0], [19.0, 64.0], [11.0, 66.0]]
+    fixes = {
+        "S": {"lat": 58.0, "lon": 13.0},
+        "N": {"lat": 65.0, "lon": 15.0},
+        "O": {"lat": 65.3, "lon": 15.0},
+    }
+    area = {"type": "Polygon", "coordinates": [ring]}
+    sector = make_sector(SectorEntry(
+        "far north", (200, 400), area, {name: Point(**at) for name, at in fixes.items()},
+        (("S", "N", "O"),),
+    ))  # fmt: skip
+    assert len(sector.edge_through("N")) > 2
+    with house_style():
+        (axes,) = sector_map(sector).axes
+    width_nm = WGS84.inv(19.0, 64.0, 11.0, 66.0)[2] / METRES_PER_NM
+    assert f"{width_nm:.0f} NM" in named(axes)
+    (bar,) = (line for line in axes.lines if line.get_marker() == "|")
+    ends = sector.plane.to_degrees(bar.get_xydata())
+    length_nm = geodesic_leg(*(tuple(map(float, end)) for end in ends))[1]
+    assert length_nm == pytest.approx(20.0, rel=1e-3)
 
 
 def test_names_on_the_maps_hide_neither_each_other_nor_stand_outside():

@@ -132,13 +132,7 @@ def build_parser() -> argparse.ArgumentParser:
     sub = verb("sector", "check a sector, describe and draw it", verbs.sector)
     sub.add_argument("sector", metavar="SECTOR", help="a name (see list) or a sector file (.json)")
     sub.add_argument("-o", dest="output", type=Path, metavar="FILE", help="a map: .png or .svg")
-    sub.add_argument(
-        "--cycles",
-        type=_positive,
-        default=300,
-        metavar="N",
-        help="of a scenario, to check the routes against (default 300)",
-    )
+    _cycles(sub, "300", 300)
 
     sub = verb("replay", "write a page that replays what was flown, as on a radar", verbs.replay)
     _replay_arguments(sub)
@@ -232,12 +226,15 @@ def _evaluate_arguments(sub: argparse.ArgumentParser) -> None:
     _cycles(sub)
 
 
-def _cycles(sub: argparse.ArgumentParser) -> None:
+def _cycles(
+    sub: argparse.ArgumentParser, default: str = "the experiment's", value: int | None = None
+) -> None:
     sub.add_argument(
         "--cycles",
-        type=_positive,
+        type=_most_cycles,
+        default=value,
         metavar="N",
-        help="the most cycles of a scenario (default: the experiment's)",
+        help=f"the most cycles of a scenario, in place of task.cycles (default: {default})",
     )
 
 
@@ -277,14 +274,19 @@ def _replay_arguments(sub: argparse.ArgumentParser) -> None:
         )
 
 
-def _integer(text: str, least: int) -> int:
+def _integer(text: str, least: int, most: int = 2**31 - 1) -> int:
     try:
         number = int(text)
     except ValueError:
         number = least - 1
-    if not least <= number < 2**31:
-        raise argparse.ArgumentTypeError(f"{text!r} (allowed: whole numbers from {least})")
+    if not least <= number <= most:
+        limit = f" to {most}" if most < 2**31 - 1 else ""
+        raise argparse.ArgumentTypeError(f"{text!r} (allowed: whole numbers from {least}{limit})")
     return number
+
+
+def _most_cycles(text: str) -> int:
+    return _integer(text, least=1, most=10_000)
 
 
 def _positive(text: str) -> int:

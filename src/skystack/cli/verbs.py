@@ -222,7 +222,13 @@ def _compare(options: argparse.Namespace) -> int:
 def sector(options: argparse.Namespace) -> int:
     from skystack.airspace.sectors import named_or_read, sector_from
     from skystack.console import output
-    from skystack.reporting.sector_sheet import beyond_cycles, facts_table, sector_facts, write_map
+    from skystack.reporting.sector_sheet import (
+        beyond_cycles,
+        facts_table,
+        headlines,
+        sector_facts,
+        write_map,
+    )
 
     found = sector_from(named_or_read(options.sector))
     if options.output:
@@ -232,19 +238,11 @@ def sector(options: argparse.Namespace) -> int:
     if options.json:
         print_json(facts)
         return DONE
-    low, high = facts["levels_fl"]
-    starts = facts["first_fixes"]
-    print_line(
-        f"{found.name}: FL{low:03d} to FL{high:03d}, {len(facts['routes'])} routes from "
-        f"{len(starts)} first fixes ({', '.join(starts)})"
-    )
-    print_line(
-        f"separation: {found.separation_nm:g} NM or {100 * found.separation_fl:,} ft; "
-        f"origin: lat {found.origin[0]:.4f}, lon {found.origin[1]:.4f}"
-    )
+    for line in headlines(facts):
+        print_line(line)
     output().print(facts_table(facts).as_rich())
-    if facts["routes_beyond_cycles"]:
-        print_line(beyond_cycles(facts))
+    if (beyond := beyond_cycles(found, options.cycles)) is not None:
+        print_line(beyond)
     return DONE
 
 

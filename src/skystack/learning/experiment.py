@@ -9,11 +9,13 @@ from typing import Any
 import msgspec
 import tomli_w
 
+from skystack.airspace.sector_file import Point, SectorEntry
 from skystack.airspace.sectors import named_or_read
 from skystack.errors import InputError, unknown_name
 from skystack.files import read_whole
-from skystack.json_file import MAX_BYTES, inside
+from skystack.json_file import MAX_BYTES, convert, inside
 from skystack.learning.settings import PPOSettings, Pretraining
+from skystack.simulator.fleet import AircraftType
 from skystack.tasks.build import build_task
 from skystack.tasks.settings import RewardSettings, TaskSettings
 from skystack.toml_file import parse_toml
@@ -29,6 +31,19 @@ class Experiment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     task: TaskSettings = TaskSettings()
     ppo: PPOSettings = PPOSettings()
     pretraining: Pretraining | None = None
+
+
+_ENTRIES: dict[str, type[msgspec.Struct]] = {
+    "": Experiment,
+    "task": TaskSettings,
+    "task.reward": RewardSettings,
+    "task.fleet": AircraftType,
+    "task.sector": SectorEntry,
+    "task.sector.origin": Point,
+    "ppo": PPOSettings,
+    "pretraining": Pretraining,
+    "pretraining.reward": RewardSettings,
+}
 
 
 def experiment_names() -> list[str]:
@@ -87,10 +102,8 @@ def _read_sector(values: dict[str, Any], folder: Path | None) -> None:
 def experiment_from(values: Mapping[str, Any], where: str) -> Experiment:
     """Check plain values (from TOML or from a policy) and make an experiment of them."""
     _check_keys(values, Experiment, where, "")
-    try:
-        experiment = msgspec.convert(values, Experiment, strict=True)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{where}: {_readable(str(error))}") from None
+    with inside(where):
+        experiment: Experiment = convert(values, _ENTRIES)
     build_task(experiment.task)
     ppo = experiment.ppo
     if ppo.minibatch > ppo.samples:
@@ -159,9 +172,3 @@ def _all_keys() -> list[str]:
     tables = {"task": TaskSettings, "ppo": PPOSettings, "pretraining": Pretraining}
     tables |= {"task.reward": RewardSettings, "pretraining.reward": RewardSettings}
     return [f"{table}.{name}" for table, kind in tables.items() for name in kind.__struct_fields__]
-
-
-def _readable(error: str) -> str:
-    """`Expected int - at `$.ppo.steps`` becomes `ppo.steps: expected int`."""
-    message, _, place = error.partition(" - at `$.")
-    return f"{place.rstrip('`')}: {message[0].lower()}{message[1:]}" if place else error

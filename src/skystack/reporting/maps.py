@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from skystack.airspace.projection import geodesic_leg
 from skystack.airspace.sector import Sector, turns_deg
 from skystack.reporting.labels import Label, place_labels
 from skystack.reporting.style import (
@@ -111,9 +112,9 @@ def draw_sector(axes: Axes, sector: Sector, colour: str = FAINT, style: Any = "-
 
 
 def name_axes(axes: Axes) -> None:
-    """Where the figures on the axes are counted from, and in what."""
-    axes.set_xlabel("NM east of the origin")
-    axes.set_ylabel("NM north of the origin")
+    """Where the figures on the axes are counted from, and in what: Mercator, as in the plane."""
+    axes.set_xlabel("NM east of the origin (at its scale)")
+    axes.set_ylabel("NM north of the origin (at its scale)")
 
 
 def along(path: Polyline, step_nm: float = 1.0) -> Polyline:
@@ -177,7 +178,9 @@ def _draw_width(axes: Axes, sector: Sector) -> Polyline:
     right, *_, left = sector.route_table.exit_edge_nm[0].astype(np.float64)
     across = left - right
     width_nm = float(np.linalg.norm(across))
-    true_nm = width_nm / float(sector.plane.scale((right + left)[1:] / 2.0)[0])
+    _, true_nm = geodesic_leg(
+        *map(tuple, sector.plane.to_degrees(np.stack([right, left])).tolist())
+    )
     inward = np.array([-across[1], across[0]]) / width_nm * DIMENSION_INSET_NM
     ends = np.stack([right, left]) + inward
     arrow = {"arrowstyle": "<->", "color": INK, "linewidth": 0.9, "shrinkA": 0, "shrinkB": 0}

@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 from skystack.airspace.projection import geodesic_leg
@@ -13,16 +14,19 @@ from skystack.reporting.style import as_png, as_svg, house_style
 from skystack.reporting.tables import Table
 from skystack.simulator.performance import performance
 from skystack.simulator.simulator import Simulator
-from skystack.tasks.flight_time import flight_times
+from skystack.tasks.flight_time import FlightTimes, flight_times
+from skystack.tasks.settings import TaskSettings
+
+_USUAL, _USUAL_FL = TaskSettings(), 300
 
 
 def sector_facts(sector: Sector, cycles: int) -> dict[str, Any]:
-    """Name, levels, and of each route its length [NM], turns [deg, positive to the right] and the
-    least cycles that it takes from the first fix to the exit; how many take more than `cycles`."""
-    low, high = sector.levels_fl
-    level_fl = min(max(_USUAL_FL, low), high)
-    simulator = Simulator(sector, performance("table"))
-    times = flight_times(simulator, (level_fl,), disc_nm=0.0)
+    """The sector, and of each route its length [NM], turns [deg, positive to the right] and cycles.
+
+    These are what the default type takes from its start to the exit in level flight, at FL300 or
+    the level of the sector that is nearest. `routes_beyond_cycles` take more than `cycles`.
+    """
+    times = _flight_times(sector)
     routes = [
         {
             "route": " ".join(route),
@@ -32,7 +36,7 @@ def sector_facts(sector: Sector, cycles: int) -> dict[str, Any]:
             "turns_deg": turns_deg(route, sector.fixes),
             "cycles": int(needed),
         }
-        for route, needed in zip(sector.routes, times.cycles, strict=True)
+        for route, needed in zip(sector.routes, times.fastest, strict=True)
     ]
     return {
         "name": sector.name,
@@ -43,22 +47,35 @@ def sector_facts(sector: Sector, cycles: int) -> dict[str, Any]:
         "first_fixes": sorted({route[0] for route in sector.routes}),
         "routes": routes,
         "cycles": cycles,
-        "routes_beyond_cycles": int((times.cycles > cycles).sum()),
+        "routes_beyond_cycles": int((times.fastest > cycles).sum()),
     }
 
 
-_USUAL_FL = 300
+def _flight_times(sector: Sector) -> FlightTimes:
+    low, high = sector.levels_fl
+    level_fl = min(max(_USUAL_FL, low), high)
+    simulator = Simulator(sector, performance(_USUAL.performance))
+    return flight_times(simulator, (level_fl,), _USUAL.disc_nm)
 
 
-def beyond_cycles(facts: dict[str, Any]) -> str:
-    """A line on routes that take longer than a scenario."""
-    needed = sorted(route["cycles"] for route in facts["routes"])
-    count, all_routes = facts["routes_beyond_cycles"], len(needed)
-    which = "no route can" if count == all_routes else f"{count} of {all_routes} routes cannot"
-    return (
-        f"{which} be flown within {facts['cycles']} cycles: the shortest takes {needed[0]},\n"
-        f"the longest {needed[-1]} (--cycles of train and evaluate raises it, or task.cycles)"
+def beyond_cycles(sector: Sector, cycles: int) -> str | None:
+    """A line on routes that take longer than a scenario, if any."""
+    return _flight_times(sector).beyond(cycles)
+
+
+def headlines(facts: dict[str, Any]) -> list[str]:
+    """What there is to say of a sector in prose, at most 80 characters a line."""
+    (low, high), (lat, lon) = facts["levels_fl"], facts["origin"]
+    starts, routes = facts["first_fixes"], len(facts["routes"])
+    first = (
+        f"{facts['name']}: FL{low:03d} to FL{high:03d}, {routes} route{'s' * (routes > 1)} from "
+        f"{len(starts)} first {'fixes' if len(starts) > 1 else 'fix'} ({', '.join(starts)})"
     )
+    return [
+        *wrap(first, 80, subsequent_indent="  "),
+        f"separation: {facts['separation_nm']:g} NM or {100 * facts['separation_fl']:,} ft; "
+        f"origin: lat {lat:.4f}, lon {lon:.4f}",
+    ]
 
 
 def facts_table(facts: dict[str, Any]) -> Table:

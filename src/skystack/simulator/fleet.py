@@ -6,6 +6,7 @@ from typing import Annotated
 
 import jax.numpy as jnp
 import msgspec
+import numpy as np
 from jaxtyping import Array, Float, Int
 from msgspec import Meta
 
@@ -63,6 +64,9 @@ class Fleet:
     @property
     def route_end_nm(self) -> float:
         return _MEDIUM.route_end_nm
+
+    def cruise_kt(self, fl: Float[np.ndarray, " levels"]) -> Float[np.ndarray, "types levels"]:
+        return np.concatenate([each.cruise_kt(fl) for each in self.tables])
 
     def true_airspeed_kt(
         self,

@@ -37,6 +37,9 @@ class Performance(Protocol):
     def route_end_nm(self) -> float:
         """Own navigation ends this close to a route's last fix [NM]."""
 
+    def cruise_kt(self, fl: Float[np.ndarray, " levels"]) -> Float[np.ndarray, "types levels"]:
+        """True airspeed of each type in level flight, at flight levels: for planning, in numpy."""
+
     def true_airspeed_kt(
         self,
         level: Float[Array, "*n"],
@@ -61,6 +64,9 @@ class ConstantPerformance:
     rate_ft_min: float = 2000.0
     route_end_nm: float = 2.0
     types: tuple[str, ...] = (DEFAULT_TYPE,)
+
+    def cruise_kt(self, fl: Float[np.ndarray, " levels"]) -> Float[np.ndarray, "types levels"]:
+        return np.full((1, len(fl)), self.airspeed_kt)
 
     def true_airspeed_kt(
         self,
@@ -117,6 +123,10 @@ class TablePerformance:
     def cas_kt(self, fl: Float[np.ndarray, "*n"], phase: int) -> Float[np.ndarray, "*n"]:
         """Calibrated airspeed flown below the crossover; phase 0 climb, 1 cruise, 2 descent."""
         return np.interp(fl, [100.0, 150.0], [self.low_cas_kt[phase], self.high_cas_kt[phase]])
+
+    def cruise_kt(self, fl: Float[np.ndarray, " levels"]) -> Float[np.ndarray, "types levels"]:
+        cruise = self.airspeeds_kt[1]
+        return np.interp(fl, np.arange(len(cruise)), cruise)[None]
 
     def true_airspeed_kt(
         self,

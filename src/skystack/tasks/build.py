@@ -3,8 +3,6 @@
 from collections.abc import Iterable
 from dataclasses import replace
 
-import numpy as np
-
 from skystack.airspace.sector import Sector
 from skystack.airspace.sectors import sector_from
 from skystack.errors import InputError, unknown_name
@@ -18,7 +16,7 @@ from skystack.tasks.features import FEATURES
 from skystack.tasks.flight_time import FlightTimes, flight_times
 from skystack.tasks.navigation import NavigationTask
 from skystack.tasks.pairs import PAIR_FEATURES
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.settings import MOST_CYCLES, TaskSettings
 from skystack.tasks.stacked_steps import StackedSteps
 
 TASKS = ("lateral", "vertical", "avoidance")
@@ -54,25 +52,19 @@ def _flight_times(task: NavigationTask) -> FlightTimes:
 def check_cycles(task: NavigationTask) -> str | None:
     """Whether the routes can be flown within the task's cycles, before training or judging.
 
-    Raises InputError where not even the shortest can. Returns a line on the others, if there are
-    any that cannot.
+    Raises InputError where not even the fastest can fly the shortest. Returns a line on the routes
+    that the slowest cannot, if there are any.
     """
     times, cycles = _flight_times(task), task.settings.cycles
-    needed = int(times.cycles[times.shortest])
+    needed = int(times.fastest[times.shortest])
     if needed > cycles:
         route = " ".join(task.sector.routes[times.shortest])
         raise InputError(
             f"task.cycles is {cycles}, but the shortest route of {task.sector.name}, {route}, "
-            f"takes {needed} at {times.speed_kt:.0f} kt (allowed: {needed} and more; --cycles or "
-            "task.cycles in the TOML raises it)"
+            f"takes {needed} at {times.fastest_kt:.0f} kt (allowed: {needed} to {MOST_CYCLES}; "
+            "--cycles or task.cycles in the TOML raises it)"
         )
-    beyond = int(np.sum(times.cycles > cycles))
-    if not beyond:
-        return None
-    return (
-        f"{beyond} of {len(times.cycles)} routes of {task.sector.name} take more than {cycles} "
-        f"cycles, the longest {times.cycles.max()} (--cycles raises it)"
-    )
+    return times.beyond(cycles)
 
 
 def _actions(settings: TaskSettings, sector: Sector) -> ActionTable:

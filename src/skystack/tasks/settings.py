@@ -9,6 +9,9 @@ from skystack.simulator.fleet import AircraftType
 
 PAPER_FEATURES = ("theta_f", "theta_sf", "d_c", "delta_t")
 
+MOST_CYCLES = 10_000
+"""As of a scenario file: more than 16 hours."""
+
 Weight = Annotated[float, msgspec.Meta(ge=0.0, le=1000.0)]
 
 
@@ -52,7 +55,9 @@ class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Types of aircraft, one drawn for each; the B753 alone where none is given."""
     disc_nm: Annotated[float, msgspec.Meta(ge=0.0, le=50.0)] = 4.0
     """Radius of the disc round the first fix in which aircraft start."""
-    cycles: Annotated[int, msgspec.Meta(ge=1, le=100_000)] = 300
+    cycles: Annotated[int, msgspec.Meta(ge=1, le=MOST_CYCLES)] = 300
+    """The scenario ends after so many, if not before. The sector's shortest route must be flyable
+    in them."""
     actions: Literal["small", "large", "levels"] = "small"
     """`small`: turns of 10 degrees; `large`: turns of 10 to 90 degrees; `levels`: 10 levels."""
     features: tuple[str, ...] = PAPER_FEATURES
