@@ -67,8 +67,8 @@ function levelSpans(one, other, fl) {
 }
 
 /**
- * The loss of separation that two are flying into: `seconds` until it begins, the least distance
- * `nm` in it, and `at`, where both are then; null without one.
+ * The loss of separation that two are flying into: `seconds` until it begins, `at`, where both are
+ * then, and the least distance `nm` in it; null without one.
  */
 function predictedLoss(one, other, limits) {
   const offset = relative(one, other, limits.scale);
@@ -81,14 +81,15 @@ function predictedLoss(one, other, limits) {
   const square = offset.vx ** 2 + offset.vy ** 2;
   const nearest = square > 0 ? -(offset.x * offset.vx + offset.y * offset.vy) / square : 0;
   const distance = (t) => Math.hypot(offset.x + offset.vx * t, offset.y + offset.vy * t);
-  const [time] = spans
-    .map(([from, to]) => Math.min(Math.max(nearest, from), to))
-    .sort((a, b) => distance(a) - distance(b));
+  const nm = Math.min(
+    ...spans.map(([from, to]) => distance(Math.min(Math.max(nearest, from), to))),
+  );
+  const seconds = spans[0][0];
   const then = (each) => {
-    const plane = limits.scale(each.y) * time;
+    const plane = limits.scale(each.y) * seconds;
     return [each.x + each.vx * plane, each.y + each.vy * plane];
   };
-  return { seconds: spans[0][0], nm: distance(time), at: [then(one), then(other)] };
+  return { seconds, nm, at: [then(one), then(other)] };
 }
 
 /** One decimal, rounded down: 4.99 NM is no 5.0. */
@@ -127,7 +128,7 @@ function encounter(scenario, first, second, row, limits) {
 
 /**
  * Losses of separation at a row, then predicted ones, the soonest first: the `pair` of aircraft,
- * `from` where they are, `at` where they will be closest, `text` how close and when.
+ * `from` where they are, `at` where they will lose it, `text` how close and when.
  */
 function encountersAt(scenario, row, limits) {
   const found = [];
