@@ -13,7 +13,7 @@ from skystack.airspace.projection import METRES_PER_NM, WGS84, MercatorPlane, ge
 from skystack.airspace.sector_file import SectorEntry, make_sector, read_sector
 from skystack.airspace.sectors import find_sector, sector_named, sector_names
 from skystack.errors import InputError
-from tests.scenarios import changed
+from tests.scenarios import EXAMPLES, changed
 
 # A square of half a degree round 50 N 10 E; a route from west to east through its middle.
 SQUARE = [[9.5, 49.5], [10.5, 49.5], [10.5, 50.5], [9.5, 50.5], [9.5, 49.5]]
@@ -293,6 +293,23 @@ def test_what_is_no_sector_is_refused_in_one_line(where, value, message, tmp_pat
         read(changed(where, value, PLAIN), tmp_path)
     assert str(error.value).startswith(f"{tmp_path / 'sector.json'}: {message}")
     assert "\n" not in str(error.value)
+
+
+def test_the_example_across_the_antimeridian_is_read_whole():
+    """A MultiPolygon cut in two, with altitudes and a vertex twice; its area by pyproj."""
+    folder = EXAMPLES / "antimeridian"
+    sector = make_sector(read_sector(folder / "sector.json"))
+    parts = json.loads((folder / "area.geojson").read_text())["features"][0]["geometry"]
+    rings = [np.array(polygon[0])[:, :2] for polygon in parts["coordinates"]]
+    parts_m2 = sum(abs(WGS84.polygon_area_perimeter(*ring.T)[0]) for ring in rings)
+    lat, lon = np.array(sector.area).T
+    assert abs(WGS84.polygon_area_perimeter(lon, lat)[0]) == pytest.approx(parts_m2, rel=1e-3)
+    # 8 vertices in the west and 6 in the east, beside the cut and the one that repeats.
+    assert len(sector.area) == 14
+    assert not np.any(np.abs(lon) == 180.0)
+    # RABIX, on the antimeridian, lies on an edge that crosses it.
+    ends = sector.plane.to_degrees(sector.edge_through("RABIX")[[0, -1]])
+    assert np.allclose(ends, [[-16.16, -179.3], [-15.7, 179.3]], atol=1e-6)
 
 
 @pytest.mark.parametrize("name", sector_names())
