@@ -18,9 +18,11 @@ import onnxruntime
 from skystack.catalogue import find_policy
 from skystack.evaluation.judge import task_of
 from skystack.export.onnx_file import export_onnx
-from skystack.platforms.instruction import worded
+from skystack.platforms.adoption import SKYSTACK, in_words
+from skystack.platforms.instruction import Instruction
 from skystack.platforms.phraseology import written
 from skystack.seeds import scenario_key
+from skystack.simulator.performance import TICKS_PER_FL
 from skystack.stacking import stack
 from skystack.tasks.plain import PlainTask
 
@@ -43,12 +45,15 @@ seen = environment.reset(scenario_key(seed=0, scenario=2))
 cycle, over = 0, False
 while not over:
     seen, clearance = stack(environment, decide, seen)  # no time passes
-    if clearance.instructions:
-        traffic = environment.state_of(seen).traffic
-        who, _ = task.actions.changes[clearance.action - 1]
-        cleared, actual = traffic.cleared_heading_deg[who], traffic.heading_deg[who]
-        said = written(worded(f"AC{who + 1}", int(cleared), None, float(actual)))
-        print(f"{6 * cycle:4d} s  {said} (from {clearance.instructions})")
+    cleared_deg = environment.state_of(seen).traffic.cleared_heading_deg
     seen, outcome = environment.advance(seen)  # one radar cycle
+    if clearance.instructions:
+        # The clearance is adopted at the end of the cycle: from there the turn is flown.
+        flown = environment.state_of(seen).traffic
+        who, _ = task.actions.changes[clearance.action - 1]
+        command = Instruction(f"AC{who + 1}", heading_deg=int(cleared_deg[who]))
+        fl = flown.level[[who]] / TICKS_PER_FL
+        (said,) = in_words([command], flown.heading_deg[[who]], fl, SKYSTACK)
+        print(f"{6 * cycle:4d} s  {written(said)} (from {clearance.instructions})")
     cycle, over = cycle + 1, bool(outcome.terminated)
 print(f"success: {bool(outcome.metrics.success)}")
