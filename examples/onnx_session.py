@@ -22,6 +22,7 @@ from skystack.platforms.adoption import SKYSTACK, in_words
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.phraseology import written
 from skystack.seeds import scenario_key
+from skystack.simulator.performance import TICKS_PER_FL
 from skystack.stacking import stack
 from skystack.tasks.plain import PlainTask
 
@@ -44,14 +45,15 @@ seen = environment.reset(scenario_key(seed=0, scenario=2))
 cycle, over = 0, False
 while not over:
     seen, clearance = stack(environment, decide, seen)  # no time passes
+    cleared_deg = environment.state_of(seen).traffic.cleared_heading_deg
     seen, outcome = environment.advance(seen)  # one radar cycle
     if clearance.instructions:
-        # It is adopted at the end of the cycle: the turn begins from the heading of then.
-        traffic = environment.state_of(seen).traffic
+        # The clearance is adopted at the end of the cycle: from there the turn is flown.
+        flown = environment.state_of(seen).traffic
         who, _ = task.actions.changes[clearance.action - 1]
-        cleared, heading = traffic.cleared_heading_deg[who], traffic.heading_deg[who]
-        issued = Instruction(f"AC{who + 1}", heading_deg=int(cleared))
-        (worded,) = in_words([issued], heading[None], np.array([300.0]), SKYSTACK)
-        print(f"{6 * cycle:4d} s  {written(worded)} (from {clearance.instructions})")
+        command = Instruction(f"AC{who + 1}", heading_deg=int(cleared_deg[who]))
+        fl = flown.level[[who]] / TICKS_PER_FL
+        (said,) = in_words([command], flown.heading_deg[[who]], fl, SKYSTACK)
+        print(f"{6 * cycle:4d} s  {written(said)} (from {clearance.instructions})")
     cycle, over = cycle + 1, bool(outcome.terminated)
 print(f"success: {bool(outcome.metrics.success)}")
