@@ -1,6 +1,7 @@
 """What is replayed: an evaluation of a shipped policy, and flights whose course is a formula."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -10,9 +11,22 @@ from skystack.evaluation.judge import Conditions, judge
 from skystack.simulate import simulate_file
 from tests.scenarios import NORTHBOUND
 
+from .browser import ARGUMENTS
 from .meeting import EVIL, meeting
 
 SCENARIOS = 20
+
+
+@pytest.fixture(scope="module")
+def browser():
+    sync_api = pytest.importorskip("playwright.sync_api")
+    found = shutil.which("chromium") or shutil.which("chromium-browser")
+    if found is None:
+        pytest.skip("no Chromium on this machine")
+    with sync_api.sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=found, args=ARGUMENTS)
+        yield started
+        started.close()
 
 
 @pytest.fixture(scope="session")

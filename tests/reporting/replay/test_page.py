@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from skystack.cli import main
-from skystack.reporting.replay.page import SCALE, page_data
+from skystack.reporting.replay.page import PARTS, page_data
 from skystack.reporting.replay.recording import read_replay
 
 from .conftest import SCENARIOS
@@ -27,14 +27,20 @@ def test_differences_add_up_to_what_was_flown(evaluation):
         for column, flown in zip(packed["aircraft"], scenario.aircraft, strict=True):
             rows = len(flown.status)
             assert column["rows"] == rows
-            for name, values, scale in (
-                ("x", flown.position_nm[:, 0], SCALE["nm"]),
-                ("y", flown.position_nm[:, 1], SCALE["nm"]),
-                ("heading", flown.heading_deg, SCALE["deg"]),
-                ("cleared_fl", flown.cleared_fl, SCALE["fl"]),
+            for name, values, off_by in (
+                ("x", flown.position_nm[:, 0], 0.5001 / PARTS["nm"]),
+                ("y", flown.position_nm[:, 1], 0.5001 / PARTS["nm"]),
+                ("heading", flown.heading_deg, 0.5001 / PARTS["deg"]),
+                ("speed_kt", flown.ground_speed_kt, 0.5001 / PARTS["kt"]),
+                ("fl", flown.fl, 1e-9),
+                ("cleared_fl", flown.cleared_fl, 1e-9),
+                ("climb_ft_min", flown.vertical_speed_ft_min, 1e-9),
             ):
-                steps = column[name] + [0] * (rows - len(column[name]))
-                np.testing.assert_allclose(np.cumsum(steps) / scale, values, atol=0.5001 / scale)
+                unit = {"x": "nm", "y": "nm", "heading": "deg", "climb_ft_min": "ft_min"}
+                parts = PARTS[unit.get(name, name.split("_")[-1])]
+                changes = column[name] + [0] * (rows - len(column[name]))
+                found = np.cumsum(np.cumsum(changes)) / parts
+                np.testing.assert_allclose(found, values, atol=off_by)
 
 
 def test_the_command_writes_one_small_closed_file(capsys, evaluation, tmp_path, monkeypatch):
