@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pyproj import Geod
 
+from skystack.airspace.projection import SCALE_RANGE_NM
 from skystack.airspace.sector_file import make_sector, read_sector
 from skystack.airspace.xplus import x_plus
 from skystack.reporting.replay.page import page_data
@@ -13,7 +14,6 @@ from tests.docs.blocks import ROOT
 
 from .pairs import AHEAD_S, STEP_S, BruteForce, flown, predicted, random_pair, replay_of
 
-WEB = files("skystack.reporting.replay").joinpath("web")
 WGS84 = Geod(ellps="WGS84")
 ASK = """
 ({plane, parts, loss_below_nm: nm, separation_fl: fl, runs}) =>
@@ -29,9 +29,7 @@ ASK = """
 def ask(browser):
     """What the page finds at the first row, for each pair; None for nothing."""
     page = browser.new_page()
-    sources = [WEB.joinpath(f"{name}.js").read_text("utf-8") for name in ("plane", "data")]
-    sources.append(WEB.joinpath("separation.js").read_text("utf-8"))
-    script = "(data) => {" + "\n".join(sources) + f"\nreturn ({ASK})(data); }}"
+    script = f"(data) => {{ {source('plane', 'data', 'separation')} return ({ASK})(data); }}"
 
     def asked(sector, *pairs):
         found = page.evaluate(script, page_data((replay_of(sector, pairs),)))
@@ -39,6 +37,12 @@ def ask(browser):
 
     yield asked
     page.close()
+
+
+def source(*names):
+    """JavaScript of the page."""
+    web = files("skystack.reporting.replay").joinpath("web")
+    return "\n".join(web.joinpath(f"{name}.js").read_text("utf-8") for name in names) + "\n"
 
 
 def north():
@@ -178,3 +182,19 @@ def test_five_nautical_miles_in_the_numbers_of_the_page(ask):
             tuple(flown(f"A{n}", start + n * offset, EAST, 480.0) for n in (0, 1)),
         )
     assert ask(x_plus(), *pairs) == [None] * 300
+
+
+def test_where_a_heading_leads_far_north(browser):
+    """A minute at 480 kt on any heading, kept in small geodesic steps."""
+    plane = north().plane
+    data = {"coefficients": plane.scale.coefficients, "range_nm": SCALE_RANGE_NM}
+    page = browser.new_page()
+    body = f"{source('plane')} return new Plane(data).reached(at, heading, 8);"
+    for heading in range(0, 360, 30):
+        lat, lon = 65.5, 16.0
+        start = plane.to_plane(lat, lon).tolist()
+        for _ in range(80):
+            lon, lat, _ = WGS84.fwd(lon, lat, heading, 0.1 * 1852.0)
+        there = page.evaluate(f"([data, at, heading]) => {{ {body} }}", [data, start, heading])
+        np.testing.assert_allclose(there, plane.to_plane(lat, lon), atol=0.005)
+    page.close()

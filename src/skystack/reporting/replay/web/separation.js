@@ -48,8 +48,8 @@ function timesVerticallyClose(one, other, limitFl) {
   return spans;
 }
 
-/** Least distance within parts `from` to `to` of a straight way between two offsets, and where the
- *  distance first is less than a limit; null if it never is. */
+/** Least distance `nm` within parts `from` to `to` of a straight way between two offsets, and the
+ *  part in which it first is less than a limit; null if it never is. */
 function closestWithin([x, y], [endX, endY], from, to, limit) {
   const [vx, vy] = [endX - x, endY - y];
   const [square, along] = [vx * vx + vy * vy, x * vx + y * vy];
@@ -57,13 +57,13 @@ function closestWithin([x, y], [endX, endY], from, to, limit) {
   const part = square > 0 ? Math.min(Math.max(-along / square, from), to) : from;
   const nm = distance(part);
   if (nm >= limit) return null;
-  if (distance(from) < limit) return { nm, part, begins: from };
+  if (distance(from) < limit) return { nm, begins: from };
   const root = Math.sqrt(along * along - square * (x * x + y * y - limit * limit));
-  return { nm, part, begins: Math.max((-along - root) / square, from) };
+  return { nm, begins: Math.max((-along - root) / square, from) };
 }
 
-/** The predicted loss of separation: `seconds` until it begins; `nm`, how close the two will be
- *  while they are vertically close, and `at`, where they are then. Null if there is none in time. */
+/** The predicted loss of separation: `seconds` until it begins, `at`, where both are then, and the
+ *  least distance `nm` while they are vertically close. Null if there is none in time. */
 function conflictOf(plane, one, other, limits) {
   let found = null;
   for (const [begin, end] of timesVerticallyClose(one, other, limits.fl)) {
@@ -76,10 +76,10 @@ function conflictOf(plane, one, other, limits) {
       const [from, to] = [begin, end].map((time) => Math.min(Math.max(time - starts, 0), PIECE_S));
       const met = closestWithin(before, after, from / PIECE_S, to / PIECE_S, limits.nm);
       if (!met) continue;
-      const seconds = found?.seconds ?? starts + met.begins * PIECE_S;
-      if (seconds > LOOK_AHEAD_S) return null;
-      if (met.nm >= (found?.nm ?? Infinity)) continue;
-      found = { seconds, nm: met.nm, at: [one, other].map(placeWithin(piece, met.part)) };
+      const seconds = starts + met.begins * PIECE_S;
+      if (!found && seconds > LOOK_AHEAD_S) return null;
+      found ??= { seconds, nm: met.nm, at: [one, other].map(placeWithin(piece, met.begins)) };
+      found.nm = Math.min(found.nm, met.nm);
     }
   }
   return found;
@@ -111,7 +111,7 @@ function lossText(plane, scenario, [first, second], row, limits) {
 
 /**
  * Losses of separation at a row, then predicted ones, the soonest first: the `pair` of aircraft,
- * `from` where they are, `at` where they will be closest, `text` how soon they lose separation
+ * `from` where they are, `at` where they will lose it, `text` how soon they lose separation
  * and how close they will be. `limits`: distances below `nm` and level differences below `fl` are a loss.
  */
 function encountersAt(plane, scenario, row, limits) {
