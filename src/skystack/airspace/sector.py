@@ -92,7 +92,7 @@ class Sector:
     def path_nm(self, fixes: tuple[str, ...]) -> Float[np.ndarray, "points 2"]:
         """The geodesic legs between fixes in the plane, to be drawn: the fixes, and points between
         where a leg bends by more than `STRAIGHT_WITHIN_NM`."""
-        points = [self.fixes_nm[fixes[0]][None]]
+        points = [np.array([self.fixes_nm[fix] for fix in fixes[:1]]).reshape(-1, 2)]
         for start, end in pairwise(fixes):
             points += [self._between(start, end), self.fixes_nm[end][None]]
         return np.concatenate(points)

@@ -60,7 +60,7 @@ class Track:
     """One aircraft in one scenario, from the start to its exit or the scenario's end."""
 
     callsign: str
-    route_nm: Float[np.ndarray, "fixes 2"]
+    route_nm: Float[np.ndarray, "points 2"]
     position_nm: Float[np.ndarray, "rows 2"]
     """Row k is cycle k; in the sector's plane."""
     level_fl: Float[np.ndarray, " rows"]
@@ -228,9 +228,7 @@ def _track(sector: Sector, aircraft: dict[str, Any], flown: pa.Table, issued: pa
     )
     return Track(
         callsign=callsign,
-        route_nm=np.array([sector.fixes_nm[fix] for fix in aircraft["route"].split()]).reshape(
-            -1, 2
-        ),
+        route_nm=sector.path_nm(tuple(aircraft["route"].split())),
         position_nm=sector.plane.to_plane(
             [row["lat"] for row in rows[:end]], [row["lon"] for row in rows[:end]]
         ),

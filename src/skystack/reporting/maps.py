@@ -62,7 +62,7 @@ def sector_map(sector: Sector) -> Figure:
         Label(name, (float(at[0]), float(at[1])), INK, size_pt=9.5, weight="bold")
         for name, at in sector.fixes_nm.items()
     ]
-    lines = [along(_points(sector, route)) for route in sector.routes]
+    lines = [along(sector.path_nm(route)) for route in sector.routes]
     place_labels(axes, labels, np.concatenate([*lines, _outline(sector), span, bar]))
     return figure
 
@@ -150,7 +150,7 @@ def _draw_routes(axes: Axes, sector: Sector, routes: Sequence[tuple[str, ...]]) 
     paths = []
     for number, route in enumerate(routes):
         offset_nm = BESIDE_NM * (number - (len(routes) - 1) / 2.0)
-        path = beside(_points(sector, route), offset_nm)
+        path = beside(sector.path_nm(route), offset_nm)
         colour, style = SERIES[number % len(SERIES)], LINES[number % len(LINES)]
         label = " \N{EN DASH} ".join(route)
         axes.plot(*path.T, color=colour, linewidth=1.8, linestyle=style, zorder=4, label=label)

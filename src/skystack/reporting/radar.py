@@ -37,7 +37,7 @@ def colour_of(number: int) -> str:
 
 def draw_way(
     axes: Axes,
-    route_nm: Float[np.ndarray, "fixes 2"],
+    route_nm: Float[np.ndarray, "points 2"],
     trail_nm: Float[np.ndarray, "rows 2"],
     colour: str,
 ) -> None:

@@ -1,18 +1,35 @@
 """What is replayed: an evaluation of a shipped policy, and flights whose course is a formula."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
+from pyproj import Geod
 
 from skystack.catalogue import find_policy
 from skystack.evaluation.judge import Conditions, judge
 from skystack.simulate import simulate_file
+from tests.docs.blocks import ROOT
 from tests.scenarios import NORTHBOUND
 
+from .browser import ARGUMENTS
 from .meeting import EVIL, meeting
 
 SCENARIOS = 20
+WGS84 = Geod(ellps="WGS84")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    sync_api = pytest.importorskip("playwright.sync_api")
+    found = shutil.which("chromium") or shutil.which("chromium-browser")
+    if found is None:
+        pytest.skip("no Chromium on this machine")
+    with sync_api.sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=found, args=ARGUMENTS)
+        yield started
+        started.close()
 
 
 @pytest.fixture(scope="session")
@@ -30,6 +47,8 @@ def fly(tmp_path_factory):
 
     def flown(name: str, scenario) -> Path:
         folder = tmp_path_factory.mktemp("simulated")
+        for sector in (ROOT / "benchmarks" / "sectors").glob("*.json"):
+            shutil.copy(sector, folder)
         (folder / "scenario.json").write_text(json.dumps(scenario))
         simulate_file(folder / "scenario.json", folder / f"{name}.parquet")
         return folder / f"{name}.parquet"
@@ -68,3 +87,28 @@ def alone(fly) -> Path:
 def climbing(fly) -> Path:
     """They meet 2,000 ft apart, until the first is cleared to the level of the second."""
     return fly("climbing", meeting({"cycle": 5, "callsign": EVIL, "fl": 320}, levels=(300, 320)))
+
+
+@pytest.fixture(scope="session")
+def converging(fly) -> Path:
+    """Side by side northwards, 21.6 NM apart, one 5 degrees towards the other; separation is lost
+    more than 20 minutes later."""
+    sides = [(0.0, 0.0), (0.36, 355.0)]
+    aircraft = [
+        {"callsign": f"AC{n}", "route": NORTHBOUND, "lat": -1.5, "lon": lon, "fl": 300}
+        | {"heading_deg": heading}
+        for n, (lon, heading) in enumerate(sides, start=1)
+    ]
+    return fly("converging", {"sector": "x-plus", "cycles": 260, "aircraft": aircraft})
+
+
+@pytest.fixture(scope="session")
+def far_north(fly) -> Path:
+    """Two at 65 N, the second 10 NM east of the first by the geodesic; both fly east."""
+    lon, _, _ = WGS84.fwd(14.0, 65.0, 90.0, 10.0 * 1852.0)
+    route = ["SOUTO", "SOUTH", "MIDDL", "NORTH", "NORTO"]
+    aircraft = [
+        {"callsign": f"AC{n}", "route": route, "lat": 65.0, "lon": at, "fl": 300, "heading_deg": 90}
+        for n, at in enumerate((14.0, lon), start=1)
+    ]
+    return fly("far north", {"sector": "north.json", "cycles": 5, "aircraft": aircraft})

@@ -2,33 +2,23 @@
 
 import math
 import re
-import shutil
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from pyproj import Geod
 
 from skystack.reporting.replay.page import write_replay
 from tests.docs.blocks import ROOT
 
-from .browser import ARGUMENTS, PHONE, viewing
+from .browser import PHONE, viewing
 from .meeting import AHEAD_NM, BESIDE_NM, CLOSING_NM, EVIL, FIRST_LOSS, LAST_LOSS
 
-sync_api = pytest.importorskip("playwright.sync_api")
-
 
 @pytest.fixture(scope="module")
-def browser():
-    found = shutil.which("chromium") or shutil.which("chromium-browser")
-    if found is None:
-        pytest.skip("no Chromium on this machine")
-    with sync_api.sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=found, args=ARGUMENTS)
-        yield started
-        started.close()
-
-
-@pytest.fixture(scope="module")
-def pages(tmp_path_factory, evaluation, one_by_one, at_once, alone, climbing):
+def pages(
+    tmp_path_factory, evaluation, one_by_one, at_once, alone, climbing, converging, far_north
+):
     folder = tmp_path_factory.mktemp("pages")
 
     def page(name, *runs):
@@ -40,6 +30,8 @@ def pages(tmp_path_factory, evaluation, one_by_one, at_once, alone, climbing):
         "meeting": page("meeting", one_by_one),
         "alone": page("alone", alone),
         "climbing": page("climbing", climbing),
+        "converging": page("converging", converging),
+        "far north": page("far north", far_north),
         "both": page("both", one_by_one, at_once),
     }
 
@@ -157,7 +149,7 @@ def test_a_predicted_and_an_actual_loss_of_separation(open_page):
     with open_page("meeting") as viewer:
         for row in (0, 10, FIRST_LOSS):
             viewer.scrub_to(row)
-            to_go_nm = AHEAD_NM - CLOSING_NM * row - math.sqrt(5.0**2 - BESIDE_NM**2)
+            to_go_nm = AHEAD_NM - CLOSING_NM * row - math.sqrt(4.9995**2 - BESIDE_NM**2)
             seconds = round(to_go_nm / CLOSING_NM * 6)
             left = f"{seconds // 60}:{seconds % 60:02d}"
             assert viewer.alerts == [f"{EVIL} and AC2: in {left}, least 3.0 NM"]
@@ -172,6 +164,35 @@ def test_a_predicted_and_an_actual_loss_of_separation(open_page):
         viewer.scrub_to(LAST_LOSS + 1)
         assert viewer.alerts == []
         assert viewer.pixels("conflict") == viewer.pixels("loss") == 0
+
+
+def test_amber_from_the_first_cycle_that_leads_to_a_loss_in_ten_minutes(open_page, converging):
+    """The time of the loss is that of the recorded positions, by geodesics."""
+    table = pq.read_table(converging)
+    lat, lon = (table[name].to_numpy().reshape(-1, 2).T for name in ("lat", "lon"))
+    apart_nm = np.array(Geod(ellps="WGS84").inv(lon[0], lat[0], lon[1], lat[1])[2]) / 1852.0
+    lost_s = 6.0 * np.interp(-4.9995, -apart_nm, np.arange(len(apart_nm)))
+    first, part = divmod(lost_s - 600.0, 6.0)
+    assert first > 100
+    assert 0.1 < part / 6.0 < 0.9
+    with open_page("converging") as viewer:
+        viewer.scrub_to(int(first))
+        assert viewer.alerts == []
+        viewer.keys("ArrowRight")
+        (alert,) = viewer.alerts
+        assert alert.startswith("AC1 and AC2: in 9:5")
+
+
+def test_rings_have_their_true_size_far_north(open_page):
+    """Rings of 5 NM round two that are 10 NM apart touch: together they are twice as wide as high.
+    In lengths of the plane, 9 per cent longer there, they would be 2.09 times as wide."""
+    with open_page("far north") as viewer:
+        left, right, top, bottom = viewer.changed_by("r")
+        viewer.page.mouse.move(*_moved(viewer, (left + right) / 2, (top + bottom) / 2))
+        viewer.page.mouse.wheel(0, -1000)
+        left, right, top, bottom = viewer.changed_by("r")
+        assert bottom - top > 80
+        assert (right - left) / (bottom - top) == pytest.approx(2.0, abs=0.03)
 
 
 def test_a_conflict_by_cleared_levels(open_page):

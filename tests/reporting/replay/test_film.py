@@ -1,18 +1,23 @@
 """Stills and films: what is drawn where, how many frames, what is refused."""
 
 import io
+from dataclasses import replace
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
+from matplotlib.patches import Circle
 from PIL import Image
 
 from skystack.errors import InputError
 from skystack.reporting.radar import colour_of
 from skystack.reporting.replay.film import Span, _Scene, film, span_of, still
+from skystack.reporting.replay.recording import Loss, read_replay
 from skystack.reporting.style import VERMILION, house_style
 from tests.reporting.replay.made import ROWS, replay
+
+from .conftest import WGS84
 
 FIRST = "AC1 turn right heading 090 (3 instructions)"
 
@@ -30,6 +35,33 @@ def test_aircraft_are_drawn_where_they_are():
                 colour = VERMILION if row == 10 else colour_of(number)
                 seen = pixels[round(pixels.shape[0] - y), round(x)]
                 assert seen == pytest.approx(to_rgb(colour), abs=0.02)
+
+
+def test_rings_and_lines_have_their_true_lengths_far_north(far_north):
+    """By geodesics: the ring of a loss of separation, and the way of the next two minutes."""
+    (scenario,) = (made := read_replay(far_north)).scenarios
+    lost = replace(scenario, losses=(Loss(0, 1, 0, 5, 4.0),))
+    with house_style():
+        scene = _Scene((replace(made, scenarios=(lost,)),), 0, Span(0, 5))
+        scene.draw(3)
+    (axes,) = scene._panels
+    rings = [patch for patch in axes.patches if isinstance(patch, Circle)]
+    assert len(rings) == 2
+    for ring in rings:
+        centre = np.array(ring.center)
+        edge = [*centre, [0.0, ring.radius], [ring.radius, 0.0], [-ring.radius, 0.0]]
+        for point in edge:
+            assert true_nm(made, centre, point) == pytest.approx(5.0, rel=2e-3)
+    speed_kt = scenario.aircraft[0].ground_speed_kt[3]
+    ahead = [line.get_xydata() for line in axes.lines if line.get_zorder() == 8.5]
+    assert len(ahead) == 4
+    for start, end in ahead:
+        assert true_nm(made, start, end) == pytest.approx(speed_kt / 30.0, rel=2e-3)
+
+
+def true_nm(made, start, end):
+    (lat, lon), (end_lat, end_lon) = made.sector.plane.to_degrees(np.stack([start, end]))
+    return WGS84.inv(lon, lat, end_lon, end_lat)[2] / 1852.0
 
 
 def test_the_panel_says_what_has_been_said_so_far():

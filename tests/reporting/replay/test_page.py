@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from skystack.cli import main
-from skystack.reporting.replay.page import SCALE, page_data
+from skystack.reporting.replay.page import PARTS, page_data
 from skystack.reporting.replay.recording import read_replay
 
-from .conftest import SCENARIOS
+from .conftest import SCENARIOS, WGS84
 
 
 def run(capsys, *words):
@@ -27,14 +27,20 @@ def test_differences_add_up_to_what_was_flown(evaluation):
         for column, flown in zip(packed["aircraft"], scenario.aircraft, strict=True):
             rows = len(flown.status)
             assert column["rows"] == rows
-            for name, values, scale in (
-                ("x", flown.position_nm[:, 0], SCALE["nm"]),
-                ("y", flown.position_nm[:, 1], SCALE["nm"]),
-                ("heading", flown.heading_deg, SCALE["deg"]),
-                ("cleared_fl", flown.cleared_fl, SCALE["fl"]),
+            for name, values, off_by in (
+                ("x", flown.position_nm[:, 0], 0.5001 / PARTS["nm"]),
+                ("y", flown.position_nm[:, 1], 0.5001 / PARTS["nm"]),
+                ("heading", flown.heading_deg, 0.5001 / PARTS["deg"]),
+                ("speed_kt", flown.ground_speed_kt, 0.5001 / PARTS["kt"]),
+                ("fl", flown.fl, 1e-9),
+                ("cleared_fl", flown.cleared_fl, 1e-9),
+                ("climb_ft_min", flown.vertical_speed_ft_min, 1e-9),
             ):
-                steps = column[name] + [0] * (rows - len(column[name]))
-                np.testing.assert_allclose(np.cumsum(steps) / scale, values, atol=0.5001 / scale)
+                unit = {"x": "nm", "y": "nm", "heading": "deg", "climb_ft_min": "ft_min"}
+                parts = PARTS[unit.get(name, name.split("_")[-1])]
+                changes = column[name] + [0] * (rows - len(column[name]))
+                found = np.cumsum(np.cumsum(changes)) / parts
+                np.testing.assert_allclose(found, values, atol=off_by)
 
 
 def test_the_command_writes_one_small_closed_file(capsys, evaluation, tmp_path, monkeypatch):
@@ -105,3 +111,39 @@ def test_what_cannot_be_drawn(capsys, evaluation, tmp_path, monkeypatch, words, 
     assert (code, err.count("\n")) == (2, 1)
     assert message in err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_airways_follow_geodesics(far_north):
+    """Points on each geodesic are within 0.06 NM of the drawn line; straight ones have two ends."""
+    replay = read_replay(far_north)
+    sector, drawn = replay.sector, page_data((replay,))["sector"]
+    bent = {
+        tuple(json.loads(ends)): np.array(points) for ends, points in drawn["bent_legs"].items()
+    }
+    assert set(bent) == {("WESTE", "EASTE"), ("EASTE", "WESTE")}
+    for (start, end), points in bent.items():
+        (lat, lon), (end_lat, end_lon) = sector.fixes[start], sector.fixes[end]
+        lons, lats = np.array(WGS84.npts(lon, lat, end_lon, end_lat, 200)).T
+        geodesic = sector.plane.to_plane(lats, lons)
+        order = np.argsort(points[:, 0])
+        north_nm = np.interp(geodesic[:, 0], points[order, 0], points[order, 1])
+        np.testing.assert_allclose(north_nm, geodesic[:, 1], atol=0.06)
+        straight_nm = np.interp(
+            geodesic[:, 0], points[order[[0, -1]], 0], points[order[[0, -1]], 1]
+        )
+        assert np.max(geodesic[:, 1] - straight_nm) > 2.0
+
+
+def test_a_flight_across_the_antimeridian(fly):
+    """It moves on by as much in every row, and stays within the drawn area."""
+    aircraft = {"callsign": "AC1", "lat": -17.7, "lon": 179.9, "fl": 300, "heading_deg": 90}
+    route = {"route": ["SOUTO", "SOUTH", "MIDDL", "NORTH", "NORTO"]}
+    scenario = {"sector": "dateline.json", "cycles": 30, "aircraft": [aircraft | route]}
+    replay = read_replay(fly("dateline", scenario))
+    (flown,) = replay.scenarios[0].aircraft
+    steps_nm = np.diff(flown.position_nm[:, 0])
+    np.testing.assert_allclose(steps_nm, steps_nm[0], rtol=0.01)
+    assert 0.5 < steps_nm[0] < 1.0
+    area = np.array(page_data((replay,))["sector"]["area"])
+    assert np.ptp(area[:, 0]) < 500.0
+    assert np.all((flown.position_nm > area.min(axis=0)) & (flown.position_nm < area.max(axis=0)))

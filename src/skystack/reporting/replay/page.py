@@ -15,6 +15,7 @@ from typing import Any
 
 import jinja2
 import numpy as np
+from jaxtyping import Float
 
 import skystack
 from skystack.airspace.projection import SCALE_RANGE_NM
@@ -22,14 +23,15 @@ from skystack.airspace.sector import Sector
 from skystack.files import check_folder_of, write_aside
 from skystack.reporting.replay.recording import Flown, Replay, ReplayScenario, as_json
 from skystack.reporting.replay.together import read_together
+from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
 
 FORMAT = 2
-SCALE = {"nm": 1000, "fl": 100, "deg": 100, "kt": 10}
-"""Whole numbers for positions, levels, angles and speeds; fine enough that a loss of separation in
-ten minutes is predicted within a second. Rates of climb are whole by themselves."""
+PARTS = {"nm": 10_000, "fl": TICKS_PER_FL, "deg": 100, "kt": 10, "ft_min": 1}
+"""Into how many parts each unit is divided to be kept as a whole number. Positions must be finer
+than the tolerance of the separation; levels and rates of climb are whole already."""
 SCRIPTS = (
-    *("data", "separation", "player", "view", "blocks", "radar", "scope"),
+    *("plane", "data", "separation", "player", "view", "blocks", "radar", "scope"),
     *("panels", "timeline", "controls", "main"),
 )
 """In the order in which they need each other: together one module of JavaScript."""
@@ -74,16 +76,19 @@ def _page(data: dict[str, Any]) -> str:
 
 
 def page_data(replays: tuple[Replay, ...]) -> dict[str, Any]:
-    """What the page draws. Numbers that change slowly are kept as differences from row to row."""
+    """What the page draws. Numbers are kept as differences of differences from row to row, which
+    on a straight course are nearly all zero."""
+    sector = replays[0].sector
     return {
         "format": FORMAT,
         "version": skystack.__version__,
         "cycle_s": CYCLE_S,
-        "separation_nm": replays[0].sector.separation_nm,
-        "separation_fl": replays[0].sector.separation_fl,
-        "loss_below_nm": replays[0].sector.loss_below_nm,
-        "scale": SCALE,
-        "sector": _sector(replays[0].sector),
+        "separation_nm": sector.separation_nm,
+        "separation_fl": sector.separation_fl,
+        "loss_below_nm": sector.loss_below_nm,
+        "plane": {"coefficients": sector.plane.scale.coefficients, "range_nm": SCALE_RANGE_NM},
+        "parts": PARTS,
+        "sector": _sector(sector),
         "runs": [
             {
                 "title": replay.title,
@@ -101,10 +106,6 @@ def _sector(sector: Sector) -> dict[str, Any]:
         "area": np.round(sector.area_nm, 3).tolist(),
         "fixes": {name: np.round(at, 3).tolist() for name, at in sector.fixes_nm.items()},
         "routes": sector.routes,
-        "scale": {
-            "coefficients": sector.plane.scale.coefficients,
-            "range_nm": SCALE_RANGE_NM,
-        },
         "bent_legs": {
             json.dumps(leg, separators=(",", ":"), ensure_ascii=False): np.round(path, 3).tolist()
             for leg in sorted({leg for route in sector.routes for leg in pairwise(route)})
@@ -121,13 +122,12 @@ def _scenario(scenario: ReplayScenario) -> dict[str, Any]:
         "aircraft": [_aircraft(aircraft) for aircraft in scenario.aircraft],
         "clearances": [said._asdict() for said in scenario.clearances],
         "losses": [
-            loss._asdict() | {"least_nm": round(loss.least_nm, 2)} for loss in scenario.losses
+            loss._asdict() | {"least_nm": round(loss.least_nm, 3)} for loss in scenario.losses
         ],
     }
 
 
 def _aircraft(flown: Flown) -> dict[str, Any]:
-    nm, fl, deg, kt = (SCALE[unit] for unit in ("nm", "fl", "deg", "kt"))
     changes = [
         [row, status]
         for row, status in enumerate(flown.status)
@@ -140,22 +140,22 @@ def _aircraft(flown: Flown) -> dict[str, Any]:
         "entry_fl": flown.entry_fl,
         "exit_fl": flown.exit_fl,
         "rows": len(flown.status),
-        "x": _differences(flown.position_nm[:, 0] * nm),
-        "y": _differences(flown.position_nm[:, 1] * nm),
-        "fl": _differences(flown.fl * fl),
-        "heading": _differences(flown.heading_deg * deg),
-        "cleared_heading": _differences(flown.cleared_heading_deg * deg),
-        "cleared_fl": _differences(flown.cleared_fl * fl),
-        "speed_kt": _differences(flown.ground_speed_kt * kt),
-        "climb_ft_min": _differences(flown.vertical_speed_ft_min),
+        "x": _differences(flown.position_nm[:, 0], "nm"),
+        "y": _differences(flown.position_nm[:, 1], "nm"),
+        "fl": _differences(flown.fl, "fl"),
+        "heading": _differences(flown.heading_deg, "deg"),
+        "cleared_heading": _differences(flown.cleared_heading_deg, "deg"),
+        "cleared_fl": _differences(flown.cleared_fl, "fl"),
+        "speed_kt": _differences(flown.ground_speed_kt, "kt"),
+        "climb_ft_min": _differences(flown.vertical_speed_ft_min, "ft_min"),
         "status": changes,
     }
 
 
-def _differences(values: np.ndarray) -> list[int]:
-    """The first value, then what is added from row to row; rounded, the last zeros left out."""
-    whole = np.rint(values).astype(np.int64)
-    steps = np.diff(whole, prepend=0)
+def _differences(values: Float[np.ndarray, " rows"], unit: str) -> list[int]:
+    """Second differences of values rounded to parts of the unit; zeros at the end left out."""
+    whole = np.rint(values * PARTS[unit]).astype(np.int64)
+    steps = np.diff(whole, n=2, prepend=[0, 0])
     kept = np.flatnonzero(steps)
     last = int(kept[-1]) + 1 if len(kept) else 1
     found: list[int] = steps[:last].tolist()

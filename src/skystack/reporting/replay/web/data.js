@@ -1,29 +1,23 @@
 // What was flown, unpacked from the JSON that the page carries.
 
-/** Differences from row to row added up; those missing at the end are zero. */
-function summed(differences, rows, unit) {
+const CLIMB_FT_MIN = 2000; // of aircraft that are never seen to climb or descend
+
+/** Differences of differences from row to row added up twice; those missing at the end are zero. */
+function summed(differences, rows, parts) {
   const values = new Float64Array(rows);
-  let whole = 0;
+  let [whole, step] = [0, 0];
   for (let row = 0; row < rows; row++) {
-    whole += differences[row] ?? 0;
-    values[row] = whole / unit;
+    step += differences[row] ?? 0;
+    whole += step;
+    values[row] = whole / parts;
   }
   return values;
 }
 
-/** Plane length per true length, as a function of the distance [NM] north of the origin. */
-function scaleOf({ coefficients, range_nm: range }) {
-  return (y) => {
-    const reduced = Math.min(Math.max(y / range, -1), 1);
-    return coefficients.reduceRight((value, each) => value * reduced + each, 0);
-  };
-}
-
-const UNKNOWN_CLIMB_FT_MIN = 2000;
-
-function unpackAircraft(packed, scale) {
-  const column = (name, unit = 1) => summed(packed[name], packed.rows, unit);
-  const climbFtMin = column("climb_ft_min");
+/** `parts`: into how many parts a unit is divided to be kept as a whole number. */
+function unpackAircraft(packed, parts) {
+  const column = (name, each) => summed(packed[name], packed.rows, each);
+  const climbFtMin = column("climb_ft_min", parts.ft_min);
   return {
     callsign: packed.callsign,
     type: packed.type,
@@ -31,22 +25,22 @@ function unpackAircraft(packed, scale) {
     rows: packed.rows,
     entryFl: packed.entry_fl,
     exitFl: packed.exit_fl,
-    xNm: column("x", scale.nm),
-    yNm: column("y", scale.nm),
-    fl: column("fl", scale.fl),
-    headingDeg: column("heading", scale.deg),
-    clearedHeadingDeg: column("cleared_heading", scale.deg),
-    clearedFl: column("cleared_fl", scale.fl),
-    speedKt: column("speed_kt", scale.kt),
+    xNm: column("x", parts.nm),
+    yNm: column("y", parts.nm),
+    fl: column("fl", parts.fl),
+    headingDeg: column("heading", parts.deg),
+    clearedHeadingDeg: column("cleared_heading", parts.deg),
+    clearedFl: column("cleared_fl", parts.fl),
+    speedKt: column("speed_kt", parts.kt),
     climbFtMin,
-    usualClimbFtMin: climbFtMin.reduce((a, b) => Math.max(a, Math.abs(b)), 0) || UNKNOWN_CLIMB_FT_MIN,
+    usualClimbFtMin: Math.max(...climbFtMin.map(Math.abs)) || CLIMB_FT_MIN,
     status: packed.status,
   };
 }
 
 /** One scenario of one run, ready to be drawn. */
-function unpackScenario(packed, scale) {
-  const aircraft = packed.aircraft.map((each) => unpackAircraft(each, scale));
+function unpackScenario(packed, parts) {
+  const aircraft = packed.aircraft.map((each) => unpackAircraft(each, parts));
   return {
     cycles: packed.cycles,
     success: packed.success,

@@ -25,7 +25,7 @@ class Player {
     const last = this.replay.runs[0].scenarios.length - 1;
     this.index = Math.min(Math.max(index, 0), last);
     this.runs = this.replay.runs.map((run) =>
-      unpackScenario(run.scenarios[this.index], this.replay.scale),
+      unpackScenario(run.scenarios[this.index], this.replay.parts),
     );
     this.lastRow = Math.max(...this.runs.map((run) => run.cycles));
     const rows = this.runs.flatMap((run) => run.clearances.map((said) => said.row));

@@ -9,8 +9,9 @@ const COLOURS = [
   ...["aircraft", "waiting", "selected", "conflict", "loss"],
 ];
 
-/** What layers draw with: the context, places in pixels, NM in pixels, the theme's colours. */
-function penOf(canvas, view) {
+/** What layers draw with: the context, places in pixels, a true NM in pixels at a distance north of
+ *  the origin, the theme's colours. */
+function penOf(canvas, view, plane) {
   const ratio = window.devicePixelRatio || 1;
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
   const pixels = [Math.round(width * ratio), Math.round(height * ratio)];
@@ -23,8 +24,10 @@ function penOf(canvas, view) {
   const colour = Object.fromEntries(
     COLOURS.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]),
   );
-  const [at, nm] = [view.toPixels(width, height), view.pixelsPerNm(width, height)];
-  return { g, at, nm, scale: view.scale, middle: view.centre[1], width, height, colour };
+  const [at, planeNm] = [view.toPixels(width, height), view.pixelsPerNm(width, height)];
+  const nm = (y) => planeNm * plane.scale(y);
+  const seen = [-0.5, 0, 0.5].map((part) => view.centre[1] + (part * height) / planeNm);
+  return { g, at, nm, plane, seen, width, height, colour };
 }
 
 function stroke(pen, points, colour, { width = 1, dash = [], close = false } = {}) {
@@ -135,13 +138,16 @@ function drawFixes(pen, fixes) {
   }
 }
 
-/** A bar of a round number of NM in the middle of the picture, and which way is north (up). */
+const SAME_SCALE = 0.02; // lengths that differ less look the same
+
+/** A bar of a round number of NM, true in the middle of the picture; north is up. */
 function drawScale(pen) {
-  const trueNm = pen.nm * pen.scale(pen.middle);
-  const nm = [100, 50, 20, 10, 5, 2, 1].find((each) => each * trueNm <= pen.width / 4) ?? 1;
-  const [x, y, length] = [14, pen.height - 14, nm * trueNm];
+  const [low, middle, high] = pen.seen.map(pen.nm);
+  const nm = [100, 50, 20, 10, 5, 2, 1].find((each) => each * middle <= pen.width / 4) ?? 1;
+  const [x, y, length] = [14, pen.height - 14, nm * middle];
+  const where = Math.abs(high - low) > SAME_SCALE * middle ? " mid-screen" : "";
   stroke(pen, [[x, y - 5], [x, y], [x + length, y], [x + length, y - 5]], pen.colour.muted);
-  write(pen, `${nm} NM`, x + length + 8, y - 3, pen.colour.muted, { size: 11 });
+  write(pen, `${nm} NM${where}`, x + length + 8, y - 3, pen.colour.muted, { size: 11 });
 }
 
 /** Where an aircraft is drawn: between its row and the next by the part of the cycle gone. */
@@ -151,10 +157,8 @@ function placeOf(aircraft, row, part) {
   return [between(aircraft.xNm), between(aircraft.yNm)];
 }
 
-function ahead(pen, aircraft, row, [x, y], degrees, seconds) {
-  const nm = ((aircraft.speedKt[row] * seconds) / 3600) * pen.scale(y);
-  const angle = (degrees * Math.PI) / 180;
-  return [x + nm * Math.sin(angle), y + nm * Math.cos(angle)];
+function ahead(pen, aircraft, row, place, degrees, seconds) {
+  return pen.plane.reached(place, degrees, (aircraft.speedKt[row] * seconds) / 3600);
 }
 
 function drawAircraft(pen, aircraft, row, place, look) {
@@ -176,7 +180,7 @@ function drawAircraft(pen, aircraft, row, place, look) {
     stroke(pen, [[x, y], pen.at(...turned)], look.colour, { dash: [3, 4] });
   }
   if (look.ring) {
-    const radius = look.ring * pen.nm * pen.scale(place[1]);
+    const radius = look.ring * pen.nm(place[1]);
     ring(pen, [x, y], radius, look.colour, { width: look.strong ? 1.6 : 0.7 });
   }
   g.fillStyle = pen.colour.radar;

@@ -8,8 +8,9 @@ class Scope {
   constructor(canvas, replay, view) {
     this.canvas = canvas;
     this.sector = replay.sector;
-    const { loss_below_nm: nm, separation_fl: fl, separation_nm: standard } = replay;
-    this.limits = { nm, fl, standard, scale: view.scale };
+    this.plane = new Plane(replay.plane);
+    this.ringNm = replay.separation_nm;
+    this.limits = { nm: replay.loss_below_nm, fl: replay.separation_fl };
     this.view = view;
     this.slots = new Map();
     this.blocks = [];
@@ -18,7 +19,7 @@ class Scope {
   /** What is to be drawn of a scenario at a row; returns who meets whom. */
   show(scenario, row) {
     this.flying = onRadar(scenario, row);
-    this.met = encountersAt(scenario, row, this.limits);
+    this.met = encountersAt(this.plane, scenario, row, this.limits);
     this.row = row;
     this.settled = false;
     return this.met;
@@ -27,7 +28,7 @@ class Scope {
   /** Everything, with the part of the cycle that has passed since the row. */
   draw(part, selected, rings) {
     const { sector, flying, met, row } = this;
-    const pen = penOf(this.canvas, this.view);
+    const pen = penOf(this.canvas, this.view, this.plane);
     const fixes = fixesOn(pen, sector);
     drawArea(pen, sector);
     drawAirways(pen, sector);
@@ -43,7 +44,8 @@ class Scope {
       drawAircraft(pen, aircraft, row, place, look);
       return this.blockOf(pen, aircraft, place, look.colour);
     });
-    this.blocks = [...drawn, ...met.slice(0, LABELLED).map((each) => labelOf(pen, each))];
+    const labels = met.slice(0, LABELLED).map((each) => labelOf(pen, each));
+    this.blocks = [...drawn, ...labels.filter(({ at }) => isOn(pen, at))];
     this.place(pen, fixes, part > 0);
     for (const block of this.blocks) drawBlock(pen, block);
   }
@@ -57,7 +59,7 @@ class Scope {
       colour: pen.colour[kind ?? plain],
       selected: isSelected,
       strong: Boolean(kind),
-      ring: rings || kind || isSelected ? this.limits.standard : 0,
+      ring: rings || kind || isSelected ? this.ringNm : 0,
     };
   }
 
@@ -101,6 +103,8 @@ class Scope {
     return aircraft.find(({ box }) => overlap(box, point) > 0)?.callsign ?? null;
   }
 }
+
+const isOn = (pen, [x, y]) => x >= 0 && x <= pen.width && y >= 0 && y <= pen.height;
 
 function sizeOf(lines) {
   const letters = Math.max(...lines.map((line) => [...line].length));

@@ -9,7 +9,6 @@ class View {
     const [xs, ys] = [0, 1].map((axis) => points.map((point) => point[axis]));
     this.low = [Math.min(...xs), Math.min(...ys)];
     this.high = [Math.max(...xs), Math.max(...ys)];
-    this.scale = scaleOf(sector.scale);
     this.fit();
   }
 
@@ -18,6 +17,7 @@ class View {
     this.centre = [0, 1].map((axis) => (this.low[axis] + this.high[axis]) / 2);
   }
 
+  /** Pixels of a NM of the plane, which is a true one only at the origin. */
   pixelsPerNm(width, height) {
     const [marginX, marginY] = [Math.min(56, width / 9), Math.min(40, height / 9)];
     const across = (width - 2 * marginX) / (this.high[0] - this.low[0]);
