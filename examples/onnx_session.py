@@ -52,8 +52,8 @@ while not over:
         flown = environment.state_of(seen).traffic
         who, _ = task.actions.changes[clearance.action - 1]
         command = Instruction(f"AC{who + 1}", heading_deg=int(cleared_deg[who]))
-        fl = flown.level[[who]] / TICKS_PER_FL
-        (said,) = in_words([command], flown.heading_deg[[who]], fl, SKYSTACK)
+        heading_deg, level = (np.array([each[who]]) for each in (flown.heading_deg, flown.level))
+        (said,) = in_words([command], heading_deg, level / TICKS_PER_FL, SKYSTACK)
         print(f"{6 * cycle:4d} s  {written(said)} (from {clearance.instructions})")
     cycle, over = cycle + 1, bool(outcome.terminated)
 print(f"success: {bool(outcome.metrics.success)}")
