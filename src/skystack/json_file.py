@@ -99,10 +99,7 @@ def decode(data: bytes, kind: Any, where: str) -> Any:
 
 
 def convert(raw: Any, entries: Entries) -> Any:
-    """Plain values as the structure `entries[""]`; 220.0 is a whole number, too.
-
-    Raises InputError that names the field.
-    """
+    """Plain values as the structure `entries[""]`. Raises InputError that names the field."""
     _check_names(raw, entries)
     for place, entry in entries.items():
         table = raw.get(place.removesuffix(".*")) if isinstance(raw, dict) else None
@@ -110,28 +107,10 @@ def convert(raw: Any, entries: Entries) -> Any:
             for name, value in table.items():  # msgspec would say [...] in place of the name
                 with inside(f"{place[:-2]}.{name}"):
                     convert(value, {"": entry})
-    kind = entries[""]
     try:
-        return msgspec.convert(raw, kind)
-    except msgspec.ValidationError:
-        try:
-            return msgspec.convert(_whole(raw), kind)
-        except msgspec.ValidationError as error:
-            raise _refusal(str(error), raw, entries) from None
-
-
-_EXACT = 2**53
-"""Whole numbers below it are exact as floating-point numbers."""
-
-
-def _whole(value: Any) -> Any:
-    """Plain values with every number that is whole as a whole number: JSON has one kind only."""
-    if isinstance(value, dict):
-        return {name: _whole(each) for name, each in value.items()}
-    if isinstance(value, list):
-        return [_whole(each) for each in value]
-    exact = isinstance(value, float) and value.is_integer() and abs(value) < _EXACT
-    return int(value) if exact else value
+        return msgspec.convert(raw, entries[""])
+    except msgspec.ValidationError as error:
+        raise _refusal(str(error), raw, entries) from None
 
 
 def is_name(text: str) -> bool:

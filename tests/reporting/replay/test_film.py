@@ -49,7 +49,7 @@ def test_rings_and_lines_have_their_true_lengths_far_north(far_north):
     assert len(rings) == 2
     for ring in rings:
         centre = np.array(ring.center)
-        edge = [*centre, [0.0, ring.radius], [ring.radius, 0.0], [-ring.radius, 0.0]]
+        edge = centre + np.array([[0.0, ring.radius], [ring.radius, 0.0], [-ring.radius, 0.0]])
         for point in edge:
             assert true_nm(made, centre, point) == pytest.approx(5.0, rel=2e-3)
     speed_kt = scenario.aircraft[0].ground_speed_kt[3]

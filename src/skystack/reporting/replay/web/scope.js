@@ -111,7 +111,7 @@ function sizeOf(lines) {
   return { width: letters * LETTER_PX + 4, height: lines.length * BLOCK_LINE_PX };
 }
 
-/** How close two will be, beside the line between the places where they will be then. */
+/** How soon and how close, beside the line between the places where two will lose separation. */
 function labelOf(pen, met) {
   const [one, other] = met.at.map((place) => pen.at(...place));
   const between = (part) => [0, 1].map((axis) => one[axis] + part * (other[axis] - one[axis]));

@@ -111,8 +111,8 @@ function lossText(plane, scenario, [first, second], row, limits) {
 
 /**
  * Losses of separation at a row, then predicted ones, the soonest first: the `pair` of aircraft,
- * `from` where they are, `at` where they will lose it, `text` how soon they lose separation
- * and how close they will be. `limits`: distances below `nm` and level differences below `fl` are a loss.
+ * `from` where they are, `at` where they will lose separation, `text` how soon and how close they
+ * will be. `limits`: distances below `nm` with level differences below `fl` are a loss.
  */
 function encountersAt(plane, scenario, row, limits) {
   const seen = scenario.aircraft.map((each) => row < each.rows);
