@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[1]
 
 SMALL = (
     *("ppo.total_steps=256", "ppo.environments=8", "ppo.steps=32", "ppo.minibatch=64"),
-    *("ppo.epochs=1", "task.cycles=100"),
+    *("ppo.epochs=1", "task.cycles=104"),
 )
 
 

@@ -93,7 +93,11 @@ def check_plain(value: Any, where: str = "", depth: int = 0) -> None:
 def decode(data: bytes, kind: Any, where: str) -> Any:
     """JSON of a known shape. Raises InputError that says where it is damaged."""
     try:
-        return msgspec.convert(with_whole_numbers(msgspec.json.decode(data)), kind)
+        plain = msgspec.json.decode(data)
+        try:
+            return msgspec.convert(plain, kind)
+        except msgspec.ValidationError:  # only then: what may be any number stays as written
+            return msgspec.convert(with_whole_numbers(plain), kind)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"{where}: damaged: {error}") from None
 

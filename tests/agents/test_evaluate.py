@@ -113,7 +113,7 @@ def turning(settings, until_deg):
 def test_a_function_flies_in_bluebird(stacking, tmp_path):
     """The same clearances as here: left turns of the first aircraft, in bursts."""
     pytest.importorskip("bluebird_dt")
-    settings = TaskSettings(features=("theta_f", "d_f"), cycles=20)
+    settings = TaskSettings(features=("theta_f", "d_f"), cycles=100)
     experiment = Experiment("turning", task=settings)
     turn = turning(settings, until_deg=25.0)
     conditions = skystack.Conditions(episodes=2, stacking=stacking)
@@ -154,7 +154,7 @@ def test_a_function_that_fails_elsewhere_is_named_too():
         calls.append(seen)
         return 1 // (4 - len(calls))
 
-    settings = TaskSettings(cycles=10)
+    settings = TaskSettings(cycles=100)
     with pytest.raises(
         skystack.InputError,
         match=r"^scenario \d, cycle \d: the policy failed: ZeroDivisionError: .*zero$",

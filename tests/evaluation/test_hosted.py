@@ -19,7 +19,7 @@ from skystack.tasks.build import build_task
 from skystack.tasks.plain import PlainTask
 from skystack.tasks.settings import TaskSettings
 
-SHORT = Experiment("short", task=TaskSettings(cycles=12))
+SHORT = Experiment("short", task=TaskSettings(cycles=98))
 AIMED = Experiment("aimed", task=TaskSettings(features=("theta_f", "theta_sf", "d_f")))
 
 
@@ -128,8 +128,9 @@ def test_only_those_who_still_ask_are_asked():
 
     asked[:] = [0]
     recording = flown(Batched(once), 6)
-    assert asked[1:] == [6, 1] * 12
-    assert recording.instructions.sum(axis=1).tolist() == [12, 0, 0, 0, 0, 0]
+    cycles = SHORT.task.cycles
+    assert asked[1:] == [6, 1] * cycles
+    assert recording.instructions.sum(axis=1).tolist() == [cycles, 0, 0, 0, 0, 0]
 
 
 def test_answers_are_copied_and_observations_may_be_changed():
