@@ -115,11 +115,6 @@ class TablePerformance:
             ]
         )
 
-    def airspeed_kt(self, fl: float, phase: int) -> float:
-        """True airspeed of one aircraft; phase 1 climb, 0 cruise, -1 descent; float64."""
-        row = self.airspeeds_kt[1 - phase]
-        return float(np.interp(fl, np.arange(row.size), row))
-
     def cas_kt(self, fl: Float[np.ndarray, "*n"], phase: int) -> Float[np.ndarray, "*n"]:
         """Calibrated airspeed flown below the crossover; phase 0 climb, 1 cruise, 2 descent."""
         return np.interp(fl, [100.0, 150.0], [self.low_cas_kt[phase], self.high_cas_kt[phase]])
