@@ -13,7 +13,7 @@ from skystack.catalogue import find_policy
 from skystack.errors import InputError
 from skystack.evaluation.rollout import Controller, fly, network_controller
 from skystack.seeds import scenario_key
-from skystack.stacking import ENDLESS, TwoPhase, stack, stack_traced
+from skystack.stacking import ENDLESS, TwoPhase, stack, stack_many, stack_traced
 from skystack.tasks.build import build_task
 from skystack.tasks.settings import TaskSettings
 
@@ -73,6 +73,54 @@ def test_a_stack_is_the_longest_equal_prefix(answers, limit):
     state, result = stack(Counter(), script(*answers), (), limit=limit)
     assert state == (answers[0],) * expected
     assert result.instructions == expected
+
+
+class Counters:
+    """Many counters at once: how many instructions each scenario was given, at most seven."""
+
+    def observe(self, state):
+        return state
+
+    def instruct(self, state, action):
+        return state + 1
+
+    def may_stack(self, state, action):
+        return state < 7
+
+    def choose(self, condition, yes, no):
+        return jax.tree.map(lambda a, b: np.where(condition, a, b), yes, no)
+
+
+@given(
+    st.lists(st.lists(st.integers(0, 2), min_size=9, max_size=9), min_size=1, max_size=5),
+    st.integers(1, 9),
+    st.data(),
+)
+def test_many_stacks_are_those_of_each_scenario_alone(answers, limit, data):
+    """Each scenario is asked as often as alone, and not at all where it does not ask."""
+    count = len(answers)
+    asking = np.array(data.draw(st.lists(st.booleans(), min_size=count, max_size=count)))
+    table, asked = np.array(answers), np.zeros(count, dtype=int)
+
+    def policy(observation, still, query):
+        asked[still] += 1
+        return np.where(still, table[np.arange(count), query], 0)
+
+    state, issued = stack_many(Counters(), policy, np.zeros(count, dtype=int), asking, limit)
+    for number, own in enumerate(answers):
+        queries = []
+
+        def alone(observation, own=own, queries=queries):
+            queries.append(observation)
+            return own[len(queries) - 1]
+
+        told, expected = stack(Counter(), alone, (), limit=limit)
+        if not asking[number]:
+            assert (state[number], issued.instructions[number], asked[number]) == (0, 0, 0)
+            continue
+        assert state[number] == len(told) == issued.instructions[number]
+        assert issued.action[number] == expected.action
+        assert asked[number] == len(queries)
 
 
 def test_every_query_inside_jit_samples_anew():
