@@ -7,7 +7,7 @@ ours, of kinds that reviews have found: arguments, elements or branches exchange
 
 import ast
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -29,7 +29,7 @@ _NAMES = (
 )
 WRAPPERS = frozenset(_NAMES.split())
 """Functions whose call is replaced by its first argument."""
-COMMUTATIVE = frozenset("array_equal hypot isclose max maximum min minimum".split())
+COMMUTATIVE = frozenset(["array_equal", "hypot", "isclose", "max", "maximum", "min", "minimum"])
 """Functions whose arguments are not exchanged."""
 
 
@@ -104,22 +104,23 @@ def _by_ours(source: str) -> Iterator[Place]:
     for node in ast.walk(tree):
         if node in types:
             continue
-        exchanged: list[tuple[ast.expr, ast.expr]] = []
         if isinstance(node, ast.Call):
-            name = _name(node.func)
-            if name not in COMMUTATIVE:
-                exchanged = list(pairwise(node.args[1:] if name == "where" else node.args))
-            if name in WRAPPERS and node.args:
+            if _name(node.func) in WRAPPERS and node.args:
                 yield text.place("DropWrapper", node, [(node, node.args[0])])
             for keyword in node.keywords if len(node.keywords) + len(node.args) > 1 else ():
                 yield text.dropped_keyword(keyword)
-        elif isinstance(node, ast.Tuple):
-            exchanged = list(pairwise(node.elts))
-        elif isinstance(node, ast.IfExp):
-            exchanged = [(node.body, node.orelse)]
-        for one, other in exchanged:
+        for one, other in _neighbours(node):
             if _alike(one, other, typed):
                 yield text.place("Exchange", one, [(one, other), (other, one)])
+
+
+def _neighbours(node: ast.AST) -> Iterable[tuple[ast.expr, ast.expr]]:
+    """The pairs of expressions in a node whose exchange may mean something else."""
+    if isinstance(node, ast.Call) and _name(node.func) not in COMMUTATIVE:
+        return pairwise(node.args[1:] if _name(node.func) == "where" else node.args)
+    if isinstance(node, ast.Tuple):
+        return pairwise(node.elts)
+    return [(node.body, node.orelse)] if isinstance(node, ast.IfExp) else []
 
 
 def _types(tree: ast.AST) -> tuple[set[ast.AST], dict[str, str]]:
