@@ -28,18 +28,16 @@ CHOSEN = {
 """The modules of a package of which not all are changed: of reporting those that judge."""
 
 CYCLES = ("tests/tasks/test_cycle_rewards.py",)
-NAVIGATION = ("tests/tasks/test_navigation.py", *CYCLES, "tests/tasks/test_vertical.py")
 TESTS = {
     "stacking.py": ("tests/test_stacking.py",),
-    "tasks/actions.py": NAVIGATION,
     "tasks/compiled.py": ("tests/tasks/test_plain.py", "tests/gym/test_copies.py"),
-    "tasks/contract.py": NAVIGATION,
-    "tasks/features.py": (*NAVIGATION, "tests/tasks/test_tracking.py"),
-    "tasks/navigation.py": (*CYCLES, "tests/tasks/test_vertical.py"),
-    "tasks/pairs.py": CYCLES,
+    "tasks/contract.py": CYCLES,
+    "tasks/features.py": ("tests/tasks/test_tracking.py",),
+    "tasks/settings.py": ("tests/tasks/test_build.py",),
+    "tasks/wrapper.py": ("tests/tasks/test_build.py", "tests/tasks/test_batch.py"),
+    "tasks/navigation.py": CYCLES,
     "tasks/rewards.py": CYCLES,
     "tasks/tracking.py": ("tests/tasks/test_separation.py",),
-    "tasks/stacked_steps.py": ("tests/gym/test_stacked.py",),
     "learning/inference.py": ("tests/learning/test_policy.py", "tests/learning/test_ppo.py"),
     "learning/network.py": ("tests/learning/test_policy.py", "tests/learning/test_ppo.py"),
     "learning/settings.py": ("tests/learning/test_experiment.py", "tests/learning/test_ppo.py"),

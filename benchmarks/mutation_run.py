@@ -243,6 +243,7 @@ def chosen(modules: Sequence[str], sample: int | None, seed: int) -> list[Mutant
     if sample is not None and sample < len(every):
         offset = generator.random()
         every = [every[int((number + offset) * len(every) / sample)] for number in range(sample)]
+        generator.shuffle(every)  # a part of the sample is a sample too
     mutants = (Mutant(module, place, place.changed()) for module, _, place in every)
     return [new for new, (_, source, _) in zip(mutants, every, strict=True) if new.source != source]
 

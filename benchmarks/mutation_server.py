@@ -120,8 +120,9 @@ def _answer(job: Job) -> Answer:
         child = os.fork()
     if child == 0:
         _run(job, folder)
-    status = None
-    while status is None and time.monotonic() - began < job.wall_s:
+    status, parent = None, os.getppid()
+    # Where the run was killed, nothing of it goes on.
+    while status is None and time.monotonic() - began < job.wall_s and os.getppid() == parent:
         ended, code = os.waitpid(child, os.WNOHANG)
         status = code if ended else None
         time.sleep(0.0 if ended else 0.02)

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skystack.airspace.projection import MercatorPlane
+from skystack.airspace.projection import METRES_PER_NM, WGS84, MercatorPlane
 from skystack.simulator.traffic import start, ticks
 from skystack.tasks.build import build_task
 from skystack.tasks.conformance import check_task
-from skystack.tasks.pairs import PAIR_FEATURES, RANGE_NM, pairs_of
+from skystack.tasks.pairs import PAIR_FEATURES, RANGE_NM, observe_pairs, pair_names, pairs_of
 from skystack.tasks.settings import RewardSettings, TaskSettings
 
 from .conftest import BACK, STRAIGHT
@@ -137,10 +137,10 @@ def _fields(struct):
     ("second", "headings", "sign"), [((4, 80), (0, 180), 1.0), ((-4, 80), (0, 180), -1.0)]
 )
 def test_the_side_of_a_miss(second, headings, sign):
-    """Ours: which side the other one passes on."""
+    """Ours: flying south past it, the second has the first to its right, or to its left."""
     pairs = pairs_of(PLANE, traffic([(0, 0), second], headings))
     miss = float(PAIR_FEATURES["miss"].value(pairs)[0])
-    assert abs(miss) == pytest.approx(4.0, abs=1e-3)
+    assert miss == pytest.approx(sign * 4.0, abs=1e-3)
     mirrored = pairs_of(PLANE, traffic([(0, 0), (-second[0], second[1])], headings))
     assert miss == pytest.approx(-float(PAIR_FEATURES["miss"].value(mirrored)[0]), abs=1e-3)
     assert float(PAIR_FEATURES["time"].value(pairs)[0]) == pytest.approx(5.0, abs=1e-3)
@@ -152,3 +152,100 @@ def test_a_conflict_is_priced_by_its_depth(traffic_on):
     at = [np.array([0.0, 0.0]), np.array([4.0, 0.0])]
     state = task.begin(traffic_on(STRAIGHT, STRAIGHT, positions=at, headings=[0.0, 0.0]))
     assert float(task.advance(state)[1].reward) == pytest.approx(-1.5, abs=1e-3)
+
+
+@pytest.fixture(scope="module")
+def three():
+    """Three aircraft that turn: where they head is not yet what they are cleared to."""
+    at, cleared, speeds = [(0, 0), (30, 25), (-20, 40)], [350.0, 200.0, 95.0], [480.0, 400.0, 300.0]
+    flown = traffic(at, [10.0, 20.0, 30.0], speeds)
+    flown = flown._replace(cleared_heading_deg=jnp.asarray(cleared))
+    return flown, np.asarray(flown.position_nm, dtype=np.float64), cleared, speeds
+
+
+def turn(angle_deg):
+    return (angle_deg + 180.0) % 360.0 - 180.0
+
+
+def bearing_deg(offset):
+    return np.degrees(np.arctan2(*offset))
+
+
+def expected_of_pair(three, one, other):
+    """Definitions in float64; the closest approach among a hundred thousand moments."""
+    _, at, cleared, speeds = three
+    offset = at[other] - at[one]
+    angles = np.radians(cleared)
+    velocity = np.array(speeds)[:, None] * np.stack([np.sin(angles), np.cos(angles)], axis=1)
+    relative = velocity[other] - velocity[one]
+    hours = np.linspace(0.0, 150.0 / max(speeds[one], speeds[other]), 100_001)
+    gaps = np.linalg.norm(offset + hours[:, None] * relative, axis=1)
+    # The first aircraft lies to the right of the way that the second comes, as the first sees it.
+    right = np.dot(-offset, [relative[1], -relative[0]]) > 0.0
+    return {
+        "theta": turn(bearing_deg(offset) - cleared[one]),
+        "theta_back": turn(bearing_deg(-offset) - cleared[other]),
+        "track": turn(cleared[other] - cleared[one]),
+        "d": np.linalg.norm(offset),
+        "miss": gaps.min() * (1.0 if right else -1.0),
+        "time": 60.0 * hours[gaps.argmin()],
+    }
+
+
+SHOWN = {
+    "theta": (-180.0, 180.0, 0.5),
+    "theta_back": (-180.0, 180.0, 0.5),
+    "track": (-180.0, 180.0, 0.5),
+    "d": (0.0, 150.0, 1.0),
+    "miss": (-30.0, 30.0, 1.0),
+    "time": (0.0, 20.0, 1.0),
+}
+"""What becomes 0 and 1, and what a pair shows of which one has left."""
+
+
+@pytest.mark.parametrize("there", [(True, True, True), (True, False, True)])
+def test_what_is_shown_of_pairs(three, there):
+    """Pair by pair: first with second, first with third, second with third."""
+    flown = three[0]._replace(active=jnp.asarray(there))
+    shown = np.asarray(observe_pairs(tuple(SHOWN), PLANE, flown)).reshape(3, len(SHOWN))
+    for row, (one, other) in zip(shown, [(0, 1), (0, 2), (1, 2)], strict=True):
+        values = expected_of_pair(three, one, other)
+        for found, (name, (low, high, gone)) in zip(row, SHOWN.items(), strict=True):
+            expected = np.clip((values[name] - low) / (high - low), 0.0, 1.0)
+            expected = expected if there[one] and there[other] else gone
+            assert found == pytest.approx(expected, abs=2e-4), (name, one, other)
+    assert set(SHOWN) == set(PAIR_FEATURES)
+
+
+def test_the_names_of_what_is_shown_of_pairs():
+    assert pair_names(("theta", "d"), 3) == (
+        *("theta_12", "d_12"),
+        *("theta_13", "d_13"),
+        *("theta_23", "d_23"),
+    )
+
+
+@pytest.mark.parametrize(
+    ("positions", "headings", "minutes"),
+    [
+        ([(0, 0), (0, 12)], [180, 0], 0.0),  # it was closest before
+        ([(0, 0), (0, 12)], [0, 0], 0.0),  # and stays as it is
+        ([(0, 0), (0, 400)], [0, 180], 150.0 / 8.0),  # as far as is looked
+    ],
+)
+def test_the_time_of_the_closest_approach_is_within_the_horizon(positions, headings, minutes):
+    pairs = pairs_of(PLANE, traffic(positions, headings))
+    assert float(PAIR_FEATURES["time"].value(pairs)[0]) == pytest.approx(minutes, abs=1e-3)
+
+
+def test_distances_of_pairs_are_true_ones_far_from_the_origin():
+    """Three degrees north of an origin at 60 N the plane is stretched by a tenth."""
+    north = MercatorPlane(60.0, 0.0)
+    at = north.to_plane([63.1, 62.9], [0.2, -0.1])
+    flown = traffic([(0, 0), (0, 0)], [0.0, 0.0])._replace(
+        position_nm=jnp.asarray(at, dtype=jnp.float32)
+    )
+    metres = WGS84.inv(0.2, 63.1, -0.1, 62.9)[2]
+    assert float(pairs_of(north, flown).distance_nm[0]) == pytest.approx(
+        metres / METRES_PER_NM, abs=0.005
+    )

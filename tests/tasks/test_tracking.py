@@ -150,3 +150,163 @@ def test_an_exit_over_an_edge_that_bends_in_the_plane_is_no_excursion():
             memory = tracker.track(memory, after)
             assert bool(memory.exited[0])
             assert not bool(memory.strayed[0])
+
+
+def scene(levels_fl, apart_nm, active=True):
+    """Two aircraft side by side in the middle of a square of 144 NM."""
+    count = len(levels_fl)
+    traffic = start(
+        jnp.asarray([(number * apart_nm, 0.0) for number in range(count)]),
+        jnp.zeros(count),
+        jnp.asarray([ticks(float(fl)) for fl in levels_fl], dtype=jnp.float32),
+        jnp.zeros(count, dtype=jnp.int32),
+        jnp.full(count, 466.0),
+        jnp.zeros(count, dtype=bool),
+    )
+    return traffic._replace(active=jnp.asarray(np.broadcast_to(active, count)))
+
+
+def tracked(*scenes, **changes):
+    """The memories after each scene but the first, at which the scenario begins."""
+    tracker, memories = Tracker(HAIRPIN), []
+    memory = tracker.begin(scenes[0], scenes[0].level)._replace(**changes)
+    for traffic in scenes[1:]:
+        memory = tracker.track(memory, traffic)
+        memories.append(memory)
+    return memories
+
+
+def test_a_cycle_is_judged_from_the_levels_at_its_begin():
+    """They part vertically in the first cycle; in the second they are 2,000 ft apart throughout."""
+    first, second = tracked(scene([300, 305], 2.0), scene([300, 320], 2.0), scene([300, 320], 2.0))
+    assert float(first.separation_nm) == pytest.approx(2.0, abs=1e-3)
+    assert float(second.separation_nm) == np.inf
+    assert float(second.min_separation_nm) == pytest.approx(2.0, abs=1e-3)
+    assert second.previous_level.tolist() == [ticks(300.0), ticks(320.0)]
+    assert second.entry_level.tolist() == [ticks(300.0), ticks(305.0)]
+
+
+def test_a_cycle_is_judged_from_the_positions_at_its_begin():
+    first, second = tracked(scene([300, 300], 3.0), scene([300, 300], 9.0), scene([300, 300], 8.0))
+    assert float(first.separation_nm) == pytest.approx(3.0, abs=1e-3)
+    assert float(second.separation_nm) == pytest.approx(8.0, abs=1e-3)
+    assert float(second.min_separation_nm) == pytest.approx(3.0, abs=1e-3)
+
+
+def test_who_has_left_is_in_nobodys_way():
+    both = scene([300, 300], 3.0)
+    alone = scene([300, 300], 3.0, active=[True, False])
+    (memory,) = tracked(both, alone)
+    assert float(memory.separation_nm) == np.inf
+    assert float(tracked(scene([300], 0.0), scene([300], 0.0))[0].separation_nm) == np.inf
+
+
+@pytest.mark.parametrize(
+    ("fl", "inside"), [(199.9, False), (200, True), (300, True), (400, True), (400.1, False)]
+)
+def test_entered_is_inside_the_levels_and_the_area(fl, inside):
+    tracker, within = Tracker(HAIRPIN), scene([fl], 0.0)
+    assert tracker.begin(within, within.level).entered.tolist() == [inside]
+    outside = within._replace(position_nm=jnp.asarray([[0.0, 75.0]]))
+    begun = tracker.begin(outside, outside.level)
+    assert begun.entered.tolist() == [False]
+    assert tracker.track(begun, within).entered.tolist() == [inside]
+    gone = within._replace(active=jnp.asarray([False]))
+    assert tracker.track(begun, gone).entered.tolist() == [False]
+
+
+def test_only_who_is_there_and_had_entered_strays():
+    """The second one crosses the western edge, which is nobody's exit."""
+    inside, outside = scene([300, 300], -40.0), scene([300, 300], -75.0)
+    assert tracked(inside, outside)[0].strayed.tolist() == [False, True]
+    assert tracked(inside, outside, entered=jnp.zeros(2, dtype=bool))[0].strayed.tolist() == [
+        False,
+        False,
+    ]
+    gone = scene([300, 300], -75.0, active=[True, False])
+    assert tracked(inside, gone)[0].strayed.tolist() == [False, False]
+    back = tracked(inside, outside, inside)[1]
+    assert back.strayed.tolist() == [False, True]  # for good
+
+
+def noted(memory, action, *aircraft):
+    heard = jnp.asarray([number in aircraft for number in range(2)])
+    return Tracker(HAIRPIN).note_instruction(memory, heard, jnp.asarray(action, dtype=jnp.int32))
+
+
+def test_instructions_bursts_and_waiting_are_counted():
+    """By hand: two of a kind in consecutive cycles are one burst, a pause or another begins one."""
+    here, tracker = scene([300, 300], 20.0), Tracker(HAIRPIN)
+    memory = tracker.begin(here, here.level)
+    assert memory.cycles_since_instruction.tolist() == [10.0, 10.0]
+    waited, bursts, new = [], [], []
+    for action, aircraft in ((1, [0]), (1, [0]), (3, [1]), (0, []), (3, [1]), (1, [])):
+        memory = noted(memory, action, *aircraft)
+        new.append(float(memory.new_bursts))
+        memory = tracker.track(memory, here)
+        waited.append(memory.cycles_since_instruction.tolist())
+        bursts.append(float(memory.bursts))
+        assert float(memory.new_bursts) == 0.0
+        assert not np.any(memory.instructed)
+    assert waited == [[0, 10], [0, 10], [1, 0], [2, 1], [3, 0], [4, 1]]
+    assert bursts == [1, 1, 2, 2, 3, 3]
+    assert new == [1, 0, 1, 0, 1, 0]
+    assert memory.instructions.tolist() == [2.0, 2.0]
+    assert float(memory.cycles) == 6.0
+    assert int(memory.burst_action) == 0
+
+
+def test_a_stack_of_instructions_in_one_cycle_is_one_burst():
+    here = scene([300, 300], 20.0)
+    memory = Tracker(HAIRPIN).begin(here, here.level)
+    stacked = noted(noted(memory, 2, 0), 2, 0)
+    assert (float(stacked.new_bursts), float(stacked.bursts)) == (1.0, 1.0)
+    mixed = noted(noted(memory, 2, 0), 4, 1)
+    assert (float(mixed.new_bursts), float(mixed.bursts)) == (2.0, 2.0)
+    assert mixed.instructed.tolist() == [True, True]
+    assert mixed.cycles_since_instruction.tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("fl", "entered", "active", "exits", "correctly"),
+    [
+        (300, True, True, True, True),
+        (310, True, True, True, False),
+        (300, False, True, False, False),
+        (300, True, False, False, False),
+    ],
+)
+def test_leaving_through_the_exit(fl, entered, active, exits, correctly):
+    """Over the eastern edge of the square, at EE on the equator; the exit level is FL300."""
+    east_nm = HAIRPIN.fixes_nm["EE"][0]
+    inside, outside = (
+        scene([fl], 0.0)._replace(position_nm=jnp.asarray([[east_nm + by, 3.0]]))
+        for by in (-0.5, 0.3)
+    )
+    tracker = Tracker(HAIRPIN)
+    memory = tracker.begin(inside, jnp.asarray([ticks(300.0)], dtype=jnp.float32))
+    memory = memory._replace(entered=jnp.asarray([entered]))
+    memory = tracker.track(memory, outside._replace(active=jnp.asarray([active])))
+    assert memory.exited.tolist() == [exits]
+    assert memory.exited_correctly.tolist() == [correctly]
+    assert memory.strayed.tolist() == [False]
+    later = tracker.track(memory, outside._replace(active=jnp.asarray([False])))
+    assert later.exited.tolist() == [exits]
+    assert later.exited_correctly.tolist() == [correctly]
+
+
+def test_a_fix_is_passed_within_a_true_mile():
+    """At EE's latitude a mile short of S1 on the first leg; far north the plane is stretched."""
+    s1_lon = HAIRPIN.fixes["S1"][1]
+    for nm, found in ((1.05, 1), (0.95, 2)):
+        assert progress(HAIRPIN, [(0.0, s1_lon - nm / 60.0)]) == [found]
+    (lat, lon), north = FAR_NORTH.fixes["WESTE"], FAR_NORTH
+    for nm, found in ((1.04, 1), (0.96, 2)):
+        to_west = WGS84.fwd(lon, lat, 271.0, nm * METRES_PER_NM)[:2]
+        assert progress(north, [to_west[::-1]]) == [found]
+
+
+def test_progress_stays_at_the_last_fix_and_never_goes_back():
+    fixes = [HAIRPIN.fixes[name] for name in ("S1", "S2", "S3", "EE", "EO")]
+    assert progress(HAIRPIN, fixes) == [2, 3, 4, 5, 5]
+    assert progress(HAIRPIN, [*fixes, HAIRPIN.fixes["WO"]])[-1] == 5

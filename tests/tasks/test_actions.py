@@ -1,0 +1,121 @@
+"""Action tables: what each number changes, for which aircraft, and what can be stacked."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from skystack.simulator.traffic import start, ticks
+from skystack.tasks.actions import LevelTable, TurnTable, addressed, large_turns, small_turns
+
+
+def traffic_of(headings, cleared, levels_fl=300.0, active=True):
+    count = len(headings)
+    levels = np.broadcast_to(levels_fl, count)
+    traffic = start(
+        jnp.zeros((count, 2)),
+        jnp.asarray(headings, dtype=jnp.float32),
+        jnp.asarray([ticks(float(fl)) for fl in levels], dtype=jnp.float32),
+        jnp.zeros(count, dtype=jnp.int32),
+        jnp.full(count, 466.0),
+        jnp.zeros(count, dtype=bool),
+    )
+    return traffic._replace(
+        cleared_heading_deg=jnp.asarray(cleared, dtype=jnp.float32),
+        active=jnp.asarray(np.broadcast_to(active, count)),
+    )
+
+
+def number(action):
+    return jnp.asarray(action, dtype=jnp.int32)
+
+
+def test_the_numbers_of_actions():
+    """Aircraft by aircraft, minus before plus, small before large."""
+    assert small_turns(2).changes == ((0, -10), (0, 10), (1, -10), (1, 10))
+    assert small_turns(2).names[3] == "aircraft 2 turn -10 deg"
+    nine = range(10, 91, 10)
+    both = [*(-size for size in nine), *nine]
+    assert large_turns(2).changes == tuple((who, size) for who in (0, 1) for size in both)
+    levels = LevelTable(2, (100, 300))
+    assert levels.changes == ((0, -10), (0, 10), (1, -10), (1, 10))
+    assert (small_turns(1).kind, levels.kind) == ("heading", "level")
+
+
+def test_an_action_is_for_one_aircraft_or_none():
+    table = small_turns(3)
+    traffic = traffic_of([0.0] * 3, [0.0] * 3)
+    for action in range(7):
+        expected = [action > 0 and (action - 1) // 2 == aircraft for aircraft in range(3)]
+        assert addressed(table, traffic, number(action)).tolist() == expected
+    many = addressed(table, traffic, jnp.asarray([0, 2, 5], dtype=jnp.int32))
+    assert many.tolist() == [[False, True, False], [False, False, False], [False, False, True]]
+
+
+@pytest.mark.parametrize(
+    ("cleared", "action", "expected"),
+    [
+        (350.0, 2, 0.0),  # to the right through north
+        (5.0, 1, 355.0),
+        (45.19, 2, 55.0),  # whole degrees afterwards
+        (44.6, 1, 35.0),
+        (180.0, 0, 180.0),
+    ],
+)
+def test_turns_are_from_the_cleared_heading(cleared, action, expected):
+    traffic = traffic_of([90.0, 90.0], [cleared, 77.0])
+    told = small_turns(2).instruct(traffic, number(action))
+    assert told.cleared_heading_deg.tolist() == [expected, 77.0]
+    assert told.cleared_level.tolist() == traffic.cleared_level.tolist()
+
+
+@pytest.mark.parametrize(
+    ("heading", "cleared", "action", "possible"),
+    [
+        (0.0, 160.0, 2, True),  # 170 degrees to the right
+        (0.0, 170.0, 2, False),  # 180: to which side?
+        (0.0, 170.0, 1, True),
+        (0.0, 190.0, 1, False),
+        (0.0, 190.0, 2, True),
+        (100.0, 270.0, 2, False),
+        (100.0, 270.0, 3, True),  # of the other aircraft
+        (100.0, 270.0, 0, False),
+    ],
+)
+def test_turns_are_stacked_below_180_degrees(heading, cleared, action, possible):
+    traffic = traffic_of([heading, 0.0], [cleared, 0.0])
+    assert bool(small_turns(2).may_stack(traffic, number(action))) is possible
+    gone = traffic._replace(active=jnp.zeros(2, dtype=bool))
+    assert not bool(small_turns(2).may_stack(gone, number(action)))
+
+
+@pytest.mark.parametrize(
+    ("cleared_fl", "action", "expected_fl", "possible"),
+    [
+        (200.0, 1, 190.0, True),
+        (200.0, 2, 210.0, True),
+        (290.0, 2, 300.0, True),
+        (300.0, 2, 300.0, False),
+        (295.0, 2, 300.0, False),
+        (110.0, 1, 100.0, True),
+        (100.0, 1, 100.0, False),
+        (105.0, 1, 100.0, False),
+        (200.0, 0, 200.0, False),
+    ],
+)
+def test_levels_are_cleared_within_the_sector(cleared_fl, action, expected_fl, possible):
+    table = LevelTable(2, (100, 300))
+    traffic = traffic_of([0.0, 0.0], [0.0, 0.0], [cleared_fl, 150.0])
+    assert bool(table.may_stack(traffic, number(action))) is possible
+    told = table.instruct(traffic, number(action))
+    assert told.cleared_level.tolist() == [ticks(expected_fl), ticks(150.0)]
+    assert told.cleared_heading_deg.tolist() == [0.0, 0.0]
+    gone = traffic._replace(active=jnp.zeros(2, dtype=bool))
+    assert not bool(table.may_stack(gone, number(action)))
+
+
+def test_scenarios_at_once_are_told_each_by_itself():
+    table = TurnTable(2, (10, 30))
+    alone = [traffic_of([0.0, 0.0], [20.0 * case, 300.0]) for case in range(3)]
+    together = type(alone[0])(*(jnp.stack(rows, axis=-1) for rows in zip(*alone, strict=True)))
+    told = table.instruct(together, jnp.asarray([1, 4, 6], dtype=jnp.int32))
+    assert told.cleared_heading_deg.tolist() == [[350.0, 50.0, 40.0], [300.0, 300.0, 270.0]]

@@ -1,0 +1,159 @@
+"""From settings to a task: what is made of them, the limits, and what is refused."""
+
+from itertools import pairwise
+
+import msgspec
+import pytest
+
+from skystack.airspace.xplus import x_plus
+from skystack.errors import InputError
+from skystack.simulator.fleet import AircraftType
+from skystack.tasks.actions import LevelTable, large_turns, small_turns
+from skystack.tasks.build import build_task, build_training_task, check_cycles
+from skystack.tasks.navigation import NavigationTask
+from skystack.tasks.settings import RewardSettings, TaskSettings
+from skystack.tasks.stacked_steps import StackedSteps
+
+VERTICAL = {"name": "vertical", "aircraft": 1, "actions": "levels", "levels_fl": (100, 300)}
+
+
+def built(**settings):
+    return build_task(TaskSettings(**settings))
+
+
+def test_the_settings_decide_what_is_built():
+    lateral, vertical = built(), built(**VERTICAL)
+    assert lateral.actions == small_turns(2)
+    assert built(actions="large", aircraft=3).actions == large_turns(3)
+    assert vertical.actions == LevelTable(1, (100, 300))
+    assert vertical.sector.levels_fl == (100, 300)
+    assert (lateral.sector.levels_fl, lateral.sector.name) == ((200, 400), "x-plus")
+    assert (lateral.simulator.own_navigation, vertical.simulator.own_navigation) == (False, True)
+    scenarios = built(aircraft=3, level_fl=(300, 320), disc_nm=2.0).scenarios
+    assert (scenarios.aircraft, scenarios.levels_fl, scenarios.disc_nm) == (3, (300, 320), 2.0)
+    assert lateral.scenarios.levels_fl == (300,)
+
+
+def test_training_steps_stand_still_where_the_settings_say():
+    assert type(build_training_task(TaskSettings())) is NavigationTask
+    frozen = build_training_task(TaskSettings(timing="stack"))
+    assert isinstance(frozen, StackedSteps)
+    assert frozen.task == build_task(TaskSettings(timing="stack"))
+    # Names and version are those of the task itself.
+    same = ("name", "version", "action_names", "observation_names", "sector")
+    assert [getattr(frozen, name) for name in same] == [getattr(frozen.task, name) for name in same]
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"aircraft": 4},  # as many as x-plus has first fixes
+        {"level_fl": 200},
+        {"level_fl": (200, 400)},
+        {"levels_fl": (0, 600), "level_fl": 600},
+        {"levels_fl": (0, 10), "level_fl": (0, 10)},
+        {"fleet": (AircraftType("A320"),)},
+    ],
+)
+def test_the_limits_themselves_are_allowed(settings):
+    built(**settings)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"aircraft": 5}, r"task\.aircraft is 5, but .* x-plus has 4 \(2 aircraft"),
+        ({"level_fl": 190}, r"task\.level_fl is 190 \(allowed in x-plus: .* from 200 to 400;"),
+        ({"level_fl": 410}, r"task\.level_fl is 410"),
+        ({"level_fl": 305}, r"task\.level_fl is 305"),
+        ({"level_fl": (300, 410)}, r"task\.level_fl is 410"),
+        ({"levels_fl": (-10, 300)}, r"task\.levels_fl is \[-10, 300\]"),
+        ({"levels_fl": (100, 610)}, r"task\.levels_fl is \[100, 610\]"),
+        ({"levels_fl": (105, 300)}, r"task\.levels_fl is \[105, 300\]"),
+        ({"levels_fl": (100, 305)}, r"task\.levels_fl is \[100, 305\]"),
+        ({"levels_fl": (300, 300)}, r"task\.levels_fl is \[300, 300\]"),
+        ({"performance": "constant", "fleet": (AircraftType("A320"),)}, r"with task\.fleet: table"),
+        ({"actions": "levels"}, r"allowed for lateral: small, large"),
+        (VERTICAL | {"actions": "large"}, r"allowed for vertical: levels"),
+        (VERTICAL | {"aircraft": 2}, r"task\.aircraft is 2"),
+        ({"features": ("d_c", "room_")}, r"feature in task\.features.*did you mean 'room'"),
+        ({"pair_features": ("mis",)}, r"feature in task\.pair_features.*did you mean 'miss'"),
+    ],
+)
+def test_what_cannot_be_is_refused(settings, message):
+    with pytest.raises(InputError, match=message):
+        built(**settings)
+
+
+def test_a_fleet_has_its_shares():
+    fleet = (AircraftType("A320", share=3.0), AircraftType("B753"))
+    assert built(fleet=fleet).scenarios.shares == (3.0, 1.0)
+    assert built().scenarios.shares == (1.0,)
+    assert built(**VERTICAL, fleet=fleet).scenarios.shares == (3.0, 1.0)
+
+
+def test_no_fewer_cycles_than_the_shortest_route_takes():
+    """PEL to SWIFT by the diagonal: from 1 NM to the exit at 465.94 kt, 0.7766 NM a cycle."""
+    lengths = {}
+    for route in x_plus().routes:
+        fixes = [x_plus().fixes_nm[name] for name in route[:-1]]
+        lengths[route] = sum(((a - b) ** 2).sum() ** 0.5 for a, b in pairwise(fixes))
+    shortest = min(lengths, key=lengths.get)
+    needed = int(-(-(lengths[shortest] - 4.0) // (465.940793 / 600.0)))
+    with pytest.raises(InputError, match=f"{' '.join(shortest)}, takes {needed} at 466 kt"):
+        check_cycles(built(cycles=needed - 1))
+    late = check_cycles(built(cycles=needed))
+    assert late is not None
+    assert "of 10 routes take more than" in late
+    assert check_cycles(built()) is None
+
+
+RANGES = [
+    ("aircraft", 1, 200),
+    ("disc_nm", 0.0, 50.0),
+    ("cycles", 1, 10_000),
+]
+
+
+@pytest.mark.parametrize(("name", "least", "most"), RANGES)
+def test_the_ranges_of_settings(name, least, most):
+    for value in (least, most):
+        assert getattr(msgspec.convert({name: value}, TaskSettings), name) == value
+    for value in (least - 1, most + 1):
+        with pytest.raises(msgspec.ValidationError, match=name):
+            msgspec.convert({name: value}, TaskSettings)
+
+
+@pytest.mark.parametrize("field", msgspec.structs.fields(RewardSettings), ids=lambda f: f.name)
+def test_the_ranges_of_weights(field):
+    if field.name == "count_criterion":
+        return
+    most = 100.0 if field.name.endswith("_nm") else 1000.0
+    for value in (0.0, most):
+        assert getattr(msgspec.convert({field.name: value}, RewardSettings), field.name) == value
+    for value in (-0.1, most + 0.1):
+        with pytest.raises(msgspec.ValidationError, match=field.name):
+            msgspec.convert({field.name: value}, RewardSettings)
+
+
+def test_the_defaults_are_the_papers():
+    """The table of weightings of lateral navigation, and its scenarios; what is ours is off."""
+    assert msgspec.to_builtins(RewardSettings()) == {
+        "centreline": 1.0,
+        "damping": 0.25,
+        "terminal": 1.0,
+        "count_criterion": True,
+        "safety": 0.0,
+        "vertical": 0.0,
+        "burst": 0.0,
+        "outside_band": 0.0,
+        "band_nm": 0.0,
+        "stray": 0.0,
+        "conflict": 0.0,
+        "conflict_nm": 5.5,
+    }
+    settings = TaskSettings()
+    assert (settings.aircraft, settings.level_fl, settings.disc_nm) == (2, 300, 4.0)
+    assert (settings.cycles, settings.actions, settings.timing) == (300, "small", "cycle")
+    assert settings.features == ("theta_f", "theta_sf", "d_c", "delta_t")
+    assert (settings.sector, settings.performance) == ("x-plus", "table")

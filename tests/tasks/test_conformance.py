@@ -1,0 +1,126 @@
+"""The check of the contract finds every broken promise: tasks that each break one."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+from skystack.tasks.conformance import check_task
+from skystack.tasks.contract import Metrics, Outcome
+
+
+class Number(NamedTuple):
+    value: jax.Array
+
+
+class Kept:
+    """A number that an action changes; keeps every promise."""
+
+    name, version = "number", 1
+    action_names, observation_names = ("none", "halve"), ("number", "its square")
+
+    def reset(self, key):
+        return Number(jax.random.uniform(key))
+
+    def observe(self, state):
+        return jnp.stack([state.value, state.value**2])
+
+    def instruct(self, state, action):
+        return Number(jnp.where(action == 1, state.value / 2.0, state.value))
+
+    def may_stack(self, state, action):
+        return action != 0
+
+    def advance(self, state):
+        no, zero = jnp.zeros((), dtype=bool), jnp.zeros(())
+        metrics = Metrics(no, no, no, no, zero, zero, zero, zero)
+        return state, Outcome(state.value, no, no, metrics)
+
+    def step(self, state, action):
+        return self.advance(self.instruct(state, action))
+
+
+class Changed(Kept):
+    """With other outcomes."""
+
+    def __init__(self, **changes):
+        self.changes = {name: jnp.asarray(value) for name, value in changes.items()}
+
+    def advance(self, state):
+        state, outcome = super().advance(state)
+        return state, outcome._replace(**self.changes)
+
+
+class RandomReset(Kept):
+    def reset(self, key):
+        self.calls = getattr(self, "calls", 0) + 1
+        return Number(jnp.asarray(0.1 * self.calls))
+
+
+class TwoOfAName(Kept):
+    action_names = ("none", "none")
+
+
+class ThreeValues(Kept):
+    observation_names = ("number", "its square", "its cube")
+
+
+class NotANumber(Kept):
+    def observe(self, state):
+        return super().observe(state).at[1].set(jnp.nan)
+
+
+class TooGreat(Kept):
+    def observe(self, state):
+        return super().observe(state).at[1].set(1.01)
+
+
+class TooSmall(Kept):
+    def observe(self, state):
+        return super().observe(state).at[1].set(-0.01)
+
+
+class StepRounds(Kept):
+    def step(self, state, action):
+        state, outcome = super().step(state, action)
+        return Number(state.value.astype(jnp.int32)), outcome
+
+
+class InstructWidens(Kept):
+    def instruct(self, state, action):
+        return Number(state.value[None])
+
+    def step(self, state, action):
+        return self.advance(state)
+
+
+class StacksNothing(Kept):
+    def may_stack(self, state, action):
+        return action == 0
+
+
+@pytest.mark.parametrize("task", [Kept(), Changed(terminated=True), Changed(truncated=True)])
+def test_a_task_that_keeps_the_contract(task):
+    check_task(task, steps=3)
+
+
+@pytest.mark.parametrize(
+    ("task", "broken"),
+    [
+        (RandomReset(), "reset is not a function of its key"),
+        (TwoOfAName(), "action names repeat"),
+        (ThreeValues(), "observation does not fit its names"),
+        (NotANumber(), "observation is not finite"),
+        (TooGreat(), r"observation is not within \[0, 1\]"),
+        (TooSmall(), r"observation is not within \[0, 1\]"),
+        (StepRounds(), "step changes the shape or type of the state"),
+        (InstructWidens(), "instruct changes shapes or types"),
+        (Changed(reward=jnp.inf), "reward is not finite"),
+        (Changed(terminated=True, truncated=True), "terminated and truncated"),
+        (StacksNothing(), "no action can be stacked"),
+    ],
+)
+def test_a_broken_promise_is_named(task, broken):
+    with pytest.raises(AssertionError, match=f"^{broken}$"):
+        check_task(task, steps=3)
