@@ -48,6 +48,7 @@ TESTS = {
     "platforms/instruction.py": ("tests/platforms/test_phraseology.py",),
     "platforms/own.py": ("tests/platforms/test_flight.py",),
     "platforms/protocol.py": ("tests/platforms/test_flight.py",),
+    "evaluation/columns.py": ("tests/evaluation/test_stored.py",),
     "evaluation/elsewhere.py": ("tests/evaluation/test_rollout.py",),
     "evaluation/hosted.py": ("tests/evaluation/test_rollout.py",),
     "evaluation/judge.py": ("tests/evaluation/test_evaluation.py",),

@@ -151,3 +151,11 @@ def test_nobody_is_judged_plain_and_routes_that_take_too_long_are_noted(tmp_path
     assert judged.row["wall_s"] > 0.0
     (note,) = judged.notes
     assert note.startswith("10 of 10 routes take more than 98 cycles: ")
+
+
+def test_the_usual_conditions():
+    """As the command line's: a thousand scenarios, stacked, the most probable action, ours."""
+    usual = Conditions()
+    assert (usual.seed, usual.episodes, usual.stacking, usual.greedy) == (0, 1000, True, True)
+    assert (usual.platform, usual.time_limit_s) == ("skystack", 120.0)
+    assert (usual.sector, usual.cycles) == (None, None)

@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 
 from skystack.agents.agent import Agent
+from skystack.errors import InputError
 from skystack.evaluation import hosted, rollout
 from skystack.evaluation.elsewhere import Job, Pilot
 from skystack.evaluation.hosted import HostedController, fly_hosted
-from skystack.evaluation.rollout import Controller, prepare
+from skystack.evaluation.rollout import Controller, prepare, recording_of, together
 from skystack.seeds import scenario_key
 from skystack.tasks.build import build_task
 from skystack.tasks.settings import TaskSettings
 
 from .faulty import open_own
+from .recordings import metrics, traffic
 
 SEED, SCENARIOS = 3, 4
 TASK = build_task(TaskSettings(cycles=12))
@@ -89,3 +91,60 @@ def test_a_scenario_alone_on_a_platform_draws_under_the_same_keys(flown, tmp_pat
         recording = pilot.fly(number)
         assert recording.number.tolist() == [number]
         np.testing.assert_array_equal(drawn(recording)[0], drawn(flown)[number])
+
+
+def test_a_wrong_answer_is_named_with_its_scenario_wherever_that_is_flown():
+    """In the last of four, which are flown two at a time; told by what is seen at its start."""
+    seen_there = TASK.observe(TASK.reset(scenario_key(SEED, 3)))
+
+    def wild_there(weights, seen, key):
+        return jnp.where(jnp.all(jnp.abs(seen - weights) < 1e-4), 99, 0)
+
+    fly = prepare(TASK, wild_there, stacking=False)
+    with pytest.raises(InputError, match=r"^scenario 3, cycle 0: action is 99 \("):
+        fly(seen_there, SEED, SCENARIOS)
+
+
+def cycle(level, ran, reward, cycles):
+    """What is kept of a cycle of two scenarios with one aircraft each."""
+    flags = [np.array([[each > 1.0] for each in level])] * 3
+    action, instructions = np.array([1, 2]), np.array([1, 3])
+    now = traffic((2, 1), level=np.array(level)[:, None])
+    running, paid = np.array(ran), np.array(reward, dtype=np.float32)
+    return now, *flags, action, instructions, running, paid, metrics(2, cycles=cycles)
+
+
+def test_scenarios_that_end_early_are_recorded_at_full_length():
+    """The first ends in cycle 2, the second in cycle 3, of five: their last row stays, nothing
+    more happens, and what the task says of each is what it said at its end."""
+    rows = [
+        cycle([1.0, 1.0], [True, True], [1.0, 10.0], [1.0, 1.0]),
+        cycle([2.0, 2.0], [True, True], [2.0, 20.0], [2.0, 2.0]),
+        cycle([2.0, 3.0], [False, True], [0.0, 30.0], [99.0, 3.0]),
+    ]
+    numbers, exit_level = np.array([4, 9], dtype=np.int32), np.zeros((2, 1), dtype=np.float32)
+    found = recording_of(numbers, traffic((2, 1)), exit_level, rows, 5)
+    assert found.ran.tolist() == [[True, True, False, False, False], [True] * 3 + [False] * 2]
+    assert (found.traffic.level[:, :, 0] / 6000).tolist() == [[1, 2, 2, 2, 2], [1, 2, 3, 3, 3]]
+    assert found.entered[:, :, 0].tolist() == [[False] + [True] * 4] * 2
+    assert found.instructions.tolist() == [[1, 1, 0, 0, 0], [3, 3, 3, 0, 0]]
+    assert found.reward.tolist() == [[1, 2, 0, 0, 0], [10, 20, 30, 0, 0]]
+    assert found.reward.dtype == np.float32
+    assert found.metrics.cycles.tolist() == [2.0, 3.0]
+    # Before its first cycle a scenario is at its start, before each other one after the last.
+    assert (found.before("level")[:, :, 0] / 6000).tolist() == [
+        [300, 1, 2, 2, 2],
+        [300, 1, 2, 3, 3],
+    ]
+    both = together([found, found._replace(number=numbers + 1)])
+    assert both.number.tolist() == [4, 9, 5, 10]
+    assert both.traffic.level.shape == (4, 5, 1)
+
+
+def failing():
+    return HostedController(Agent("failing", act=lambda seen: 1 // 0))
+
+
+def test_a_policy_that_fails_on_a_platform_is_named_before_anything_is_flown(tmp_path):
+    with pytest.raises(InputError, match=r"^scenario 0, cycle 0: the policy failed: ZeroDivis"):
+        Pilot(Job(TASK, failing, True, SEED, open_own), tmp_path)

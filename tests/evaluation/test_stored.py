@@ -329,3 +329,20 @@ def test_more_rows_than_allowed_are_refused_by_the_head(tmp_path, monkeypatch):
     monkeypatch.setattr(stored, "MOST_ROWS", 99)
     with pytest.raises(InputError, match=r"100 rows.*allowed: 99 rows"):
         read_table(path, ("cycle",), [("cycle", "=", 7)])
+
+
+def test_a_row_group_of_the_most_bytes_is_read(tmp_path, monkeypatch):
+    path = written(tmp_path, cycle=range(100))
+    size = pq.read_metadata(path).row_group(0).total_byte_size
+    monkeypatch.setattr(stored, "MOST_GROUP_BYTES", size)
+    assert read_table(path, ("cycle",)).num_rows == 100
+    monkeypatch.setattr(stored, "MOST_GROUP_BYTES", size - 1)
+    with pytest.raises(InputError, match=f"{size} bytes in a row group"):
+        read_table(path, ("cycle",))
+
+
+def test_a_table_without_any_row_group_is_empty(tmp_path):
+    path = tmp_path / "table.parquet"
+    pq.ParquetWriter(path, pa.schema({"cycle": pa.int32()})).close()
+    assert pq.read_metadata(path).num_row_groups == 0
+    assert read_table(path, ("cycle",)).num_rows == 0

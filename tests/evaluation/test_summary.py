@@ -6,7 +6,7 @@ import statistics
 import pyarrow as pa
 import pytest
 
-from skystack.evaluation.paper import paper_row
+from skystack.evaluation.paper import SCENARIOS, paper_row
 from skystack.evaluation.summary import aggregate, summarise
 
 EPISODES = {
@@ -92,3 +92,7 @@ def test_the_paper_s_figures_stand_beside_the_rows_that_it_reports(name, stackin
     mean, std = REPORTED.get((name, stacking), (None, None))
     expected = None if mean is None else {"clearances_mean": mean, "clearances_std": std}
     assert paper_row(name, stacking) == paper_row(f"{name}-tuned", stacking) == expected
+
+
+def test_the_paper_s_figures_are_of_a_hundred_scenarios():
+    assert SCENARIOS == 100

@@ -127,19 +127,23 @@ def test_bluesky_says_what_it_flies(tmp_path):
     assert min(met["turns"], met["levels"], met["half turns"]) > 2
 
 
-HALF_TURNS = [(0.0, 180), (180.0, 360), (90.0, 270), (270.0, 90), (359.5, 0), (0.0, 360)]
+HALF_TURNS = [(0.0, 180), (180.0, 360), (90.0, 270), (270.0, 90)]
+OVER_NORTH = [(359.5, 0), (0.0, 360), (0.5, 360), (0.5, 359), (359.5, 1)]
+ACROSS = ["right", None, "left", "left", "right"]
 
 
 @pytest.mark.parametrize(
     ("adoption", "words"),
     [
-        (SKYSTACK, ["right", "left", "right", "left", "right", None]),
-        (BLUESKY, ["left", "left", "left", "left", "right", None]),
+        (SKYSTACK, ["right", "left", "right", "left", *ACROSS]),
+        (BLUEBIRD, ["right", "left", "right", "left", *ACROSS]),
+        (BLUESKY, ["left", "left", "left", "left", *ACROSS]),
     ],
 )
 def test_half_turns_pass_through_no_north_but_in_bluesky_which_turns_left(adoption, words):
-    commands = [Instruction("AC1", target) for _, target in HALF_TURNS]
-    actual = np.array([heading for heading, _ in HALF_TURNS])
+    turns = [*HALF_TURNS, *OVER_NORTH]
+    commands = [Instruction("AC1", target) for _, target in turns]
+    actual = np.array([heading for heading, _ in turns])
     found = in_words(commands, actual, np.zeros(len(commands)), adoption)
     assert [each.turn for each in found] == words
 

@@ -395,6 +395,10 @@ def test_the_levels_that_a_file_is_written_for_are_flown(platform):
     levels = [fl for fl, _ in expected]
     np.testing.assert_allclose(column(reports, "fl")[:-1, 0], levels, rtol=0.0, atol=1e-6)
     assert len(set(levels)) > 60
+    fast = replace(scenario(aircraft(fl=300.24)), fleet=(AircraftType("B753", rate_ft_min=3000.0),))
+    up = replace(fast, clearances=(GivenClearance(0, "AC1", fl=310),), cycles=4)
+    levels = [fl for fl, _ in levels_fl(300.24, {0: 310}, 5, 3000.0)]
+    np.testing.assert_allclose(column(fly(platform, up), "fl")[:, 0], levels, rtol=0.0, atol=1e-6)
 
 
 def test_what_is_at_the_limit_of_bluesky_is_flown(platform):
@@ -412,3 +416,23 @@ def test_what_is_at_the_limit_of_bluesky_is_flown(platform):
     platform.issue(Instruction("AC1", level_fl=310))
     with pytest.raises(InputError, match="up to FL300"):
         platform.issue(Instruction("AC1", level_fl=330))
+
+
+def test_an_aircraft_that_was_not_created_is_noticed(platform, monkeypatch):
+    obeyed = bluesky.stack.stack
+
+    def all_but_the_first(*commands):
+        obeyed(*(each for each in commands if not each.startswith("CRE AC0000")))
+
+    monkeypatch.setattr(bluesky.stack, "stack", all_but_the_first)
+    message = r"created \['AC0001'\] for \['AC1', 'AC2'\]"
+    with pytest.raises(PlatformError, match=message):
+        platform.reset(TOLD)
+
+
+def test_a_speed_above_the_envelope_is_refused(platform):
+    """330 kt at FL160 are Mach 0.67: the airspeed is too high for a B752, the Mach number not."""
+    fast = AircraftType("B752", high_cas_kt=(380.0,) * 3, mach=(0.8,) * 3)
+    flown = replace(scenario(aircraft(type="B752", fl=160.0)), fleet=(fast,))
+    with pytest.raises(InputError, match=r"AC1 flies 380 kt CAS, M0\.7\d, at FL160 .*B752"):
+        platform.reset(flown)

@@ -164,6 +164,12 @@ def test_a_climb_gains_speed_and_captures_its_level_as_bluesky_does():
     assert found[-1][0] == 310.0
 
 
+def test_a_level_is_captured_a_little_more_than_a_second_before_it():
+    """After 23 s at 3,000 ft/min, 0.51 levels are left: more than a second, less than 1.05."""
+    found = [fl for fl, _ in levels_fl(300.24, {0: 310}, 5, 3000.0)]
+    assert found == pytest.approx([300.24, 301.29, 303.99, 306.99, 310.0], abs=1e-9)
+
+
 def test_a_descent_is_a_climb_downwards():
     up, down = (list(levels_fl(300.0, {1: to}, 9, 2500.0)) for to in (320, 280))
     assert [fl - 300.0 for fl, _ in up] == pytest.approx([300.0 - fl for fl, _ in down])

@@ -1,9 +1,13 @@
 """Platforms by name: what is missing is named, what must be said is said."""
 
+import sys
+from types import SimpleNamespace
+
 import pytest
 
 from skystack.errors import InputError, PlatformError
 from skystack.platforms import registry
+from skystack.platforms.adoption import BLUEBIRD, BLUESKY
 from skystack.platforms.guard import Guarded
 from skystack.platforms.own import Skystack
 from skystack.platforms.protocol import Platform
@@ -125,3 +129,24 @@ def test_speeds_of_types_without_any_of_their_own_are_noted(tmp_path):
 def test_climbs_of_a_scenario_are_noted(tmp_path):
     up = [{"cycle": 1, "callsign": "AC1", "fl": 310}]
     assert noted(tmp_path, "bluesky", clearances=up)[0] == CLIMB_NOTE
+
+
+def _takes_anything(self, *folder):
+    pass
+
+
+@pytest.mark.parametrize("name", PLATFORMS)
+def test_a_name_opens_its_own_platform(name, monkeypatch, tmp_path):
+    """The adapters of the others are exchanged for what only says that it was opened."""
+    others = {"bluebird": ("Bluebird", BLUEBIRD), "bluesky": ("BlueSky", BLUESKY)}
+    monkeypatch.setattr(registry, "_installed", lambda name: True)
+    for other, (adapter, adoption) in others.items():
+        other_one = type(adapter, (Skystack,), {"adoption": adoption, "__init__": _takes_anything})
+        module = SimpleNamespace(**{adapter: other_one})
+        monkeypatch.setitem(sys.modules, f"skystack.platforms.{other}", module)
+    assert open_platform(name, tmp_path).adoption is adoption_of(name)
+
+
+def test_only_bluesky_flies_another_type():
+    flown = {name: flown_type(name, "B753") for name in PLATFORMS}
+    assert flown == {"skystack": "B753", "bluebird": "B753", "bluesky": "B752"}
