@@ -41,6 +41,17 @@ TESTS = {
     "learning/inference.py": ("tests/learning/test_policy.py", "tests/learning/test_ppo.py"),
     "learning/network.py": ("tests/learning/test_policy.py", "tests/learning/test_ppo.py"),
     "learning/settings.py": ("tests/learning/test_experiment.py", "tests/learning/test_ppo.py"),
+    "platforms/bluebird.py": ("tests/platforms/test_fleets.py",),
+    "platforms/bluesky.py": ("tests/platforms/test_fleets.py",),
+    "platforms/instruction.py": ("tests/platforms/test_phraseology.py",),
+    "platforms/own.py": ("tests/platforms/test_flight.py",),
+    "platforms/protocol.py": ("tests/platforms/test_flight.py",),
+    "evaluation/columns.py": ("tests/evaluation/test_stored.py",),
+    "evaluation/elsewhere.py": ("tests/evaluation/test_rollout.py",),
+    "evaluation/hosted.py": ("tests/evaluation/test_rollout.py",),
+    "evaluation/judge.py": ("tests/evaluation/test_evaluation.py",),
+    "evaluation/paper.py": ("tests/evaluation/test_summary.py",),
+    "evaluation/rollout.py": ("tests/evaluation/test_evaluation.py",),
 }
 """Tests of a module beside those of its own name; where it has neither, all of its package."""
 

@@ -85,6 +85,8 @@ def test_doing_nothing_succeeds_where_both_routes_are_straight():
     straight = np.array([{"HERON", "SWIFT"} == {route[0], route[-1]} for route in routes])
     expected = straight[flight.start.route].all(axis=1)
     assert expected.sum() > 0
+    # What the task says of a scenario is what it said in its last cycle.
+    np.testing.assert_array_equal(flight.metrics.cycles, flight.ran.sum(axis=1))
     result = judge_nobody(experiment, Conditions(episodes=300), None)
     np.testing.assert_array_equal(column(result.episodes, "success"), expected)
     assert result.row["clearances_mean"] == result.row["instructions_mean"] == 0.0

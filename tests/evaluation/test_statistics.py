@@ -84,3 +84,52 @@ def test_a_row_that_is_lower_everywhere_is_lower_for_certain():
 def test_the_same_figures_come_out_each_time():
     rows = [episodes(np.arange(40.0)), episodes(np.arange(40.0)[::-1])]
     assert row_statistics(rows) == row_statistics(rows)
+
+
+def test_an_interval_leaves_out_a_fortieth_of_the_resamples_at_either_end():
+    """Of 2,000, 50 each: counted in the resamples of another bootstrap, which are the same."""
+    row = np.random.default_rng(3).normal(size=(1, 40))
+    found, drawn = Bootstrap(40).estimate(mean, row), mean(Bootstrap(40).means(row))
+    assert len(drawn) == 2000
+    assert found.value == pytest.approx(row.mean())
+    assert (np.sum(drawn < found.low), np.sum(drawn > found.high)) == (50, 50)
+
+
+def test_each_measure_is_its_own_column():
+    """And of a row without any spread, mean and interquartile mean are taken over trainings."""
+    of_training = [
+        pa.table({measure: [10.0 * place + each] * 4 for place, measure in enumerate(MEASURES)})
+        for each in (0.0, 1.0, 2.0, 9.0)
+    ]
+    found = row_statistics(of_training)
+    for place, measure in enumerate(MEASURES):
+        assert found[measure]["mean"].value == pytest.approx(10.0 * place + 3.0)
+        assert found[measure]["iqm"].value == pytest.approx(10.0 * place + 1.5)
+        assert found[measure]["mean"].low < 10.0 * place + 2.0 < found[measure]["mean"].high
+
+
+def test_a_difference_is_the_first_less_the_second():
+    """Over trainings and scenarios together; equal trainings count half."""
+    first, second = [episodes([1.0, 3.0]), episodes([3.0, 5.0])], [episodes([3.0, 1.0])]
+    found = comparison(first, second, "clearances")
+    assert found["difference"].value == pytest.approx(3.0 - 2.0)
+    assert found["probability_less"].value == pytest.approx(0.25)
+
+
+def test_every_scenario_is_as_likely_to_be_drawn():
+    """With a value in one scenario alone, a resample's mean is how often that was drawn."""
+    for scenario in (0, 1, 2):
+        row = np.zeros((1, 3))
+        row[0, scenario] = 3.0
+        drawn = Bootstrap(3, resamples=20_000).means(row)[:, 0]
+        assert drawn.mean() == pytest.approx(1.0, abs=0.03)
+        # Three draws of one in three: none in 8 of 27, all in one of 27.
+        assert np.mean(drawn == 0.0) == pytest.approx(8 / 27, abs=0.015)
+        assert np.mean(drawn > 2.5) == pytest.approx(1 / 27, abs=0.01)
+
+
+def test_another_seed_draws_other_resamples():
+    row = np.arange(20.0)[None]
+    means = [Bootstrap(20, seed=seed).means(row) for seed in (0, 0, 1)]
+    np.testing.assert_array_equal(means[0], means[1])
+    assert not np.array_equal(means[0], means[2])

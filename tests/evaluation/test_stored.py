@@ -1,6 +1,7 @@
-"""Tables from strangers: a few bytes may say that they are gigabytes."""
+"""Tables from strangers: a few bytes may say that they are gigabytes; and scenarios read back."""
 
 import msgspec
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -9,7 +10,26 @@ from skystack.airspace.sector_file import SectorEntry, make_sector
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
 from skystack.evaluation import columns, stored
-from skystack.evaluation.stored import read_table, rows_of, sector_of, write_table
+from skystack.evaluation.stored import (
+    MOST_CYCLES,
+    check_who,
+    has_column,
+    metadata_of,
+    read_table,
+    rows_of,
+    sector_of,
+    stored_scenario,
+    write_table,
+)
+from skystack.evaluation.tables import make_tables
+from skystack.platforms.registry import flown_type
+from skystack.simulator.fleet import AircraftType
+from skystack.simulator.performance import TICKS_PER_FL
+from skystack.simulator.scenario_file import Aircraft, GivenClearance
+from skystack.tasks.build import build_task
+from skystack.tasks.settings import TaskSettings
+
+from .recordings import recording
 
 
 def repeated(text, rows):
@@ -111,3 +131,218 @@ def test_a_text_that_is_a_structure_is_refused(tmp_path):
     path = written(tmp_path, callsign=pa.array([{"inner": "AC1"}]))
     with pytest.raises(InputError, match="damaged: cannot be read as a Parquet table"):
         read_table(path, ("callsign",))
+
+
+KINDS = (AircraftType(), AircraftType("AT76", mach=(0.4, 0.4, 0.4)))
+TASK = build_task(TaskSettings(fleet=KINDS, aircraft=2))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Scenarios 4 and 9, as BlueSky flies them: in 9, AC2 is turned in cycles 0 and 2."""
+    flown = recording(
+        [4, 9],
+        np.ones((2, 3)),
+        start={
+            "route": [[1, 1], [3, 2]],
+            "kind": [[0, 0], [1, 0]],
+            "level": [[300.0, 300.0], [280.5, 310.0]],
+            "heading_deg": [[1.0, 2.0], [12.5, 350.0]],
+            "own_navigation": [[False, False], [True, False]],
+        },
+        later={"cleared_heading_deg": [[[0.0, 90.0]] * 3, [[0.0, 340.0], [0, 340], [0, 330]]]},
+        exit_level=np.full((2, 2), 220.0 * TICKS_PER_FL, dtype=np.float32),
+        action=np.array([[4, 0, 0], [3, 0, 3]], dtype=np.int32),
+        instructions=np.array([[9, 0, 0], [1, 0, 1]], dtype=np.int32),
+    )
+    tables = make_tables(TASK, flown, lambda kind: flown_type("bluesky", kind))
+    tables.write(tmp_path, TASK.sector, "table", KINDS)
+    return tmp_path
+
+
+def test_a_stored_scenario_is_the_one_that_was_flown(folder):
+    """Not its neighbour; of the types that were asked for, not those flown in their place."""
+    routes = TASK.sector.routes
+    found = stored_scenario(folder, 9)
+    assert found.aircraft == (
+        Aircraft("AC1", "AT76", routes[3], 0.0, 0.0, 280.5, 12.5, 220, True),
+        Aircraft("AC2", "B753", routes[2], 0.0, 0.0, 310.0, 350.0, 220, False),
+    )
+    assert found.clearances == (GivenClearance(0, "AC2", 340), GivenClearance(2, "AC2", 330))
+    assert (found.cycles, found.performance, found.fleet) == (3, "table", KINDS)
+    assert found.sector == TASK.sector
+
+
+def replaced(folder, name, number=9, /, **values):
+    """One table with columns of the rows of a scenario replaced."""
+    path = folder / f"{name}.parquet"
+    table = pq.read_table(path)
+    rows = table.to_pylist()
+    for row in rows:
+        if row["scenario"] == number:
+            row.update(values)
+    changed = pa.Table.from_pylist(rows).replace_schema_metadata(table.schema.metadata)
+    pq.write_table(changed, path)
+
+
+@pytest.mark.parametrize(
+    ("values", "shown"),
+    [
+        ({"cycle": 3}, "3, AC2, heading, 340"),
+        ({"value": 361}, "0, AC2, heading, 361"),
+        ({"kind": "level", "value": 601}, "0, AC2, level, 601"),
+        ({"kind": "speed"}, "0, AC2, speed, 340"),
+        ({"callsign": "AC3"}, "0, AC3, heading, 340"),
+    ],
+)
+def test_a_clearance_that_nobody_can_have_been_given_is_refused(folder, values, shown):
+    replaced(folder, "clearances", 4, cycle=77, value=999)  # another scenario's do not matter
+    replaced(folder, "clearances", **values)
+    with pytest.raises(InputError, match=f"clearances.parquet: no clearance of this .*: {shown}"):
+        stored_scenario(folder, 9)
+
+
+@pytest.mark.parametrize(
+    ("values", "given"),
+    [
+        ({"cycle": 2, "value": 360}, GivenClearance(2, "AC2", 360)),
+        ({"cycle": 0, "kind": "level", "value": 600}, GivenClearance(0, "AC2", fl=600)),
+    ],
+)
+def test_the_last_cycle_and_the_greatest_values_can_be_given(folder, values, given):
+    replaced(folder, "clearances", **values)
+    assert stored_scenario(folder, 9).clearances == (given, given)
+
+
+@pytest.mark.parametrize("cycles", [0, 1, MOST_CYCLES, MOST_CYCLES + 1])
+def test_a_scenario_has_some_cycles_and_not_too_many(folder, cycles):
+    replaced(folder, "episodes", cycles=cycles)
+    pq.write_table(pq.read_table(folder / "clearances.parquet")[:0], folder / "clearances.parquet")
+    if 1 <= cycles <= MOST_CYCLES:
+        assert stored_scenario(folder, 9).cycles == cycles
+        return
+    with pytest.raises(InputError, match=f"scenario 9 has {cycles} cycles .1 to 100000"):
+        stored_scenario(folder, 9)
+
+
+def test_tables_that_do_not_agree_are_refused(folder):
+    with pytest.raises(InputError, match="has no scenario 5"):
+        stored_scenario(folder, 5)
+    replaced(folder, "episodes", 4, scenario=9)
+    with pytest.raises(InputError, match="its tables do not agree on scenario 9"):
+        stored_scenario(folder, 9)
+    replaced(folder, "episodes", scenario=4)
+    with pytest.raises(InputError, match="do not agree"):
+        stored_scenario(folder, 9)
+
+
+def test_other_aircraft_than_those_that_flew_are_refused(folder):
+    replaced(folder, "aircraft", callsign="AC1")
+    with pytest.raises(InputError, match="its tables do not agree on scenario 9"):
+        stored_scenario(folder, 9)
+
+
+def test_a_missing_table_is_named(folder):
+    (folder / "aircraft.parquet").unlink()
+    with pytest.raises(InputError, match=r"aircraft\.parquet: missing \(evaluation writes it\)"):
+        stored_scenario(folder, 9)
+
+
+@pytest.mark.parametrize(
+    ("metadata", "message"),
+    [
+        ({"performance": b"fast"}, "unknown performance 'fast' in its metadata"),
+        (
+            {"fleet": b"[{}, {}]"},
+            r"its metadata: fleet\[1\].type is B753 .allowed: every",
+        ),
+        ({"fleet": b"[3]"}, "the fleet in its metadata: "),
+        ({"sector": None}, "has no sector in its metadata"),
+    ],
+)
+def test_metadata_that_cannot_be_is_refused(folder, metadata, message):
+    path = folder / "trajectories.parquet"
+    table = pq.read_table(path)
+    known = {key.decode(): value for key, value in table.schema.metadata.items()} | metadata
+    known = {key: value for key, value in known.items() if value is not None}
+    pq.write_table(table.replace_schema_metadata(known), path)
+    with pytest.raises(InputError, match=rf"trajectories\.parquet: {message}"):
+        stored_scenario(folder, 9)
+
+
+def test_tables_without_performance_and_fleet_are_of_the_usual_ones(folder):
+    path = folder / "trajectories.parquet"
+    table = pq.read_table(path)
+    only = {"sector": table.schema.metadata[b"sector"]}
+    pq.write_table(table.replace_schema_metadata(only), path)
+    found = stored_scenario(folder, 4)
+    assert (found.performance, found.fleet) == ("table", ())
+    assert [one.type for one in found.aircraft] == ["B753", "B753"]
+
+
+def who(*callsigns, route="HERON CRANE"):
+    return [{"callsign": callsign, "route": route} for callsign in callsigns]
+
+
+def test_aircraft_of_a_table_are_different_and_fly_between_known_fixes(tmp_path):
+    path, sector = tmp_path / "aircraft.parquet", x_plus()
+    check_who(path, sector, who(*(f"A{number}" for number in range(200))))
+    with pytest.raises(InputError, match=r"aircraft.parquet: has 201 aircraft .allowed: 200"):
+        check_who(path, sector, who(*(f"A{number}" for number in range(201))))
+    with pytest.raises(InputError, match="parquet: A2 stands twice in one scenario"):
+        check_who(path, sector, who("A1", "A2", "A2"))
+    with pytest.raises(InputError, match="the route of A1 has an unknown fix 'CRAN'"):
+        check_who(path, sector, who("A1", route="HERON CRAN"))
+
+
+def test_tables_beside_a_table_are_read_from_its_metadata(tmp_path):
+    path = tmp_path / "table.parquet"
+    one = {"callsign": "AC1", "type": "B753", "route": "A B", "entry_fl": 300.5, "exit_fl": 220}
+    write_table(path, pa.table({"cycle": [0]}), x_plus(), "table", beside={"aircraft": [one]})
+    table = read_table(path, ("cycle",))
+    assert metadata_of(path, table, "aircraft") == [one]
+    with pytest.raises(InputError, match=r"has no clearances in its metadata .simulate writes"):
+        metadata_of(path, table, "clearances")
+    assert (has_column(path, "cycle"), has_column(path, "lat")) == (True, False)
+    with pytest.raises(InputError, match=r"absent.parquet: missing or damaged"):
+        has_column(tmp_path / "absent.parquet", "cycle")
+
+
+@pytest.mark.parametrize(
+    ("columns_of_it", "message"),
+    [
+        (["cycle"], r"has no column 'lat' \(found: cycle\)"),
+        (["lat", "cycle", "lat"], r"has 'lat' twice \(found: lat, cycle, lat\)"),
+    ],
+)
+def test_every_column_is_there_once(tmp_path, columns_of_it, message):
+    path = tmp_path / "table.parquet"
+    pq.write_table(pa.table([[1.0]] * len(columns_of_it), names=columns_of_it), path)
+    with pytest.raises(InputError, match=message):
+        read_table(path, ("lat",))
+
+
+def test_more_rows_than_allowed_are_refused_by_the_head(tmp_path, monkeypatch):
+    path = written(tmp_path, cycle=range(100))
+    monkeypatch.setattr(stored, "MOST_ROWS", 100)
+    assert read_table(path, ("cycle",), [("cycle", "=", 7)])["cycle"].to_pylist() == [7]
+    monkeypatch.setattr(stored, "MOST_ROWS", 99)
+    with pytest.raises(InputError, match=r"100 rows.*allowed: 99 rows"):
+        read_table(path, ("cycle",), [("cycle", "=", 7)])
+
+
+def test_a_row_group_of_the_most_bytes_is_read(tmp_path, monkeypatch):
+    path = written(tmp_path, cycle=range(100))
+    size = pq.read_metadata(path).row_group(0).total_byte_size
+    monkeypatch.setattr(stored, "MOST_GROUP_BYTES", size)
+    assert read_table(path, ("cycle",)).num_rows == 100
+    monkeypatch.setattr(stored, "MOST_GROUP_BYTES", size - 1)
+    with pytest.raises(InputError, match=f"{size} bytes in a row group"):
+        read_table(path, ("cycle",))
+
+
+def test_a_table_without_any_row_group_is_empty(tmp_path):
+    path = tmp_path / "table.parquet"
+    pq.ParquetWriter(path, pa.schema({"cycle": pa.int32()})).close()
+    assert pq.read_metadata(path).num_row_groups == 0
+    assert read_table(path, ("cycle",)).num_rows == 0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skystack.airspace.xplus import x_plus
-from skystack.platforms.adoption import BLUESKY, SKYSTACK, in_words
+from skystack.platforms.adoption import BLUEBIRD, BLUESKY, SKYSTACK, in_words
 from skystack.platforms.flight import fly_scenario
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.languages import cpdlc
@@ -127,19 +127,23 @@ def test_bluesky_says_what_it_flies(tmp_path):
     assert min(met["turns"], met["levels"], met["half turns"]) > 2
 
 
-HALF_TURNS = [(0.0, 180), (180.0, 360), (90.0, 270), (270.0, 90), (359.5, 0), (0.0, 360)]
+HALF_TURNS = [(0.0, 180), (180.0, 360), (90.0, 270), (270.0, 90)]
+OVER_NORTH = [(359.5, 0), (0.0, 360), (0.5, 360), (0.5, 359), (359.5, 1)]
+ACROSS = ["right", None, "left", "left", "right"]
 
 
 @pytest.mark.parametrize(
     ("adoption", "words"),
     [
-        (SKYSTACK, ["right", "left", "right", "left", "right", None]),
-        (BLUESKY, ["left", "left", "left", "left", "right", None]),
+        (SKYSTACK, ["right", "left", "right", "left", *ACROSS]),
+        (BLUEBIRD, ["right", "left", "right", "left", *ACROSS]),
+        (BLUESKY, ["left", "left", "left", "left", *ACROSS]),
     ],
 )
 def test_half_turns_pass_through_no_north_but_in_bluesky_which_turns_left(adoption, words):
-    commands = [Instruction("AC1", target) for _, target in HALF_TURNS]
-    actual = np.array([heading for heading, _ in HALF_TURNS])
+    turns = [*HALF_TURNS, *OVER_NORTH]
+    commands = [Instruction("AC1", target) for _, target in turns]
+    actual = np.array([heading for heading, _ in turns])
     found = in_words(commands, actual, np.zeros(len(commands)), adoption)
     assert [each.turn for each in found] == words
 
@@ -156,3 +160,40 @@ def test_a_direction_that_is_given_is_kept_where_there_is_a_turn():
     there, near = in_words(commands, np.array([45.0, 44.0]), level, SKYSTACK)
     assert (there.turn, there.by_direction) == (None, False)
     assert (near.turn, near.by_direction) == ("left", True)
+
+
+def test_bluebird_ends_a_turn_a_second_s_turn_from_its_target_whatever_the_direction():
+    """1.5 degrees: there the direction that is given is not flown, and not said."""
+    commands = [Instruction("AC1", 45, "left", by_direction=True)] * 3
+    actual = np.array([43.5, 43.4, 46.6])
+    found = in_words(commands, actual, np.zeros(3), BLUEBIRD)
+    assert [(each.turn, each.by_direction) for each in found] == [
+        ("right", False),
+        ("left", True),
+        ("left", True),
+    ]
+    # Where the given one is the shorter one it is flown either way, and counts as obeyed.
+    (near,) = in_words(commands[:1], np.array([46.0]), np.zeros(1), BLUEBIRD)
+    assert (near.turn, near.by_direction) == ("left", True)
+    (ours,) = in_words(commands[:1], np.array([43.5]), np.zeros(1), SKYSTACK)
+    assert (ours.turn, ours.by_direction) == ("left", True)
+
+
+def test_words_of_one_clearance_are_of_its_own_aircraft():
+    """Each beside its own heading and level; what is not cleared has no words."""
+    commands = [
+        Instruction("AC1", 90),
+        Instruction("AC2", level_fl=300),
+        Instruction("AC3", 10, level_fl=200),
+    ]
+    found = in_words(
+        commands, np.array([100.0, 0.0, 350.0]), np.array([1.0, 310.0, 199.0]), BLUESKY
+    )
+    assert [(each.callsign, each.turn, each.vertical) for each in found] == [
+        ("AC1", "left", None),
+        ("AC2", None, "descend"),
+        ("AC3", "right", "climb"),
+    ]
+    assert [(each.heading_deg, each.level_fl) for each in found] == [
+        (each.heading_deg, each.level_fl) for each in commands
+    ]

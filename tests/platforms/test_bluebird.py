@@ -24,8 +24,10 @@ def platform():
     return Bluebird()
 
 
-def test_it_is_a_platform(platform):
+def test_it_is_a_platform(platform, tmp_path):
     assert isinstance(platform, Platform)
+    report = platform.reset(load(MINIMAL, tmp_path))
+    assert all(values.dtype == np.float64 and values.shape == (2,) for values in report)
 
 
 @pytest.mark.parametrize("performance", ["table", "constant"])
@@ -126,3 +128,18 @@ def test_its_smaller_sectors_can_be_flown_in(name, routes):
 def test_what_is_not_one_sector_is_refused(name, message):
     with pytest.raises(InputError, match=re.escape(message)):
         sector_named(f"bluebird:{name}")
+
+
+def test_a_level_that_it_would_round_is_refused(platform, tmp_path):
+    platform.reset(load(MINIMAL, tmp_path))
+    with pytest.raises(InputError, match=r"level_fl is 305 for AC1 \(allowed: multiples of 10"):
+        platform.issue(Instruction("AC1", level_fl=305))
+    platform.issue(Instruction("AC1", level_fl=310))
+    assert platform.advance().cleared_fl.tolist() == [310.0, 300.0]
+
+
+def test_a_lost_aircraft_is_noticed(platform, tmp_path):
+    platform.reset(load(MINIMAL, tmp_path))
+    del platform._simulator.manager.environment.aircraft["AC2"]
+    with pytest.raises(PlatformError, match=r"^BluebirdDT has lost AC2$"):
+        platform.advance()

@@ -20,10 +20,11 @@ from skystack.errors import InputError, PlatformError  # noqa: E402
 from skystack.evaluation.judge import Conditions, evaluation_folder, judge  # noqa: E402
 from skystack.export.scenario import export_scenario  # noqa: E402
 from skystack.platforms.bluesky import BlueSky  # noqa: E402
-from skystack.platforms.bluesky_scenario import TYPES, scenario_text  # noqa: E402
+from skystack.platforms.bluesky_scenario import TYPES, levels_fl, scenario_text  # noqa: E402
 from skystack.platforms.flight import fly_scenario  # noqa: E402
 from skystack.platforms.instruction import Instruction  # noqa: E402
 from skystack.platforms.protocol import Platform, Report  # noqa: E402
+from skystack.simulator.fleet import AircraftType  # noqa: E402
 from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario  # noqa: E402
 
 SECTOR = x_plus()
@@ -380,3 +381,58 @@ def test_nothing_is_printed(tmp_path, capfd):
         opened.reset(scenario(aircraft(type="XXXX")))
     opened.close()
     assert capfd.readouterr() == ("", "")
+
+
+def test_the_levels_that_a_file_is_written_for_are_flown(platform):
+    """Climbs turned round under way, small ones, and one repeated: BlueSky itself is right."""
+    rng = np.random.default_rng(5)
+    cycles = np.cumsum(rng.integers(1, 8, 20)).tolist()
+    cleared = dict(zip(cycles, (10 * rng.integers(20, 38, 20)).tolist(), strict=True))
+    told = tuple(GivenClearance(cycle, "AC1", fl=fl) for cycle, fl in cleared.items())
+    flown = scenario(clearances=told, cycles=120)
+    reports = fly(platform, flown)
+    expected = levels_fl(300.0, cleared, 120, flown.performance_of("B753").rate_ft_min)
+    levels = [fl for fl, _ in expected]
+    np.testing.assert_allclose(column(reports, "fl")[:-1, 0], levels, rtol=0.0, atol=1e-6)
+    assert len(set(levels)) > 60
+    fast = replace(scenario(aircraft(fl=300.24)), fleet=(AircraftType("B753", rate_ft_min=3000.0),))
+    up = replace(fast, clearances=(GivenClearance(0, "AC1", fl=310),), cycles=4)
+    levels = [fl for fl, _ in levels_fl(300.24, {0: 310}, 5, 3000.0)]
+    np.testing.assert_allclose(column(fly(platform, up), "fl")[:, 0], levels, rtol=0.0, atol=1e-6)
+
+
+def test_what_is_at_the_limit_of_bluesky_is_flown(platform):
+    """The ceiling of the type in the scenario; above it an aircraft may hold or descend."""
+    low = AircraftType("B753", ceiling_fl=300.0)
+    flown = replace(scenario(aircraft(fl=290.0)), fleet=(low,))
+    platform.reset(flown)
+    platform.issue(Instruction("AC1", level_fl=300))
+    with pytest.raises(
+        InputError, match=r"fl is 310 for AC1 \(allowed: up to FL300, the ceiling of"
+    ):
+        platform.issue(Instruction("AC1", level_fl=310))
+    platform.reset(replace(flown, aircraft=(aircraft(fl=320.0),)))
+    platform.issue(Instruction("AC1", level_fl=320))
+    platform.issue(Instruction("AC1", level_fl=310))
+    with pytest.raises(InputError, match="up to FL300"):
+        platform.issue(Instruction("AC1", level_fl=330))
+
+
+def test_an_aircraft_that_was_not_created_is_noticed(platform, monkeypatch):
+    obeyed = bluesky.stack.stack
+
+    def all_but_the_first(*commands):
+        obeyed(*(each for each in commands if not each.startswith("CRE AC0000")))
+
+    monkeypatch.setattr(bluesky.stack, "stack", all_but_the_first)
+    message = r"created \['AC0001'\] for \['AC1', 'AC2'\]"
+    with pytest.raises(PlatformError, match=message):
+        platform.reset(TOLD)
+
+
+def test_a_speed_above_the_envelope_is_refused(platform):
+    """330 kt at FL160 are Mach 0.67: the airspeed is too high for a B752, the Mach number not."""
+    fast = AircraftType("B752", high_cas_kt=(380.0,) * 3, mach=(0.8,) * 3)
+    flown = replace(scenario(aircraft(type="B752", fl=160.0)), fleet=(fast,))
+    with pytest.raises(InputError, match=r"AC1 flies 380 kt CAS, M0\.7\d, at FL160 .*B752"):
+        platform.reset(flown)

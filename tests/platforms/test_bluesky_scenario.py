@@ -11,10 +11,14 @@ from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
 from skystack.platforms.bluesky_scenario import (
     SUBSTITUTES,
+    check_flown_types,
     flown_type,
+    levels_fl,
+    phase_of,
     scenario_text,
     selected_speed,
 )
+from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import (
     PERFORMANCE,
     TICKS_PER_FL,
@@ -144,3 +148,92 @@ def test_the_table_changes_from_airspeed_to_mach_number():
 def test_another_type_is_flown_only_where_it_is_said():
     assert flown_type("A320") == "A320"
     assert flown_type("B753") == SUBSTITUTES["B753"] == "B752"
+
+
+def test_a_climb_gains_speed_and_captures_its_level_as_bluesky_does():
+    """3,000 ft/min is half a level a second, reached in steps of a twentieth: 0.05, 0.10, ... The
+    level is captured from within 1.05 steps, here one of 0.5: after 41.25 to 42.25."""
+    gained = np.concatenate([np.arange(1, 11) * 0.05, np.full(40, 0.5)])
+    second = 300.0 + np.cumsum(gained)
+    captured = int(np.flatnonzero(310.0 - second <= 1.05 * 0.5)[0])
+    second[captured + 1 :] = 310.0
+    found = list(levels_fl(300.0, {1: 310}, 8, 3000.0))
+    assert [selected for _, selected in found] == [300.0] + [310.0] * 7
+    expected = [300.0, 300.0, *second[5::6]][:8]
+    assert [fl for fl, _ in found] == pytest.approx(expected, abs=1e-9)
+    assert found[-1][0] == 310.0
+
+
+def test_a_level_is_captured_a_little_more_than_a_second_before_it():
+    """After 23 s at 3,000 ft/min, 0.51 levels are left: more than a second, less than 1.05."""
+    found = [fl for fl, _ in levels_fl(300.24, {0: 310}, 5, 3000.0)]
+    assert found == pytest.approx([300.24, 301.29, 303.99, 306.99, 310.0], abs=1e-9)
+
+
+def test_a_descent_is_a_climb_downwards():
+    up, down = (list(levels_fl(300.0, {1: to}, 9, 2500.0)) for to in (320, 280))
+    assert [fl - 300.0 for fl, _ in up] == pytest.approx([300.0 - fl for fl, _ in down])
+    assert min(fl for fl, _ in down) > 280.0
+
+
+def test_a_slow_climb_has_its_speed_at_once():
+    """300 ft/min are 0.05 levels a second, what BlueSky may gain in one: 0.3 a cycle. To turn it
+    round takes a second without any."""
+    found = [fl for fl, _ in levels_fl(300.0, {0: 301, 2: 300}, 4, 300.0)]
+    assert found == pytest.approx([300.0, 300.3, 300.6, 300.35], abs=1e-9)
+
+
+def test_without_a_clearance_the_level_is_held():
+    assert list(levels_fl(300.9, {}, 3, 2500.0)) == [(300.9, 300.9)] * 3
+
+
+def test_each_aircraft_has_its_own_speeds_and_rates():
+    """Two types, both told to climb, and one that is told nothing."""
+    kinds = (
+        AircraftType("A320", mach=(0.5, 0.6, 0.7), rate_ft_min=1200.0),
+        AircraftType("AT76", mach=(0.3, 0.4, 0.45), rate_ft_min=600.0),
+    )
+    one = scenario().aircraft[0]
+    flying = tuple(
+        replace(one, callsign=callsign, type=kind, fl=350.0)
+        for callsign, kind in (("A", "A320"), ("B", "AT76"), ("C", "AT76"))
+    )
+    up = tuple(GivenClearance(2, callsign, fl=360) for callsign in ("A", "B"))
+    told = lines(replace(scenario(*up), aircraft=flying, fleet=kinds))
+    assert [command for time_s, command in told if time_s == 0 and "SPD" in command] == [
+        "SPD A M0.60000000",
+        "SPD B M0.40000000",
+        "SPD C M0.40000000",
+    ]
+    assert [command for time_s, command in told if time_s == 12] == [
+        "ALT A FL360",
+        "VS A 1200.000000",
+        "ALT B FL360",
+        "VS B 600.000000",
+        "SPD A M0.50000000",
+        "SPD B M0.30000000",
+    ]
+    # Ten levels at 0.2 and 0.1 a second, and the time to begin: A climbs for 51 s, B for 101 s.
+    assert [entry for entry in told if entry[0] > 12] == [
+        (66, "SPD A M0.60000000"),
+        (114, "SPD B M0.40000000"),
+        (120, "HOLD"),
+    ]
+
+
+def test_phases_of_flight():
+    assert [phase_of(300.0, selected) for selected in (300.0, 300.1, 299.9)] == [0, 1, -1]
+
+
+def test_a_fleet_may_have_a_type_or_its_substitute():
+    one = scenario().aircraft[0]
+    for kind in ("B753", "B752"):
+        flown = replace(scenario(), aircraft=(replace(one, type=kind),))
+        check_flown_types(replace(flown, fleet=(AircraftType(kind),)))
+    with pytest.raises(InputError, match="has B753, which BlueSky flies as B752, and B752 itself"):
+        check_flown_types(replace(flown, fleet=(AircraftType("B752"), AircraftType("B753"))))
+
+
+@pytest.mark.parametrize(("cycles", "ends"), [(9, "00:00:54.00"), (10_000, "16:40:00.00")])
+def test_a_file_ends_with_the_last_cycle(cycles, ends):
+    assert scenario_text(scenario(cycles=cycles)).endswith(f"\n{ends}>HOLD\n")

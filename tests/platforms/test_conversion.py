@@ -1,13 +1,17 @@
 """Reports as the traffic that tasks read: whole levels, and who has left stays where it was."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from skystack.platforms.conversion import scenario_of, traffic_of
 from skystack.platforms.own import Skystack
 from skystack.platforms.protocol import Report
 from skystack.seeds import scenario_key
+from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import TICKS_PER_FL
+from skystack.simulator.traffic import NO_TURN, RIGHT
 from skystack.tasks.build import build_task
 from skystack.tasks.settings import TaskSettings
 
@@ -66,3 +70,59 @@ def test_a_drawn_scenario_begins_on_a_platform_where_it_was_drawn():
     assert [one.callsign for one in scenario.aircraft] == callsigns
     routes = TASK.simulator.sector.routes
     assert [one.route for one in scenario.aircraft] == [routes[i] for i in before.route]
+
+
+def test_what_is_under_way_is_what_is_cleared():
+    """A platform's turn and climb are its own: tasks see them flown as cleared, nothing pending."""
+    busy = {"pending_turn": RIGHT, "turn_deg": 30.0, "turn_radius_nm": 5.0, "flown_level": 1.0}
+    drawn_at = drawn()
+    before = drawn_at._replace(
+        **{name: jnp.full_like(getattr(drawn_at, name), value) for name, value in busy.items()}
+    )
+    read = traffic_of(report(), before, PLANE)
+    assert read.flown_heading_deg.tolist() == read.cleared_heading_deg.tolist() == [60.0, 270.0]
+    assert read.flown_level.tolist() == [340 * TICKS_PER_FL, 320 * TICKS_PER_FL]
+    assert read.turn_deg.tolist() == read.turn_radius_nm.tolist() == [0.0, 0.0]
+    assert read.pending_turn.tolist() == [NO_TURN, NO_TURN]
+    assert read.heading_deg.tolist() == [45.5, 271.25]
+    assert read.vertical_speed_ft_min.tolist() == [2500.0, -2500.0]
+    np.testing.assert_allclose(read.ground_speed_kt, [465.9, 451.2], rtol=1e-6)
+
+
+def test_a_level_is_read_to_the_nearest_tick():
+    tick = 1.0 / TICKS_PER_FL
+    levels = [300.0 + 0.4 * tick, 300.0 + 0.6 * tick]
+    read = traffic_of(report(fl=levels, cleared_fl=levels[::-1]), drawn(), PLANE)
+    assert (read.level - 300 * TICKS_PER_FL).tolist() == [0.0, 1.0]
+    assert (read.cleared_level - 300 * TICKS_PER_FL).tolist() == [1.0, 0.0]
+
+
+def test_every_aircraft_keeps_its_own_route_levels_and_type():
+    """Exit levels that are none of the levels at the start, types of a fleet, one on its own."""
+    kinds = (AircraftType(), AircraftType("AT76", mach=(0.4, 0.4, 0.4)), AircraftType("A320"))
+    task = build_task(TaskSettings(fleet=kinds))
+    traffic = task.scenarios.draw(scenario_key(0, 3)).traffic._replace(
+        kind=jnp.array([2, 1], dtype=jnp.int32),
+        level=jnp.array([300.5, 280.0], dtype=jnp.float32) * TICKS_PER_FL,
+        own_navigation=jnp.array([False, True]),
+        heading_deg=jnp.array([12.5, 350.0], dtype=jnp.float32),
+    )
+    leave = np.array([220.0, 360.0]) * TICKS_PER_FL
+    scenario = scenario_of(traffic, task.simulator, "table", 77, ["X1", "Y2"], leave)
+    routes = task.sector.routes
+    names = ("callsign", "type", "route", "fl", "heading_deg", "exit_fl", "own_navigation")
+    assert [tuple(getattr(one, name) for name in names) for one in scenario.aircraft] == [
+        ("X1", "A320", routes[traffic.route[0]], 300.5, 12.5, 220, False),
+        ("Y2", "AT76", routes[traffic.route[1]], 280.0, 350.0, 360, True),
+    ]
+    assert (scenario.performance, scenario.cycles, scenario.clearances) == ("table", 77, ())
+    assert scenario.fleet == kinds
+    assert scenario.sector is task.sector
+
+
+@pytest.mark.parametrize("fl", [229.9999, 230.0001])
+def test_an_exit_level_is_the_nearest_whole_one(fl):
+    """Ticks are float32: what they are divided to may lie just beside the level."""
+    leave = np.full(2, fl * TICKS_PER_FL)
+    scenario = scenario_of(drawn(), TASK.simulator, "table", 9, ["AC1", "AC2"], leave)
+    assert [one.exit_fl for one in scenario.aircraft] == [230, 230]

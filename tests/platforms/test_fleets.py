@@ -197,3 +197,19 @@ def test_a_fleet_with_a_type_and_its_substitute_is_refused(tmp_path):
     flown = scenario({"A": ("B753", 300.0)}, fleet=both, cycles=2)
     with pytest.raises(InputError, match="the fleet has B753, which BlueSky flies as B752, and"):
         fly("bluesky", flown, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["skystack", "bluebird"])
+def test_nothing_climbs_at_its_ceiling(name, tmp_path):
+    """Told to climb above it, each type stops there; the other type does not. Whoever starts there
+    stays there, and whoever starts above it descends."""
+    low = msgspec.structs.replace(AT76, ceiling_fl=200.0)
+    levels = {"A": 190.0, "B": 200.0, "C": 210.0}
+    flying = {callsign: ("AT76", fl) for callsign, fl in levels.items()} | {"D": ("A320", 190.0)}
+    told = ((0, "A", 220), (0, "B", 220), (0, "C", 150), (0, "D", 220))
+    flown = scenario(flying, told, fleet=(low, A320), cycles=40)
+    reports = fly(name, flown, tmp_path)
+    # A second at 1,200 ft/min is a fifth of a level: the ceiling is met exactly.
+    np.testing.assert_allclose(reports[-1, 2, [0, 1, 3]], [200.0, 200.0, 220.0], atol=1e-6)
+    np.testing.assert_allclose(reports[-1, 2, 2], 210.0 - 39 * 6 * 0.2, atol=1e-6)
+    assert reports[-1, 7].tolist() == [0.0, 0.0, -1200.0, 0.0]

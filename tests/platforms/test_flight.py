@@ -7,10 +7,12 @@ import pytest
 
 from skystack.airspace.projection import geodesic_leg
 from skystack.errors import InputError
-from skystack.platforms.flight import flight_rows, fly_scenario
+from skystack.platforms.adoption import BLUESKY, SKYSTACK
+from skystack.platforms.flight import command_of, flight_rows, fly_scenario
+from skystack.platforms.instruction import Instruction
 from skystack.platforms.own import Skystack
 from skystack.platforms.phraseology import written
-from skystack.simulator.scenario_file import load_scenario
+from skystack.simulator.scenario_file import GivenClearance, load_scenario
 from tests.scenarios import EXAMPLES, MINIMAL, changed, load
 
 TANGENT_PLANE_NM = 0.04
@@ -151,3 +153,52 @@ def test_a_platform_flies_a_scenario_the_same_after_another(tmp_path):
     platform = Skystack()
     flights = [fly_scenario(platform, scenario) for scenario in (first, other, first)]
     np.testing.assert_array_equal(flights[0].reports, flights[2].reports)
+
+
+@pytest.mark.parametrize(("turn", "by_direction"), [("left", True), (None, False)])
+def test_what_a_file_clears_is_what_a_platform_is_given(turn, by_direction):
+    given = GivenClearance(3, "AC1", 90, turn or "shortest", 310)
+    assert command_of(given) == Instruction("AC1", 90, turn, by_direction, 310)
+    assert command_of(GivenClearance(3, "AC1", fl=310)) == Instruction("AC1", level_fl=310)
+
+
+class Scripted:
+    """Reports headings and levels that are given; notes in which cycle it is told what."""
+
+    def __init__(self, adoption, reports):
+        self.adoption, self._reports, self.heard = adoption, reports, []
+
+    def reset(self, scenario):
+        self._cycle = 0
+        return self._reports[0]
+
+    def issue(self, instruction):
+        self.heard.append((self._cycle, instruction.callsign))
+
+    def advance(self):
+        self._cycle += 1
+        return self._reports[self._cycle]
+
+    def close(self):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("adoption", "words"),
+    [(SKYSTACK, "right heading 035, descend FL300"), (BLUESKY, "left heading 035, climb FL300")],
+)
+def test_words_are_of_the_row_in_which_a_clearance_is_adopted(adoption, words, tmp_path):
+    """AC2 is at 040 and FL290 before cycle 3, at 030 and FL310 after it, at 090 otherwise."""
+    given = {"cycle": 3, "callsign": "AC2", "heading_deg": 35, "fl": 300}
+    scenario = load(changed(("clearances",), [given]), tmp_path)
+    blank = Skystack().reset(scenario)
+    states = {3: (40.0, 290.0), 4: (30.0, 310.0)}
+    reports = [
+        blank._replace(heading_deg=np.array([0.0, heading]), fl=np.array([1.0, fl]))
+        for heading, fl in (states.get(row, (90.0, 300.0)) for row in range(13))
+    ]
+    platform = Scripted(adoption, reports)
+    flight = fly_scenario(platform, scenario)
+    assert platform.heard == [(3, "AC2")]
+    assert [(cycle, written(each)) for cycle, each in flight.issued] == [(3, f"AC2 turn {words}")]
+    assert flight.reports == reports

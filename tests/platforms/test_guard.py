@@ -5,8 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from skystack.errors import PlatformError
+from skystack.errors import InputError, PlatformError
+from skystack.platforms.adoption import BLUESKY
 from skystack.platforms.guard import Guarded
+from skystack.platforms.instruction import Instruction
 from skystack.platforms.protocol import Report
 from skystack.simulator.scenario_file import load_scenario
 
@@ -45,3 +47,88 @@ def test_a_report_of_fewer_aircraft_is_named():
     short = GOOD._replace(lat=np.array([1.0]))
     with pytest.raises(PlatformError, match=r"reported \(1,\) of lat for 2"):
         Guarded(lambda: Canned(short)).reset(SCENARIO)
+
+
+def test_the_first_of_several_wrong_values_is_named():
+    both = GOOD._replace(fl=np.array([np.nan, np.nan]), lon=np.array([1.0, np.inf]))
+    with pytest.raises(PlatformError, match=f"reported a lon of {CALLSIGNS[1]} that is not"):
+        Guarded(lambda: Canned(both)).reset(SCENARIO)
+    with pytest.raises(PlatformError, match=f"reported a fl of {CALLSIGNS[0]} that is not"):
+        Guarded(lambda: Canned(both._replace(lon=GOOD.lon))).reset(SCENARIO)
+
+
+def test_longitudes_are_those_of_the_protocol():
+    far = GOOD._replace(lon=np.array([180.0, -190.0]))
+    platform = Guarded(lambda: Canned(far, far))
+    for report in (platform.reset(SCENARIO), platform.advance()):
+        assert report.lon.tolist() == [-180.0, 170.0]
+        assert report.lat.tolist() == GOOD.lat.tolist()
+
+
+class Failing:
+    """Raises what it was given, whatever it is asked."""
+
+    def __init__(self, error):
+        self._error = error
+
+    def reset(self, scenario):
+        raise self._error
+
+    issue = reset
+
+    def advance(self):
+        raise self._error
+
+    close = advance
+
+
+@pytest.mark.parametrize(
+    ("error", "kind", "message"),
+    [
+        (KeyError("AC1"), PlatformError, "failed: KeyError: 'AC1'"),
+        (ValueError("two\n  lines"), PlatformError, "failed: ValueError: two lines"),
+        (SystemExit(3), PlatformError, "failed: SystemExit: 3"),
+        (PlatformError("lost AC1"), PlatformError, "lost AC1"),
+        (InputError("fl is 3"), InputError, "fl is 3"),
+        (KeyboardInterrupt(), KeyboardInterrupt, ""),
+    ],
+)
+def test_whatever_a_platform_raises_is_one_clear_error(error, kind, message):
+    platform = Guarded(lambda: Failing(error))
+    asked = (
+        lambda: platform.reset(SCENARIO),
+        lambda: platform.issue(Instruction("AC1", 90)),
+        platform.advance,
+        platform.close,
+    )
+    for ask in asked:
+        with pytest.raises(kind) as raised:
+            ask()
+        assert str(raised.value) == message
+    with pytest.raises(kind):
+        Guarded(lambda: Failing(error).advance())
+
+
+class Noted:
+    """Notes what it is asked."""
+
+    adoption = BLUESKY
+
+    def __init__(self):
+        self.heard = []
+
+    def issue(self, instruction):
+        self.heard.append(instruction)
+
+    def close(self):
+        self.heard.append("closed")
+
+
+def test_what_a_platform_is_told_reaches_it():
+    inner = Noted()
+    platform = Guarded(lambda: inner)
+    told = Instruction("AC1", 90)
+    platform.issue(told)
+    platform.close()
+    assert inner.heard == [told, "closed"]
+    assert platform.adoption is BLUESKY

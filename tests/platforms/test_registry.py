@@ -1,14 +1,26 @@
 """Platforms by name: what is missing is named, what must be said is said."""
 
+import sys
+from types import SimpleNamespace
+
 import pytest
 
 from skystack.errors import InputError, PlatformError
 from skystack.platforms import registry
+from skystack.platforms.adoption import BLUEBIRD, BLUESKY
 from skystack.platforms.guard import Guarded
 from skystack.platforms.own import Skystack
 from skystack.platforms.protocol import Platform
-from skystack.platforms.registry import check_platform, flown_type, open_platform, said_of
-from tests.scenarios import MINIMAL, load
+from skystack.platforms.registry import (
+    PLATFORMS,
+    adoption_of,
+    check_platform,
+    flown_type,
+    notes_of,
+    open_platform,
+    said_of,
+)
+from tests.scenarios import MINIMAL, changed, load
 
 
 def test_our_own_needs_nothing(monkeypatch, tmp_path):
@@ -49,3 +61,92 @@ def test_a_report_that_is_not_whole_is_an_error(tmp_path):
     platform.reset(load(MINIMAL, tmp_path))
     with pytest.raises(PlatformError, match=r"reported \(1,\) of fl for 2"):
         platform.advance()
+
+
+def test_each_platform_has_its_own_adoption():
+    """Ours and BluebirdDT fly the cycle first, and BluebirdDT alone ends a turn near its target."""
+    found = {name: adoption_of(name) for name in PLATFORMS}
+    assert {name: each.cycles for name, each in found.items()} == {
+        "skystack": 1,
+        "bluebird": 1,
+        "bluesky": 0,
+    }
+    assert {name: each.snap_deg for name, each in found.items()} == {
+        "skystack": 0.0,
+        "bluebird": 1.5,
+        "bluesky": 0.0,
+    }
+
+
+def test_an_unknown_platform_is_named_with_the_nearest():
+    with pytest.raises(InputError, match="unknown platform 'blusky'; did you mean 'bluesky'"):
+        check_platform("blusky")
+
+
+def test_extras_are_named_for_each_platform(monkeypatch):
+    monkeypatch.setattr(registry, "_installed", lambda name: False)
+    with pytest.raises(InputError, match=r"needs bluebird-dt and pebble.*\[bluebird\]"):
+        check_platform("bluebird")
+
+
+CLIMB_NOTE = (
+    "bluesky keeps the speed of a climb or descent within what its type may fly at the "
+    "cleared level"
+)
+
+
+def test_climbs_are_noted_where_they_are_flown_otherwise():
+    assert said_of("bluesky", ["A320"], climbs=True) == [CLIMB_NOTE]
+    assert said_of("bluesky", ["A320", "A320"], climbs=False) == []
+    assert said_of("bluebird", ["B753"], climbs=True) == []
+    substitute = "bluesky has no B753: flown as B752"
+    assert said_of("bluesky", ["B753", "A320", "B753"], climbs=True) == [substitute, CLIMB_NOTE]
+
+
+def noted(folder, platform, **fields):
+    """Notes of a scenario with an A320 and an AT76."""
+    file = changed(("aircraft", 0, "type"), "AT76") | fields
+    file["aircraft"][1]["type"] = "A320"
+    return notes_of(platform, load(file, folder))
+
+
+def test_speeds_of_types_without_any_of_their_own_are_noted(tmp_path):
+    """Not of the simulator that flies a fleet, nor at constant speed, nor of the fleet's types."""
+    assert noted(tmp_path, "bluebird") == [
+        "bluebird flies A320 at the speeds of its own tables",
+        "bluebird flies AT76 at the speeds of its own tables",
+    ]
+    assert noted(tmp_path, "bluesky", clearances=[]) == [
+        "bluesky flies A320 at the speeds of B753",
+        "bluesky flies AT76 at the speeds of B753",
+    ]
+    assert noted(tmp_path, "skystack") == []
+    assert noted(tmp_path, "bluebird", performance="constant") == []
+    both = [{"type": "AT76"}, {"type": "A320"}]
+    assert noted(tmp_path, "bluebird", fleet=both) == []
+
+
+def test_climbs_of_a_scenario_are_noted(tmp_path):
+    up = [{"cycle": 1, "callsign": "AC1", "fl": 310}]
+    assert noted(tmp_path, "bluesky", clearances=up)[0] == CLIMB_NOTE
+
+
+def _takes_anything(self, *folder):
+    pass
+
+
+@pytest.mark.parametrize("name", PLATFORMS)
+def test_a_name_opens_its_own_platform(name, monkeypatch, tmp_path):
+    """The adapters of the others are exchanged for what only says that it was opened."""
+    others = {"bluebird": ("Bluebird", BLUEBIRD), "bluesky": ("BlueSky", BLUESKY)}
+    monkeypatch.setattr(registry, "_installed", lambda name: True)
+    for other, (adapter, adoption) in others.items():
+        other_one = type(adapter, (Skystack,), {"adoption": adoption, "__init__": _takes_anything})
+        module = SimpleNamespace(**{adapter: other_one})
+        monkeypatch.setitem(sys.modules, f"skystack.platforms.{other}", module)
+    assert open_platform(name, tmp_path).adoption is adoption_of(name)
+
+
+def test_only_bluesky_flies_another_type():
+    flown = {name: flown_type(name, "B753") for name in PLATFORMS}
+    assert flown == {"skystack": "B753", "bluebird": "B753", "bluesky": "B752"}

@@ -35,6 +35,7 @@ from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import TablePerformance
 from skystack.simulator.scenario_file import Aircraft, Scenario
 from skystack.simulator.simulator import CYCLE_S
+from skystack.simulator.traffic import ticks
 
 _FAR_NM = 10_000.0
 """How far from its sector BluebirdDT keeps an aircraft; by default it removes it 20 NM outside."""
@@ -176,7 +177,8 @@ class _FleetPredictor(LinearPredictor):  # type: ignore[misc]  # of a package wi
 
     def update_vertical_speeds(self, aircraft: Any) -> None:
         table, phase = self._tables[aircraft.aircraft_type], _phase(aircraft)
-        at_ceiling = phase > 0 and aircraft.fl >= table.ceiling_fl
+        # In whole ticks, as ours: BluebirdDT adds up its level in floating point.
+        at_ceiling = phase > 0 and ticks(aircraft.fl) >= ticks(table.ceiling_fl)
         aircraft.vertical_speed = 0.0 if at_ceiling else phase * table.rate_ft_min
 
 

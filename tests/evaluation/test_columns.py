@@ -1,0 +1,93 @@
+"""What columns of tables from strangers may hold, column by column."""
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from skystack.errors import InputError
+from skystack.evaluation import columns
+from skystack.evaluation.columns import check_columns
+
+TEXT = ["callsign", "type", "route", "status", "kind", "direction", "text"]
+TRUTH = [
+    *("success", "correct_exit", "excursion", "few_clearances", "loss_of_separation"),
+    "own_navigation",
+]
+WHOLE = [
+    *("scenario", "cycle", "cycles", "time_s", "clearances", "instructions", "transmission"),
+    *("value", "exit_fl"),
+]
+NUMBER = [
+    *("lat", "lon", "fl", "entry_fl", "heading_deg", "cleared_heading_deg", "cleared_fl"),
+    *("ground_speed_kt", "vertical_speed_ft_min", "return", "min_separation_nm"),
+]
+KINDS = {
+    "text": (TEXT, pa.array(["a", "b"])),
+    "true or false": (TRUTH, pa.array([True, False])),
+    "whole numbers": (WHOLE, pa.array([0, 1], pa.int32())),
+    "numbers": (NUMBER, pa.array([0.5, -1.5])),
+}
+COLUMNS = [(name, kind) for kind, (names, _) in KINDS.items() for name in names]
+
+
+def check(name, values, kind=None):
+    check_columns(pa.table({name: pa.array(values, kind) if isinstance(values, list) else values}))
+
+
+def refused(name, values, message, kind=None):
+    with pytest.raises(InputError, match=message):
+        check(name, values, kind)
+
+
+@pytest.mark.parametrize(("name", "kind"), COLUMNS)
+def test_each_column_has_its_kind(name, kind):
+    for other, (_, values) in KINDS.items():
+        if other == kind or (kind, other) == ("numbers", "whole numbers"):
+            check(name, values)
+        else:
+            refused(name, values, rf"column '{name}' holds \w+ \(allowed: {kind}\)")
+    check(name, pa.array([], pa.int8()))
+
+
+@pytest.mark.parametrize(("name", "kind"), COLUMNS)
+def test_only_a_direction_may_be_unknown(name, kind):
+    values = pa.concat_arrays([KINDS[kind][1], pa.nulls(2, KINDS[kind][1].type)])
+    if name == "direction":
+        check(name, values)
+    else:
+        refused(name, values, f"column '{name}' holds nothing in 2 rows")
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_whole_numbers_are_counts(name):
+    check(name, [0, 1_000_000_000])
+    refused(name, [3, -1], f"column '{name}' holds .* number .0 to 1e.09")
+    refused(name, [3, 1_000_000_001], "0 to 1e.09")
+
+
+@pytest.mark.parametrize("name", NUMBER)
+def test_numbers_are_finite_but_a_least_distance(name):
+    check(name, [-1e9, 1e9])
+    check(name, [1.5], pa.float32())
+    for wrong in (-1.1e9, 1.1e9, np.nan, -np.inf):
+        refused(name, [0.0, wrong], f"column '{name}' holds .* number .-1e.09 to 1e.09")
+    if name == "min_separation_nm":
+        check(name, [np.inf, 3.0])
+    else:
+        refused(name, [np.inf, 3.0], f"column '{name}' holds a non-finite")
+
+
+def test_texts_are_counted_in_every_row_where_they_stand(monkeypatch):
+    """3 + 3 bytes in the first chunk, 4 + 1 in the second."""
+    chunks = [pa.array(texts).dictionary_encode() for texts in (["AC1", "AC1"], ["AC10", "F"])]
+    monkeypatch.setattr(columns, "MOST_TEXT_BYTES", 11)
+    check("callsign", pa.chunked_array(chunks))
+    monkeypatch.setattr(columns, "MOST_TEXT_BYTES", 10)
+    message = r"column 'callsign' holds too much text \(allowed: 10 bytes\)"
+    refused("callsign", pa.chunked_array(chunks), message)
+
+
+def test_texts_may_be_of_any_encoding_that_holds_text():
+    for kind in (pa.string(), pa.large_string(), pa.dictionary(pa.int32(), pa.string())):
+        check("status", pa.array(["exited"]).cast(kind))
+    refused("status", pa.array([1]).dictionary_encode(), "holds int64 .allowed: text")

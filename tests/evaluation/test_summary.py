@@ -1,0 +1,98 @@
+"""Rows of the comparison from episodes made by hand, and the paper's figures beside them."""
+
+import math
+import statistics
+
+import pyarrow as pa
+import pytest
+
+from skystack.evaluation.paper import SCENARIOS, paper_row
+from skystack.evaluation.summary import aggregate, summarise
+
+EPISODES = {
+    "clearances": [2, 4, 4, 5, 10],
+    "instructions": [20, 30, 40, 50, 60],
+    "success": [True, True, True, True, False],
+    "correct_exit": [True, True, True, False, False],
+    "excursion": [True, True, False, False, False],
+    "few_clearances": [True, False, False, False, False],
+    "loss_of_separation": [True, False, True, False, True],
+    "min_separation_nm": [3.0, 7.5, math.inf, 4.5, math.inf],
+}
+
+
+def row_of(episodes, name="lateral", stacking=True):
+    return summarise(name, 3, "bluesky", stacking, False, 12.5, pa.table(episodes))
+
+
+def test_a_row_has_the_figures_of_its_episodes():
+    """The spread is that of these scenarios, not an estimate of others'."""
+    row = row_of(EPISODES)
+    assert row == {
+        "seed": 3,
+        "experiment": "lateral",
+        "seeds": 1,
+        "platform": "bluesky",
+        "stacking": True,
+        "greedy": False,
+        "episodes": 5,
+        "clearances_mean": pytest.approx(5.0),
+        "clearances_std": pytest.approx(statistics.pstdev(EPISODES["clearances"])),
+        "instructions_mean": pytest.approx(40.0),
+        "success_rate": pytest.approx(0.8),
+        "correct_exit_rate": pytest.approx(0.6),
+        "excursion_rate": pytest.approx(0.4),
+        "few_clearances_rate": pytest.approx(0.2),
+        "loss_of_separation_count": 3,
+        "min_separation_nm_min": 3.0,
+        "min_separation_nm_mean": 5.0,
+        "paper": {"clearances_mean": 7.2, "clearances_std": 3.5},
+        "wall_s": 12.5,
+    }
+
+
+def test_a_row_without_any_distance_has_none():
+    row = row_of(EPISODES | {"min_separation_nm": [math.inf] * 5})
+    assert (row["min_separation_nm_min"], row["min_separation_nm_mean"]) == (None, None)
+
+
+def test_a_row_of_all_seeds_has_the_figures_of_all_their_episodes():
+    """Of trainings with different numbers of episodes: no mean of means."""
+    few = {name: values[:2] for name, values in EPISODES.items()}
+    rows = [row_of(EPISODES, stacking=False), row_of(few, stacking=False) | {"wall_s": 2.0}]
+    row = aggregate(rows, [pa.table(EPISODES), pa.table(few)])
+    both = EPISODES["clearances"] + few["clearances"]
+    assert "seed" not in row
+    assert (row["seeds"], row["episodes"], row["wall_s"]) == (2, 7, 14.5)
+    assert row["clearances_mean"] == pytest.approx(statistics.mean(both))
+    assert row["clearances_std"] == pytest.approx(statistics.pstdev(both))
+    assert row["success_rate"] == pytest.approx(6 / 7)
+    assert row["loss_of_separation_count"] == 4
+    assert row["min_separation_nm_mean"] == pytest.approx(25.5 / 5)
+    described = ("experiment", "platform", "stacking", "greedy")
+    assert [row[name] for name in described] == ["lateral", "bluesky", False, False]
+    assert row["paper"] == {"clearances_mean": 14.5, "clearances_std": 6.6}
+
+
+REPORTED = {
+    ("lateral-undamped", False): (113.0, 15.9),
+    ("lateral", False): (14.5, 6.6),
+    ("lateral", True): (7.2, 3.5),
+    ("lateral-large", False): (6.3, 3.0),
+    ("avoidance", True): (81.2, 13.2),
+    ("avoidance-large", False): (126.3, 12.3),
+}
+"""As in the paper's section "Results and Discussion"."""
+NAMES = ["lateral-undamped", "lateral", "lateral-large", "lateral-best", "vertical", "avoidance"]
+
+
+@pytest.mark.parametrize("stacking", [False, True])
+@pytest.mark.parametrize("name", [*NAMES, "avoidance-large"])
+def test_the_paper_s_figures_stand_beside_the_rows_that_it_reports(name, stacking):
+    mean, std = REPORTED.get((name, stacking), (None, None))
+    expected = None if mean is None else {"clearances_mean": mean, "clearances_std": std}
+    assert paper_row(name, stacking) == paper_row(f"{name}-tuned", stacking) == expected
+
+
+def test_the_paper_s_figures_are_of_a_hundred_scenarios():
+    assert SCENARIOS == 100

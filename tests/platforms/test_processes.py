@@ -1,0 +1,49 @@
+"""Work in other processes: what comes of each item, and where it is done."""
+
+import os
+
+import pytest
+
+pytest.importorskip("pebble")
+
+from skystack.errors import InputError
+from skystack.platforms import processes
+from skystack.platforms.processes import in_processes
+
+from .workers import make, make_badly, make_nothing
+
+LONG_S = 300.0
+"""No item takes that long: no limit of time is tried here."""
+
+
+def test_every_item_is_done_or_has_failed_for_a_reason_of_its_own(tmp_path, monkeypatch):
+    """Each process has a folder of its own, and there are no more of them than cores."""
+    monkeypatch.setattr(processes, "cores", lambda: [0, 1])
+    heard = []
+    done = in_processes(make, ["a", "lost", "b", "dies", "c"], tmp_path, LONG_S, heard.append)
+    assert {index: result[0] for index, result in done.results.items()} == {0: "A", 2: "B", 4: "C"}
+    assert done.failed == {
+        1: "lost AC1",
+        3: "the simulator's process died (exit code 7)",
+    }
+    assert heard == [1, 2, 3, 4, 5]
+    folders = {(folder, process) for _, folder, process in done.results.values()}
+    assert len({folder for folder, _ in folders}) == len(folders)
+    assert all((folder / "made").exists() for folder, _ in folders)
+    assert {folder.parent for folder, _ in folders} == {tmp_path}
+    assert os.getpid() not in {process for _, process in folders}
+    assert len(list(tmp_path.iterdir())) <= 3  # two, and one in place of the one that died
+
+
+@pytest.mark.parametrize(("work", "message"), [(make, "fl is 3"), (make_nothing, "no such plat")])
+def test_a_mistake_of_the_user_s_ends_it_all(work, message, tmp_path):
+    heard = []
+    with pytest.raises(InputError, match=f"^{message}"):
+        in_processes(work, ["wrong"], tmp_path, LONG_S, heard.append)
+    assert heard == []
+
+
+def test_what_does_not_start_is_named_in_one_line(tmp_path):
+    done = in_processes(make_badly, ["a"], tmp_path, LONG_S)
+    assert done.results == {}
+    assert done.failed == {0: "did not start: ValueError: two lines"}
