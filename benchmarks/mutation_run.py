@@ -1,140 +1,229 @@
 """Change the code a little, again and again: each time a test must fail.
 
-    python -m benchmarks.mutation_run [--only PART]
+    python -m benchmarks.mutation_run --package tasks --sample 150 --seed 1 --results tasks.jsonl
 
-Needs the extra `mutation` (cosmic-ray, which makes the changes) beside `test`. What is changed is
-`stacking.py` and all that a reward is computed by. A copy of the sources is changed, never these.
-Prints the survivors and a row for each part; exit code 1 where one survives that `EQUIVALENT` does
+Needs the extra `mutation` (cosmic-ray, which makes most changes) beside `test`. Copies of the
+project are changed, never the project. A change is tried with the tests nearest to its module that
+run its lines (`mutation_parts`), the fastest first, up to the first that fails. Where none runs
+them, it survives untried.
+
+Results are lines of JSON: with the same file again, only what is missing is tried. Prints the
+survivors and a row for each package; exit code 1 where one survives that `equivalent_mutants` does
 not explain.
 """
 
 import argparse
-import multiprocessing
+import json
 import os
-import re
+import queue
+import random
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-import pytest
-from cosmic_ray.ast import ast_nodes, get_ast
-from cosmic_ray.ast.ast_query import ASTQuery
-from cosmic_ray.mutating import mutate_code
-from cosmic_ray.plugins import get_operator, operator_names
+from benchmarks import mutation_parts as parts
+from benchmarks.mutants import Place, change, places, statement_lines
+from benchmarks.mutation_server import Answer, Job, Noted
 
 ROOT = Path(__file__).resolve().parents[1]
-COPIED = ("src", "tests", "pyproject.toml")
-
-SLOW = ("same_clearances", "physical", "cap_of_the_lateral")
-"""Flights of the lateral task, which show no more of a change than the small cases do."""
-
-
-class Part(NamedTuple):
-    """What is changed, and who should notice."""
-
-    module: str
-    functions: tuple[str, ...]
-    """The whole module where none is given."""
-    tests: tuple[str, ...]
-
-
-CYCLE_TESTS = ("tests/tasks/test_cycle_rewards.py",)
-PARTS = {
-    "stacking": Part(
-        "stacking.py", (), ("tests/test_stacking.py", "-k", f"not ({' or '.join(SLOW)})")
-    ),
-    "rewards": Part("tasks/rewards.py", (), ("tests/tasks/test_rewards.py", *CYCLE_TESTS)),
-    "cycle": Part(
-        "tasks/navigation.py",
-        ("judge", "_running_reward", "_safety", "_criteria"),
-        CYCLE_TESTS,
-    ),
-    "pairs": Part(
-        "tasks/pairs.py",
-        ("Pairs", "pairs_of", "closest_nm", "distance_nm"),
-        ("tests/tasks/test_pairs.py::test_predicted_closest_approach", *CYCLE_TESTS),
-    ),
-}
-
-ARITHMETIC, BITS = "Add|Sub|Mul|Div|FloorDiv|Mod|Pow", "BitAnd|BitOr|BitXor|LShift|RShift"
-POINTLESS = re.compile(
-    rf"Binary\w+_({ARITHMETIC})_({BITS}|FloorDiv|Mod|Pow)|Binary\w+_({BITS})_({ARITHMETIC}|.Shift)"
-    r"|Comparison\w+_Is(Not)?$"
-)
-"""Operators that end in a type error here (bits of floats, sums of truth values, identity), or say
-no more than another one does."""
-
-EQUIVALENT = {
-    "room = asked.instructions != (ENDLESS if self.limit is None else self.limit)": (
-        "instructions are counted one by one from 0"
-    ),
-    "if limit is None and issued.instructions == ENDLESS:": "without a limit ENDLESS is the limit",
-    "memory = memory._replace(strayed=memory.strayed ^ (ended[None] & ~memory.entered))": (
-        "who has strayed had entered"
-    ),
-    "return jnp.min(jnp.where(pairs.active, each, 1.0), axis=0, initial=0.0)": (
-        "the least is taken of 0 too"
-    ),
-}
-"""Changed lines that mean the same as before, and why."""
-
-IMPORTED = ["tests.conftest", "skystack.simulator.generator", "optax", "pyarrow", "scipy.stats"]
-"""Once, for the processes of all tests: nothing of it imports what is changed."""
-CONTEXT = multiprocessing.get_context("forkserver")
+COPIED = ("src", "tests", "benchmarks", "docs", "examples", "pyproject.toml", "README.md")
+UNCHANGED_S = 3600
+"""The most that the tests of one file take without a change."""
+LONGER = 3
+"""How much longer a second try may take where the first has timed out."""
 
 
 class Mutant(NamedTuple):
+    module: str
+    place: Place
     source: str
+
+
+class Result(NamedTuple):
+    """What became of a change: a line of the results."""
+
+    module: str
     line: int
+    operator: str
     before: str
     after: str
+    end: str
+    """killed, survived, not run (survived: no test runs the line), or timed out, twice."""
+    seconds: float
+
+    @property
+    def key(self) -> tuple[str, int, str, str]:
+        return self.module, self.line, self.before, self.after
 
 
-def mutants(source: str, functions: Sequence[str]) -> Iterator[Mutant]:
-    """Every change of one operator at one place."""
-    lines = source.splitlines()
-    for name in operator_names():
-        operator = get_operator(name)
-        if operator.arguments() or POINTLESS.search(name):
-            continue
-        places = (
-            (node, start)
-            for node in ast_nodes(get_ast(source))
-            for start, _ in operator().mutation_positions(node)
+class Server:
+    """A `mutation_server` in a copy of the project."""
+
+    def __init__(self, folder: Path, preloaded: Sequence[str]) -> None:
+        for name in COPIED:
+            source = ROOT / name
+            if source.is_dir():
+                shutil.copytree(
+                    source, folder / name, ignore=shutil.ignore_patterns("__pycache__", ".*")
+                )
+            else:
+                shutil.copy2(source, folder / name)
+        variables = {
+            "PYTHONPATH": str(folder / "src"),
+            "PYTHONDONTWRITEBYTECODE": "1",
+            "XLA_FLAGS": "--xla_backend_optimization_level=0",  # what is computed is little
+        }
+        self.folder = folder
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "benchmarks.mutation_server", *preloaded],
+            cwd=folder,
+            env=os.environ | variables,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
         )
-        for number, (node, (line, _)) in enumerate(places):
-            if not functions or ASTQuery(node).get_definition_name() in functions:
-                changed = mutate_code(source, operator(), number)
-                after = changed.splitlines()[line - 1]
-                yield Mutant(changed, line, lines[line - 1].strip(), after.strip())
+
+    def run(self, job: Job) -> Answer:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(json.dumps(job._asdict()) + "\n")
+        self._process.stdin.flush()
+        return Answer(**json.loads(self._process.stdout.readline()))
+
+    @contextmanager
+    def changed(self, mutant: Mutant) -> Iterator[None]:
+        path = self.folder / "src" / "skystack" / mutant.module
+        before = path.read_text()
+        path.write_text(mutant.source)
+        try:
+            yield
+        finally:
+            path.write_text(before)
+
+    def close(self) -> None:
+        self._process.communicate()
 
 
-def _test(tests: Sequence[str]) -> None:
-    """In a process of its own: exit code 0 where all tests pass."""
-    sys.path[:0] = [str(Path.cwd()), str(Path("src").absolute())]
-    sys.dont_write_bytecode = True  # it would be taken for that of the next change
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)
-    os.dup2(nowhere, 2)
-    quiet = ("-W", "ignore::pytest.PytestAssertRewriteWarning")  # plugins are imported before
-    sys.exit(pytest.main(["-x", "-n0", "-p", "no:cacheprovider", *quiet, *tests]))
+class File(NamedTuple):
+    """A file of tests, run without a change."""
+
+    name: str
+    noted: Noted
+    wall_s: float
+    cpu_s: float
 
 
-def outcome(tests: Sequence[str], limit_s: float) -> str:
-    """survived, killed or timed out."""
-    process = CONTEXT.Process(target=_test, args=(tests,))
-    process.start()
-    process.join(limit_s)
-    if process.is_alive():
-        process.kill()
-        process.join()
+class Run:
+    """The changes of one package, tried by several servers at once."""
+
+    def __init__(self, servers: Sequence[Server], programs: Path, slowest_s: float) -> None:
+        self._servers: queue.Queue[Server] = queue.Queue()
+        for server in servers:
+            self._servers.put(server)
+        self._workers, self._programs, self._slowest_s = len(servers), programs, slowest_s
+        self._files: dict[str, File] = {}
+
+    def note(self, names: Iterable[str]) -> None:
+        """Run files of tests without a change."""
+        with ThreadPoolExecutor(self._workers) as pool:
+            for file in pool.map(self._noted, names):
+                self._files[file.name] = file
+                for test in file.noted.failed:
+                    say(f"left out: {test}: fails without a change")
+                for test, seconds in file.noted.seconds.items():
+                    if seconds > self._slowest_s:
+                        say(f"left out: {test}: takes {seconds:.0f} s")
+                say(f"{file.name}: {len(file.noted.seconds)} tests, {file.wall_s:.0f} s")
+
+    def try_all(self, mutants: Iterable[Mutant]) -> Iterator[Result]:
+        with ThreadPoolExecutor(self._workers) as pool:
+            yield from pool.map(self._tried, mutants)
+
+    def _noted(self, name: str) -> File:
+        server = self._servers.get()
+        try:
+            programs = Path(tempfile.mkdtemp(dir=server.folder))
+            note = programs / "noted.json"
+            job = Job("", [name], [], {}, str(programs), str(note), UNCHANGED_S, UNCHANGED_S)
+            answer = server.run(job)
+            if not note.exists():
+                sys.exit(f"mutation_run: {name} {answer.end}: {_last(server)}")
+            noted = Noted(**json.loads(note.read_text()))
+            if noted.failed:
+                say(_last(server))
+            note.unlink()
+            for path in programs.iterdir():
+                if not (self._programs / path.name).exists():
+                    path.replace(self._programs / path.name)
+        finally:
+            self._servers.put(server)
+        return File(name, noted, answer.wall_s, answer.cpu_s)
+
+    def _tried(self, mutant: Mutant) -> Result:
+        server = self._servers.get()
+        try:
+            with server.changed(mutant):
+                original = (ROOT / "src" / "skystack" / mutant.module).read_text()
+                files = self._running(mutant, original)
+                began = time.monotonic()
+                end = self._end(server, mutant, files) if files else "not run"
+                seen = change(original, mutant.source)
+                seconds = time.monotonic() - began
+                return Result(
+                    mutant.module, seen.line, mutant.place.operator, seen.before, seen.after, end,
+                    round(seconds, 1),
+                )  # fmt: skip
+        finally:
+            self._servers.put(server)
+
+    def _running(self, mutant: Mutant, original: str) -> list[File]:
+        """The files of tests that run the changed statement, the fastest first."""
+        lines = set(statement_lines(original, mutant.place.line))
+        path = f"skystack/{mutant.module}"
+        names = parts.tests(ROOT, mutant.module)
+        return sorted(
+            (
+                file
+                for file in map(self._files.__getitem__, names)
+                if mutant.module in parts.IN_PROCESSES
+                or lines & set(file.noted.lines.get(path, ()))
+            ),
+            key=lambda file: file.wall_s,
+        )
+
+    def _end(self, server: Server, mutant: Mutant, files: list[File]) -> str:
+        seconds: dict[str, float] = {}
+        left_out: list[str] = []
+        for file in files:
+            seconds |= file.noted.seconds
+            slow = [test for test, took in file.noted.seconds.items() if took > self._slowest_s]
+            left_out += file.noted.failed + slow
+        module = "skystack." + mutant.module.removesuffix(".py").replace("/", ".")
+        for times in (1, LONGER):
+            cpu_s = int(times * (30.0 + 3.0 * sum(file.cpu_s for file in files)))
+            wall_s = times * (120.0 + 10.0 * sum(file.wall_s for file in files))
+            names = [file.name for file in files]
+            answer = server.run(
+                Job(module, names, left_out, seconds, str(self._programs), None, cpu_s, wall_s)
+            )
+            if answer.end == "no tests":
+                sys.exit(f"mutation_run: {mutant.module}: no tests were run: {_last(server)}")
+            if answer.end != "timed out":
+                return "survived" if answer.end == "passed" else "killed"
         return "timed out"
-    return "killed" if process.exitcode else "survived"
+
+
+def _last(server: Server) -> str:
+    log = (server.folder / "log.txt").read_text().strip()
+    return log[-2000:] or "nothing was printed"
 
 
 def say(line: str) -> None:
@@ -142,45 +231,134 @@ def say(line: str) -> None:
     sys.stdout.flush()
 
 
-def run_part(part: Part) -> Counter[str]:
-    """Try all mutants of a part in a copy of the project; survivors are printed."""
-    path, counts = Path("src", "skystack", part.module), Counter[str]()
-    source, began = path.read_text(), time.monotonic()
-    if outcome(part.tests, 600.0) != "survived":
-        sys.exit(f"mutation_run: the tests of {part.module} fail without a change")
-    limit_s = 10.0 + 5.0 * (time.monotonic() - began)
-    for mutant in mutants(source, part.functions):
-        path.write_text(mutant.source)
-        end = outcome(part.tests, limit_s)
-        if end == "survived":
-            end = "equivalent" if mutant.after in EQUIVALENT else end
-            say(f"{end}: {part.module}:{mutant.line}: {mutant.before} -> {mutant.after}")
+def chosen(modules: Sequence[str], sample: int | None, seed: int) -> list[Mutant]:
+    """All changes of the modules, or a random sample that has of each in proportion."""
+    generator = random.Random(seed)
+    every: list[tuple[str, str, Place]] = []
+    for module in modules:
+        source = (ROOT / "src" / "skystack" / module).read_text()
+        found = places(source)
+        generator.shuffle(found)
+        every += [(module, source, place) for place in found]
+    if sample is not None and sample < len(every):
+        offset = generator.random()
+        every = [every[int((number + offset) * len(every) / sample)] for number in range(sample)]
+    mutants = (Mutant(module, place, place.changed()) for module, _, place in every)
+    return [new for new, (_, source, _) in zip(mutants, every, strict=True) if new.source != source]
+
+
+def read_results(path: Path | None) -> dict[tuple[str, int, str, str], Result]:
+    if path is None or not path.exists():
+        return {}
+    results = (Result(**json.loads(line)) for line in path.read_text().splitlines())
+    return {result.key: result for result in results}
+
+
+def run_package(package: str, modules: Sequence[str], options: argparse.Namespace) -> Counter[str]:
+    """Try the changes of a package that have no result yet; the survivors are printed."""
+    known = read_results(options.results)
+    if options.retry:
+        known = {key: result for key, result in known.items() if result.end == "killed"}
+    mutants, results, missing = chosen(modules, options.sample, options.seed), [], []
+    for mutant in mutants:
+        original = (ROOT / "src" / "skystack" / mutant.module).read_text()
+        result = known.get((mutant.module, *change(original, mutant.source)))
+        results += [result] if result else []
+        missing += [] if result else [mutant]
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        if missing:
+            run = Run(_servers(stack, folder, package, options), _made(folder), options.slowest)
+            names = {name: None for new in missing for name in parts.tests(ROOT, new.module)}
+            run.note(names)
+            for number, result in enumerate(run.try_all(missing), start=1):
+                results.append(result)
+                if options.results:
+                    with options.results.open("a") as file:
+                        file.write(json.dumps(result._asdict()) + "\n")
+                say(
+                    f"{number}/{len(missing)} {result.end}, {result.seconds:.0f} s: {_text(result)}"
+                )
+    return _counted(package, results)
+
+
+def _servers(
+    stack: ExitStack, folder: Path, package: str, options: argparse.Namespace
+) -> list[Server]:
+    servers = []
+    for number in range(options.workers):
+        server = Server(folder / str(number), parts.PRELOADED[package])
+        stack.callback(server.close)
+        servers.append(server)
+    return servers
+
+
+def _made(folder: Path) -> Path:
+    programs = folder / "programs"
+    programs.mkdir()
+    return programs
+
+
+def _text(result: Result) -> str:
+    return f"{result.module}:{result.line}: {result.before} -> {result.after}"
+
+
+def _counted(package: str, results: Sequence[Result]) -> Counter[str]:
+    reasons, counts = parts.equivalent(package), Counter[str]()
+    for result in results:
+        end = result.end
+        if end != "killed" and (result.module, result.before, result.after) in reasons:
+            end = "equivalent"
         counts[end] += 1
-    path.write_text(source)
+        if end in ("survived", "not run"):
+            say(f"{end}: {_text(result)}")
     return counts
+
+
+def row(package: str, counts: Counter[str], seconds: float) -> str:
+    """What became of the changes of a package: the summary line."""
+    able = counts.total() - counts["equivalent"]
+    ends = ("killed", "survived", "not run", "timed out", "equivalent")
+    words = ", ".join(f"{counts[end]} {end}" for end in ends)
+    share = 100.0 * counts["killed"] / max(able, 1)
+    return f"{package}: {counts.total()} changes: {words}; {share:.0f} % killed; {seconds:.0f} s"
 
 
 def main(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--only", choices=PARTS, help="one part")
-    only = parser.parse_args(arguments).only
-    os.environ["XLA_FLAGS"] = "--xla_backend_optimization_level=0"  # what is computed is little
-    CONTEXT.set_forkserver_preload(IMPORTED)
+    parser.add_argument("--package", choices=parts.PRELOADED, help="one package")
+    parser.add_argument("--only", metavar="MODULE", help="one module, as in tasks/pairs.py")
+    parser.add_argument("--sample", type=int, metavar="N", help="so many changes of each package")
+    parser.add_argument("--seed", type=int, default=0, help="of the sample")
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--slowest", type=float, default=30.0, metavar="S",
+                        help="leave out tests that take longer without a change")  # fmt: skip
+    parser.add_argument("--results", type=Path, help="a file that results are added to")
+    parser.add_argument("--retry", action="store_true", help="try again what was not killed")
+    options = parser.parse_args(arguments)
+    wanted = _wanted(parser, options)
     survived = 0
-    with tempfile.TemporaryDirectory() as folder:
-        for name in COPIED:
-            copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy2
-            copy(ROOT / name, Path(folder) / name)
-        os.chdir(folder)
-        os.environ["PYTHONPATH"] = "src"
-        for name in [only] if only else PARTS:
-            began = time.monotonic()
-            counts = run_part(PARTS[name])
-            ends = ", ".join(f"{count} {end}" for end, count in sorted(counts.items()))
-            seconds = time.monotonic() - began
-            say(f"{name}: {counts.total()} mutants: {ends}; {seconds:.0f} s")
-            survived += counts["survived"]
+    for package, modules in wanted.items():
+        began = time.monotonic()
+        counts = run_package(package, modules, options)
+        say(row(package, counts, time.monotonic() - began))
+        survived += counts["survived"] + counts["not run"] + counts["timed out"]
     return 1 if survived else 0
+
+
+def _wanted(
+    parser: argparse.ArgumentParser, options: argparse.Namespace
+) -> dict[str, tuple[str, ...]]:
+    every = {package: parts.modules(ROOT, package) for package in parts.PRELOADED}
+    if options.only:
+        every = {
+            package: (options.only,) for package, names in every.items() if options.only in names
+        }
+        if not every:
+            parser.error(f"no module {options.only} is changed")
+    return {
+        package: names for package, names in every.items() if options.package in (None, package)
+    }
 
 
 if __name__ == "__main__":

@@ -1,0 +1,83 @@
+"""What `mutation_run` changes: the modules of some packages, and the tests that should notice."""
+
+import tomllib
+from pathlib import Path
+
+BASE = ("tests.conftest", "skystack.simulator.generator", "optax", "pyarrow", "scipy.stats")
+TASKS = (*BASE, "skystack.tasks.build")
+LEARNING = (*TASKS, "skystack.learning.policy")
+PRELOADED = {
+    "stacking": BASE,
+    "tasks": BASE,
+    "learning": TASKS,
+    "platforms": TASKS,
+    "evaluation": LEARNING,
+    "gym": LEARNING,
+    "reporting": (*LEARNING, "matplotlib.figure", "matplotlib.backends.backend_agg"),
+}
+"""The packages that can be changed, and what is imported once for all their tests: nothing of it
+imports what is changed."""
+
+CHOSEN = {
+    "stacking": ("stacking.py",),
+    "reporting": tuple(
+        f"reporting/{name}.py"
+        for name in ("claims", "comparison", "labels", "results", "tables", "typical")
+    ),
+}
+"""The modules of a package of which not all are changed: of reporting those that judge."""
+
+CYCLES = ("tests/tasks/test_cycle_rewards.py",)
+NAVIGATION = ("tests/tasks/test_navigation.py", *CYCLES, "tests/tasks/test_vertical.py")
+TESTS = {
+    "stacking.py": ("tests/test_stacking.py",),
+    "tasks/actions.py": NAVIGATION,
+    "tasks/compiled.py": ("tests/tasks/test_plain.py", "tests/gym/test_copies.py"),
+    "tasks/contract.py": NAVIGATION,
+    "tasks/features.py": (*NAVIGATION, "tests/tasks/test_tracking.py"),
+    "tasks/navigation.py": (*CYCLES, "tests/tasks/test_vertical.py"),
+    "tasks/pairs.py": CYCLES,
+    "tasks/rewards.py": CYCLES,
+    "tasks/tracking.py": ("tests/tasks/test_separation.py",),
+    "tasks/stacked_steps.py": ("tests/gym/test_stacked.py",),
+    "learning/inference.py": ("tests/learning/test_policy.py", "tests/learning/test_ppo.py"),
+    "learning/network.py": ("tests/learning/test_policy.py", "tests/learning/test_ppo.py"),
+    "learning/settings.py": ("tests/learning/test_experiment.py", "tests/learning/test_ppo.py"),
+}
+"""Tests of a module beside those of its own name; where it has neither, all of its package."""
+
+IN_PROCESSES = frozenset({"gym/vector.py", "platforms/processes.py", "platforms/guard.py"})
+"""Modules that tests run in other processes too, where the lines that are run are not noted: all
+their changes are tried."""
+
+
+def modules(root: Path, package: str) -> tuple[str, ...]:
+    """The modules of a package that are changed, relative to `src/skystack`."""
+    source = root / "src" / "skystack"
+    found = sorted(str(path.relative_to(source)) for path in (source / package).glob("*.py"))
+    return CHOSEN.get(package) or tuple(name for name in found if not name.endswith("__init__.py"))
+
+
+def tests(root: Path, module: str) -> tuple[str, ...]:
+    """The test files nearest to a module."""
+    path = Path("tests", module)
+    own = path.with_name(f"test_{path.name}")
+    named = [str(own)] if (root / own).exists() else []
+    extra = [name for name in TESTS.get(module, ()) if name not in named]
+    rest = sorted(str(each.relative_to(root)) for each in (root / path.parent).glob("test_*.py"))
+    return tuple(named + extra or rest)
+
+
+def equivalent(package: str) -> dict[tuple[str, str, str], str]:
+    """Changes that mean the same as before, by module and changed lines, and why.
+
+    In `equivalent_mutants/PACKAGE.toml`, by module: `before`, `after` and `why` of each.
+    """
+    path = Path(__file__).parent / "equivalent_mutants" / f"{package}.toml"
+    if not path.exists():
+        return {}
+    return {
+        (module, each["before"], each["after"]): each["why"]
+        for module, changes in tomllib.loads(path.read_text()).items()
+        for each in changes
+    }
