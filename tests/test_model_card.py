@@ -84,6 +84,13 @@ def test_both_parts_of_a_training_are_shown():
     assert "band_nm" not in text
 
 
+def test_the_ends_of_the_exit_edge_are_named_by_their_sides():
+    """`theta_xl` is on the left of who leaves, `theta_xr` on the right (see `tests/gym`)."""
+    text = card_of("lateral-best")
+    assert "left end" in cells(text, "`theta_xl`")[0]
+    assert "right end" in cells(text, "`theta_xr`")[0]
+
+
 def test_limits_fit_the_task():
     assert "does not avoid other traffic" in card_of("lateral-best")
     assert "does not avoid other traffic" not in card_of("avoidance-best")

@@ -16,7 +16,9 @@ from skystack.gym.registration import make_environment
 from skystack.learning.experiment import load_experiment
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.tasks.build import build_task
+from skystack.tasks.contract import Metrics
 from skystack.tasks.settings import TaskSettings
+from tests.gym.counting import Counting, length_of
 
 
 @pytest.fixture(scope="module")
@@ -90,6 +92,59 @@ def test_a_scenario_goes_as_in_the_task(environment):
         assert info == {}
     assert terminated
     assert info == {key: value.item() for key, value in outcome.metrics._asdict().items()}
+
+
+@pytest.mark.parametrize("truncates", [False, True])
+def test_a_scenario_ends_as_its_task_says(truncates):
+    """Terminated or truncated, with the metrics; before its end there are none."""
+    counting = TaskEnvironment(Counting(truncates))
+    seen, info = counting.reset(seed=0)
+    assert info == {}
+    length = length_of(seen[0])
+    for cycle in range(1, length + 1):
+        seen, reward, *ends, info = counting.step(2)
+        assert seen.tolist() == pytest.approx([seen[0], cycle / 100, 2 * cycle / 100])
+        assert reward == cycle + 20.0
+        over = cycle == length
+        assert ends == [over and not truncates, over and truncates]
+        assert set(info) == (set(Metrics._fields) if over else set())
+    assert (info["cycles"], info["instructions"]) == (length, 2.0 * length)
+    assert (info["success"], info["few_instructions"]) == (True, False)
+    assert type(info["success"]) is bool
+    assert type(reward) is float
+
+
+def test_without_a_seed_scenarios_are_others_each_time():
+    """The first reset of two environments, and those that follow one another."""
+    drawn = []
+    for _ in range(2):
+        counting = TaskEnvironment(Counting())
+        drawn += [float(counting.reset()[0][0]) for _ in range(3)]
+    assert len(set(drawn)) == 6
+
+
+def test_observations_are_copies_within_their_space():
+    counting = TaskEnvironment(Counting())
+    seen, _ = counting.reset(seed=0)
+    seen[:] = 7.0
+    assert counting.observe()[1] == 0.0
+    space = counting.observation_space
+    assert (space.shape, space.dtype) == ((3,), np.float32)
+    assert (space.low.tolist(), space.high.tolist()) == ([0.0] * 3, [1.0] * 3)
+    assert counting.action_space.n == 3
+
+
+def test_what_may_be_stacked_is_the_tasks_answer():
+    """Two of twice two are four, which is enough until the next cycle."""
+    counting = TaskEnvironment(Counting())
+    counting.reset(seed=0)
+    assert [counting.may_stack(action) for action in range(3)] == [False, True, True]
+    counting.instruct(2)
+    assert counting.may_stack(2)
+    counting.instruct(2)
+    assert not counting.may_stack(1)
+    assert counting.advance()[0] == 41.0
+    assert counting.may_stack(1)
 
 
 def test_a_step_is_the_two_phases(environment):

@@ -7,7 +7,9 @@ import pytest
 
 from skystack.errors import InputError
 from skystack.gym.registration import make_environment
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.build import build_task
+from skystack.tasks.navigation import NavigationTask
+from skystack.tasks.settings import RewardSettings, TaskSettings
 
 pettingzoo = pytest.importorskip("pettingzoo")
 with warnings.catch_warnings():
@@ -74,6 +76,112 @@ def test_every_agent_sees_itself_first(environment):
     assert (turns[0] + headings[0] - turns[1] - headings[1]) % 360.0 == pytest.approx(180, abs=0.1)
 
 
+THREE = TaskSettings(
+    aircraft=3,
+    features=("theta_turn", "theta_xl", "theta_xr", "d_x"),
+    reward=RewardSettings(centreline=0.0, damping=0.0, terminal=0.0),
+    cycles=3,
+)
+AC3 = "AC3"
+
+
+class CutShort(NavigationTask):
+    """The same task, whose scenarios are cut short after three cycles."""
+
+    def advance(self, state):
+        state, outcome = super().advance(state)
+        ended, none = outcome.terminated, outcome.truncated
+        return state, outcome._replace(terminated=none, truncated=ended)
+
+
+@pytest.fixture(scope="module")
+def three():
+    task = build_task(THREE)
+    return MultiAgentEnvironment(
+        CutShort(task.settings, task.simulator, task.scenarios, task.actions)
+    )
+
+
+def test_the_others_stand_behind_in_their_order(three):
+    """Of three, each in a block of four values; all turn, each its own way."""
+    three.reset(seed=1)
+    seen, *_ = three.step({AC1: 1, AC2: 2, AC3: 0})
+    blocks = three.state().reshape(3, 4)
+    assert len({tuple(block) for block in blocks.tolist()}) == 3
+    for agent, order in ((AC1, [0, 1, 2]), (AC2, [1, 0, 2]), (AC3, [2, 0, 1])):
+        np.testing.assert_allclose(seen[agent].reshape(3, 4), blocks[order], atol=1e-6)
+    turns = 360.0 * blocks[:, 0] - 180.0
+    assert turns.tolist() == pytest.approx([-10.0, 10.0, 0.0], abs=0.51)
+
+
+def test_the_ends_of_the_exit_edge_are_left_and_right_of_who_leaves(three):
+    """By the area's corners: the exit edge joins the two that are nearest to the exit fix, and
+    the left one is on the left of the airway's direction outwards."""
+    seen, _ = three.reset(seed=2)
+    sector, traffic = three.task.sector, three._now.traffic
+    for number, agent in enumerate((AC1, AC2, AC3)):
+        *_, exit_fix, beyond = (
+            sector.fixes_nm[name] for name in sector.routes[int(traffic.route[number])]
+        )
+        out = beyond - exit_fix
+        away = np.linalg.norm(sector.area_nm - exit_fix, axis=1)
+        one, other = sector.area_nm[np.argsort(away)[:2]]
+        on_left = out[0] * (one - exit_fix)[1] - out[1] * (one - exit_fix)[0] > 0.0
+        left, right = (one, other) if on_left else (other, one)
+        place = np.asarray(traffic.position_nm[number])
+        cleared = float(traffic.cleared_heading_deg[number])
+        for value, corner in zip(seen[agent][1:3], (left, right), strict=True):
+            east, north = corner - place
+            turn = (np.degrees(np.arctan2(east, north)) - cleared + 180.0) % 360.0 - 180.0
+            assert 360.0 * value - 180.0 == pytest.approx(turn, abs=0.1)
+
+
+def test_all_end_together_where_the_scenario_is_cut_short(three):
+    """With metrics of their own each; nobody is left, and the next reset brings all back."""
+    three.reset(seed=1)
+    for cycle in (1, 2, 3):
+        assert three.agents == [AC1, AC2, AC3]
+        _, rewards, terminated, truncated, infos = three.step({AC2: 1})
+        assert rewards == dict.fromkeys([AC1, AC2, AC3], 0.0)
+        assert terminated == dict.fromkeys([AC1, AC2, AC3], False)
+        assert truncated == dict.fromkeys([AC1, AC2, AC3], cycle == 3)
+        assert all(bool(info) == (cycle == 3) for info in infos.values())
+    assert infos[AC1]["cycles"] == infos[AC1]["instructions"] == 3.0
+    infos[AC1].clear()
+    assert infos[AC2]["cycles"] == 3.0
+    assert three.agents == []
+    three.reset()
+    assert three.agents == [AC1, AC2, AC3]
+    assert three.possible_agents == [AC1, AC2, AC3]
+
+
+def test_every_agent_instructs_its_own_aircraft_only(three):
+    for number, agent in enumerate((AC1, AC2, AC3)):
+        assert three.action_space(agent).n == 3
+        three.reset(seed=3)
+        three.step({agent: np.int64(2)})
+        assert three._now.memory.instructions.tolist() == [
+            float(other == number) for other in range(3)
+        ]
+        with pytest.raises(InputError, match="allowed: whole numbers from 0 to 2"):
+            three.step({agent: 3})
+
+
+def test_scenarios_differ_until_a_seed_is_given_again(three):
+    first = three.reset(seed=7)[0][AC1]
+    second = three.reset()[0][AC1]
+    assert not np.array_equal(first, second)
+    assert np.array_equal(three.reset(seed=7)[0][AC1], first)
+    assert np.array_equal(three.reset()[0][AC1], second)
+
+
+def test_observations_are_copies(three):
+    seen, _ = three.reset(seed=7)
+    whole = three.state()
+    whole[:] = seen[AC1][:] = 7.0
+    assert three.state().max() <= 1.0
+
+
 def test_all_instruct_in_one_cycle(environment):
     environment.reset(seed=4)
     before = np.asarray(environment._now.traffic.cleared_heading_deg)
@@ -102,3 +210,6 @@ def test_it_is_drawn(environment):
     drawn.step({AC1: 2})
     assert begun.ndim == 3
     assert not np.array_equal(drawn.render(), begun)
+    drawn.reset(seed=0)
+    assert np.array_equal(drawn.render(), begun)
+    assert environment.render() is None

@@ -1,66 +1,152 @@
 """The vector environment as Stable-Baselines3 has its own."""
 
+import gymnasium
 import numpy as np
 import pytest
 
 from skystack.errors import InputError
-from skystack.gym.registration import make_environment, make_vector_environment
-from skystack.tasks.settings import TaskSettings
+from skystack.gym.environment import TaskEnvironment
+from skystack.gym.vector import VectorTaskEnvironment
+from tests.gym.counting import Counting, Visible, length_of
 
 pytest.importorskip("stable_baselines3")
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from skystack.gym.sb3 import StableBaselines3Environment
 
-SETTINGS = TaskSettings(cycles=25)
 SCENARIOS = 3
 
 
-@pytest.fixture(scope="module")
-def ours():
-    return StableBaselines3Environment(
-        make_vector_environment("lateral", SCENARIOS, SETTINGS, "SameStep")
-    )
+@pytest.mark.parametrize("limit", [None, 3])
+def test_it_is_what_single_environments_would_be(limit):
+    """Of hand-made scenarios: `test_vector` compares environments of ours."""
 
+    def single():
+        return gymnasium.wrappers.TimeLimit(TaskEnvironment(Counting()), limit or 99)
 
-def test_it_is_what_single_environments_would_be(ours):
-    theirs = DummyVecEnv([lambda: make_environment("lateral", SETTINGS)] * SCENARIOS)
-    both = (ours, theirs)
-    for environment in both:
+    ours, theirs = counting(limit=limit), DummyVecEnv([single] * SCENARIOS)
+    for environment in (ours, theirs):
         environment.seed(3)
-    np.testing.assert_allclose(ours.reset(), theirs.reset(), atol=1e-6)
+    np.testing.assert_array_equal(ours.reset(), theirs.reset())
     rng, ended = np.random.default_rng(0), 0
-    for _ in range(2 * SETTINGS.cycles + 5):
-        actions = rng.integers(5, size=SCENARIOS)
-        one, other = (environment.step(actions) for environment in both)
+    for _ in range(20):
+        actions = rng.integers(3, size=SCENARIOS)
+        one, other = (environment.step(actions) for environment in (ours, theirs))
         for mine, its in zip(one[:3], other[:3], strict=True):
             assert mine.dtype == its.dtype
-            np.testing.assert_allclose(mine, its, atol=1e-4)
+            np.testing.assert_allclose(mine, its, rtol=1e-6)
         for mine, its in zip(one[3], other[3], strict=True):
             assert mine.keys() == its.keys()
             for name in mine:
-                np.testing.assert_allclose(mine[name], its[name], atol=1e-3)
+                np.testing.assert_allclose(mine[name], its[name], rtol=1e-6)
             ended += "terminal_observation" in mine
-    assert ended == 2 * SCENARIOS
-    assert ours.env_is_wrapped(object, 1) == [False]
-    assert ours.get_attr("num_envs", [0, 2]) == [SCENARIOS] * 2
+    assert ended > 4 * SCENARIOS
+
+
+def counting(truncates=False, limit=None, scenarios=SCENARIOS):
+    vector = VectorTaskEnvironment(Counting(truncates), scenarios, "SameStep", limit)
+    return StableBaselines3Environment(vector)
+
+
+def begun(environment, *lengths):
+    """The first observations of a seed whose scenarios take so many cycles, in some order."""
+    for seed in range(100):
+        environment.seed(seed)
+        seen = environment.reset()
+        if sorted(length_of(seen[:, 0])) == list(lengths):
+            return seen
+    raise AssertionError("no such seed")
+
+
+@pytest.mark.parametrize(
+    ("truncates", "limit", "cut_after"),
+    [
+        (False, None, {}),
+        (False, 3, {4: 3}),  # who ends in the limit's own step is not cut short
+        (False, 2, {3: 2, 4: 2}),
+        (False, 1, {2: 1, 3: 1, 4: 1}),
+        (True, None, {2: 2, 3: 3, 4: 4}),
+    ],
+)
+def test_only_what_did_not_end_by_itself_is_cut_short(truncates, limit, cut_after):
+    """With the last observation of the scenario that is over, and the first of the next one."""
+    environment = counting(truncates, limit)
+    seen = begun(environment, 2, 3, 4)
+    drawn, lengths = seen[:, 0], length_of(seen[:, 0])
+    actions, over = np.array([0, 1, 2]), np.zeros(SCENARIOS, dtype=bool)
+    for cycle in range(1, 5):
+        seen, rewards, done, infos = environment.step(actions)
+        for number in np.flatnonzero(~over):
+            length = min(lengths[number], limit or 4)
+            info, told = infos[number], int(actions[number])
+            assert rewards[number] == cycle + 10 * told
+            assert done[number] == (cycle == length)
+            assert info.pop("TimeLimit.truncated") == (cut_after.get(lengths[number]) == cycle)
+            if not done[number]:
+                assert info == {}
+                np.testing.assert_allclose(
+                    seen[number], [drawn[number], cycle / 100, cycle * told / 100], rtol=1e-6
+                )
+                continue
+            np.testing.assert_allclose(
+                info.pop("terminal_observation"),
+                [drawn[number], cycle / 100, cycle * told / 100],
+                rtol=1e-6,
+            )
+            assert seen[number, 1:].tolist() == [0.0, 0.0]
+            assert seen[number, 0] != drawn[number]
+            if limit and not truncates and lengths[number] > limit:
+                assert info == {}  # nobody has judged it
+            else:
+                assert info["cycles"] == cycle
+                assert info["instructions"] == cycle * told
+                assert info["min_separation_nm"] == pytest.approx(drawn[number])
+        over |= done
+    assert over.all()
+
+
+def test_a_seed_counts_for_one_reset():
+    environment = counting()
+    environment.seed(5)
+    first, second = environment.reset(), environment.reset()
+    assert not np.array_equal(first, second)
+    environment.seed(5)
+    assert np.array_equal(environment.reset(), first)
+    assert np.array_equal(environment.reset(), second)
+
+
+def test_attributes_are_those_of_the_scenarios_that_are_asked_for():
+    environment = counting()
+    assert environment.get_attr("num_envs") == [3, 3, 3]
+    assert environment.get_attr("num_envs", 1) == [3]
+    assert environment.env_is_wrapped(object) == [False] * 3
+    assert environment.env_is_wrapped(object, [0, 2]) == [False] * 2
+    for change in (
+        lambda: environment.set_attr("num_envs", 2),
+        lambda: environment.env_method("render"),
+    ):
+        with pytest.raises(NotImplementedError, match="of their own"):
+            change()
 
 
 def test_it_is_drawn():
     """Stable-Baselines3 puts two pictures one below the other."""
-    vector = make_vector_environment("lateral", 2, SETTINGS, "SameStep", render_mode="rgb_array")
+    vector = VectorTaskEnvironment(Visible(), 2, "SameStep", render_mode="rgb_array")
     drawn = StableBaselines3Environment(vector)
-    drawn.seed(0)
-    drawn.reset()
+    begun(drawn, 2, 4)
+    for _ in range(2):  # now one begins anew
+        drawn.step(np.zeros(2, dtype=int))
     first, second = drawn.get_images()
-    assert np.array_equal(drawn.render(), np.concatenate([first, second]))
     assert not np.array_equal(first, second)
+    assert np.array_equal(drawn.render(), np.concatenate([first, second]))
 
 
-def test_without_a_render_mode_there_is_no_picture(ours):
-    assert ours.get_images() == [None] * SCENARIOS
+def test_without_a_render_mode_there_is_no_picture():
+    environment = counting()
+    environment.reset()
+    assert environment.get_images() == [None] * SCENARIOS
 
 
 def test_another_autoreset_mode_is_refused():
     with pytest.raises(InputError, match=r"NextStep .allowed for Stable-Baselines3: SameStep"):
-        StableBaselines3Environment(make_vector_environment("lateral"))
+        StableBaselines3Environment(VectorTaskEnvironment(Counting(), 2))

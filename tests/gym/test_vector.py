@@ -7,11 +7,13 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import skystack.gym  # noqa: F401  (registers)
 from skystack.errors import InputError
+from skystack.gym.environment import TaskEnvironment
 from skystack.gym.registration import make_environment, make_vector_environment
 from skystack.gym.vector import VectorTaskEnvironment
 from skystack.learning.experiment import load_experiment
 from skystack.tasks.build import build_task
 from skystack.tasks.stacked_steps import StackedSteps
+from tests.gym.counting import Counting, length_of
 
 SCENARIOS, STEPS = 3, 300
 NAME = "skystack/Avoidance-v0"
@@ -87,6 +89,80 @@ def test_a_time_limit_truncates_as_gymnasiums_does(vector, mode):
     theirs = SyncVectorEnv(limited, autoreset_mode=mode)
     ours = vector(mode, max_episode_steps=9)
     assert check_the_same(ours, theirs, 0, 30) == 3 * SCENARIOS
+
+
+def counted(*options, truncates=False, **more):
+    return VectorTaskEnvironment(Counting(truncates), 4, *options, **more)
+
+
+def all_lengths(environment, **options):
+    """A seed whose four scenarios take 2, 3 and 4 cycles, with their first observations."""
+    for seed in range(100):
+        seen, _ = environment.reset(seed=seed, **options)
+        if {2, 3, 4} == set(length_of(seen[:, 0]).tolist()):
+            return seen
+    raise AssertionError("no such seed")
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@pytest.mark.parametrize(("truncates", "limit"), [(False, None), (False, 3), (True, None)])
+def test_each_scenario_goes_and_ends_by_itself(mode, truncates, limit):
+    """Rewards, ends, observations and metrics by their formulas, and what follows the end."""
+    environment = counted(mode, limit, truncates=truncates)
+    seen = all_lengths(environment)
+    drawn, lengths = seen[:, 0], length_of(seen[:, 0])
+    actions, over = np.array([1, 2, 1, 0]), np.zeros(4, dtype=bool)
+    for cycle in range(1, 5):
+        seen, rewards, terminated, truncated, infos = environment.step(actions)
+        for number in np.flatnonzero(~over):
+            own, told = lengths[number], int(actions[number])
+            last = [drawn[number], cycle / 100, cycle * told / 100]
+            ends, cut = own == cycle, limit == cycle
+            assert rewards[number] == cycle + 10.0 * told
+            assert terminated[number] == (ends and not truncates)
+            assert truncated[number] == ((ends and truncates) or cut)
+            if not ends and not cut:
+                np.testing.assert_allclose(seen[number], last, rtol=1e-6)
+                continue
+            judged = infos if mode == "NextStep" else infos["final_info"]
+            assert ("cycles" in judged and bool(judged["_cycles"][number])) == ends
+            if ends:
+                assert judged["cycles"][number] == cycle
+                assert judged["instructions"][number] == cycle * told
+            if mode == "SameStep":
+                np.testing.assert_allclose(infos["final_obs"][number], last, rtol=1e-6)
+                assert seen[number, 0] != drawn[number]
+                assert seen[number, 1:].tolist() == [0.0, 0.0]
+                continue
+            np.testing.assert_allclose(seen[number], last, rtol=1e-6)
+        if mode == "NextStep":
+            for number in np.flatnonzero(over & (lengths + 1 == cycle)):
+                assert (rewards[number], terminated[number], truncated[number]) == (0, False, False)
+                assert seen[number, 1:].tolist() == [0.0, 0.0]
+        over |= terminated | truncated
+    assert over.all()
+
+
+def test_a_limit_counts_from_each_scenarios_own_begin():
+    """Also where the reset of all comes in the middle of one."""
+    environment = counted("SameStep", 2)
+    environment.reset(seed=0)
+    environment.step(np.zeros(4, dtype=int))
+    environment.reset(seed=0)
+    flags = [environment.step(np.zeros(4, dtype=int)) for _ in range(4)]
+    over = [(terminated | truncated).tolist() for *_, terminated, truncated, _ in flags]
+    assert over == [[False] * 4, [True] * 4] * 2
+
+
+def test_a_seed_is_that_of_the_first_and_the_others_count_on():
+    environment, alone = counted(), TaskEnvironment(Counting())
+    seen, _ = environment.reset(seed=7)
+    each = [alone.reset(seed=seed)[0] for seed in range(7, 11)]
+    np.testing.assert_array_equal(seen, each)
+    assert environment.np_random_seed == (7, 8, 9, 10)
+    alone.reset(seed=9)
+    follow, _ = alone.reset()
+    np.testing.assert_array_equal(environment.reset()[0][2], follow)
 
 
 def test_after_a_reset_without_a_seed_new_scenarios_follow(vector):
@@ -234,6 +310,12 @@ def test_gymnasium_makes_it():
     assert made.reset(seed=0)[0] in made.observation_space
 
 
+def test_every_action_of_the_table_can_be_given():
+    environment = counted()
+    environment.reset(seed=0)
+    assert environment.step([0, 1, 2, np.int8(2)])[1].tolist() == [1.0, 11.0, 21.0, 21.0]
+
+
 @pytest.mark.parametrize("actions", [[0, 0], [0, 0, 5], [0, 0, -1], [0.0, 0.0, 0.0]])
 def test_actions_that_are_not_in_the_table_are_refused(vector, actions):
     environment = vector()
@@ -245,6 +327,7 @@ def test_actions_that_are_not_in_the_table_are_refused(vector, actions):
 def test_what_cannot_be_is_refused(task, vector):
     with pytest.raises(InputError, match="allowed: NextStep, SameStep, Disabled"):
         VectorTaskEnvironment(task, SCENARIOS, "Never")
+    assert VectorTaskEnvironment(task, 1, max_episode_steps=1).num_envs == 1
     with pytest.raises(InputError, match="max_episode_steps is 0"):
         VectorTaskEnvironment(task, SCENARIOS, max_episode_steps=0)
     with pytest.raises(InputError, match="num_envs is 0"):

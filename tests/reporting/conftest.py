@@ -278,10 +278,14 @@ def evil_callsign() -> str:
 
 
 @pytest.fixture(scope="session")
-def reported(tmp_path_factory, evil_callsign) -> Path:
-    """A run with its report, to look at only; its callsigns are out to break pages."""
-    folder = write_run(
-        tmp_path_factory.mktemp("reported") / "run", callsigns=(evil_callsign, "$AC_2$")
-    )
-    write_report(folder)
-    return folder
+def written(tmp_path_factory, evil_callsign) -> Path:
+    """A larger run, to look at only; its callsigns are out to break pages."""
+    folder = tmp_path_factory.mktemp("reported") / "run"
+    return write_run(folder, callsigns=(evil_callsign, "$AC_2$"))
+
+
+@pytest.fixture(scope="session")
+def reported(written) -> Path:
+    """That run with its report."""
+    write_report(written)
+    return written

@@ -2,6 +2,7 @@
 
 import json
 
+import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -32,8 +33,11 @@ PAPER = {
 
 def row(experiment, stacking, figures):
     values = dict.fromkeys(MEASURES, 1.0) | figures
+    # Wide intervals and other interquartile means: what is judged is the mean.
     statistics = {
-        name: Statistics(Estimate(value, value, value), Estimate(value, value, value))
+        name: Statistics(
+            Estimate(value, 0.5 * value, 2.0 * value), Estimate(3.0 * value, 0.0, 9.0 * value)
+        )
         for name, value in values.items()
     }
     return Row(
@@ -118,6 +122,157 @@ def test_contrary_figures_are_not_reproduced(tmp_path, words, changed):
     assert judged(tmp_path, figures | changed)[words].verdict == MISSED
 
 
+COUNTS = {
+    "undamped policies act almost every step": ("lateral-undamped", False, 113.0, 15.9),
+    "instructions of the damped policy": ("lateral", False, 14.5, 6.6),
+    "clearances, damped and stacked": ("lateral", True, 7.2, 3.5),
+    "instructions with 37 actions": ("lateral-large", False, 6.3, 3.0),
+    "clearances, avoidance and stacked": ("avoidance", True, 81.2, 13.2),
+    "instructions, avoidance, 37 actions": ("avoidance-large", False, 126.3, 12.3),
+}
+"""As the paper prints them: of which row, mean, standard deviation."""
+
+
+@pytest.mark.parametrize("words", COUNTS)
+def test_a_count_is_reproduced_up_to_the_papers_standard_deviation(tmp_path, words):
+    experiment, stacking, mean, spread = COUNTS[words]
+
+    def claim(clearances):
+        return judged(tmp_path, {(experiment, stacking): {"clearances": clearances}})[words]
+
+    assert claim(mean).paper == f"{mean} ± {spread}"
+    for side in (-1.0, 1.0):
+        assert claim(mean + side * spread).verdict == REPRODUCED
+        assert claim(mean + side * (spread + 0.1)).verdict == MISSED
+
+
+def lateral(undamped=None, undamped_stacked=None, plain=None, stacked=None, large=None):
+    """Rows of lateral navigation, those that figures are given for."""
+    names = [(f"lateral{way}", stacking) for way, stacking in LATERAL]
+    each = zip(names, (undamped, undamped_stacked, plain, stacked, large), strict=True)
+    return {name: values for name, values in each if values is not None}
+
+
+LATERAL = [("-undamped", False), ("-undamped", True), ("", False), ("", True), ("-large", False)]
+
+
+@pytest.mark.parametrize(
+    ("instructions", "verdict", "cut"),
+    [
+        (18.1, MISSED, "82 %"),
+        (18.0, REPRODUCED, "82 %"),
+        (13.0, REPRODUCED, "87 %"),
+        (8.0, REPRODUCED, "92 %"),
+        (7.9, MISSED, "92 %"),
+    ],
+)
+def test_damping_cuts_instructions_by_82_to_92_percent(tmp_path, instructions, verdict, cut):
+    """Of instructions: how many clearances they make is another matter."""
+    undamped = {"instructions": 100.0, "clearances": 1000.0}
+    plain = {"instructions": instructions, "clearances": 1.0}
+    found = judged(tmp_path, lateral(undamped=undamped, plain=plain))
+    claim = found["damping cuts instructions by about 87 %"]
+    assert (claim.verdict, claim.found) == (verdict, f"as stated {cut}")
+
+
+def rates(clearances, success):
+    return {"clearances": clearances, "success": success}
+
+
+@pytest.mark.parametrize(
+    ("plain", "stacked", "verdict", "figures"),
+    [
+        ((20.0, 0.9), (12.0, 0.95), REPRODUCED, "40 %, success +5.0 points"),
+        ((20.0, 0.9), (12.1, 0.95), MISSED, "40 %, success +5.0 points"),
+        ((20.0, 0.99), (5.0, 0.98), REPRODUCED, "75 %, success -1.0 points"),
+        ((20.0, 0.99), (5.0, 0.978), MISSED, "75 %, success -1.2 points"),
+        ((0.0, 0.0), (0.0, 0.0), MISSED, "0 %, success +0.0 points"),
+    ],
+)
+def test_stacking_cuts_clearances_by_40_percent_and_costs_no_success(
+    tmp_path, plain, stacked, verdict, figures
+):
+    """Rates that differ by a point are equal; a policy that never acts cuts nothing."""
+    found = judged(tmp_path, lateral(plain=rates(*plain), stacked=rates(*stacked)))
+    claim = found["stacking about halves them again at equal success"]
+    assert (claim.verdict, claim.found) == (verdict, f"as stated {figures}")
+
+
+def test_every_row_is_compared_with_itself_stacked(tmp_path):
+    figures = lateral(plain=rates(20.0, 1.0), stacked=rates(19.0, 1.0))
+    figures[("lateral-tuned", False)] = rates(10.0, 1.0)
+    figures[("lateral-tuned", True)] = rates(4.0, 1.0)
+    claim = judged(tmp_path, figures)["stacking about halves them again at equal success"]
+    assert claim.verdict == CHANGED
+    assert claim.found == ("as stated 5 %, success +0.0 points; tuned 60 %, success +0.0 points")
+    figures[("lateral", True)] = rates(10.0, 1.0)
+    figures[("lateral-tuned", True)] = rates(10.0, 1.0)
+    claim = judged(tmp_path, figures)["stacking about halves them again at equal success"]
+    assert claim.verdict == REPRODUCED  # where it holds as stated, a change is not needed
+
+
+@pytest.mark.parametrize(("clearances", "verdict"), [(80.1, REPRODUCED), (80.0, MISSED)])
+def test_stacking_takes_less_than_20_percent_of_undamped_behaviour(tmp_path, clearances, verdict):
+    rows = lateral(undamped=rates(100.0, 1.0), undamped_stacked=rates(clearances, 1.0))
+    claim = judged(tmp_path, rows)["undamped behaviour cannot be stacked"]
+    assert claim.verdict == verdict
+    assert claim.found.startswith("100.0 [50.0, 200.0] to 80.")
+    assert claim.found.endswith(": 20 %")
+
+
+@pytest.mark.parametrize(
+    ("stacked", "large", "verdict"),
+    [
+        ((7.0, 0.9), (7.0, 0.91), REPRODUCED),
+        ((7.0, 0.9), (7.0, 0.912), MISSED),
+        ((7.1, 0.9), (7.0, 0.5), MISSED),
+        ((6.9, 0.5), (7.0, 0.9), MISSED),
+    ],
+)
+def test_five_actions_need_no_more_and_succeed_no_less(tmp_path, stacked, large, verdict):
+    found = judged(tmp_path, lateral(stacked=rates(*stacked), large=rates(*large)))
+    claim = found["five stacked actions do as well as 37"]
+    assert claim.verdict == verdict
+    (ours, half, twice), (theirs, low, high) = (
+        [f"{factor * row[0]:.1f}" for factor in (1.0, 0.5, 2.0)] for row in (stacked, large)
+    )
+    assert claim.found == (
+        f"as stated {ours} [{half}, {twice}] against {theirs} [{low}, {high}], "
+        f"success {stacked[1]:.3f} against {large[1]:.3f}"
+    )
+
+
+@pytest.mark.parametrize(
+    ("lost", "verdict"), [(0.01, REPRODUCED), (0.0101, MISSED), (0.002, REPRODUCED)]
+)
+def test_separation_may_be_lost_once_in_100(tmp_path, lost, verdict):
+    """By the stacked row, and by its mean."""
+    rows = {
+        ("avoidance", False): {"loss_of_separation": 0.0 if verdict == MISSED else 1.0},
+        ("avoidance", True): {"loss_of_separation": lost},
+    }
+    claim = judged(tmp_path, rows)["separation is lost in 1 scenario of 100"]
+    assert claim.verdict == verdict
+    assert claim.found.startswith(f"as stated {100.0 * lost:.1f} % [")
+
+
+def test_less_than_with_37_actions_is_not_as_often(tmp_path):
+    """Equal figures are no gain; the first one is that of the stacked row."""
+    rows = {
+        ("avoidance", True): {"loss_of_separation": 0.04, "clearances": 20.0},
+        ("avoidance-large", False): {"loss_of_separation": 0.04, "clearances": 20.0},
+    }
+    lost = "stacked, separation is lost less often than with 37 actions"
+    fewer = "stacked, clearances are fewer than with 37 actions"
+    found = judged(tmp_path, rows)
+    assert (found[lost].verdict, found[fewer].verdict) == (MISSED, MISSED)
+    rows[("avoidance", True)] = {"loss_of_separation": 0.03, "clearances": 19.0}
+    found = judged(tmp_path, rows)
+    assert (found[lost].verdict, found[fewer].verdict) == (REPRODUCED, REPRODUCED)
+    assert found[lost].found == "as stated 3.0 % [1.5, 6.0] against 4.0 % [2.0, 8.0]"
+    assert found[fewer].found == "as stated 19.0 [9.5, 38.0] against 20.0 [10.0, 40.0]"
+
+
 def test_what_holds_with_changed_values_only_says_so(tmp_path):
     figures = {name: dict(values) for name, values in PAPER.items()}
     figures[("lateral", False)] = {"clearances": 40.0, "instructions": 40.0}
@@ -133,38 +288,102 @@ def test_the_difference_of_the_papers_figures_is_judged_by_its_interval(tmp_path
 
     def claim(low, high):
         gap = Difference(Estimate(0.9, low, high), Estimate(0.5, 0.0, 1.0))
-        names = RowName("lateral", True), RowName("lateral-large", False)
-        compared = [Comparison(*names, {"clearances": gap})]
+        other = Difference(Estimate(9.0, 8.0, 10.0), Estimate(0.5, 0.0, 1.0))
+        stacked, large = RowName("lateral", True), RowName("lateral-large", False)
+        compared = [
+            Comparison(stacked, RowName("lateral", False), {"clearances": other}),
+            Comparison(RowName("lateral", False), large, {"clearances": other}),
+            Comparison(stacked, large, {"clearances": gap, "success": other}),
+        ]
         return judged(tmp_path, PAPER, comparisons=compared)[words]
 
     assert "p = 0.052" in claim(-0.1, 1.9).paper
     assert claim(-0.1, 1.9).verdict == REPRODUCED
-    assert claim(0.1, 1.7).verdict == MISSED
+    assert claim(-0.1, 1.9).found == "as stated 0.9 [-0.1, 1.9]"
+    assert claim(0.0, 1.7).verdict == claim(-0.1, 0.0).verdict == REPRODUCED
+    assert claim(0.1, 1.7).verdict == claim(-1.7, -0.1).verdict == MISSED
 
 
-def curve(folder, name, success, few):
-    lines = [
-        {"steps": 1000 * (number + 1), "success": value, "correct_exit": 0.99}
-        | {"excursion": 0.01, "few_instructions": few, "episodes": 10.0}
-        for number, value in enumerate(success)
-    ]
-    (folder / "train" / name).mkdir(parents=True)
-    text = "".join(json.dumps(line) + "\n" for line in lines)
-    (folder / "train" / name / "metrics.jsonl").write_text(text)
+def trained(folder, **curves):
+    """Trainings by name; each a list of its updates' fields, 1000 steps apart."""
+    train = []
+    for name, seeds in curves.items():
+        experiment = name.replace("_", "-")
+        for seed, updates in enumerate(seeds):
+            lines = [
+                {"steps": 1_000_000 * (number + 1), "episodes": 10.0} | fields
+                for number, fields in enumerate(updates)
+            ]
+            path = folder / "train" / f"{experiment}-s{seed}" / "metrics.jsonl"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+            train.append(Training(experiment, seed, 1, 1.0, 1.0))
+    return judged(folder, PAPER, train=train)
 
 
-def test_the_sooner_one_converges_faster(tmp_path):
-    curve(tmp_path, "lateral-s0", [0.0, 0.9, 0.9, 0.9], few=1.0)
-    curve(tmp_path, "lateral-large-s0", [0.0, 0.0, 0.0, 0.2], few=0.3)
-    train = [Training(name, 0, 4000, 1.0, 4000.0) for name in ("lateral", "lateral-large")]
-    found = judged(tmp_path, PAPER, train=train)
-    claim = found["the small action space converges faster"]
-    assert (claim.verdict, claim.found) == (REPRODUCED, "0.00 million against never")
-    claim = found["the count criterion is what lowers the large policy's success"]
-    assert (claim.verdict, claim.found) == (
-        REPRODUCED,
-        "at the end: exit 99 %, bounds 99 %, count 30 %",
-    )
+def success(*values):
+    return [{"success": value} for value in values]
+
+
+FASTER = "the small action space converges faster"
+SOON, LATE, NEVER = success(0.1, 0.8, 0.9), success(0.1, 0.79, 0.8), success(0.1, 0.79, 0.7)
+
+
+@pytest.mark.parametrize(
+    ("small", "large", "verdict", "figures"),
+    [
+        ([SOON], [NEVER], REPRODUCED, "2.00 million against never"),
+        ([SOON], [LATE], REPRODUCED, "2.00 million against 3.00 million"),
+        ([LATE], [LATE], MISSED, "3.00 million against 3.00 million"),
+        ([NEVER], [NEVER], MISSED, "never against never"),
+        ([LATE], [SOON], MISSED, "3.00 million against 2.00 million"),
+        ([SOON, LATE, LATE], [NEVER], REPRODUCED, "3.00 million against never"),
+        ([LATE], [NEVER, SOON, NEVER], REPRODUCED, "3.00 million against never"),
+    ],
+)
+def test_the_sooner_one_converges_faster(tmp_path, small, large, verdict, figures):
+    """By the median of the seeds; 80 % is enough, and to be last at it is not to be first."""
+    claim = trained(tmp_path, lateral=small, lateral_large=large)[FASTER]
+    assert (claim.verdict, claim.found) == (verdict, figures)
+
+
+def test_success_in_training_is_that_of_scenarios_not_of_updates(tmp_path):
+    """Forty updates have a running mean of three: (1 + 1 + 9) scenarios with 9 successes."""
+    few = [{"success": 0.0, "episodes": 1.0}] * 20
+    curve = [*few, *[{"success": 1.0, "episodes": 9.0}] * 20]
+    claim = trained(tmp_path, lateral=[curve], lateral_large=[NEVER])[FASTER]
+    assert claim.found == "20.00 million against never"
+
+
+COUNT = "the count criterion is what lowers the large policy's success"
+
+
+@pytest.mark.parametrize(
+    ("exits", "strays", "few", "verdict"),
+    [
+        (0.99, 0.01, 0.30, REPRODUCED),
+        (0.90, 0.05, 0.88, REPRODUCED),
+        (0.90, 0.05, 0.89, MISSED),  # a point less is equal
+        (0.90, 0.05, 0.93, MISSED),
+        (0.95, 0.10, 0.93, MISSED),
+        (0.95, 0.10, 0.80, REPRODUCED),
+    ],
+)
+def test_the_count_is_met_less_often_than_both_other_criteria(
+    tmp_path, exits, strays, few, verdict
+):
+    """At the end of training; what it was before does not count."""
+    last = {"correct_exit": exits, "excursion": strays, "few_instructions": few}
+    first = {name: 1.0 - value for name, value in last.items()}
+    updates = [fields | {"success": 0.0} for fields in (first, last)]
+    claim = trained(tmp_path, lateral=[SOON], lateral_large=[updates, updates])[COUNT]
+    rounded = [f"{100.0 * value:.0f} %" for value in (exits, 1.0 - strays, few)]
+    assert claim.verdict == verdict
+    assert claim.found == "at the end: exit {}, bounds {}, count {}".format(*rounded)
+
+
+def test_nothing_is_said_of_criteria_that_no_scenario_has_met(tmp_path):
+    assert COUNT not in trained(tmp_path, lateral=[SOON], lateral_large=[NEVER])
 
 
 @pytest.mark.parametrize(("last", "verdict"), [(1, REPRODUCED), (2, MISSED)])
@@ -189,5 +408,7 @@ def test_a_run_without_statistics_has_no_claims(tmp_path):
         rows=[Row(**bare)], rows_by_seed=[], train=[], wall_s=1.0, machine="", version="",
         command="", quick=False,
     )  # fmt: skip
+    assert judge_claims(Run(tmp_path, results, None)) == []
+    results = msgspec.structs.replace(results, rows=[plain, Row(**bare)])
     assert judge_claims(Run(tmp_path, results, None)) == []
     assert claims_table([]).rows == ()

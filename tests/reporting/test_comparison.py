@@ -4,22 +4,26 @@ import io
 import json
 
 import pytest
+from matplotlib.figure import Figure
 from rich.console import Console
 
 from skystack.errors import InputError
+from skystack.reporting import comparison
 from skystack.reporting.comparison import comparison_json, comparison_tables, write_comparison
+from skystack.reporting.results import Update
 from skystack.reporting.tables import NOTHING
-from skystack.reporting.trainings import read_runs
+from skystack.reporting.trainings import Learned, RowOf, Runs, read_runs
+from tests.reporting.rows import row
 from tests.reporting.test_report import Page
 from tests.reporting.test_trainings import write_training
 
 
 @pytest.fixture
-def runs(tmp_path, reported):
+def runs(tmp_path, written):
     """A reproduction, one training with other settings, one of another family."""
     return read_runs(
         [
-            reported,
+            written,
             write_training(tmp_path / "<b>changed", "lateral", "ppo.gamma=0.9", seed=7),
             write_training(tmp_path / "climbs", "vertical", seed=1),
         ]
@@ -98,6 +102,97 @@ def test_long_values_are_cut_in_the_terminal_and_absent_ones_a_dash(tmp_path):
     assert lines["pretraining.steps"][0] == NOTHING
 
 
-def test_a_page_that_cannot_be_written_is_an_error(runs, tmp_path):
+def test_a_page_that_cannot_be_written_is_an_error(tmp_path):
     with pytest.raises(InputError, match="cannot be written"):
-        write_comparison(runs, tmp_path / "no" / "comparison.html")
+        write_comparison(Runs([], []), tmp_path / "no" / "comparison.html")
+
+
+def learned(curve, experiment="lateral", seed=0, **settings):
+    """A training of 101 updates; success rises by a point with each, to 100 %."""
+    updates = [
+        Update(
+            steps=20_000 * n,
+            wall_s=50.0 * n,
+            success=n / 100.0,
+            instructions=200.0 - n,
+            bursts=7.0,
+            episodes=1.0,
+        )
+        for n in range(101)
+    ]
+    run = curve.partition(",")[0]
+    return Learned(curve, run, experiment, seed, updates, settings)
+
+
+@pytest.fixture
+def by_hand():
+    """Two runs; vertical control was trained only, avoidance was judged only."""
+    trainings = [
+        learned("a, lateral", seed=1, gamma=0.9, batch=0, greedy=False, layers=["x", 2]),
+        learned("a, lateral", seed=2, gamma=0.9, batch=0, greedy=False, layers=["x", 2]),
+        learned("a, lateral-best", "lateral-best", seed=3, gamma=0.8),
+        learned("b", "vertical", seed=None),
+    ]
+    rows = [RowOf("a", row()), RowOf("b", row(experiment="avoidance"))]
+    return Runs(trainings, rows)
+
+
+def test_figures_of_a_training_are_where_the_thick_line_ends(by_hand):
+    """A mean of the last three of five: success of 98, 99 and 100 %, instructions 102 to 100."""
+    trainings, *_ = comparison_tables(by_hand)
+    ends = ("2,000,000", "1 h 23 min", "99.0 %", "101.0")
+    assert trainings.rows == (
+        ("a", "lateral", "1", *ends),
+        ("a", "lateral", "2", *ends),
+        ("a", "lateral-best", "3", *ends),
+        ("b", "vertical", NOTHING, *ends),
+    )
+
+
+def test_every_row_stands_beside_its_run(by_hand):
+    _, rows, _ = comparison_tables(by_hand)
+    assert [line[:2] for line in rows.rows] == [
+        ("damped and stacked", "a"),
+        ("avoidance, stacked", "b"),
+    ]
+
+
+def test_settings_stand_by_curve_with_absent_ones_as_a_dash(by_hand):
+    *_, settings = comparison_tables(by_hand)
+    assert settings.header == ("setting", "a, lateral", "a, lateral-best")
+    assert settings.rows == (
+        ("gamma", "0.9", "0.8"),
+        ("batch", "0", NOTHING),
+        ("greedy", "false", NOTHING),
+        ("layers", "x, 2", NOTHING),
+    )
+    assert list(comparison_json(by_hand)["settings"]) == ["lateral", "vertical", "avoidance"]
+
+
+def test_a_family_has_its_own_trainings_rows_and_curves(by_hand, tmp_path, monkeypatch):
+    drawn = []
+
+    def draw(curves):
+        drawn.append({name: len(seeds) for name, seeds in curves.items()})
+        return Figure((1.0, 1.0))
+
+    monkeypatch.setattr(comparison, "overlaid_curves", draw)
+    write_comparison(by_hand, tmp_path / "page.html")
+    assert drawn == [{"a, lateral": 2, "a, lateral-best": 1}, {"b": 1}]
+    _, *sections = (tmp_path / "page.html").read_text().split("<h2>")
+    lateral, vertical, avoidance = (Page(section).text for section in sections)
+    for text, own, others in (
+        (lateral, ["damped and stacked", "lateral-best"], ["avoidance, stacked", "vertical"]),
+        (vertical, ["vertical"], ["damped and stacked", "lateral-best", "avoidance, stacked"]),
+        (avoidance, ["avoidance, stacked"], ["damped and stacked", "lateral-best", "vertical"]),
+    ):
+        assert all(name in text for name in own)
+        assert not any(name in text for name in others)
+
+
+def test_values_in_the_terminal_have_at_most_40_characters():
+    names = ["word " * 7 + "12345", "word " * 7 + "123456"]
+    runs = Runs([learned(name, text=name) for name in names], [])
+    _, settings = comparison_tables(runs)
+    assert settings.rows[0][1] == names[0]  # 40
+    assert settings.rows[0][2] == "word " * 6 + "word ..."

@@ -1,6 +1,7 @@
 """Bins of whole numbers, the paper's mean, common axes."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -70,3 +71,29 @@ def test_separations_end_where_the_values_do():
         axes = separations([Nearest("Stacked", np.array([4.0, 27.0]), 1, 5.0)]).axes[0]
     assert axes.get_xlim() == (0.0, 30.0)
     assert axes.get_xlabel() == "least separation in a scenario, NM"
+
+
+@pytest.mark.parametrize(("most", "width"), [(0, 1), (79, 1), (80, 2), (159, 2), (160, 3)])
+def test_bins_are_as_narrow_as_80_of_them_allow(most, width):
+    edges = bin_edges([Panel("", np.array([0, most], dtype=np.int32), None)])
+    assert edges[0] == -0.5
+    assert set(np.diff(edges)) == {width}
+    assert most < edges[-1] <= max(most, 4) + width + 0.5
+
+
+def test_what_is_far_apart_is_in_the_last_bar_which_says_so():
+    """Up to 60 NM in bars of 2.5; the axis is that of the row that comes farthest."""
+    panels = [
+        Nearest("near", np.array([3.0, 4.0, 8.0]), 2, 5.0),
+        Nearest("far", np.array([57.4, 57.6, 60.0, 90.0]), 0, 5.0),
+    ]
+    with house_style():
+        near, far = separations(panels).axes
+    assert near.get_xlim() == far.get_xlim() == (0.0, 60.0)
+    assert far.get_xlabel() == "least separation in a scenario, NM (the last bar: 57.5 and more)"
+    assert [bar.get_height() for bar in far.patches][-2:] == [1, 3]
+    assert near.get_title(loc="left") == "near: 2 of 3 below 5 NM"
+    with house_style():
+        (axes,) = separations([Nearest("", np.array([59.9]), 0, 3.5)]).axes
+    assert axes.get_xlabel() == "least separation in a scenario, NM"
+    assert axes.get_title(loc="left") == ": 0 of 1 below 3.5 NM"

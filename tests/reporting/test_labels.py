@@ -3,8 +3,19 @@
 from itertools import combinations
 
 import numpy as np
+import pytest
 
-from skystack.reporting.labels import Label, place_labels
+from skystack.reporting.labels import (
+    LEADER_FROM_PT,
+    PADDING_PT,
+    POINTS_PER_INCH,
+    Label,
+    _crossed,
+    _inside,
+    _offsets,
+    _overlapping,
+    place_labels,
+)
 from skystack.reporting.style import grid_of_axes, house_style, settle
 
 
@@ -40,3 +51,122 @@ def test_a_lonely_text_stands_close_to_its_point():
     (box,), _, (point,) = boxes_of([Label("EGL", (2.0, 3.0), "black")], np.array([[2.0, 3.0]]))
     gap = np.maximum(np.maximum(box.min - point, point - box.max), 0.0)
     assert 0.0 < np.hypot(*gap) < 12.0
+
+
+BOXES = np.array([[[0.0, 0.0], [2.0, 1.0]]])
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "overlaps"),
+    [
+        ((1.0, 0.5), (3.0, 2.0), True),
+        ((0.5, 0.2), (1.0, 0.8), True),  # inside
+        ((-1.0, -1.0), (3.0, 2.0), True),  # round it
+        ((-1.0, 0.4), (3.0, 0.6), True),  # across it
+        ((2.5, 0.0), (3.0, 1.0), False),
+        ((-2.0, 0.0), (-0.5, 1.0), False),
+        ((0.0, 1.5), (2.0, 2.0), False),
+        ((0.0, -2.0), (2.0, -0.5), False),
+        ((3.0, 3.0), (4.0, 4.0), False),
+    ],
+)
+def test_boxes_overlap_where_both_of_their_sides_do(low, high, overlaps):
+    other = np.array([[low, high]])
+    assert _overlapping(BOXES, other).tolist() == [[overlaps]]
+    assert _overlapping(other, BOXES).tolist() == [[overlaps]]
+
+
+def test_points_are_inside_within_both_sides():
+    points = np.array([[1.0, 0.5], [2.5, 0.5], [-0.5, 0.5], [1.0, 1.5], [1.0, -0.5], [5.0, 5.0]])
+    assert _inside(points, BOXES).tolist() == [[True, False, False, False, False, False]]
+
+
+def test_texts_between_a_point_and_a_place_are_counted():
+    """From the origin to the east past two boxes, past one, past none, and to the west."""
+    taken = np.array([[[2.0, -1.0], [4.0, 1.0]], [[6.0, -1.0], [8.0, 1.0]]])
+    centres = np.array([[10.0, 0.0], [5.0, 0.0], [0.0, 5.0], [-10.0, 0.0]])
+    assert _crossed(np.zeros(2), centres, taken).tolist() == [2.0, 1.0, 0.0, 0.0]
+    assert _crossed(np.zeros(2), centres, taken[:0]).tolist() == [0.0] * 4
+
+
+def test_places_keep_their_distance_all_round():
+    """The box, or the point beyond its side, is as far off as asked for, at each distance."""
+    half = np.array([20.0, 5.0])
+    offsets = _offsets(half, (5.0, 9.0)).reshape(2, -1, 2)
+    for distance, around in zip((5.0, 9.0), offsets, strict=True):
+        beyond = np.abs(around) - half
+        np.testing.assert_allclose(beyond.max(axis=1), distance)
+        assert np.all((around > 0.0).any(axis=0) & (around < 0.0).any(axis=0))
+        assert len(np.unique(np.round(around, 6), axis=0)) == len(around)
+
+
+def placed(labels, drawn, limits=((-10.0, 10.0), (-10.0, 10.0))):
+    """Where the middle of each text is off its point [pt], half its size, and the leaders."""
+    with house_style():
+        figure, (axes,) = grid_of_axes(1, 1, (5.0, 5.0))
+        axes.set(xlim=limits[0], ylim=limits[1])
+        settle(figure)
+        place_labels(axes, labels, np.array(drawn))
+        scale = POINTS_PER_INCH / figure.dpi
+        boxes = [
+            np.array(text.get_window_extent().get_points()) * scale
+            for text in axes.texts
+            if text.get_text()
+        ]
+        leaders = [text for text in axes.texts if not text.get_text()]
+        anchors = axes.transData.transform([label.point for label in labels]) * scale
+    middles = [box.mean(axis=0) - at for box, at in zip(boxes, anchors, strict=True)]
+    return middles, [np.ptp(box, axis=0) / 2.0 for box in boxes], leaders
+
+
+@pytest.mark.parametrize(("distance_pt", "has_line"), [(11.9, False), (12.1, True)])
+def test_a_text_farther_off_than_12_points_has_a_line_to_its_point(distance_pt, has_line):
+    """From the point to the nearest place of the box with its padding."""
+    assert LEADER_FROM_PT == 12.0
+    label = Label("EGL", (0.0, 0.0), "black", distances_pt=(distance_pt,))
+    (middle,), (half,), leaders = placed([label], [[9.0, 9.0]])
+    gap = np.maximum(np.abs(middle) - half - PADDING_PT, 0.0)
+    # Straight above, below or beside it: at a corner it would be farther.
+    assert sorted(gap) == pytest.approx([0.0, distance_pt], abs=0.3)
+    assert len(leaders) == has_line
+    for leader in leaders:
+        nearest = np.clip(0.0, middle - half - PADDING_PT, middle + half + PADDING_PT)
+        assert leader.get_position() == pytest.approx(nearest, abs=0.3)
+        assert leader.xy == (0.0, 0.0)
+
+
+def test_of_several_distances_the_nearest_is_taken():
+    label = Label("EGL", (0.0, 0.0), "black", distances_pt=(23.0, 5.0, 15.0))
+    (middle,), (half,), leaders = placed([label], [[9.0, 9.0]])
+    assert max(np.abs(middle) - half - PADDING_PT) == pytest.approx(5.0, abs=0.3)
+    assert leaders == []
+
+
+def test_a_text_goes_where_least_is_drawn():
+    """All round the point is full of points but on one side."""
+    angle = np.radians(np.arange(0.0, 360.0, 2.0))
+    open_towards = np.abs((np.degrees(angle) + 180.0) % 360.0 - 180.0) > 30.0
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)[open_towards]
+    drawn = np.concatenate([radius * circle for radius in np.linspace(0.3, 2.0, 18)])
+    (middle,), _, _ = placed([Label("A", (0.0, 0.0), "black", distances_pt=(5.0,))], drawn)
+    assert middle[0] > 2.0 * abs(middle[1])
+
+
+@pytest.mark.parametrize("corner", [(-10.0, -10.0), (-10.0, 10.0), (10.0, -10.0), (10.0, 10.0)])
+def test_a_text_at_any_corner_stays_inside(corner):
+    """Even where all of the inside is full: to stand outside costs more."""
+    grid = np.stack(np.meshgrid(*[np.linspace(-10.0, 10.0, 60)] * 2), axis=-1).reshape(-1, 2)
+    (middle,), _, _ = placed([Label("EGL", corner, "black")], grid)
+    assert np.all(middle * np.sign(corner) < 0.0)
+
+
+def test_the_first_chooses_first_and_no_line_crosses_a_text():
+    """Of three texts at one point the last has to stand off, on a side of its own."""
+    labels = [Label("0000", (0.0, 0.0), "black", distances_pt=(5.0,)) for _ in range(2)]
+    labels.append(Label("1111", (0.0, 0.0), "black", distances_pt=(40.0,)))
+    (first, second, third), halves, _ = placed(labels, [[9.0, 9.0]])
+    alone = placed(labels[:1], [[9.0, 9.0]])[0][0]
+    np.testing.assert_allclose(first, alone)
+    for share in np.linspace(0.0, 1.0, 50):
+        for middle, half in ((first, halves[0]), (second, halves[1])):
+            assert np.any(np.abs(share * third - middle) > half)

@@ -1,20 +1,24 @@
 """Reading `results.json`, `bound.json` and `metrics.jsonl`."""
 
 import json
+from pathlib import Path
 
 import pytest
 
 from skystack.errors import InputError
-from skystack.reporting.results import READABLE_NAMES, Run, read_run
+from skystack.reporting.results import (
+    READABLE_NAMES,
+    Bound,
+    Run,
+    family_of,
+    in_order,
+    read_run,
+)
+from tests.reporting.rows import results, row, training
 
 
 def change(path, **values):
     path.write_text(json.dumps(json.loads(path.read_text()) | values))
-
-
-def test_rows_come_in_the_order_of_the_paper_whatever_the_file_says(reported):
-    names = [row.name for row in read_run(reported).results.rows]
-    assert names == ["undamped", "damped", "damped and stacked", "do nothing"]
 
 
 def test_unknown_experiments_follow_by_name(run):
@@ -26,18 +30,108 @@ def test_unknown_experiments_follow_by_name(run):
     assert names[2:] == ["antelope, stacked", "zebra, stacked"]
 
 
-def test_first_seed_is_the_lowest_of_the_same_row(reported):
-    whole = read_run(reported)
-    row = whole.results.rows[1]
-    assert whole.first_seed(row) == 0
-    later = [one for one in whole.results.rows_by_seed if one.seed == 1]
-    changed = Run(whole.folder, whole.results.__class__(**vars_of(whole, later)), None)
-    assert changed.evaluation(row).name == "lateral-s1-skystack-plain"
+def test_the_first_seed_is_the_lowest_of_the_very_row():
+    """Not of the other way, nor of another simulator; 0 where no training is behind it."""
+    several = [
+        row(seed=7),
+        row(seed=5),
+        row(seed=4, stacking=False),
+        row(seed=3, platform="bluebird"),
+        row(seed=2, experiment="vertical"),
+        row(seed=None),
+    ]
+    run = Run(Path("folder"), results(rows_by_seed=several), None)
+    wanted = (several[0], several[2], several[3], row(experiment="do-nothing"))
+    found = [run.evaluation(one).relative_to("folder/evaluation") for one in wanted]
+    assert [folder.name for folder in found] == [
+        "lateral-s5-skystack-stacked",
+        "lateral-s4-skystack-plain",
+        "lateral-s3-bluebird-stacked",
+        "do-nothing-s0-skystack-stacked",
+    ]
 
 
-def vars_of(whole, rows_by_seed):
-    fields = {name: getattr(whole.results, name) for name in whole.results.__struct_fields__}
-    return fields | {"rows_by_seed": rows_by_seed}
+def test_a_row_is_found_by_experiment_and_way():
+    both = [row(), row(stacking=False), row(experiment="vertical", stacking=False)]
+    run = results(rows=both)
+    assert run.row("lateral", True) is both[0]
+    assert run.row("lateral", False) is both[1]
+    assert run.row("vertical", True) is None
+
+
+@pytest.mark.parametrize(
+    ("experiment", "family"),
+    [
+        ("lateral", "lateral"),
+        ("vertical-mine", "vertical"),
+        ("avoidance-large", "avoidance"),
+        ("do-nothing", "lateral"),
+        ("my-vertical", "lateral"),
+        ("verticals", "lateral"),
+    ],
+)
+def test_a_family_is_the_first_word_or_the_first_family(experiment, family):
+    assert row(experiment=experiment).family == family_of(experiment) == family
+
+
+def test_families_hold_their_rows_in_order_and_their_trained_experiments():
+    names = ["avoidance", "vertical", "do-nothing", "lateral-large", "lateral"]
+    rows = [row(experiment=name) for name in names]
+    trained = [training(name) for name in ("zebra", "avoidance", "lateral-large", "lateral")]
+    run = results(rows=rows, train=trained)
+    assert {
+        family: [one.experiment for one in group] for family, group in run.families.items()
+    } == {
+        "lateral": ["do-nothing", "lateral-large", "lateral"],
+        "vertical": ["vertical"],
+        "avoidance": ["avoidance"],
+    }
+    assert list(run.families) == ["lateral", "vertical", "avoidance"]
+    assert list(results(rows=rows[:1]).families) == ["avoidance"]
+    assert run.experiments == ["lateral", "lateral-large", "avoidance", "zebra"]
+    assert run.experiments_of("lateral") == ["lateral", "lateral-large"]
+    assert run.experiments_of("vertical") == []
+    assert results().experiments_of("vertical") == []
+
+
+def test_names_of_a_row():
+    own, other = row(), row(stacking=False, platform="bluesky", experiment="mine")
+    assert (own.policy, own.name, own.title, own.slug) == (
+        "damped and stacked",
+        "damped and stacked",
+        "Damped and stacked",
+        "lateral-stacked",
+    )
+    assert (other.policy, other.name, other.title, other.slug) == (
+        "mine, plain",
+        "mine, plain (bluesky)",
+        "Mine, plain (bluesky)",
+        "mine-bluesky-plain",
+    )
+
+
+def test_the_bound_is_known_of_lateral_navigation_only():
+    bound = Bound(1.6, 100)
+    run = Run(Path(), results(), bound)
+    assert run.bound_of("lateral") is bound
+    assert run.bound_of("vertical") is run.bound_of("avoidance") is None
+
+
+def test_rows_are_sorted_by_policy_then_simulator_then_name():
+    wanted = [
+        row(experiment="lateral", stacking=False),
+        row(),
+        row(platform="bluebird"),
+        row(platform="bluesky"),
+        row(platform="another"),
+        row(platform="other"),
+        row(experiment="vertical", stacking=False),
+        row(experiment="antelope", stacking=False),
+        row(experiment="antelope", stacking=False, platform="bluebird"),
+        row(experiment="antelope"),
+        row(experiment="zebra", stacking=False),
+    ]
+    assert in_order(wanted[::-1]) == wanted
 
 
 def test_readable_names_are_distinct():
@@ -72,6 +166,54 @@ def test_missing_and_damaged_files_are_named_in_one_line(run, name, content):
     assert "\n" not in str(error.value)
 
 
+def test_a_damaged_line_is_named_by_its_number(run):
+    path = run / "train" / "lateral-s0" / "metrics.jsonl"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:2], "{", *lines[2:]]))
+    whole = read_run(run)
+    with pytest.raises(InputError, match=r"metrics\.jsonl: line 3: damaged"):
+        whole.updates(whole.results.train[0])
+
+
+def test_everything_is_sorted_as_it_is_read(run):
+    """Rows, also those of simulators and of seeds, and trainings."""
+    stored = json.loads((run / "results.json").read_text())
+    one, train = stored["rows"][0], stored["train"][0]
+    ways = [one | {"stacking": way, "platform": on} for way in (True, False) for on in SIMULATORS]
+    seeds = [one | {"stacking": way, "seed": seed} for seed in (10, 2) for way in (True, False)]
+    trained = [train | {"experiment": name, "seed": seed} for seed in (10, 2) for name in TRAINED]
+    nobody = one | {"experiment": "do-nothing", "stacking": False}
+    rows = [nobody, one, one | {"experiment": "lateral-undamped", "stacking": False}]
+    change(run / "results.json", rows=rows, platforms=ways[::-1], rows_by_seed=seeds, train=trained)
+    found = read_run(run).results
+    assert [each.name for each in found.rows] == ["undamped", "damped and stacked", "do nothing"]
+    assert [(each.stacking, each.platform) for each in found.platforms] == [
+        (False, "skystack"),
+        (False, "bluebird"),
+        (False, "bluesky"),
+        (True, "skystack"),
+        (True, "bluebird"),
+        (True, "bluesky"),
+    ]
+    assert [(each.stacking, each.seed) for each in found.rows_by_seed] == [
+        (False, 2),
+        (False, 10),
+        (True, 2),
+        (True, 10),
+    ]
+    assert [(each.experiment, each.seed) for each in found.train] == [
+        ("lateral", 2),
+        ("lateral", 10),
+        ("vertical", 2),
+        ("vertical", 10),
+        ("mine", 2),
+        ("mine", 10),
+    ]
+
+
+SIMULATORS, TRAINED = ("skystack", "bluebird", "bluesky"), ("mine", "vertical", "lateral")
+
+
 @pytest.mark.parametrize("name", ["../elsewhere", "a/b", "..", "", "a\n", ".hidden"])
 def test_a_name_cannot_lead_out_of_the_folder(run, name):
     row = json.loads((run / "results.json").read_text())["rows"][0]
@@ -80,11 +222,14 @@ def test_a_name_cannot_lead_out_of_the_folder(run, name):
         read_run(run)
 
 
-@pytest.mark.parametrize("table", ["rows", "rows_by_seed", "train"])
+@pytest.mark.parametrize("table", ["rows", "rows_by_seed", "train", "platforms"])
 def test_what_stands_twice_is_refused(table, run):
     path = run / "results.json"
-    results = json.loads(path.read_text())
-    results[table].append(results[table][0])
-    path.write_text(json.dumps(results))
+    stored = json.loads(path.read_text())
+    stored["platforms"] = [stored["rows"][0] | {"platform": name} for name in SIMULATORS]
+    path.write_text(json.dumps(stored))
+    read_run(run)  # in several simulators it is not twice
+    stored[table].insert(1, stored[table][0])
+    path.write_text(json.dumps(stored))
     with pytest.raises(InputError, match=rf"{table}: .* stands in it twice \(allowed: once\)"):
         read_run(run)

@@ -11,16 +11,13 @@ from skystack.reporting.results import (
     Bound,
     Comparison,
     Difference,
-    Paper,
-    Results,
-    Row,
     RowName,
     Statistics,
-    Training,
     in_order,
 )
 from skystack.reporting.tables import (
     NOTHING,
+    Table,
     by_seed,
     comparison,
     comparison_of,
@@ -28,31 +25,10 @@ from skystack.reporting.tables import (
     duration,
     estimates,
     platforms,
+    seeds_side_by_side,
     trainings,
 )
-
-
-def row(**changes):
-    values = {"experiment": "lateral", "platform": "skystack", "stacking": True, "seeds": 3}
-    values |= {"episodes": 3000, "clearances_mean": 7.16, "clearances_std": 3.45}
-    values |= {"instructions_mean": 14.5, "success_rate": 0.9876, "correct_exit_rate": 1.0}
-    values |= {"excursion_rate": 0.0124, "few_clearances_rate": None}
-    values |= {"loss_of_separation_count": 2, "paper": Paper(7.2, 3.5)}
-    return Row(**(values | changes))
-
-
-def results(seeds=()):
-    train = [Training("lateral", 0, 2_007_040, 62.0, 32371.6)]
-    return Results(
-        rows=[],
-        rows_by_seed=list(seeds),
-        train=train,
-        wall_s=1.0,
-        machine="",
-        version="",
-        command="",
-        quick=False,
-    )
+from tests.reporting.rows import results, row, training
 
 
 def test_a_row_beside_the_paper():
@@ -85,15 +61,48 @@ def test_the_bound_is_the_last_line():
 
 
 def test_seeds_have_lines_of_their_own():
-    table = by_seed(results([row(seed=0, seeds=1), row(seed=1, seeds=1)]))
+    several = [row(seed=seed, seeds=1) for seed in (0, 1, None)]
+    table = by_seed(results(rows_by_seed=several))
     assert [cells[:2] for cells in table.rows] == [
         ("damped and stacked", "0"),
         ("damped and stacked", "1"),
+        ("damped and stacked", NOTHING),
     ]
 
 
+def test_seeds_stand_side_by_side_in_the_order_of_their_numbers():
+    """A row's own, and only those: not of other ways, nor of the same way in another order."""
+    several = [
+        row(seed=10, clearances_mean=7.0, success_rate=0.9),
+        row(seed=2, clearances_mean=8.0, success_rate=0.8),
+        row(seed=2, stacking=False, clearances_mean=14.0, success_rate=0.7),
+        row(seed=3, experiment="vertical", clearances_mean=1.0, success_rate=1.0),
+        row(seed=None, experiment="do-nothing", stacking=False, clearances_mean=0.0),
+    ]
+    table = seeds_side_by_side(
+        results(rows_by_seed=several), [row(), row(stacking=False), row(experiment="vertical")]
+    )
+    assert table.header == ("clearances, success", "seed 2", "seed 3", "seed 10")
+    assert table.rows == (
+        ("damped and stacked", "8.0, 80.0 %", NOTHING, "7.0, 90.0 %"),
+        ("damped", "14.0, 70.0 %", NOTHING, NOTHING),
+        ("vertical, stacked", NOTHING, "1.0, 100.0 %", NOTHING),
+    )
+
+
+def test_every_column_has_its_own_value():
+    rates = {"success_rate": 0.1, "correct_exit_rate": 0.2, "excursion_rate": 0.3}
+    counts = {"clearances_mean": 5.0, "clearances_std": None, "instructions_mean": 6.0}
+    one = row(**rates, **counts, few_clearances_rate=0.4, loss_of_separation_count=7, seeds=8)
+    measured = ("5.0", "6.0", "10.0 %", "20.0 %", "30.0 %", "40.0 %", "7 of 3000")
+    assert comparison([one]).rows[0][2:] == (*measured, "8")
+    assert by_seed(results(rows_by_seed=[one])).rows[0][2:] == measured
+
+
 def test_trainings():
-    assert trainings(results()).rows == (("lateral", "0", "2,007,040", "1 min 02 s", "32,372"),)
+    assert trainings(results(train=[training("lateral")])).rows == (
+        ("lateral", "0", "2,007,040", "1 min 02 s", "32,372"),
+    )
 
 
 def test_markdown_is_aligned():
@@ -110,6 +119,15 @@ def test_names_are_taken_literally():
     console = Console(file=io.StringIO(), width=200)
     console.print(table.as_rich())
     assert "[red]a|b, stacked" in console.file.getvalue()
+
+
+def test_a_table_is_folded_only_where_it_must_be():
+    """Names 4 wide, a gap of 3 behind each column: 7 + 8 + 8 are 23 characters."""
+    table = Table(("name", "first", "other"), (("abcd", "11111", "22222"),))
+    for width, parts in ((23, 1), (22, 2), (15, 2), (14, 2)):
+        written = io.StringIO()
+        Console(file=written, width=width).print(table.as_rich())
+        assert written.getvalue().count("abcd") == parts, width
 
 
 def test_the_terminal_shows_every_cell():
@@ -138,7 +156,16 @@ def test_a_narrow_terminal_folds_the_table_and_cuts_nothing(width):
 
 @pytest.mark.parametrize(
     ("seconds", "text"),
-    [(0.2, "0 s"), (59.6, "1 min 00 s"), (185, "3 min 05 s"), (3599.9, "1 h 00 min")],
+    [
+        (0.2, "0 s"),
+        (59.4, "59 s"),
+        (59.6, "1 min 00 s"),
+        (185, "3 min 05 s"),
+        (3599.4, "59 min 59 s"),
+        (3599.9, "1 h 00 min"),
+        (7500, "2 h 05 min"),
+        (90_000, "25 h 00 min"),
+    ],
 )
 def test_durations(seconds, text):
     assert duration(seconds) == text
@@ -177,18 +204,11 @@ def test_estimates_and_comparisons_carry_their_intervals():
     less = Difference(Estimate(-2.0, -3.0, -1.0), Estimate(0.8, 0.6, 1.0))
     lower = Difference(Estimate(-0.02, -0.03, 0.01), Estimate(0.9, 0.7, 1.0))
     names = RowName("lateral", True), RowName("lateral-large", False)
-    results = Results(
+    both = results(
         rows=[row_with_statistics("lateral", True), row_with_statistics("lateral-large", False)],
-        rows_by_seed=[],
-        train=[],
-        wall_s=1.0,
-        machine="",
-        version="",
-        command="",
-        quick=False,
         comparisons=[Comparison(*names, {"clearances": less, "success": lower})],
     )
-    assert comparisons(results).rows == (
+    assert comparisons(both).rows == (
         (
             "damped and stacked against 37 actions",
             "-2.0 [-3.0, -1.0]",
@@ -197,7 +217,7 @@ def test_estimates_and_comparisons_carry_their_intervals():
             "10 % [0, 30]",
         ),
     )
-    assert estimates(results.rows).rows[0] == (
+    assert estimates(both.rows).rows[0] == (
         "damped and stacked",
         "7.2 [6.9, 7.5]",
         "7.1 [7.0, 7.3]",

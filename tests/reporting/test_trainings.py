@@ -3,10 +3,12 @@
 import json
 
 import pytest
+from msgspec import to_builtins
 
 from skystack.errors import InputError
 from skystack.learning.experiment import load_experiment, to_toml
 from skystack.reporting.trainings import differences, read_runs, short_names
+from tests.reporting.rows import results, row, training
 
 LINES = [
     {"update": n, "steps": 256 * n, "wall_s": 2.0 * n, "return": -1.0, "success": 0.75}
@@ -41,9 +43,9 @@ def test_a_training_is_summed_up(tmp_path):
     assert (second.experiment, second.seed) == ("lateral", None)
 
 
-def test_a_reproduction_is_its_trainings_and_rows(reported, tmp_path):
+def test_a_reproduction_is_its_trainings_and_rows(written, tmp_path):
     alone = write_training(tmp_path / "alone")
-    runs = read_runs([reported, alone])
+    runs = read_runs([written, alone])
     found = [(each.run, each.experiment, each.seed) for each in runs.trainings]
     assert found == [
         ("run", experiment, seed)
@@ -60,6 +62,31 @@ def test_a_reproduction_is_its_trainings_and_rows(reported, tmp_path):
         "damped",
         "damped and stacked",
         "do nothing",
+    ]
+
+
+def test_equal_rows_of_several_runs_stand_together(tmp_path):
+    """In the order of the tables, and in that of the folders among equals; seeds as in the run,
+    also where a policy file says something else; one experiment needs no name of its own."""
+    folders = []
+    for name, seed in (("b", 4), ("a", 5)):
+        folder = tmp_path / name
+        rows = [to_builtins(row(stacking=way)) for way in (True, False)]
+        stored = to_builtins(results()) | {"rows": rows}
+        stored["train"] = [to_builtins(training("lateral", seed))]
+        write_training(folder / "train" / f"lateral-s{seed}", seed=9)
+        (folder / "results.json").write_text(json.dumps(stored))
+        folders.append(folder)
+    runs = read_runs(folders)
+    assert [(each.run, each.row.stacking) for each in runs.rows] == [
+        ("b", False),
+        ("a", False),
+        ("b", True),
+        ("a", True),
+    ]
+    assert [(each.curve, each.run, each.seed) for each in runs.trainings] == [
+        ("b", "b", 4),
+        ("a", "a", 5),
     ]
 
 
@@ -81,7 +108,11 @@ def test_settings_that_differ_are_told_by_key(tmp_path):
     gamma, steps = found.pop("ppo.gamma"), found.pop("pretraining.steps")
     assert (gamma, steps) == ({"a": 0.99, "b": 0.9}, {"a": None, "b": 512})
     assert all(key.startswith("pretraining.reward.") for key in found)
-    assert differences({"a": settings["a"], "c": settings["a"] | {"name": "other"}}) == {}
+    renamed = settings["a"] | {"name": "other", "description": "..."}
+    assert differences({"a": settings["a"], "c": renamed}) == {}
+    assert differences({"a": {"x": 1}, "b": {"x": 1}, "c": {"x": 2}}) == {
+        "x": {"a": 1, "b": 1, "c": 2}
+    }
 
 
 @pytest.mark.parametrize(

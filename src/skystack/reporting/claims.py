@@ -14,15 +14,15 @@ from scipy.stats import ttest_ind_from_stats
 from skystack.evaluation.paper import PAPER, SCENARIOS
 from skystack.evaluation.statistics import Estimate
 from skystack.evaluation.stored import read_table
-from skystack.reporting.learning_curves import running_mean
-from skystack.reporting.results import Row, Run, Update
+from skystack.reporting.learning_curves import LEARNED, at_the_end, steps_until
+from skystack.reporting.results import Row, RowName, Run, Update
 from skystack.reporting.tables import Table, interval, percent_interval
 
 REPRODUCED, CHANGED, MISSED = "reproduced", "reproduced with a change", "not reproduced"
-CONVERGED = 0.8
-"""Success in training at which a policy counts as having learned."""
 EQUAL = 0.01
 """Rates that differ by no more are called equal."""
+ROUNDING = 1e-9
+"""Figures that differ by no more are the same one: 0.99 - 0.98 is more than 0.01 in binary."""
 CLIMB_FL = 150
 """The paper's example: fifteen instructions of ten levels."""
 
@@ -75,7 +75,10 @@ def _count(
     """The mean lies within the paper's standard deviation of the paper's mean."""
     mean, spread = PAPER[experiment, stacking]
     found = [
-        Found(abs(row.clearances_mean - mean) <= spread, f"{_named(row)} {_shown(row)}")
+        Found(
+            _within(row.clearances_mean, mean - spread, mean + spread),
+            f"{_named(row)} {_shown(row)}",
+        )
         for row in _variants(run, experiment, stacking)
         if row.clearances_mean is not None
     ]
@@ -87,11 +90,8 @@ def _damping(run: Run) -> Iterator[Claim]:
     undamped = run.results.row("lateral-undamped", False)
     if undamped is None:
         return
-    cuts = [
-        (row, 1.0 - _value(row, "instructions") / _value(undamped, "instructions"))
-        for row in _variants(run, "lateral", False)
-    ]
-    found = [Found(0.82 <= cut <= 0.92, f"{_named(row)} {_rate(cut)}") for row, cut in cuts]
+    cuts = [(row, _cut(undamped, row, "instructions")) for row in _variants(run, "lateral", False)]
+    found = [Found(_within(cut, 0.82, 0.92), f"{_named(row)} {_rate(cut)}") for row, cut in cuts]
     words = "damping cuts instructions by about 87 %"
     yield from _claim("lateral", words, "113.0 to 14.5", "82 to 92 %", found)
 
@@ -99,17 +99,17 @@ def _damping(run: Run) -> Iterator[Claim]:
 def _stacking(run: Run) -> Iterator[Claim]:
     found = []
     for plain, stacked in _plain_and_stacked(run, "lateral"):
-        cut = 1.0 - _value(stacked, "clearances") / _value(plain, "clearances")
+        cut = _cut(plain, stacked, "clearances")
         gained = _value(stacked, "success") - _value(plain, "success")
         figures = f"{_named(stacked)} {_rate(cut)}, success {100.0 * gained:+.1f} points"
-        found.append(Found(cut >= 0.4 and gained >= -EQUAL, figures))
+        found.append(Found(not _below(cut, 0.4) and not _below(gained, -EQUAL), figures))
     words = "stacking about halves them again at equal success"
     yield from _claim("lateral", words, "14.5 to 7.2", "by 40 % or more, no less success", found)
     found = []
     for plain, stacked in _plain_and_stacked(run, "lateral-undamped"):
-        cut = 1.0 - _value(stacked, "clearances") / _value(plain, "clearances")
+        cut = _cut(plain, stacked, "clearances")
         figures = f"{_shown(plain)} to {_shown(stacked)}: {_rate(cut)}"
-        found.append(Found(cut < 0.2, figures))
+        found.append(Found(_below(cut, 0.2), figures))
     words = "undamped behaviour cannot be stacked"
     yield from _claim("lateral", words, NO_FIGURE, "stacking takes less than 20 %", found)
 
@@ -120,11 +120,11 @@ def _large(run: Run) -> Iterator[Claim]:
         return
     found = []
     for row in _variants(run, "lateral", True):
-        fewer = _value(row, "clearances") <= _value(large, "clearances")
-        better = _value(row, "success") >= _value(large, "success") - EQUAL
+        more = _below(_value(large, "clearances"), _value(row, "clearances"))
+        worse = _below(_value(row, "success"), _value(large, "success") - EQUAL)
         rates = f"success {_value(row, 'success'):.3f} against {_value(large, 'success'):.3f}"
         counts = f"{_named(row)} {_shown(row)} against {_shown(large)}"
-        found.append(Found(fewer and better, f"{counts}, {rates}"))
+        found.append(Found(not more and not worse, f"{counts}, {rates}"))
     words = "five stacked actions do as well as 37"
     asked = "no more clearances, no less success"
     yield from _claim("lateral", words, "7.2 against 6.3", asked, found)
@@ -156,23 +156,25 @@ def _learning(run: Run) -> Iterator[Claim]:
     small, large = _curves(run, "lateral"), _curves(run, "lateral-large")
     if not small or not large:
         return
-    steps = [median(_converged(updates) for updates in seeds) for seeds in (small, large)]
+    steps = [median(map(_converged, seeds)) for seeds in (small, large)]
     yield from _claim(
         "lateral",
         "the small action space converges faster",
         "sooner and more reliably",
-        f"{_rate(CONVERGED)} success after fewer steps, median of seeds",
+        f"{_rate(LEARNED)} success after fewer steps, median of seeds",
         [Found(steps[0] < steps[1], " against ".join(map(_million, steps)))],
     )
-    ends = [_end(updates) for updates in large]
-    exits, bounds, few = (float(np.mean([end[k] for end in ends])) for k in range(3))
+    fields = ("correct_exit", "excursion", "few_instructions")
+    exits, bounds, few = (_end(large, field) for field in fields)
+    if exits is None or bounds is None or few is None:
+        return
     figures = f"at the end: exit {_rate(exits)}, bounds {_rate(bounds)}, count {_rate(few)}"
     yield from _claim(
         "lateral",
         "the count criterion is what lowers the large policy's success",
         NO_FIGURE,
         "the count is met less often than exit and bounds",
-        [Found(few < min(exits, bounds) - EQUAL, figures)],
+        [Found(_below(few, min(exits, bounds) - EQUAL), figures)],
     )
 
 
@@ -197,7 +199,8 @@ def _avoidance(run: Run) -> Iterator[Claim]:
     rows = _variants(run, "avoidance", True)
     lost = [(row, row.statistics["loss_of_separation"].mean) for row in rows]
     found = [
-        Found(rate.value <= 0.01, f"{_named(row)} {percent_interval(rate)}") for row, rate in lost
+        Found(not _below(0.01, rate.value), f"{_named(row)} {percent_interval(rate)}")
+        for row, rate in lost
     ]
     words = "separation is lost in 1 scenario of 100"
     yield from _claim("avoidance", words, "1 %", "1 % or less", found)
@@ -207,7 +210,7 @@ def _avoidance(run: Run) -> Iterator[Claim]:
     theirs = large.statistics["loss_of_separation"].mean
     found = [
         Found(
-            rate.value < theirs.value,
+            _below(rate.value, theirs.value),
             f"{_named(row)} {percent_interval(rate)} against {percent_interval(theirs)}",
         )
         for row, rate in lost
@@ -216,7 +219,7 @@ def _avoidance(run: Run) -> Iterator[Claim]:
     yield from _claim("avoidance", words, "1 against 9 of 100", "a lower mean", found)
     found = [
         Found(
-            _value(row, "clearances") < _value(large, "clearances"),
+            _below(_value(row, "clearances"), _value(large, "clearances")),
             f"{_named(row)} {_shown(row)} against {_shown(large)}",
         )
         for row in rows
@@ -252,8 +255,24 @@ def _plain_and_stacked(run: Run, experiment: str) -> list[tuple[Row, Row]]:
     return [(row, stacked) for row, stacked in both if stacked is not None]
 
 
+def _below(value: float, other: float) -> bool:
+    """Less by more than rounding."""
+    return value < other - ROUNDING
+
+
+def _within(value: float, low: float, high: float) -> bool:
+    """Both ends belong to it."""
+    return not _below(value, low) and not _below(high, value)
+
+
 def _value(row: Row, measure: str) -> float:
     return row.statistics[measure].mean.value
+
+
+def _cut(before: Row, after: Row, measure: str) -> float:
+    """The part of a count that is gone; none where there was nothing."""
+    count = _value(before, measure)
+    return 1.0 - _value(after, measure) / count if count else 0.0
 
 
 def _named(row: Row) -> str:
@@ -267,8 +286,9 @@ def _shown(row: Row) -> str:
 
 def _difference(run: Run, row: Row, other: str) -> Estimate | None:
     """Of clearances, stacked against the other's unstacked ones."""
+    wanted = RowName(row.experiment, True), RowName(other, False)
     for each in run.results.comparisons:
-        if (each.first.experiment, each.second.experiment) == (row.experiment, other):
+        if (each.first, each.second) == wanted:
             return each.measures["clearances"].difference
     return None
 
@@ -280,24 +300,15 @@ def _curves(run: Run, experiment: str) -> list[list[Update]]:
 
 
 def _converged(updates: Sequence[Update]) -> float:
-    """Steps until the running success is there; infinite if it never is."""
-    success = _smooth(updates, "success")
-    there = np.flatnonzero(success >= CONVERGED)
-    return float(updates[there[0]].steps) if len(there) else np.inf
+    """Steps until the policy has learned its task; infinite if it never has."""
+    steps = steps_until(LEARNED, [updates])
+    return np.inf if steps is None else steps
 
 
-def _smooth(updates: Sequence[Update], field: str) -> np.ndarray:
-    values = np.array([getattr(update, field) for update in updates], dtype=float)
-    return running_mean(values, np.array([update.episodes for update in updates]))
-
-
-def _end(updates: Sequence[Update]) -> tuple[float, float, float]:
-    """Exit, bounds and count at the end of a training."""
-    exits, strays, few = (
-        float(_smooth(updates, field)[-1])
-        for field in ("correct_exit", "excursion", "few_instructions")
-    )
-    return exits, 1.0 - strays, few
+def _end(seeds: Sequence[Sequence[Update]], field: str) -> float | None:
+    """A rate at the end of training, mean over seeds; excursion as its absence. None: not known."""
+    known = [end for end in (at_the_end(updates, field) for updates in seeds) if end is not None]
+    return float(np.mean(known)) if known else None
 
 
 def _rate(value: float) -> str:

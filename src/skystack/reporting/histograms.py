@@ -77,7 +77,7 @@ def separations(panels: Sequence[Nearest]) -> Figure:
         place.grid(axis="y", color=FAINT, linewidth=0.5)
         place.set_axisbelow(True)
     figure.supylabel("scenarios", color=MUTED, fontsize=8.5)
-    beyond = f" (the last bar: {edges[-2]:.0f} and more)" if farthest > most else ""
+    beyond = f" (the last bar: {edges[-2]:g} and more)" if farthest > most else ""
     axes[-1].set_xlabel(f"least separation in a scenario, NM{beyond}")
     axes[-1].set_xlim(edges[0], edges[-1])
     return figure
