@@ -18,9 +18,14 @@ class InputError(ValueError):
         shown = str(message)  # Gymnasium's workers hand over the error itself as its message
         if len(shown) > LONGEST_LINE:
             shown = f"{shown[:LONGEST_LINE]}..."
-        if not shown.isprintable():
-            shown = "".join(each if each.isprintable() else ascii(each)[1:-1] for each in shown)
-        super().__init__(shown)
+        super().__init__(printable(shown))
+
+
+def printable(text: str) -> str:
+    """The text with all that a terminal would not show, or would obey, as escapes."""
+    if text.isprintable():
+        return text
+    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
 
 
 LONGEST_NAME, MOST_NAMES = 200, 2000

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from rich.table import Table
 
 from skystack.errors import InputError, PlatformError
 from skystack.evaluation.followed import STATUS, follow
@@ -25,6 +24,7 @@ from skystack.platforms.registry import (
     notes_of,
     open_platform,
 )
+from skystack.reporting.tables import Table
 from skystack.simulator.scenario_file import Scenario, load_scenario
 
 
@@ -122,15 +122,18 @@ def losses_line(summary: dict[str, Any]) -> str:
     return f"losses of separation: {count or 'none'} (least distance {least_nm:.2f} NM)"
 
 
+def headline(summary: dict[str, Any]) -> str:
+    """What was flown, in a line."""
+    return f"{summary['scenario']}: {summary['rows']} rows, {summary['final'][0]['time_s']} s"
+
+
 def summary_table(summary: dict[str, Any]) -> Table:
-    """Where the aircraft ended, for a terminal."""
-    final = summary["final"]
-    table = Table(title=f"{summary['scenario']}: {summary['rows']} rows, {final[0]['time_s']} s")
-    for name in _SHOWN:
-        table.add_column(name.replace("_", "\n"), justify="left" if name == "callsign" else "right")
-    for row in final:
-        table.add_row(*(f"{row[name]:{how}}" for name, how in _SHOWN.items()))
-    return table
+    """Where the aircraft ended."""
+    header = tuple(name.replace("_", " ") for name in _SHOWN)
+    lines = (
+        tuple(f"{row[name]:{how}}" for name, how in _SHOWN.items()) for row in summary["final"]
+    )
+    return Table(header, tuple(lines))
 
 
 _SHOWN = {

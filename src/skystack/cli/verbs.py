@@ -282,7 +282,7 @@ def _picture(options: argparse.Namespace, runs: list[Path]) -> int:
 
 def simulate(options: argparse.Namespace) -> int:
     from skystack.console import output
-    from skystack.simulate import losses_line, simulate_file, summary_table
+    from skystack.simulate import headline, losses_line, simulate_file, summary_table
 
     summary = simulate_file(options.scenario, options.output, options.platform, options.time_limit)
     for line in summary["notes"]:
@@ -290,7 +290,8 @@ def simulate(options: argparse.Namespace) -> int:
     if options.json:
         print_json(summary)
     else:
-        output().print(summary_table(summary))
+        print_line(headline(summary))
+        output().print(summary_table(summary).as_rich())
         for said in summary["clearances"]:
             print_line(f"{said['cycle'] * 6:6d} s  {said['text']}")
         print_line(losses_line(summary))
