@@ -1,5 +1,7 @@
 """Tables from strangers: a few bytes may say that they are gigabytes."""
 
+import os
+
 import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -111,3 +113,13 @@ def test_a_text_that_is_a_structure_is_refused(tmp_path):
     path = written(tmp_path, callsign=pa.array([{"inner": "AC1"}]))
     with pytest.raises(InputError, match="damaged: cannot be read as a Parquet table"):
         read_table(path, ("callsign",))
+
+
+def test_a_folder_whose_name_is_no_utf_8(tmp_path):
+    folder = tmp_path / os.fsdecode(b"\xff")
+    folder.mkdir()
+    write_table(folder / "t.parquet", pa.table({"scenario": [1]}), x_plus(), "table")
+    assert read_table(folder / "t.parquet", ("scenario",)).to_pylist() == [{"scenario": 1}]
+    assert stored.has_column(folder / "t.parquet", "scenario")
+    with pytest.raises(InputError, match=r"\\udcff/none.parquet: missing"):
+        read_table(folder / "none.parquet", ("scenario",))
