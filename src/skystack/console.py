@@ -35,13 +35,15 @@ class PlainConsole(Console):
 
 def output() -> Console:
     """For results. Wide enough for the tables when it is no terminal."""
-    console = PlainConsole(file=Results())
-    return console if console.is_terminal else PlainConsole(file=Results(), width=160)
+    file: Any = Results()
+    console = PlainConsole(file=file)
+    return console if console.is_terminal else PlainConsole(file=file, width=160)
 
 
 def prose() -> Console:
     """For everything else."""
-    return PlainConsole(file=Prose())
+    file: Any = Prose()
+    return PlainConsole(file=file)
 
 
 class _Description(ProgressColumn):

@@ -1,7 +1,6 @@
 """The verb `simulate`: fly a scenario file on a platform and keep the trajectories."""
 
 import math
-import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -13,7 +12,7 @@ import pyarrow as pa
 from skystack.errors import InputError, PlatformError
 from skystack.evaluation.followed import STATUS, follow
 from skystack.evaluation.stored import write_table
-from skystack.files import check_folder_of
+from skystack.files import check_folder_of, scratch_folder
 from skystack.platforms.flight import Flight, flight_rows, fly_scenario
 from skystack.platforms.phraseology import written
 from skystack.platforms.processes import TIME_LIMIT_S, in_processes
@@ -96,12 +95,12 @@ def _clearances(flight: Flight) -> list[dict[str, Any]]:
 
 def _fly(path: Path, scenario: Scenario, platform: str, time_limit_s: float) -> Flight:
     """The flight: ours in this process, another simulator's in one of its own."""
-    with tempfile.TemporaryDirectory(prefix="skystack-") as folder:
+    with scratch_folder("skystack-") as folder:
         try:
             if platform == OWN:
-                return fly_scenario(open_platform(platform, Path(folder)), scenario)
+                return fly_scenario(open_platform(platform, folder), scenario)
             work = partial(_flyer, platform)
-            done = in_processes(work, [scenario], Path(folder), time_limit_s)
+            done = in_processes(work, [scenario], folder, time_limit_s)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
     if done.failed:

@@ -4,25 +4,36 @@ Results go to standard output, progress and prose to standard error. Exit code 0
 while running; 2: wrong usage or input, told in one line. Heavy imports wait until they are needed.
 """
 
-import signal
 import sys
-import threading
 from collections.abc import Sequence
 
+from skystack import signals
 from skystack.cli.arguments import parse
-from skystack.cli.shown import FAILED, INTERRUPTED, PIPE_CLOSED, WRONG, complain
+from skystack.cli.shown import DONE, FAILED, PIPE_CLOSED, WRONG, complain
 from skystack.errors import InputError, PlatformError, TrainingError
+from skystack.signals import ended_by_signals
 from skystack.streams import ClosedPipeError, Prose, Results, escaping
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
-    # Terminated like interrupted: workers are stopped and checkpoints written on the way out.
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with ended_by_signals():
+        try:
+            code = _main(list(sys.argv[1:] if arguments is None else arguments))
+            signals.settle()
+        except BaseException:
+            signals.settle()
+            if signals.exit_code() is None:
+                raise
+            code = DONE  # whatever the interruption has become on its way
+        ended = signals.exit_code()
+        return code if ended in (None, code) else complain("interrupted", ended or code)
+
+
+def _main(arguments: list[str]) -> int:
     with escaping():
         try:
-            return _main(list(sys.argv[1:] if arguments is None else arguments))
+            return _run(arguments)
         except InputError as error:
             return complain(str(error), WRONG)
         except (TrainingError, PlatformError) as error:
@@ -33,13 +44,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if error.filename is None:
                 raise
             return complain(str(InputError(f"{error.filename}: {error.strerror}")), WRONG)
-        except KeyboardInterrupt:
-            return complain("interrupted", INTERRUPTED)
         finally:
             Prose().flush()
 
 
-def _main(arguments: list[str]) -> int:
+def _run(arguments: list[str]) -> int:
     """What the verb does and prints, to the last byte."""
     try:
         options = parse(arguments)
