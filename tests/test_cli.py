@@ -20,7 +20,7 @@ from skystack.benchmarking.figures import Figure
 from skystack.benchmarking.peers import Peer
 from skystack.cli import main
 from skystack.evaluation.stored import stored_scenario
-from skystack.files import LOCK, alone_in
+from skystack.files import alone_in
 from skystack.reproduction import cluster
 from tests.reporting.conftest import write_run
 
@@ -301,7 +301,18 @@ def test_an_engine_that_is_not_installed_names_its_extra(capsys, monkeypatch, tm
     code, _, err = run(capsys, "reproduce", "--engine", "ray", "--out", str(tmp_path / "out"))
     assert code == 2
     assert err.splitlines()[-1].endswith("(install skystack with the extra [ray])")
-    assert [path.name for path in tmp_path.glob("out/*")] == [LOCK]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_cluster_that_is_not_there_leaves_nothing(capsys, tmp_path, monkeypatch):
+    pytest.importorskip("ray")
+    monkeypatch.chdir(tmp_path)
+    code, _, err = run(capsys, "reproduce", "--engine", "ray", "--ray-address", "127.0.0.1:9")
+    assert (code, err.splitlines()[-1].startswith("skystack: cannot join a Ray cluster")) == (
+        2,
+        True,
+    )
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_event_files_without_their_package_name_its_extra(capsys, monkeypatch, tmp_path):
@@ -534,7 +545,7 @@ def test_interrupting_an_evaluation_elsewhere_leaves_nothing(tmp_path):
     _, err = process.communicate(timeout=60)
     assert (process.returncode, err.splitlines()[-1]) == (130, "skystack: interrupted")
     assert "Traceback" not in err
-    assert list(out.iterdir()) == []
+    assert not out.exists()
     assert list(scratch.glob("skystack-*")) == []
     deadline = time.monotonic() + 30
     while time.monotonic() < deadline and group_lives(process.pid):

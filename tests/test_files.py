@@ -9,6 +9,7 @@ from contextlib import contextmanager
 
 import pytest
 
+from skystack import files
 from skystack.errors import InputError
 from skystack.files import alone_in, append_line, is_scratch, write_aside
 
@@ -89,3 +90,48 @@ def test_what_was_left_aside_goes_in_the_run_s_own_folders_only(tmp_path):
         "own/policy.json",
         "other/policy.json",
     }
+
+
+def fail_in(folder, error, write):
+    with alone_in(folder):
+        write(folder)
+        raise error
+
+
+def write_new(folder):
+    (folder / "inner").mkdir()
+    if folder.name == "new":
+        (folder / "inner" / "config.toml").touch()
+
+
+@pytest.mark.parametrize("error", [InputError("no"), KeyboardInterrupt()])
+def test_a_failure_leaves_no_folder_that_holds_nothing(tmp_path, error):
+    (tmp_path / "there").mkdir()
+    for run in (tmp_path / "runs" / "run", tmp_path / "there" / "run"):
+        with pytest.raises(type(error)):
+            fail_in(run, error, lambda run: (run / "checkpoint").mkdir())
+    assert [path.name for path in tmp_path.iterdir()] == ["there"]
+    assert list((tmp_path / "there").iterdir()) == []
+
+
+def test_a_failure_keeps_what_was_written_and_what_was_there(tmp_path):
+    (tmp_path / "old" / "empty").mkdir(parents=True)
+    for folder in ("old", "new"):
+        with pytest.raises(InputError):
+            fail_in(tmp_path / folder, InputError("no"), write_new)
+    assert (tmp_path / "old" / "empty").is_dir()
+    assert (tmp_path / "new" / "inner" / "config.toml").exists()
+    assert (tmp_path / "new" / ".lock").exists()
+
+
+def test_a_lock_that_is_deleted_before_it_is_held_is_made_again(tmp_path, monkeypatch):
+    """As when another process fails between our opening its lock file and its letting go."""
+    held = files._lock
+
+    def deleted(handle, folder):
+        monkeypatch.setattr(files, "_lock", held)
+        (folder / ".lock").unlink()
+
+    monkeypatch.setattr(files, "_lock", deleted)
+    with alone_in(tmp_path), pytest.raises(InputError, match="at work"), alone_in(tmp_path):
+        pass

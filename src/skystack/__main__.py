@@ -1,8 +1,28 @@
 """`python -m skystack` is `skystack`."""
 
+import atexit
+import os
 import sys
+from typing import NoReturn
 
+from skystack import signals
 from skystack.cli import main
+from skystack.streams import Prose, open_standard_files
+
+
+def run() -> NoReturn:
+    """The command in a process of its own."""
+    with signals.ended_by_signals(last=True):
+        open_standard_files()
+        code = main()
+    ended = signals.exit_code()
+    if ended is None:
+        sys.exit(code)
+    # Threads may still compile or fly what nobody waits for: Python would wait, or fall over them.
+    atexit._run_exitfuncs()
+    Prose().flush()
+    os._exit(ended)
+
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run()

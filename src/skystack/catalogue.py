@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.table import Table
+from rich.text import Text
 
 from skystack.airspace.sectors import sector_names
 from skystack.errors import InputError, unknown_name
@@ -95,7 +96,7 @@ def _policies_table(policies: dict[str, Any]) -> Table:
     table = Table(title="policies, stacked", title_justify="left", box=None)
     table.add_column("", no_wrap=True)
     for name in ("clearances", "success", "losses of\nseparation", "clearances\nin the paper"):
-        table.add_column(name, justify="right", no_wrap=True)
+        table.add_column(Text(name), justify="right", no_wrap=True)
     for name, policy in policies.items():
         row, paper = policy["stacked"], policy["paper"]
         measured = [NOTHING] * 3

@@ -1,28 +1,56 @@
-"""What a person at a terminal sees: results on standard output, progress on standard error."""
+"""Tables on standard output and progress on standard error, for people at a terminal.
+
+Names in them come from files: nothing in a text is markup, and what is not printable is escaped.
+"""
 
 import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskID, TextColumn
+from rich.text import Text
 
+from skystack.errors import printable
 from skystack.learning.run import Progress as Step
+from skystack.streams import Prose, Results
 
 PLAIN_EVERY_S = 10.0
 """Without a terminal, a line this often in place of a moving bar."""
 
 
+class PlainConsole(Console):
+    """Shows every text as it is written, be it in a table, its title or alone."""
+
+    def render_str(self, text: str, **how: Any) -> Text:
+        plain = {"markup": False, "emoji": False, "highlight": False}
+        return super().render_str(printable(text), **(how | plain))
+
+    def on_broken_pipe(self) -> None:
+        """Leave it to whoever writes: rich would end the process."""
+        raise BrokenPipeError
+
+
 def output() -> Console:
     """For results. Wide enough for the tables when it is no terminal."""
-    console = Console()
-    return console if console.is_terminal else Console(width=160)
+    file: Any = Results()
+    console = PlainConsole(file=file)
+    return console if console.is_terminal else PlainConsole(file=file, width=160)
 
 
 def prose() -> Console:
     """For everything else."""
-    return Console(stderr=True)
+    file: Any = Prose()
+    return PlainConsole(file=file)
+
+
+class _Description(ProgressColumn):
+    """What a bar is of."""
+
+    def render(self, task: Task) -> Text:
+        return Text(printable(task.description))
 
 
 @contextmanager
@@ -33,7 +61,7 @@ def show_progress() -> Iterator[Callable[[str, Step], None]]:
         yield _PlainProgress(console).report
         return
     columns = (
-        TextColumn("{task.description}"),
+        _Description(),
         BarColumn(bar_width=12),
         TextColumn("{task.completed:,.0f}/{task.total:,.0f}"),
         TextColumn("{task.fields[speed]}"),
@@ -62,7 +90,7 @@ def count_scenarios(name: str, total: int) -> Iterator[Callable[[int], None]]:
 
     console = prose()
     if console.is_terminal:
-        with Progress(TextColumn("{task.description}"), BarColumn(), console=console) as bars:
+        with Progress(_Description(), BarColumn(), console=console) as bars:
             task = bars.add_task(name, total=total, visible=False)
             yield lambda done: bars.update(
                 task, completed=done, description=f"{name} {line(done)}", visible=True
@@ -95,7 +123,7 @@ class _PlainProgress:
 
 
 def _print_plain(console: Console, line: str) -> None:
-    console.print(line, highlight=False, markup=False, soft_wrap=True)
+    console.print(line, soft_wrap=True)
 
 
 def _speed(step: Step) -> str:

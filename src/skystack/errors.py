@@ -1,7 +1,8 @@
 """What goes wrong in one clear line: a user's mistake (exit code 2), or a failure (1)."""
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 LONGEST_LINE = 2000
@@ -18,9 +19,14 @@ class InputError(ValueError):
         shown = str(message)  # Gymnasium's workers hand over the error itself as its message
         if len(shown) > LONGEST_LINE:
             shown = f"{shown[:LONGEST_LINE]}..."
-        if not shown.isprintable():
-            shown = "".join(each if each.isprintable() else ascii(each)[1:-1] for each in shown)
-        super().__init__(shown)
+        super().__init__(printable(shown))
+
+
+def printable(text: str) -> str:
+    """The text with all that a terminal would not show, or would obey, as escapes."""
+    if text.isprintable():
+        return text
+    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
 
 
 LONGEST_NAME, MOST_NAMES = 200, 2000
@@ -61,8 +67,23 @@ def _exists(path: str) -> bool:
         return False
 
 
-def missing_extra(who: str, needs: str, extra: str) -> InputError:
+class MissingExtraError(InputError, ImportError):
+    """What needs packages that are not installed; an ImportError too, as Python expects of it."""
+
+
+def missing_extra(who: str, needs: str, extra: str) -> MissingExtraError:
     """The error for what needs packages that are not installed, with the extra that has them."""
-    return InputError(
+    error = MissingExtraError(
         f"{who} needs {needs}, not installed here (install skystack with the extra [{extra}])"
     )
+    error.name = needs
+    return error
+
+
+@contextmanager
+def of_extra(who: str, extra: str) -> Iterator[None]:
+    """Import packages of an extra within it. Raises MissingExtraError where one is missing."""
+    try:
+        yield
+    except (ModuleNotFoundError, MissingExtraError) as error:  # the latter of a module of ours
+        raise missing_extra(who, str(error.name), extra) from None

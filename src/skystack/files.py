@@ -2,11 +2,14 @@
 
 import os
 import tempfile
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import takewhile
 from pathlib import Path
 
 from skystack.errors import InputError
+from skystack.signals import held
 
 try:
     import fcntl
@@ -41,6 +44,11 @@ def write_aside(path: Path, data: bytes) -> None:
 
     Raises InputError when it cannot be written.
     """
+    with held():
+        _write_aside(path, data)
+
+
+def _write_aside(path: Path, data: bytes) -> None:
     try:
         handle, name = tempfile.mkstemp(_ASIDE, f".{path.name}.", path.parent)
     except OSError as error:
@@ -93,25 +101,84 @@ def alone_in(folder: Path, below: Iterable[str] = ()) -> Iterator[None]:
 
     The system itself lets go of the lock when the process ends, however it ends. What killed
     processes left aside in the folder is deleted, and in those `below` it (patterns) that belong to
-    the same run. Raises InputError when another process holds the lock.
+    the same run. A failure leaves no folder that holds nothing but the lock. Raises InputError when
+    another process holds the lock.
     """
+    with no_empty_folders(folder):
+        handle = _open_locked(folder)
+        try:
+            for each in (folder, *(found for name in below for found in folder.glob(name))):
+                for left in each.glob(f".*{_ASIDE}"):
+                    left.unlink(missing_ok=True)
+            yield
+        except BaseException:
+            if not any(path.is_file() for path in folder.rglob("*") if path != folder / LOCK):
+                (folder / LOCK).unlink(missing_ok=True)  # while it is held
+            raise
+        finally:
+            os.close(handle)
+
+
+@contextmanager
+def no_empty_folders(folder: Path) -> Iterator[None]:
+    """A failure within it leaves no folder that was not there before and holds no file."""
+    missing = list(takewhile(lambda each: not each.exists(), (folder, *folder.parents)))
     try:
-        handle = os.open(make_folder(folder) / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError as error:
-        raise _not_written(folder / LOCK, error) from None
-    try:
-        _lock(handle, folder)
-        for each in (folder, *(found for name in below for found in folder.glob(name))):
-            for left in each.glob(f".*{_ASIDE}"):
-                left.unlink(missing_ok=True)
         yield
+    except BaseException:
+        for each in missing:
+            for inner, _, _ in os.walk(each, topdown=False):
+                with suppress(OSError):  # it is not empty
+                    Path(inner).rmdir()
+        raise
+
+
+@contextmanager
+def scratch_folder(prefix: str, within: Path | None = None) -> Iterator[Path]:
+    """Within it, a new folder, deleted after it; where the system keeps such, or elsewhere."""
+    made: tempfile.TemporaryDirectory[str] | None = None
+    try:
+        with held():
+            made = tempfile.TemporaryDirectory("", prefix, within, ignore_cleanup_errors=True)
+        yield Path(made.name)
     finally:
-        os.close(handle)
+        with held():
+            if made is not None:
+                made.cleanup()
+
+
+def is_abandoned(folder: Path, idle_s: float) -> bool:
+    """Whether nothing was made in a folder for a while and no process is alone in it."""
+    if time.time() - folder.stat().st_mtime <= idle_s:
+        return False
+    try:
+        os.close(_open_locked(folder))
+    except InputError:
+        return False
+    return True
 
 
 def is_scratch(path: Path) -> bool:
     """Whether a file in a run folder is a lock, or was left aside by a process that was killed."""
     return path.name == LOCK or path.suffix == _ASIDE
+
+
+def _open_locked(folder: Path) -> int:
+    """The lock file of a folder, open and locked."""
+    path = make_folder(folder) / LOCK
+    while True:
+        try:
+            handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        except OSError as error:
+            raise _not_written(path, error) from None
+        try:
+            _lock(handle, folder)
+            if _is_at(handle, path):
+                return handle
+        except BaseException:
+            os.close(handle)
+            raise
+        os.close(handle)  # another process deleted it before it was ours
 
 
 def _lock(handle: int, folder: Path) -> None:
@@ -126,6 +193,14 @@ def _lock(handle: int, folder: Path) -> None:
         ) from None
     except OSError:
         pass  # a file system without locks
+
+
+def _is_at(handle: int, path: Path) -> bool:
+    """Whether an open file is still the one of that name."""
+    try:
+        return os.path.samestat(os.fstat(handle), path.stat())
+    except FileNotFoundError:
+        return False
 
 
 def _sync_folder(folder: Path) -> None:

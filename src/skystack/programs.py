@@ -4,20 +4,22 @@ import hashlib
 import os
 import platform
 import shutil
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import jax
 from jax.experimental.compilation_cache import compilation_cache
 
 from skystack.cores import processor_lines
+from skystack.files import LOCK, alone_in, is_abandoned, scratch_folder
 
 CACHE_VARIABLE = "SKYSTACK_CACHE"
 """Names the folder for compiled programs; `off` keeps none."""
+IDLE_S = 60.0
+"""Whose folder has not been locked by then never will be: its process was killed."""
+_RUNNING = "running-"
 MOST_BYTES = 512 * 1024**2
 """Beyond this the oldest are deleted."""
 
@@ -43,24 +45,25 @@ def kept_programs() -> Iterator[None]:
     """Within it, programs that were compiled before are read from disk, and new ones are kept.
 
     JAX writes its files in place, so it is given a folder of its own with links to what is there;
-    what it adds is moved over when all is done, whole. Does nothing where JAX has a folder for its
-    programs already, or ours cannot be written.
+    what it adds is moved over when all is done, whole; after an interruption, nothing. Does nothing
+    where JAX has a folder for its programs already, or ours cannot be written.
     """
     already: str | None = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
     folder = None if already else _folder()
     if folder is None:
         yield
         return
-    with TemporaryDirectory(prefix="running-", dir=folder, ignore_cleanup_errors=True) as name:
-        mine = Path(name)
+    with scratch_folder(_RUNNING, folder) as mine, alone_in(mine):
         _link(folder, mine)
         _use(str(mine))
         try:
             yield
+        except Exception:
+            _keep(mine, folder)
+            raise
         finally:
             _use(None)
-            with suppress(OSError):
-                _keep(mine, folder)
+        _keep(mine, folder)
 
 
 def _folder() -> Path | None:
@@ -110,18 +113,15 @@ def _link(folder: Path, mine: Path) -> None:
 
 
 def _keep(mine: Path, folder: Path) -> None:
-    for path in mine.iterdir():
-        if not (folder / path.name).exists():
-            path.replace(folder / path.name)
-    left = MOST_BYTES
-    for path in sorted(folder.iterdir(), key=lambda path: -path.stat().st_mtime):
-        if path.is_file():
-            left -= path.stat().st_size
-            if left < 0:
-                path.unlink(missing_ok=True)
-        elif path.name.startswith("running-") and _old(path):
-            shutil.rmtree(path, ignore_errors=True)  # of a process that was killed
-
-
-def _old(path: Path) -> bool:
-    return time.time() - path.stat().st_mtime > 7 * 24 * 3600
+    with suppress(OSError):
+        for path in mine.iterdir():
+            if path.name != LOCK and not (folder / path.name).exists():
+                path.replace(folder / path.name)
+        left = MOST_BYTES
+        for path in sorted(folder.iterdir(), key=lambda path: -path.stat().st_mtime):
+            if path.is_file():
+                left -= path.stat().st_size
+                if left < 0:
+                    path.unlink(missing_ok=True)
+            elif path.name.startswith(_RUNNING) and path != mine and is_abandoned(path, IDLE_S):
+                shutil.rmtree(path, ignore_errors=True)

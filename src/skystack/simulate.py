@@ -1,7 +1,6 @@
 """The verb `simulate`: fly a scenario file on a platform and keep the trajectories."""
 
 import math
-import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -9,12 +8,11 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from rich.table import Table
 
 from skystack.errors import InputError, PlatformError
 from skystack.evaluation.followed import STATUS, follow
 from skystack.evaluation.stored import write_table
-from skystack.files import check_folder_of
+from skystack.files import check_folder_of, scratch_folder
 from skystack.platforms.flight import Flight, flight_rows, fly_scenario
 from skystack.platforms.phraseology import written
 from skystack.platforms.processes import TIME_LIMIT_S, in_processes
@@ -25,6 +23,7 @@ from skystack.platforms.registry import (
     notes_of,
     open_platform,
 )
+from skystack.reporting.tables import Table
 from skystack.simulator.scenario_file import Scenario, load_scenario
 
 
@@ -96,12 +95,12 @@ def _clearances(flight: Flight) -> list[dict[str, Any]]:
 
 def _fly(path: Path, scenario: Scenario, platform: str, time_limit_s: float) -> Flight:
     """The flight: ours in this process, another simulator's in one of its own."""
-    with tempfile.TemporaryDirectory(prefix="skystack-") as folder:
+    with scratch_folder("skystack-") as folder:
         try:
             if platform == OWN:
-                return fly_scenario(open_platform(platform, Path(folder)), scenario)
+                return fly_scenario(open_platform(platform, folder), scenario)
             work = partial(_flyer, platform)
-            done = in_processes(work, [scenario], Path(folder), time_limit_s)
+            done = in_processes(work, [scenario], folder, time_limit_s)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
     if done.failed:
@@ -122,15 +121,18 @@ def losses_line(summary: dict[str, Any]) -> str:
     return f"losses of separation: {count or 'none'} (least distance {least_nm:.2f} NM)"
 
 
+def headline(summary: dict[str, Any]) -> str:
+    """What was flown, in a line."""
+    return f"{summary['scenario']}: {summary['rows']} rows, {summary['final'][0]['time_s']} s"
+
+
 def summary_table(summary: dict[str, Any]) -> Table:
-    """Where the aircraft ended, for a terminal."""
-    final = summary["final"]
-    table = Table(title=f"{summary['scenario']}: {summary['rows']} rows, {final[0]['time_s']} s")
-    for name in _SHOWN:
-        table.add_column(name.replace("_", "\n"), justify="left" if name == "callsign" else "right")
-    for row in final:
-        table.add_row(*(f"{row[name]:{how}}" for name, how in _SHOWN.items()))
-    return table
+    """Where the aircraft ended."""
+    header = tuple(name.replace("_", " ") for name in _SHOWN)
+    lines = (
+        tuple(f"{row[name]:{how}}" for name, how in _SHOWN.items()) for row in summary["final"]
+    )
+    return Table(header, tuple(lines))
 
 
 _SHOWN = {

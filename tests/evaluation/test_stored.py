@@ -1,5 +1,7 @@
 """Tables from strangers: a few bytes may say that they are gigabytes; and scenarios read back."""
 
+import os
+
 import msgspec
 import numpy as np
 import pyarrow as pa
@@ -346,3 +348,13 @@ def test_a_table_without_any_row_group_is_empty(tmp_path):
     pq.ParquetWriter(path, pa.schema({"cycle": pa.int32()})).close()
     assert pq.read_metadata(path).num_row_groups == 0
     assert read_table(path, ("cycle",)).num_rows == 0
+
+
+def test_a_folder_whose_name_is_no_utf_8(tmp_path):
+    folder = tmp_path / os.fsdecode(b"\xff")
+    folder.mkdir()
+    write_table(folder / "t.parquet", pa.table({"scenario": [1]}), x_plus(), "table")
+    assert read_table(folder / "t.parquet", ("scenario",)).to_pylist() == [{"scenario": 1}]
+    assert stored.has_column(folder / "t.parquet", "scenario")
+    with pytest.raises(InputError, match=r"\\udcff/none.parquet: missing"):
+        read_table(folder / "none.parquet", ("scenario",))

@@ -11,7 +11,7 @@ from pathlib import Path
 from skystack.airspace.sector import Sector
 from skystack.airspace.sector_file import SectorEntry, file_beside, make_sector, read_sector
 from skystack.airspace.xplus import x_plus
-from skystack.errors import missing_extra, unknown_name
+from skystack.errors import of_extra, unknown_name
 
 _FOLDER = files("skystack").joinpath("sectors")
 _ELSEWHERE = {"bluebird": "skystack.platforms.bluebird"}
@@ -39,10 +39,8 @@ def sector_named(name: str) -> Sector:
 
 
 def _from_elsewhere(platform: str, name: str) -> Sector:
-    try:
+    with of_extra(f"sector {platform}:{name}", platform):
         adapter = import_module(_ELSEWHERE[platform])
-    except ModuleNotFoundError as error:
-        raise missing_extra(f"sector {platform}:{name}", str(error.name), platform) from None
     found: Sector = adapter.sector_named(name)
     return found
 

@@ -4,34 +4,57 @@ Results go to standard output, progress and prose to standard error. Exit code 0
 while running; 2: wrong usage or input, told in one line. Heavy imports wait until they are needed.
 """
 
-import signal
 import sys
-import threading
 from collections.abc import Sequence
 
+from skystack import signals
 from skystack.cli.arguments import parse
-from skystack.cli.shown import FAILED, INTERRUPTED, WRONG, complain
+from skystack.cli.shown import DONE, FAILED, PIPE_CLOSED, WRONG, complain
 from skystack.errors import InputError, PlatformError, TrainingError
+from skystack.signals import ended_by_signals
+from skystack.streams import ClosedPipeError, Prose, Results, escaping
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
-    # Terminated like interrupted: workers are stopped and checkpoints written on the way out.
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with ended_by_signals():
+        try:
+            code = _main(list(sys.argv[1:] if arguments is None else arguments))
+            signals.settle()
+        except BaseException:
+            signals.settle()
+            if signals.exit_code() is None:
+                raise
+            code = DONE  # whatever the interruption has become on its way
+        ended = signals.exit_code()
+        return code if ended in (None, code) else complain("interrupted", ended or code)
+
+
+def _main(arguments: list[str]) -> int:
+    with escaping():
+        try:
+            return _run(arguments)
+        except InputError as error:
+            return complain(str(error), WRONG)
+        except (TrainingError, PlatformError) as error:
+            return complain(str(error), FAILED)
+        except ClosedPipeError:
+            return PIPE_CLOSED
+        except OSError as error:  # asking for a file can fail before it is read: a name too long
+            if error.filename is None:
+                raise
+            return complain(str(InputError(f"{error.filename}: {error.strerror}")), WRONG)
+        finally:
+            Prose().flush()
+
+
+def _run(arguments: list[str]) -> int:
+    """What the verb does and prints, to the last byte."""
     try:
-        options = parse(list(sys.argv[1:] if arguments is None else arguments))
+        options = parse(arguments)
         code: int = options.run(options)
-        return code
-    except InputError as error:
-        return complain(str(error), WRONG)
-    except (TrainingError, PlatformError) as error:
-        return complain(str(error), FAILED)
-    except BrokenPipeError:
-        return FAILED
-    except OSError as error:  # asking for a file can fail before it is read: a name too long
-        if error.filename is None:
-            raise
-        return complain(str(InputError(f"{error.filename}: {error.strerror}")), WRONG)
-    except KeyboardInterrupt:
-        return complain("interrupted", INTERRUPTED)
+    except SystemExit:  # of --help and --version
+        Results().flush()
+        raise
+    Results().flush()
+    return code

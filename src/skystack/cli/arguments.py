@@ -4,11 +4,12 @@ import argparse
 import difflib
 from collections.abc import Callable
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import skystack
 from skystack.cli import verbs
 from skystack.errors import InputError
+from skystack.streams import Results
 
 
 class _Parser(argparse.ArgumentParser):
@@ -22,6 +23,10 @@ class _Parser(argparse.ArgumentParser):
             message += f" (did you mean {near[0]}?)" if near else f" (see {self.prog} --help)"
         verb = self.prog.partition(" ")[2]
         raise InputError(f"{verb}: {message}" if verb else message)
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        """Help and version; argparse itself would not notice where they cannot be written."""
+        Results().write(message)
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:

@@ -1,29 +1,31 @@
-"""What every verb says in the same way."""
+"""What every verb prints in the same way, in lines; tables and progress: `skystack.console`."""
 
 import json
-import sys
 from typing import Any
 
-DONE, FAILED, WRONG, INTERRUPTED = 0, 1, 2, 130
-"""Exit codes."""
+from skystack.errors import printable
+from skystack.streams import Prose, Results
+
+DONE, FAILED, WRONG, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
+"""Exit codes. The last two are those of a shell for SIGINT and SIGPIPE; SIGTERM's is 143."""
 
 
 def complain(message: str, code: int) -> int:
     """One line on standard error; returns the exit code."""
-    sys.stderr.write(f"skystack: {message}\n")
+    say(f"skystack: {message}")
     return code
 
 
 def say(line: str) -> None:
-    """A line of prose on standard error, as it is: names and paths may hold anything."""
-    sys.stderr.write(f"{line}\n")
+    """A line of prose on standard error; names and paths may hold anything."""
+    Prose().write(f"{printable(line)}\n")
 
 
 def print_line(line: str) -> None:
-    """A line of results on standard output, as it is."""
-    sys.stdout.write(f"{line}\n")
+    """A line of results on standard output."""
+    Results().write(f"{printable(line)}\n")
 
 
 def print_json(value: Any) -> None:
-    """One object on standard output."""
-    sys.stdout.write(json.dumps(value, indent=1) + "\n")
+    """One object on standard output, in ASCII."""
+    Results().write(json.dumps(value, indent=1) + "\n")

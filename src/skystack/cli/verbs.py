@@ -107,16 +107,24 @@ def _engine(options: argparse.Namespace) -> Any:
 
 
 def train(options: argparse.Namespace) -> int:
-    from skystack.console import show_progress
-    from skystack.learning.event_files import event_files
+    from skystack.files import no_empty_folders
     from skystack.learning.experiment import load_experiment
-    from skystack.learning.run import CHECKPOINT_EVERY_S, Progress, begun_with, train_experiment
-    from skystack.programs import compile_for_one_core, kept_programs
 
     cycles = [] if options.cycles is None else [f"task.cycles={options.cycles}"]
     experiment = load_experiment(options.experiment, [*options.changes, *cycles])
-    name = f"{experiment.name}-s{options.seed}"
-    out, every_s = options.out or Path("runs") / name, options.checkpoint_every
+    out = options.out or Path("runs") / f"{experiment.name}-s{options.seed}"
+    with no_empty_folders(out):
+        return _train(options, experiment, out)
+
+
+def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
+    from skystack.console import show_progress
+    from skystack.learning.event_files import event_files
+    from skystack.learning.run import CHECKPOINT_EVERY_S, Progress, begun_with, train_experiment
+    from skystack.programs import compile_for_one_core, kept_programs
+    from skystack.signals import exit_code
+
+    name, every_s = f"{experiment.name}-s{options.seed}", options.checkpoint_every
     events = event_files(out) if options.tensorboard else nullcontext(lambda: None)
     for line in begun_with(experiment, out, options.resume):
         say(line)
@@ -139,7 +147,7 @@ def train(options: argparse.Namespace) -> int:
             + f" --checkpoint-every {every_s}" * (every_s != CHECKPOINT_EVERY_S)
             + f" --cycles {options.cycles}" * (options.cycles is not None)
             + "".join(f" --set {change}" for change in options.changes),
-            INTERRUPTED,
+            exit_code() or INTERRUPTED,
         )
     say(f"{trained.wall_s:.0f} s; policy: {out / 'policy.json'}")
     if options.json:
@@ -282,7 +290,7 @@ def _picture(options: argparse.Namespace, runs: list[Path]) -> int:
 
 def simulate(options: argparse.Namespace) -> int:
     from skystack.console import output
-    from skystack.simulate import losses_line, simulate_file, summary_table
+    from skystack.simulate import headline, losses_line, simulate_file, summary_table
 
     summary = simulate_file(options.scenario, options.output, options.platform, options.time_limit)
     for line in summary["notes"]:
@@ -290,7 +298,8 @@ def simulate(options: argparse.Namespace) -> int:
     if options.json:
         print_json(summary)
     else:
-        output().print(summary_table(summary))
+        print_line(headline(summary))
+        output().print(summary_table(summary).as_rich())
         for said in summary["clearances"]:
             print_line(f"{said['cycle'] * 6:6d} s  {said['text']}")
         print_line(losses_line(summary))

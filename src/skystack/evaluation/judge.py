@@ -1,9 +1,9 @@
 """Judge one controller on held-out scenarios: fly, write the tables, reduce them to a row."""
 
 import pickle
-import tempfile
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ from skystack.evaluation.rollout import NOBODY, Controller, Recording, fly, netw
 from skystack.evaluation.summary import Row, summarise
 from skystack.evaluation.tables import make_tables
 from skystack.export.facts import Facts
-from skystack.files import make_folder
+from skystack.files import make_folder, no_empty_folders, scratch_folder
 from skystack.learning.experiment import (
     Experiment,
     experiment_from,
@@ -232,6 +232,19 @@ def _judge(
     on_scenario: Callable[[int], None],
 ) -> Judged:
     """Fly, make the tables, write them where wanted, and reduce them to the row."""
+    with nullcontext() if out is None else no_empty_folders(out):
+        return _judge_into(name, trained_seed, task, controller, conditions, out, on_scenario)
+
+
+def _judge_into(
+    name: str,
+    trained_seed: int,
+    task: NavigationTask,
+    controller: Callable[[], Controller | HostedController],
+    conditions: Conditions,
+    out: Path | None,
+    on_scenario: Callable[[int], None],
+) -> Judged:
     begun = time.monotonic()
     platform, stacking = conditions.platform, conditions.stacking
     if platform == OWN:
@@ -284,10 +297,8 @@ def _fly_elsewhere(
     _check_sent(job)
     if out is not None:
         make_folder(out)  # refused before anything is flown, which takes long
-    with tempfile.TemporaryDirectory(prefix="skystack-") as work:
-        return fly_elsewhere(
-            job, conditions.episodes, Path(work), conditions.time_limit_s, on_scenario
-        )
+    with scratch_folder("skystack-") as work:
+        return fly_elsewhere(job, conditions.episodes, work, conditions.time_limit_s, on_scenario)
 
 
 def _check_sent(job: Job) -> None:

@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 from skystack.errors import InputError
 from skystack.learning.inference import Layers, Normaliser, forward, normalise
 from skystack.seeds import scenario_key
+from skystack.signals import check
 from skystack.simulator.traffic import Traffic
 from skystack.stacking import Stack, stack_traced
 from skystack.tasks.batch import choose
@@ -126,6 +127,7 @@ def prepare(task: NavigationTask, decide: Decide, stacking: bool) -> Fly:
             numbers = np.arange(first, min(first + SCENARIOS_AT_ONCE, scenarios), dtype=np.int32)
             keys = jnp.stack([scenario_key(seed, int(number)) for number in numbers])
             parts.append(jax.device_get(flown(weights, keys, numbers)))
+            check()  # an interruption may have been lost in a callback
             _check_actions(parts[-1], len(task.action_names))
         return together(parts)
 

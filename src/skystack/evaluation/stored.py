@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, BinaryIO
 
 import msgspec
 import pyarrow as pa
@@ -65,7 +65,8 @@ def read_table(path: Path, columns: Sequence[str], filters: Any = None) -> pa.Ta
     or too large table.
     """
     try:
-        table = _read(path, columns, filters)
+        with path.open("rb") as file:  # pyarrow itself opens no path that is not UTF-8
+            table = _read(path, file, columns, filters)
     except FileNotFoundError:
         raise InputError(f"{path}: missing (evaluation writes it)") from None
     except (OSError, ValueError, KeyError, pa.ArrowException) as error:
@@ -79,18 +80,18 @@ def read_table(path: Path, columns: Sequence[str], filters: Any = None) -> pa.Ta
     return table
 
 
-def _read(path: Path, columns: Sequence[str], filters: Any) -> pa.Table:
+def _read(path: Path, file: BinaryIO, columns: Sequence[str], filters: Any) -> pa.Table:
     """Batch by batch: rows that are not asked for take no memory."""
     only = None if filters is None else pq.filters_to_expression(filters)
     by = [] if filters is None else [name for name, _, _ in filters]
     needed = list(dict.fromkeys([*columns, *by]))
-    head = pq.read_metadata(path)
+    head = pq.read_metadata(file)
     _check_head(path, head, needed)
     texts = sorted(TEXT & set(needed))
-    with pq.ParquetFile(path, metadata=head, read_dictionary=texts) as file:
-        empty = file.schema_arrow.empty_table().select(needed)
+    with pq.ParquetFile(file, metadata=head, read_dictionary=texts) as parquet:
+        empty = parquet.schema_arrow.empty_table().select(needed)
         kept, rows = [empty], 0
-        for batch in file.iter_batches(_BATCH, columns=needed, use_threads=False):
+        for batch in parquet.iter_batches(_BATCH, columns=needed, use_threads=False):
             found = pa.Table.from_batches([batch])
             kept.append(found if only is None else found.filter(only))
             rows += kept[-1].num_rows
@@ -109,7 +110,8 @@ _BATCH = 65536
 def has_column(path: Path, name: str) -> bool:
     """Whether a table has a column. Raises InputError where it cannot be read."""
     try:
-        return name in pq.read_schema(path).names
+        with path.open("rb") as file:
+            return name in pq.read_schema(file).names
     except (OSError, pa.ArrowException):
         raise InputError(f"{path}: missing or damaged: not a Parquet table") from None
 

@@ -10,9 +10,8 @@ from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 from jaxtyping import Array, Float, Int, PRNGKeyArray, UInt8
-from pettingzoo import ParallelEnv
 
-from skystack.errors import unknown_name
+from skystack.errors import of_extra, unknown_name
 from skystack.forks import refuse_forked
 from skystack.gym.environment import (
     FRAMES_PER_S,
@@ -31,6 +30,9 @@ from skystack.tasks.contract import NO_ACTION, Outcome
 from skystack.tasks.navigation import NavigationState, NavigationTask
 from skystack.tasks.plain import checked_action
 from skystack.tasks.settings import TaskSettings
+
+with of_extra(__name__, "pettingzoo"):
+    from pettingzoo import ParallelEnv
 
 Observed = dict[str, Observation]
 Infos = dict[str, dict[str, Any]]

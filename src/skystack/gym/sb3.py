@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from jaxtyping import Bool, Float, UInt8
-from stable_baselines3.common.vec_env import VecEnv
 
-from skystack.errors import InputError
+from skystack.errors import InputError, of_extra
 from skystack.gym.vector import VectorTaskEnvironment
+
+with of_extra(__name__, "sb3"):
+    from stable_baselines3.common.vec_env import VecEnv
 
 Infos = list[dict[str, Any]]
 

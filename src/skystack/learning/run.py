@@ -30,6 +30,7 @@ from skystack.learning.policy import (
 from skystack.learning.settings import PPOSettings
 from skystack.learning.watch import Watch, finite
 from skystack.seeds import training_key
+from skystack.signals import check
 from skystack.tasks.build import build_task, build_training_task, check_cycles
 from skystack.tasks.contract import Task
 
@@ -121,6 +122,7 @@ def _train(
         pace, saved = _Pace(settings, first), time.monotonic()
         try:
             for number, updated, measured in learners(updates, settings, learner):
+                check()  # an interruption may have been lost in a callback
                 values = {name: finite(value) for name, value in jax.device_get(measured).items()}
                 steps = number * settings.samples
                 watch.check(updated, values, steps)

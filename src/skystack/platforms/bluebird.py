@@ -16,16 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bluebird_dt.airspace_generator.airspace_loader import AirspaceLoader
-from bluebird_dt.core import Airspace, Area, Fixes, Pos2D, Pos3D, Route, Sector, Volume
-from bluebird_dt.predictor import LinearPredictor, SimplePredictor
-from bluebird_dt.scenario_manager.custom import Custom
-from bluebird_dt.utility.paths import AIRCRAFT_WEIGHT_MAPPING_FILE
 
 from skystack.airspace.projection import wrap_longitude
 from skystack.airspace.sector import Sector as OurSector
 from skystack.airspace.sector_file import Point, SectorEntry, make_sector
-from skystack.errors import InputError, PlatformError, unknown_name
+from skystack.errors import InputError, PlatformError, of_extra, unknown_name
 from skystack.json_file import inside
 from skystack.platforms.adoption import BLUEBIRD
 from skystack.platforms.instruction import Instruction
@@ -36,6 +31,13 @@ from skystack.simulator.performance import TablePerformance
 from skystack.simulator.scenario_file import Aircraft, Scenario
 from skystack.simulator.simulator import CYCLE_S
 from skystack.simulator.traffic import ticks
+
+with of_extra(__name__, "bluebird"):
+    from bluebird_dt.airspace_generator.airspace_loader import AirspaceLoader
+    from bluebird_dt.core import Airspace, Area, Fixes, Pos2D, Pos3D, Route, Sector, Volume
+    from bluebird_dt.predictor import LinearPredictor, SimplePredictor
+    from bluebird_dt.scenario_manager.custom import Custom
+    from bluebird_dt.utility.paths import AIRCRAFT_WEIGHT_MAPPING_FILE
 
 _FAR_NM = 10_000.0
 """How far from its sector BluebirdDT keeps an aircraft; by default it removes it 20 NM outside."""

@@ -17,13 +17,11 @@ from pathlib import Path
 from typing import ClassVar
 from zipfile import ZipFile
 
-import bluesky
 import numpy as np
-from bluesky.tools import aero
 from jaxtyping import Float
 
 from skystack.airspace.projection import wrap_longitude
-from skystack.errors import InputError, PlatformError
+from skystack.errors import InputError, PlatformError, of_extra
 from skystack.platforms.adoption import BLUESKY
 from skystack.platforms.bluesky_scenario import (
     STEP_S,
@@ -38,6 +36,10 @@ from skystack.platforms.protocol import Report
 from skystack.simulator.performance import ConstantPerformance, TablePerformance
 from skystack.simulator.scenario_file import Scenario
 from skystack.simulator.simulator import CYCLE_S
+
+with of_extra(__name__, "bluesky"):
+    import bluesky
+    from bluesky.tools import aero
 
 _M_PER_FL, _M_S_PER_KT, _M_S_PER_FT_MIN = 30.48, 1852.0 / 3600.0, 0.3048 / 60.0
 _TOLERANCE = 1e-6

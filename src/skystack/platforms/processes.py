@@ -15,7 +15,8 @@ from threading import Timer
 from typing import Any, NamedTuple, TypeVar
 
 from skystack.cores import cores
-from skystack.errors import InputError, PlatformError
+from skystack.errors import InputError, PlatformError, of_extra
+from skystack.signals import held
 
 TIME_LIMIT_S = 120.0
 """For an item, unless told otherwise."""
@@ -48,7 +49,8 @@ def in_processes(
     An item that takes longer than its time limit, raises PlatformError, or whose process dies, has
     failed; the others are done. Raises InputError as soon as an item does.
     """
-    from pebble import ProcessPool  # noqa: PLC0415  (comes with the platforms)
+    with of_extra("another platform", "bluebird] or [bluesky"):
+        from pebble import ProcessPool  # noqa: PLC0415
 
     done = Done({}, {})
     with ProcessPool(
@@ -58,7 +60,7 @@ def in_processes(
         context=multiprocessing.get_context("spawn"),
     ) as pool:
         try:
-            with _interrupts_blocked():
+            with held(), _interrupts_blocked():
                 futures = [
                     pool.schedule(_work, args=(item,), timeout=time_limit_s) for item in items
                 ]

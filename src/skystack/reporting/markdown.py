@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from skystack.errors import printable
 from skystack.reporting import tables
 from skystack.reporting.claims import claims_table, judge_claims
 from skystack.reporting.results import FAMILIES, Run
@@ -14,7 +15,9 @@ def as_markdown(run: Run) -> str:
 
 def _parts(run: Run) -> Iterator[str]:
     results, claims = run.results, judge_claims(run)
-    yield f"`{results.command}`; {results.machine}; skystack {results.version}\n"
+    command, made = printable(results.command).replace("`", "'"), (results.machine, results.version)
+    machine, version = map(tables.plain_markdown, made)
+    yield f"`{command}`; {machine}; skystack {version}\n"
     for family, rows in results.families.items():
         yield f"## {FAMILIES[family]}\n"
         yield tables.comparison(rows, run.bound_of(family)).as_markdown()

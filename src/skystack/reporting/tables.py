@@ -1,14 +1,17 @@
 """The comparison with the paper as a table: for the terminal, for Markdown, for the report."""
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import msgspec
 import rich.box
-import rich.markup
 import rich.table
+from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, JustifyMethod
+from rich.text import Text
 
+from skystack.errors import printable
 from skystack.evaluation.statistics import Estimate
 from skystack.reporting.results import SIMULATORS, Bound, Number, Results, Row, in_order
 
@@ -16,14 +19,14 @@ NOTHING = "\N{EN DASH}"
 
 
 class Table(NamedTuple):
-    """Cells as text; the first column is names, the others are figures."""
+    """Cells as text, which may hold anything; the first column is names, the others are figures."""
 
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
 
     def as_markdown(self) -> str:
         """A Markdown table, columns padded to equal width."""
-        lines = [self.header, *(_without_bars(row) for row in self.rows)]
+        lines = [tuple(map(plain_markdown, line)) for line in (self.header, *self.rows)]
         widths = [max(len(line[column]) for line in lines) for column in range(len(self.header))]
 
         def line(cells: tuple[str, ...]) -> str:
@@ -43,20 +46,20 @@ class ForTerminal:
     """A table that is not squeezed by a narrow terminal but goes on below itself."""
 
     def __init__(self, table: Table) -> None:
-        self._table = table
+        self._lines = [tuple(map(printable, line)) for line in (table.header, *table.rows)]
 
     def __rich_console__(
         self, console: Console, options: ConsoleOptions
     ) -> Iterator[rich.table.Table | str]:
         """One table, or several that each begin with the names."""
-        names, *others = zip(self._table.header, *self._table.rows, strict=True)
+        names, *others = zip(*self._lines, strict=True)
         for part in _parts(others, options.max_width - _width(names)):
             shown = rich.table.Table(box=rich.box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
             for column in (names, *part):
                 justify: JustifyMethod = "left" if column is names else "right"
-                shown.add_column(column[0], justify=justify, width=_width(column) - GAP)
+                shown.add_column(Text(column[0]), justify=justify, width=_width(column) - GAP)
             for cells in zip(*(column[1:] for column in (names, *part)), strict=True):
-                shown.add_row(*map(rich.markup.escape, cells))
+                shown.add_row(*map(Text, cells))
             yield shown
             yield ""
 
@@ -80,7 +83,7 @@ GAP = 3
 
 def _width(column: tuple[str, ...]) -> int:
     """Of a column in the terminal: its header may be broken between words, its cells may not."""
-    return max(len(text) for text in (*column[0].split(), *column[1:])) + GAP
+    return max(map(cell_len, (*column[0].split(), *column[1:]))) + GAP
 
 
 def comparison_of(rows: Sequence[Mapping[str, Any]]) -> Table:
@@ -238,9 +241,10 @@ def duration(seconds: float) -> str:
     return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
 
 
-def _without_bars(cells: tuple[str, ...]) -> tuple[str, ...]:
-    """A bar would start another cell of a Markdown table."""
-    return tuple(cell.replace("|", "\\|") for cell in cells)
+def plain_markdown(text: str) -> str:
+    """A text that Markdown shows as it is: no cell's end, link, code or HTML begins in it."""
+    text = re.sub(r"([\\|`<])", r"\\\1", printable(text))
+    return text.replace("](", "]\\(")
 
 
 _MEASURED = (

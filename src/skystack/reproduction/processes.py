@@ -13,6 +13,7 @@ from skystack.cores import cores
 from skystack.errors import TrainingError
 from skystack.reproduction.jobs import Done, Job, Report, jobs_of, longest_first, run_job
 from skystack.reproduction.plan import Plan
+from skystack.signals import held
 
 Messages = Any
 """A queue of `multiprocessing.Manager` (its proxy is no `Queue`) for messages."""
@@ -23,7 +24,8 @@ def run_in_processes(plan: Plan, report: Report) -> list[Done]:
     jobs = jobs_of(plan)
     context = multiprocessing.get_context("spawn")
     manager = SyncManager(ctx=context)
-    manager.start(_end_with_parent)
+    with held():  # a process that is half started would be left, and complain
+        manager.start(_end_with_parent)
     with manager:
         messages: Messages = manager.Queue()
         free_cores = manager.Queue()
@@ -35,7 +37,10 @@ def run_in_processes(plan: Plan, report: Report) -> list[Done]:
             min(len(cores()), len(jobs)), context, initializer=_pin, initargs=(free_cores,)
         )
         try:
-            futures = {job.name: pool.submit(_run, job, messages) for job in longest_first(jobs)}
+            with held():
+                futures = {
+                    job.name: pool.submit(_run, job, messages) for job in longest_first(jobs)
+                }
             return [futures[job.name].result() for job in jobs]
         except BrokenProcessPool:
             raise TrainingError(

@@ -1,0 +1,162 @@
+"""SIGINT and SIGTERM end a command: each is noted, then raised as KeyboardInterrupt, never lost.
+
+Libraries in C++ do not expect one wherever they call Python: JAX drops it in a callback at a
+garbage collection and ends the process with a core dump while it is imported. It is raised only
+where our own code, or what that calls of others, is at work, and tried again every moment until
+then. Should it be dropped nevertheless, it is raised again, and the next boundary between compiled
+programs checks. Whatever comes of it, the note decides the exit code. Within `held` nothing is
+raised: what must be whole is finished first.
+"""
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+ENDING = (signal.SIGINT, signal.SIGTERM)
+PATIENCE_S = 1.0
+"""A further signal this much later ends the process at once; one that comes sooner is the same
+wish: a terminal and a parent may both send it."""
+AGAIN_S = 0.01
+"""Until the next try to raise it."""
+
+
+class _Note:
+    """What has come."""
+
+    def __init__(self) -> None:
+        self.number: int | None = None
+        self.at_s = 0.0
+        self.held = 0
+        """How many blocks of `held` the main thread is in."""
+        self.watched = False
+
+
+_note = _Note()
+
+
+@contextmanager
+def ended_by_signals(last: bool = False) -> Iterator[None]:
+    """Within it, the signals are noted and raised. With `last`, the system handles them after it.
+
+    A signal that is ignored stays so. Does nothing in other threads, or within itself.
+    """
+    if _note.watched or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers: list[int] = [
+        each for each in ENDING if signal.getsignal(each) not in (signal.SIG_IGN, None)
+    ]
+    before: dict[int, Any] = {}
+    unraisable = sys.unraisablehook
+    _note.__init__()  # type: ignore[misc]  # of an earlier command, in tests
+    _note.watched = True
+    sys.unraisablehook = _on_unraisable
+    try:
+        for each in numbers:
+            before[each] = signal.signal(each, _on_signal)
+        yield
+    finally:
+        for each, handler in before.items():
+            signal.signal(each, signal.SIG_DFL if last else handler)
+        _raise_again(0.0)
+        sys.unraisablehook = unraisable
+        _note.watched = False
+
+
+def exit_code() -> int | None:
+    """That of a command which a signal has ended, as shells count it; None where none has come."""
+    return None if _note.number is None else 128 + _note.number
+
+
+def settle() -> None:
+    """From here to the end of `ended_by_signals` they are noted, not raised."""
+    _note.held += 1
+
+
+def check() -> None:
+    """Raise KeyboardInterrupt where a signal has come but was lost."""
+    main = threading.current_thread() is threading.main_thread()
+    if main and _note.watched and _note.number is not None and not _note.held:
+        _raise_again(0.0)
+        raise KeyboardInterrupt
+
+
+@contextmanager
+def held() -> Iterator[None]:
+    """Within it, no signal interrupts the main thread; it is interrupted after it."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    fresh = _note.number is None
+    _note.held += 1
+    try:
+        yield
+    finally:
+        _note.held -= 1
+    if fresh:  # else it was raised before, and this is part of what follows
+        check()
+
+
+def _on_signal(number: int, frame: FrameType | None) -> None:
+    if _note.number is None:
+        _note.number, _note.at_s = number, time.monotonic()
+        _raise_in(frame)
+    elif time.monotonic() - _note.at_s > PATIENCE_S:
+        signal.signal(number, signal.SIG_DFL)
+        os.kill(os.getpid(), number)
+
+
+def _on_alarm(number: int, frame: FrameType | None) -> None:
+    if _note.watched and _note.number is not None:
+        _raise_in(frame)
+
+
+def _raise_in(frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt in what runs now, or later."""
+    if _note.held:
+        return  # its end raises it
+    if _is_delicate(frame):
+        _raise_again(AGAIN_S)
+    else:
+        raise KeyboardInterrupt
+
+
+def _is_delicate(frame: FrameType | None) -> bool:
+    """Whether an import is under way, or JAX at work that our code has called."""
+    nearest = None
+    while frame is not None:
+        name = frame.f_code.co_filename
+        if name.startswith("<frozen importlib"):
+            return True
+        nearest = nearest or next((each for each in (*_DELICATE, _OURS) if each in name), None)
+        frame = frame.f_back
+    return nearest in _DELICATE
+
+
+_DELICATE = tuple(f"{os.sep}{package}{os.sep}" for package in ("jax", "jaxlib"))
+_OURS = str(Path(__file__).parent)
+
+
+def _on_unraisable(what: Any) -> None:
+    """Python drops an exception that nobody can catch."""
+    if _note.number is not None and issubclass(what.exc_type, KeyboardInterrupt):
+        _raise_again(AGAIN_S)
+    else:
+        sys.__unraisablehook__(what)
+
+
+def _raise_again(after_s: float) -> None:
+    """In a moment; 0: not any more."""
+    if not hasattr(signal, "setitimer"):
+        return  # not a POSIX system: the next check raises it
+    if after_s:
+        signal.signal(signal.SIGALRM, _on_alarm)
+    with suppress(OSError):
+        signal.setitimer(signal.ITIMER_REAL, after_s)
