@@ -70,7 +70,7 @@ POINTLESS = re.compile(
 no more than another one does."""
 
 EQUIVALENT = {
-    "room = asked.instructions != (ENDLESS if self.limit is None else self.limit)": (
+    "useful = allowed(told, given.wanted & (count != most))": (
         "instructions are counted one by one from 0"
     ),
     "if limit is None and issued.instructions == ENDLESS:": "without a limit ENDLESS is the limit",

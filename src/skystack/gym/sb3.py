@@ -13,6 +13,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from skystack.errors import InputError
 from skystack.gym.vector import VectorTaskEnvironment
+from skystack.stacking import owned
 
 Infos = list[dict[str, Any]]
 
@@ -41,7 +42,7 @@ class StableBaselines3Environment(VecEnv):  # type: ignore[misc]
         return observation
 
     def step_async(self, actions: Any) -> None:
-        self._actions = actions
+        self._actions = owned(actions)  # the caller may write over them before `step_wait`
 
     def step_wait(
         self,
