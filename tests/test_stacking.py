@@ -1,5 +1,6 @@
 """Online action-stacking: what it means, in Python and inside jit, and what it leaves alone."""
 
+import itertools
 from typing import Any, NamedTuple
 
 import jax
@@ -13,7 +14,14 @@ from skystack.catalogue import find_policy
 from skystack.errors import InputError
 from skystack.evaluation.rollout import Controller, fly, network_controller
 from skystack.seeds import scenario_key
-from skystack.stacking import ENDLESS, TwoPhase, stack, stack_many, stack_traced
+from skystack.stacking import (
+    ENDLESS,
+    TwoPhase,
+    checked_limit,
+    stack,
+    stack_many,
+    stack_traced,
+)
 from skystack.tasks.build import build_task
 from skystack.tasks.settings import TaskSettings
 
@@ -65,14 +73,130 @@ def test_an_action_may_be_anything_but_0():
     assert result == ("left", 2)
 
 
-@given(st.lists(st.integers(0, 3), min_size=9, max_size=9), st.integers(1, 9))
-def test_a_stack_is_the_longest_equal_prefix(answers, limit):
-    expected = 0
-    while answers[0] != 0 and expected < min(limit, 7) and answers[expected] == answers[0]:
-        expected += 1
-    state, result = stack(Counter(), script(*answers), (), limit=limit)
-    assert state == (answers[0],) * expected
-    assert result.instructions == expected
+def expected_of(answers, most):
+    """Instructions and queries of a policy with these answers, where `most` may be given.
+
+    The instructions are the run of the first answer, cut at `most`; a run that is not cut takes one
+    more query, whose answer ends it.
+    """
+    run = len(list(next(itertools.groupby(answers))[1])) if answers[0] else 0
+    return (run, run + 1) if run < most else (most, max(most, 1))
+
+
+def counted(answers):
+    """A policy that gives these answers, and the observations that it was asked with."""
+    seen = []
+
+    def policy(observation):
+        seen.append(observation)
+        return answers[len(seen) - 1]
+
+    return policy, seen
+
+
+@given(st.lists(st.integers(0, 3), min_size=9, max_size=9), st.integers(1, 9), st.integers(0, 7))
+def test_a_stack_is_the_longest_equal_prefix(answers, limit, allowed):
+    """No query is made whose answer could change nothing."""
+    environment = Counter()
+    environment.may_stack = lambda state, action: len(state) < allowed
+    policy, seen = counted(answers)
+    state, result = stack(environment, policy, (), limit=limit)
+    instructions, queries = expected_of(answers, min(limit, allowed))
+    assert state == (answers[0],) * instructions
+    assert result.instructions == instructions
+    assert seen == [(answers[0],) * query for query in range(queries)]
+
+
+def test_a_limit_of_one_is_the_policy_without_stacking():
+    """One with memory that instructs at every third call instructs in every third cycle."""
+    policy, seen = counted([1, 0, 0] * 4)
+    issued = [stack(Counter(), policy, (), limit=1)[1].instructions for _ in range(12)]
+    assert issued == [1, 0, 0] * 4
+    assert len(seen) == 12
+
+
+def test_inside_jit_one_scenario_is_asked_as_often():
+    """Its policy asks Python, whose answers may depend on how often it was asked."""
+
+    class Numbers(Counter):
+        def instruct(self, state, action):
+            return state + 1
+
+        def may_stack(self, state, action):
+            return state < 3
+
+    whole = jax.ShapeDtypeStruct((), jnp.int32)
+    given = []
+
+    def policy(observation, key):
+        return jax.experimental.io_callback(lambda: np.int32(given.pop(0)), whole)
+
+    zero, key = jnp.zeros((), dtype=jnp.int32), jax.random.key(0)
+    for limit in (1, 2, 9):
+        compiled = jax.jit(lambda limit=limit: stack_traced(Numbers(), policy, zero, key, limit))
+        for answers in itertools.product(range(3), repeat=4):
+            given[:] = answers
+            state, result = compiled()
+            found = int(result.instructions), len(answers) - len(given)
+            assert found == expected_of(answers, min(limit, 3)), answers
+            assert int(state) == found[0]
+
+
+@pytest.mark.parametrize("shape", [(), (1,)])
+def test_a_policy_may_write_all_its_answers_into_one_array(shape):
+    """Every sequence of four answers; the array holds something else between the calls."""
+    buffer = np.zeros(shape, dtype=np.int64)
+
+    class Scribbling(Counter):
+        def observe(self, state):
+            buffer[...] = 3
+            return state
+
+        def instruct(self, state, action):
+            buffer[...] = 3
+            return (*state, int(action.item()))
+
+    def policy(answers, observation):
+        buffer[...] = answers[len(observation)]
+        return buffer
+
+    for answers in itertools.product(range(4), repeat=4):
+        for limit in (1, 3):
+            state, result = stack(Scribbling(), lambda seen, a=answers: policy(a, seen), (), limit)
+            buffer[...] = 3
+            instructions, _ = expected_of(answers, limit)
+            assert state == (answers[0],) * instructions
+            assert result.instructions == instructions
+            assert result.action == answers[0]
+
+
+def test_an_action_may_be_the_same_object_each_time():
+    """Objects without an equality of their own are equal to themselves alone."""
+    left = object()
+    assert stack(Counter(), script(left, left, 0), ()) == ((left, left), (left, 2))
+
+
+@pytest.mark.parametrize("limit", [0, -1, True, False])
+def test_a_limit_below_one_is_refused_before_the_policy_is_asked(limit):
+    policy, seen = counted([1] * 9)
+    zeros, key = np.zeros(2, dtype=int), jax.random.key(0)
+    for attempt in (
+        lambda: stack(Counter(), policy, (), limit),
+        lambda: stack_traced(Counter(), lambda observation, key: policy(0), 0, key, limit),
+        lambda: stack_many(Counters(), lambda *seen: policy(0), zeros, zeros == 0, limit),
+    ):
+        with pytest.raises(InputError, match=r"^limit is .* \(allowed: whole numbers from 1\)$"):
+            attempt()
+    assert seen == []
+
+
+@pytest.mark.parametrize(
+    "limit", [2.5, float("nan"), "3", None, [1], np.array([1, 2]), np.int64(0)]
+)
+def test_a_limit_is_a_whole_number(limit):
+    with pytest.raises(InputError, match="limit is "):
+        checked_limit(limit)
+    assert [checked_limit(number) for number in (1, np.int8(7), np.array(3))] == [1, 7, 3]
 
 
 class Counters:
@@ -102,25 +226,23 @@ def test_many_stacks_are_those_of_each_scenario_alone(answers, limit, data):
     asking = np.array(data.draw(st.lists(st.booleans(), min_size=count, max_size=count)))
     table, asked = np.array(answers), np.zeros(count, dtype=int)
 
+    buffer = np.zeros(count, dtype=int)
+
     def policy(observation, still, query):
+        assert still.any() or not asking.any()
         asked[still] += 1
-        return np.where(still, table[np.arange(count), query], 0)
+        buffer[:] = np.where(still, table[np.arange(count), query], 0)
+        return buffer
 
     state, issued = stack_many(Counters(), policy, np.zeros(count, dtype=int), asking, limit)
     for number, own in enumerate(answers):
-        queries = []
-
-        def alone(observation, own=own, queries=queries):
-            queries.append(observation)
-            return own[len(queries) - 1]
-
-        told, expected = stack(Counter(), alone, (), limit=limit)
         if not asking[number]:
             assert (state[number], issued.instructions[number], asked[number]) == (0, 0, 0)
             continue
-        assert state[number] == len(told) == issued.instructions[number]
-        assert issued.action[number] == expected.action
-        assert asked[number] == len(queries)
+        instructions, queries = expected_of(own, min(limit, 7))
+        assert state[number] == issued.instructions[number] == instructions
+        assert issued.action[number] == own[0]
+        assert asked[number] == queries
 
 
 def test_every_query_inside_jit_samples_anew():

@@ -4,15 +4,18 @@ import hashlib
 import os
 import platform
 import shutil
+import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 
 import jax
+from jax._src.compilation_cache import decompress_executable  # no public name does it
 from jax.experimental.compilation_cache import compilation_cache
 
 from skystack.cores import processor_lines
+from skystack.errors import InputError
 from skystack.files import LOCK, alone_in, is_abandoned, scratch_folder
 
 CACHE_VARIABLE = "SKYSTACK_CACHE"
@@ -20,6 +23,7 @@ CACHE_VARIABLE = "SKYSTACK_CACHE"
 IDLE_S = 60.0
 """Whose folder has not been locked by then never will be: its process was killed."""
 _RUNNING = "running-"
+"""Begins the names of the folders that JAX works in."""
 MOST_BYTES = 512 * 1024**2
 """Beyond this the oldest are deleted."""
 
@@ -44,20 +48,26 @@ def compile_for_one_core() -> None:
 def kept_programs() -> Iterator[None]:
     """Within it, programs that were compiled before are read from disk, and new ones are kept.
 
-    JAX writes its files in place, so it is given a folder of its own with links to what is there;
-    what it adds is moved over when all is done, whole; after an interruption, nothing. Does nothing
-    where JAX has a folder for its programs already, or ours cannot be written.
+    JAX writes its files in place and reads whatever is there. So it is given a folder of its own
+    with links to the files that are whole, and what it adds is moved over when all is done, if it
+    is whole; after an interruption, nothing. Does nothing where JAX has a folder for its programs
+    already, or ours cannot be used: programs that are not kept cost time and nothing else.
     """
     already: str | None = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
     folder = None if already else _folder()
-    if folder is None:
-        yield
-        return
-    with scratch_folder(_RUNNING, folder) as mine, alone_in(mine):
-        _link(folder, mine)
+    with ExitStack() as stack:
+        mine = None if folder is None else _own_folder(folder, stack)
+        if folder is None or mine is None:
+            yield
+            return
         _use(str(mine))
         try:
-            yield
+            with warnings.catch_warnings():
+                # A disk that is full, or a folder that is gone: the program is compiled all the
+                # same.
+                message = "Error (reading|writing) persistent compilation cache entry"
+                warnings.filterwarnings("ignore", message)
+                yield
         except Exception:
             _keep(mine, folder)
             raise
@@ -72,12 +82,29 @@ def _folder() -> Path | None:
     if named == "off":
         return None
     base = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache") / "skystack"
-    folder = Path(named or base).expanduser() / _fingerprint()
     try:
+        folder = Path(named or base).expanduser() / _fingerprint()
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
+    except (OSError, RuntimeError):  # RuntimeError: nobody's home
         return None
-    return folder if os.access(folder, os.W_OK | os.X_OK) else None
+    return folder
+
+
+def _own_folder(folder: Path, stack: ExitStack) -> Path | None:
+    """A folder for JAX, with links to the programs that are whole; others are deleted."""
+    try:
+        mine = stack.enter_context(scratch_folder(_RUNNING, folder))
+        stack.enter_context(alone_in(mine))
+        kept = _files(folder)
+    except (OSError, InputError):
+        return None
+    for path in kept:
+        with suppress(OSError):
+            if path.suffix == _digest(path):
+                os.link(path, mine / path.stem)
+            else:
+                path.unlink()
+    return mine
 
 
 def _fingerprint() -> str:
@@ -105,23 +132,45 @@ def _use(folder: str | None) -> None:
     compilation_cache.reset_cache()  # it looks for the folder once only
 
 
-def _link(folder: Path, mine: Path) -> None:
-    for path in folder.iterdir():
-        with suppress(OSError):
-            if path.is_file():
-                os.link(path, mine / path.name)
-
-
 def _keep(mine: Path, folder: Path) -> None:
+    """Move what is new and whole, under a name that ends with the digest of the content."""
     with suppress(OSError):
-        for path in mine.iterdir():
-            if path.name != LOCK and not (folder / path.name).exists():
-                path.replace(folder / path.name)
-        left = MOST_BYTES
-        for path in sorted(folder.iterdir(), key=lambda path: -path.stat().st_mtime):
-            if path.is_file():
-                left -= path.stat().st_size
-                if left < 0:
-                    path.unlink(missing_ok=True)
-            elif path.name.startswith(_RUNNING) and path != mine and is_abandoned(path, IDLE_S):
-                shutil.rmtree(path, ignore_errors=True)
+        known = {path.stem for path in _files(folder)}
+        for path in _files(mine):
+            if path.name not in known and _whole(path):
+                path.replace(folder / (path.name + _digest(path)))
+        _clean(folder, mine)
+
+
+def _clean(folder: Path, mine: Path) -> None:
+    """Delete the oldest programs beyond what may be kept, and what killed processes left."""
+    left = MOST_BYTES
+    for _, size, path in sorted(_dated(path) for path in _files(folder))[::-1]:
+        left -= size
+        if left < 0:
+            path.unlink(missing_ok=True)
+    for path in folder.glob(f"{_RUNNING}*"):
+        if path != mine and is_abandoned(path, IDLE_S):
+            shutil.rmtree(path, ignore_errors=True)
+
+
+def _files(folder: Path) -> list[Path]:
+    return [path for path in folder.iterdir() if path.is_file() and path.name != LOCK]
+
+
+def _dated(path: Path) -> tuple[float, int, Path]:
+    status = path.stat()
+    return status.st_mtime, status.st_size, path
+
+
+def _digest(path: Path) -> str:
+    return f".{hashlib.sha256(path.read_bytes()).hexdigest()[:32]}"
+
+
+def _whole(path: Path) -> bool:
+    """Whether JAX wrote all of a program: a disk that is full cuts the file short."""
+    try:
+        decompress_executable(path.read_bytes())
+    except Exception:  # each of the libraries that it may be compressed with has its own
+        return False
+    return True

@@ -5,12 +5,18 @@ value that its last instruction led to, for as long as it answers with the same 
 asked for is issued as one clearance; then one cycle is flown. (Section "Online Action-Stacking" of
 the paper.) Not to be confused with stacking past actions into an observation.
 
+A query whose answer could change nothing is not made: not at the limit, nor when the instruction
+cannot be given again. A policy with memory is therefore asked once a cycle under a limit of one,
+which is that policy without stacking.
+
 This module knows policies and two-phase environments and nothing else. `stack` works with anything
 that computes; `stack_traced` does the same inside `jax.jit`, and `stack_many` for many scenarios
 whose policy runs outside it.
 """
 
+import operator
 from collections.abc import Callable
+from copy import deepcopy
 from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 from skystack.errors import InputError
@@ -53,16 +59,25 @@ class Stack(NamedTuple):
     """How often it was given in this cycle; 0: nothing is issued."""
 
 
-WhileLoop = Callable[[Callable[[Carry], Any], Callable[[Carry], Carry], Carry], Carry]
+Both = Callable[[Any, Callable[[Any], Any]], Any]
+"""Logical and: the second is given the first, and evaluated only where the first is true."""
 
 
-def python_while(
-    condition: Callable[[Carry], Any], body: Callable[[Carry], Carry], carry: Carry
-) -> Carry:
-    """`jax.lax.while_loop` in plain Python."""
-    while condition(carry):
-        carry = body(carry)
-    return carry
+def owned(answer: Any) -> Any:
+    """An answer that nobody changes afterwards: policies may write all of theirs into one array."""
+    mutable = hasattr(answer, "__array__") or isinstance(answer, list | tuple | dict)
+    return deepcopy(answer) if mutable else answer
+
+
+def checked_limit(limit: Any) -> int:
+    """The most instructions of one clearance. Raises InputError for anything but 1, 2, ..."""
+    try:
+        number = 0 if isinstance(limit, bool) else operator.index(limit)
+    except TypeError:
+        number = 0
+    if number < 1:
+        raise InputError(f"limit is {limit!r} (allowed: whole numbers from 1)")
+    return number
 
 
 def stack(
@@ -77,15 +92,16 @@ def stack(
     instructions of one clearance, 1 to issue each by itself.
 
     Returns the instructed state, ready to be advanced one cycle, and what was issued. Raises
-    InputError for a stack without end: no limit, a policy that never changes its mind, and an
-    environment that allows it.
+    InputError for a limit below 1, and for a stack without end: no limit, a policy that never
+    changes its mind, and an environment that allows it.
     """
     checked = getattr(environment, "checked_action", lambda action: action)
 
-    def ask(state: State, _: Any) -> Any:
-        return checked(policy(environment.observe(state)))
+    def ask(state: State, _number: Any, _who: Any) -> Any:
+        return checked(owned(policy(environment.observe(state))))
 
-    told, issued = _Burst(environment, ask, limit, _and).compile(state, python_while, zero=0)
+    burst = _Burst(environment, ask, _both, _while, limit)
+    told, issued = burst.compile(state, zero=0, asking=True)
     if limit is None and issued.instructions >= ENDLESS:
         raise InputError(
             f"an endless stack: the policy has asked for action {issued.action} {ENDLESS} times in "
@@ -104,17 +120,20 @@ def stack_traced(
     """`stack` for compiled programs: `policy` maps an observation and a random key to an action.
 
     Every query has a key of its own, so that a policy that samples samples anew. A compiled program
-    cannot raise: without a limit a stack ends at `ENDLESS` instructions.
+    cannot raise: without a limit a stack ends at `ENDLESS` instructions. Under `jax.vmap` queries
+    are computed for all scenarios, also where the answer is not used.
     """
     import jax  # noqa: PLC0415  (plain callables need no JAX)
     import jax.numpy as jnp  # noqa: PLC0415
 
-    def ask(state: State, query: Any) -> Any:
-        return policy(environment.observe(state), jax.random.fold_in(key, query))
+    def ask(state: State, number: Any, _who: Any) -> Any:
+        return policy(environment.observe(state), jax.random.fold_in(key, number))
 
-    zero = jnp.zeros((), dtype=jnp.int32)
-    burst = _Burst(environment, ask, limit, lambda first, second: first & second())
-    return burst.compile(state, jax.lax.while_loop, zero)
+    def both(first: Any, second: Callable[[Any], Any]) -> Any:
+        return jax.lax.cond(first, second, lambda first: first, first)
+
+    burst = _Burst(environment, ask, both, jax.lax.while_loop, limit)
+    return burst.compile(state, jnp.zeros((), dtype=jnp.int32), jnp.ones((), dtype=bool))
 
 
 class ManyTwoPhase(TwoPhase[State], Protocol[State]):
@@ -138,53 +157,67 @@ def stack_many(
     `asking` masks the scenarios to begin with. Without a limit a stack ends at `ENDLESS`.
     """
 
-    def ask(state: State, query: Any) -> Any:
-        return policy(environment.observe(state), asking, query)
+    def ask(state: State, number: Any, who: Any) -> Any:
+        return owned(policy(environment.observe(state), who, number))
+
+    def both(first: Any, second: Callable[[Any], Any]) -> Any:
+        return first & second(first) if first.any() else first
 
     def while_any(
         condition: Callable[[Carry], Any], body: Callable[[Carry], Carry], carry: Carry
     ) -> Carry:
-        nonlocal asking
-        while (asking := asking & condition(carry)).any():
-            carry = environment.choose(asking, body(carry), carry)
+        while (going := condition(carry)).any():
+            carry = environment.choose(going, body(carry), carry)
         return carry
 
-    burst = _Burst(environment, ask, limit, lambda first, second: first & second())
-    return burst.compile(state, while_any, asking * 0)
+    burst = _Burst(environment, ask, both, while_any, limit)
+    return burst.compile(state, asking * 0, asking)
 
 
-def _and(first: Any, second: Callable[[], Any]) -> Any:
-    return first and second()
+def _both(first: Any, second: Callable[[Any], Any]) -> bool:
+    return bool(first) and bool(second(first))
 
 
-class _Asked(NamedTuple):
+def _while(
+    condition: Callable[[Carry], Any], body: Callable[[Carry], Carry], carry: Carry
+) -> Carry:
+    while condition(carry):
+        carry = body(carry)
+    return carry
+
+
+class _Given(NamedTuple):
+    """A clearance under way."""
+
     state: Any
-    action: Any
-    wanted: Any
     instructions: Any
+    wanted: Any
+    """Whether one more is."""
 
 
 class _Burst(NamedTuple):
-    """The algorithm: query, and while the same instruction is wanted, give it and query again."""
+    """The algorithm: for one scenario in Python, for one inside `jax.jit`, or for many."""
 
     environment: Any
-    ask: Callable[[Any, Any], Any]
-    """From a state and the number of the query to an action."""
+    ask: Callable[[Any, Any, Any], Any]
+    """From a state, the number of the query and the scenarios that are asked to an action."""
+    both: Both
+    while_loop: Callable[[Callable[[Any], Any], Callable[[Any], Any], Any], Any]
     limit: int | None
-    both: Callable[[Any, Callable[[], Any]], Any]
-    """Logical and. In plain Python the second is not asked where the first says no."""
 
-    def compile(self, state: Any, while_loop: WhileLoop[Any], zero: Any) -> tuple[Any, Stack]:
-        action = self.ask(state, zero)
-        asked = while_loop(self.goes_on, self.give, _Asked(state, action, action, zero))
-        return asked.state, Stack(asked.action, asked.instructions)
+    def compile(self, state: Any, zero: Any, asking: Any) -> tuple[Any, Stack]:
+        most = ENDLESS if self.limit is None else checked_limit(self.limit)
+        action = self.ask(state, zero, asking)
 
-    def goes_on(self, asked: _Asked) -> Any:
-        same = (asked.wanted == asked.action) & (asked.action != NO_ACTION)
-        room = asked.instructions < (ENDLESS if self.limit is None else self.limit)
-        return self.both(same & room, lambda: self.environment.may_stack(asked.state, asked.action))
+        def allowed(state: Any, when: Any) -> Any:
+            return self.both(when, lambda _: self.environment.may_stack(state, action))
 
-    def give(self, asked: _Asked) -> _Asked:
-        told = self.environment.instruct(asked.state, asked.action)
-        given = asked.instructions + 1
-        return _Asked(told, asked.action, self.ask(told, given), given)
+        def give(given: _Given) -> _Given:
+            told, count = self.environment.instruct(given.state, action), given.instructions + 1
+            useful = allowed(told, given.wanted & (count < most))
+            again = self.both(useful, lambda who: self.ask(told, count, who) == action)
+            return _Given(told, count, again)
+
+        first = _Given(state, zero, allowed(state, asking & (action != NO_ACTION)))
+        given = self.while_loop(lambda given: given.wanted, give, first)
+        return given.state, Stack(action, given.instructions)

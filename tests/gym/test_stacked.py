@@ -1,6 +1,7 @@
 """Stacking by being asked: the clearances of `skystack.stacking.stack`, in any agent's loop."""
 
 import gymnasium
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from gymnasium import spaces
@@ -16,6 +17,7 @@ from skystack.gym.stacked import StackedEnvironment, TwoPhaseEnvironment
 from skystack.stacking import stack
 from skystack.tasks.settings import RewardSettings, TaskSettings
 from skystack.tasks.stacked_steps import StackedSteps
+from tests.test_stacking import expected_of
 
 
 class Counter(gymnasium.Env):
@@ -49,46 +51,127 @@ class Counter(gymnasium.Env):
         return self.observe(), *flown
 
 
-class InFunctions:
-    """A counter for `skystack.stacking.stack`: its state is what it was told."""
-
-    observe = staticmethod(len)
-
-    def instruct(self, state, action):
-        return (*state, action)
-
-    def may_stack(self, state, action):
-        return len(state) < 7
-
-
-@given(st.lists(st.integers(0, 3), min_size=12, max_size=12), st.integers(1, 9))
+@given(st.lists(st.integers(0, 3), min_size=9, max_size=9), st.integers(1, 9))
 def test_it_compiles_what_stack_compiles(answers, limit):
-    """Of any sequence of answers. Action 0 is none, in both."""
-    given, asked = iter(answers), []
-
-    def policy(_):
-        asked.append(next(given))
-        return asked[-1]
-
-    state, expected = stack(InFunctions(), policy, (), limit)
+    """Of any sequence of answers: see `expected_of`. Action 0 is none, in both."""
+    instructions, queries = expected_of(answers, min(limit, 7))
     environment = StackedEnvironment(Counter(), limit)
     environment.reset()
-    for number, action in enumerate(asked):
+    for number, action in enumerate(answers[:queries], 1):
         seen, reward, *_, info = environment.step(np.int64(action))
-        frozen = number < expected.instructions
-        assert ("clearance" not in info) == frozen
-        assert seen.tolist() == ([number + 1, 0] if frozen else [0, 1])
-        assert reward == (0.0 if frozen else len(state))
-    issued = expected.action if expected.instructions else 0
-    assert info["clearance"] == {"action": issued, "instructions": expected.instructions}
+        flies = number == queries
+        assert ("clearance" in info) == flies
+        assert seen.tolist() == ([0, 1] if flies else [number, 0])
+        assert reward == (instructions if flies else 0.0)
+    issued = answers[0] if instructions else 0
+    assert info["clearance"] == {"action": issued, "instructions": instructions}
 
 
 def test_an_agent_that_never_changes_its_mind_cannot_stop_time():
     environment = StackedEnvironment(Counter(), limit=3)
     environment.reset()
-    infos = [environment.step(2)[-1] for _ in range(8)]
+    infos = [environment.step(2)[-1] for _ in range(6)]
     flown = {"action": 2, "instructions": 3}
-    assert [info.get("clearance") for info in infos] == [None, None, None, flown] * 2
+    assert [info.get("clearance") for info in infos] == [None, None, flown] * 2
+
+
+def test_with_a_limit_of_one_it_steps_as_the_environment_does():
+    stacked, plain = StackedEnvironment(Counter(), limit=1), Counter()
+    stacked.reset(), plain.reset()
+    for action in (1, 1, 2, 3, 3):
+        seen, *outcome, info = stacked.step(action)
+        expected_seen, *expected, expected_info = plain.step(action)
+        assert (seen.tolist(), outcome) == (expected_seen.tolist(), expected)
+        assert info == expected_info | {"clearance": {"action": action, "instructions": 1}}
+
+
+WRONG = [99, -1, 4, 2.5, 2.0, float("nan"), "x", None, [1], np.array([1]), 10**30]
+
+
+@pytest.mark.parametrize("wrong", WRONG, ids=map(str, WRONG))
+@pytest.mark.parametrize("before", [(), (1,), (1, 1)], ids=len)
+def test_every_answer_is_checked(before, wrong):
+    """The first and all others; nothing changes, and the scenario can be flown on."""
+    environment = StackedEnvironment(Counter())
+    environment.reset()
+    for action in before:
+        environment.step(action)
+    with pytest.raises(InputError, match=r"^action is .* \(allowed: Discrete\(4\)\)$"):
+        environment.step(wrong)
+    *_, info = environment.step(0)
+    assert info["clearance"]["instructions"] == len(before)
+
+
+BOX = spaces.Box(0.0, 0.1, (2,), np.float32)
+BYTES = spaces.Box(0, 255, (1,), np.uint8)
+ACTIONS = [
+    (spaces.Discrete(4), [3, np.int8(3), np.array(3), np.uint64(3), jnp.int32(3)], [jnp.int32(4)]),
+    (spaces.Discrete(2, start=5), [5, 6], [0, 1, 7]),
+    (
+        BOX,
+        [np.array([0.1, 0.0]), [0.0, 0.05], np.float16([0.0, 0.0]), np.zeros(2, int)],
+        [
+            np.array([0.2, 0.0]),
+            np.array([np.nan, 0.0]),
+            np.zeros(3),
+            [[0.0], [0.0, 0.0]],
+            "x",
+            1e300,
+        ],
+    ),
+    (BYTES, [np.array([255]), [7]], [np.array([256]), np.array([-1]), np.array([1.0]), 7]),
+    (spaces.MultiDiscrete([3, 2]), [[2, 1], np.uint8([0, 0])], [[3, 1], [2.0, 1.0], [1]]),
+    (spaces.MultiBinary(2), [[True, False], np.array([0, 1])], [[2, 0], [1]]),
+    (spaces.Text(3), ["left"[:3]], ["to the left", 5]),
+]
+
+
+@pytest.mark.parametrize(("space", "allowed", "refused"), ACTIONS, ids=lambda each: str(each)[:12])
+def test_answers_belong_to_the_action_space(space, allowed, refused):
+    """Of any kind, in any library's array and any precision."""
+
+    class Other(Counter):
+        action_space = space
+
+    for action in allowed:
+        environment = StackedEnvironment(Other(), no_action=-1)
+        environment.reset()
+        assert environment.step(action)[-1] == environment.step(action)[-1] == {}
+    for action in refused:
+        environment = StackedEnvironment(Other(), no_action=-1)
+        environment.reset()
+        with pytest.raises(InputError, match="action is "):
+            environment.step(action)
+        environment.step(allowed[0])
+        with pytest.raises(InputError, match="action is "):
+            environment.step(action)
+
+
+def test_arrays_may_be_changed_after_every_step():
+    """The agent's buffer, what it was handed, and the action that says nothing."""
+
+    class Other(Counter):
+        action_space = BOX
+
+        def instruct(self, action):
+            super().instruct(action.tolist())
+            action[:] = 7.0
+
+    nothing, buffer = np.zeros(2, dtype=np.float32), np.zeros(2, dtype=np.float32)
+    environment = StackedEnvironment(Other(), no_action=nothing)
+    environment.reset()
+    nothing[:] = 7.0
+    for _ in range(3):
+        clearances = []
+        for answer in ((0.05, 0.0), (0.05, 0.0), (0.0, 0.05), (0.0, 0.0)):
+            buffer[:] = answer
+            *_, info = environment.step(buffer)
+            buffer[:] = 7.0
+            if "clearance" in info:
+                clearance = info["clearance"]
+                clearances.append((clearance["action"].tolist(), clearance["instructions"]))
+                clearance["action"][:] = 7.0
+        assert clearances == [([np.float32(0.05), 0.0], 2), ([0.0, 0.0], 0)]
 
 
 def test_the_next_scenario_begins_without_a_clearance_under_way():
@@ -124,7 +207,7 @@ def test_stable_baselines3_evaluates_in_it():
     returns, steps = evaluation.evaluate_policy(
         Insistent(), monitored, n_eval_episodes=2, return_episode_rewards=True
     )
-    assert (returns, steps) == ([35.0, 35.0], [40, 40])
+    assert (returns, steps) == ([35.0, 35.0], [35, 35])
 
 
 def test_wrappers_that_it_would_pass_by_are_refused():
@@ -161,9 +244,15 @@ def test_a_shipped_policy_issues_the_clearances_of_stack(policy, environment):
         seen, _ = stacked.reset(seed=scenario)
         now, over = environment._now, False
         while not over:
-            now, expected = stack(plain, policy, now)
+            answers = []
+
+            def noted(observation, answers=answers):
+                answers.append(policy(observation))
+                return answers[-1]
+
+            now, expected = stack(plain, noted, now)
             before = plain.state_of(environment._now)
-            for _ in range(expected.instructions):
+            for _ in answers[1:]:
                 seen, reward, over, *_, info = stacked.step(policy(seen))
                 assert (reward, over, info) == (0.0, False, {})
                 told = plain.state_of(environment._now)

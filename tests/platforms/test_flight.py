@@ -12,6 +12,7 @@ from skystack.platforms.flight import command_of, flight_rows, fly_scenario
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.own import Skystack
 from skystack.platforms.phraseology import written
+from skystack.platforms.protocol import Report
 from skystack.simulator.scenario_file import GivenClearance, load_scenario
 from tests.scenarios import EXAMPLES, MINIMAL, changed, load
 
@@ -146,6 +147,23 @@ def test_a_type_that_nobody_has_measured_is_refused(tmp_path):
     scenario = load(changed((*A1, "type"), "A320"), tmp_path)
     with pytest.raises(InputError, match=r"AC2: type 'A320' is unknown to skystack .*B753"):
         fly_scenario(Skystack(), scenario)
+
+
+def test_a_platform_may_write_all_its_reports_into_the_same_arrays(tmp_path):
+    class Reusing(Skystack):
+        buffers = None
+
+        def _report(self):
+            report = super()._report()
+            self.buffers = self.buffers or Report(*map(np.array, report))
+            for buffer, values in zip(self.buffers, report, strict=True):
+                buffer[:] = values
+            return self.buffers
+
+    scenario = load(MINIMAL, tmp_path)
+    expected, found = (fly_scenario(kind(), scenario) for kind in (Skystack, Reusing))
+    np.testing.assert_array_equal(found.reports, expected.reports)
+    assert found.issued == expected.issued
 
 
 def test_a_platform_flies_a_scenario_the_same_after_another(tmp_path):

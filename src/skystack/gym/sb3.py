@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from skystack.errors import InputError, of_extra
 from skystack.gym.vector import VectorTaskEnvironment
+from skystack.stacking import owned
 
 with of_extra(__name__, "sb3"):
     from stable_baselines3.common.vec_env import VecEnv
@@ -43,7 +44,7 @@ class StableBaselines3Environment(VecEnv):  # type: ignore[misc]
         return observation
 
     def step_async(self, actions: Any) -> None:
-        self._actions = actions
+        self._actions = owned(actions)  # the caller may write over them before `step_wait`
 
     def step_wait(
         self,

@@ -5,20 +5,21 @@ the agent asks for what it asked for first, so that the loop itself compiles the
 `skystack.stacking` does by asking a policy, this does by being asked. Needs no JAX.
 """
 
-from copy import copy
 from typing import Any, Protocol, runtime_checkable
 
 import gymnasium
 import numpy as np
+from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker
 
 from skystack.errors import InputError
-from skystack.stacking import NO_ACTION
+from skystack.stacking import NO_ACTION, checked_limit, owned
 
 MOST_INSTRUCTIONS = 100
 """Of one clearance. No task here can take more than 60: an aircraft sent through all levels."""
 
+_NUMBERS = (spaces.Box, spaces.Discrete, spaces.MultiBinary, spaces.MultiDiscrete)
 PASSED_BY = (OrderEnforcing, PassiveEnvChecker)
 """Wrappers of `gymnasium.make` that only check: nothing is lost by going past them."""
 
@@ -46,11 +47,15 @@ class StackedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructo
 
     While the action is the cycle's first and may be stacked, it is given: time stands still, the
     reward is 0 and the observation shows what is now cleared. Any other action is not executed; it
-    ends the clearance, and one cycle is flown. `info["clearance"]` of that step says what was
-    issued: `action`, given so many times: `instructions`; 0, and `no_action`, if nothing was.
+    ends the clearance, and one cycle is flown. It is flown in the same step where the action cannot
+    be given once more: the agent is not asked for what could not be used. `info["clearance"]` of
+    the step that flies says what was issued: `action`, given so many times: `instructions`; 0, and
+    `no_action`, if nothing was.
 
-    `limit` is the most instructions of one clearance (1 issues each by itself), so that an agent
-    that never changes its mind cannot stop time. Actions are numbers or arrays.
+    `limit` is the most instructions of one clearance, so that an agent that never changes its mind
+    cannot stop time. With a limit of 1 every step flies, as without this wrapper. Actions are
+    numbers or arrays. Raises InputError for one that is neither in the action space nor
+    `no_action`.
 
     Other wrappers go outside, round this one: it must reach the two phases. Raises InputError where
     one is inside, or there are no two phases.
@@ -64,11 +69,9 @@ class StackedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructo
     ) -> None:
         RecordConstructorArgs.__init__(self, limit=limit, no_action=no_action)
         super().__init__(env)
-        if limit < 1:
-            raise InputError(f"limit is {limit} (allowed: 1 or more)")
+        self._limit, self._no_action = checked_limit(limit), owned(no_action)
         self._phases = _phases_of(env)
-        self._limit, self._no_action = limit, no_action
-        self._action, self._instructions = no_action, 0
+        self._action, self._instructions = self._no_action, 0
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -77,13 +80,14 @@ class StackedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructo
         return super().reset(seed=seed, options=options)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Give one more instruction, or else fly one cycle."""
-        if self._goes_on(action):
-            self._phases.instruct(action)
-            # A copy: agents may write their next action over this one.
-            self._action, self._instructions = copy(action), self._instructions + 1
+        """Give the instruction if it is wanted, and fly one cycle unless it may be given again."""
+        wanted = self._wanted(self._checked(action))
+        if wanted:
+            self._action, self._instructions = owned(action), self._instructions + 1
+            self._phases.instruct(owned(action))
+        if wanted and self._instructions < self._limit and self._phases.may_stack(self._action):
             return self._phases.observe(), 0.0, False, False, {}
-        clearance = {"action": self._action, "instructions": self._instructions}
+        clearance = {"action": owned(self._action), "instructions": self._instructions}
         reward, terminated, truncated, info = self._phases.advance()
         self._begin_cycle()
         return (
@@ -97,10 +101,31 @@ class StackedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructo
     def _begin_cycle(self) -> None:
         self._action, self._instructions = self._no_action, 0
 
-    def _goes_on(self, action: Any) -> bool:
-        same = not self._instructions or np.array_equal(action, self._action)
-        wanted = same and not np.array_equal(action, self._no_action)
-        return wanted and self._instructions < self._limit and self._phases.may_stack(action)
+    def _checked(self, action: Any) -> Any:
+        if not np.array_equal(action, self._no_action) and not _in(self.action_space, action):
+            raise InputError(f"action is {action!r} (allowed: {self.action_space})")
+        return action
+
+    def _wanted(self, action: Any) -> bool:
+        """Whether it is to be given: whether a second one may be was found out after the first."""
+        if self._instructions:
+            return np.array_equal(action, self._action)
+        return not np.array_equal(action, self._no_action) and self._phases.may_stack(action)
+
+
+def _in(space: spaces.Space[Any], action: Any) -> bool:
+    """Whether an action is in a space, as an array of any library and in any precision."""
+    if not isinstance(space, _NUMBERS):
+        return space.contains(action)
+    whole = np.issubdtype(space.dtype, np.integer)
+    try:
+        numbers = np.asarray(action)
+        with np.errstate(over="ignore", invalid="ignore"):
+            cast = numbers.astype(space.dtype)
+    except (OverflowError, TypeError, ValueError):  # words, or rows of several lengths
+        return False
+    exact = numbers.dtype.kind in "biu" and np.array_equal(cast, numbers)
+    return (exact or (numbers.dtype.kind in "biuf" and not whole)) and space.contains(cast)
 
 
 def _phases_of(env: gymnasium.Env[Any, Any]) -> TwoPhaseEnvironment:

@@ -25,15 +25,20 @@ def fly_scenario(platform: Platform, scenario: Scenario) -> Flight:
 
     A clearance of cycle k shows as cleared in row k+1. Raises what the platform raises.
     """
-    reports = [platform.reset(scenario)]
+    reports = [_owned(platform.reset(scenario))]
     transmissions = scenario.transmissions()
     issued = []
     for cycle in range(scenario.cycles):
         for given in transmissions.get(cycle, []):
             issued.append((cycle, command_of(given)))
             platform.issue(issued[-1][1])
-        reports.append(platform.advance())
+        reports.append(_owned(platform.advance()))
     return Flight(reports, _worded(platform, scenario, reports, issued))
+
+
+def _owned(report: Report) -> Report:
+    """A platform may write each of its reports into the same arrays."""
+    return Report(*map(np.array, report))
 
 
 def command_of(given: GivenClearance) -> Instruction:

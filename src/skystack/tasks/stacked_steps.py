@@ -30,7 +30,8 @@ class StackedSteps(TaskWrapper[NavigationTask]):
     """A task whose step gives one more instruction, or else flies one cycle.
 
     An instruction that would stop the stack (another one than the first of the cycle) is not
-    executed, and time goes on, as in `skystack.stacking`.
+    executed, and time goes on, as in `skystack.stacking`. Time goes on in the same step, too, when
+    the instruction that was given cannot be given once more.
     """
 
     @property
@@ -62,9 +63,10 @@ class StackedSteps(TaskWrapper[NavigationTask]):
     def step(
         self, state: StackedState, action: Int[Array, "*batch"]
     ) -> tuple[StackedState, Outcome]:
-        flown, outcome = self.advance(state)
-        told = self.instruct(state, action)
-        frozen = self.may_stack(state, action)
+        given = self.may_stack(state, action)
+        told = choose(given, self.instruct(state, action), state)
+        frozen = given & self.may_stack(told, action)
+        flown, outcome = self.advance(told)
         return choose(frozen, told, flown), outcome._replace(
             reward=jnp.where(frozen, 0.0, outcome.reward),
             terminated=outcome.terminated & ~frozen,
