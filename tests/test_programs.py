@@ -4,6 +4,8 @@ import math
 import os
 import subprocess
 import sys
+import tempfile
+from contextlib import ExitStack
 
 import pytest
 
@@ -82,9 +84,10 @@ def test_damaged_programs_are_dropped_and_compiled_again(tmp_path):
         for damage in damages[: 4 if path == first[0] else 1]:
             path.unlink()
             path.write_bytes(damage)
-            left = programs._own_folder(path.parent)
-            assert not path.exists()
-            assert not (left / path.stem).exists()
+            with ExitStack() as stack:
+                left = programs._own_folder(path.parent, stack)
+                assert not path.exists()
+                assert not (left / path.stem).exists()
             path.write_bytes(data)
     for path, data in whole.items():
         path.unlink()
@@ -101,7 +104,8 @@ FREE = "resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
 def test_what_a_full_disk_cut_short_is_not_kept(tmp_path):
     """Files end at 1,000 bytes while JAX writes; there is room again when they are moved."""
     ignored = "import signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN)"
-    cut = "assert {p.stat().st_size for p in Path(jax.config.jax_compilation_cache_dir).iterdir()}"
+    written = "Path(jax.config.jax_compilation_cache_dir).glob('*-cache')"
+    cut = f"assert {{p.stat().st_size for p in {written}}}"
     after = f"{FREE}; from pathlib import Path; {cut} == {{1000}}"
     compiled = run(tmp_path, inside=f"{FULL}; {ignored}", after=after)
     assert compiled > 0
@@ -156,11 +160,12 @@ def test_nobody_without_a_home_is_in_the_way(monkeypatch):
 
 
 def test_no_room_for_a_folder_is_no_cache(monkeypatch, tmp_path):
-    def full(**_):
+    def full(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(programs, "mkdtemp", full)
-    assert programs._own_folder(tmp_path) is None
+    monkeypatch.setattr(tempfile, "mkdtemp", full)
+    with ExitStack() as stack:
+        assert programs._own_folder(tmp_path, stack) is None
 
 
 def test_the_oldest_programs_make_room(monkeypatch, tmp_path):
@@ -171,7 +176,7 @@ def test_the_oldest_programs_make_room(monkeypatch, tmp_path):
     for name in ("running-old", "running-new"):
         (tmp_path / name).mkdir()
     os.utime(tmp_path / "running-old", (1e9, 1e9))
-    programs._clean(tmp_path)
+    programs._clean(tmp_path, tmp_path / "running-mine")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b", "running-new"]
 
 

@@ -219,4 +219,4 @@ def test_words_are_of_the_row_in_which_a_clearance_is_adopted(adoption, words, t
     flight = fly_scenario(platform, scenario)
     assert platform.heard == [(3, "AC2")]
     assert [(cycle, written(each)) for cycle, each in flight.issued] == [(3, f"AC2 turn {words}")]
-    assert flight.reports == reports
+    np.testing.assert_array_equal(flight.reports, reports)
