@@ -138,6 +138,10 @@ SIGNALLED = {
 }
 
 
+_READ_EVALUATION = {"replay, a page", "replay, a film"}
+_READ_TRAINING = {"train", "report"}
+
+
 class Ended(NamedTuple):
     """How a signalled command ended."""
 
@@ -304,9 +308,10 @@ class Study:
     def prepare(self, names: Sequence[str]) -> None:
         """Run what the others read, and each command until what it compiles is kept."""
         self._known.folder.mkdir()
-        for name in ("evaluate", "train"):
-            run_to_end(SIGNALLED[name].command(self._known))
-        self._expected = outcome(SUBJECTS["training"], self._known.training)
+        reads = {"evaluate": _READ_EVALUATION, "train": _READ_TRAINING}
+        for name, readers in reads.items():
+            if readers & set(names):
+                run_to_end(SIGNALLED[name].command(self._known))
         for name in names:
             for number in range(1 + SIGNALLED[name].compiles):
                 place = self._known._replace(folder=self._folder / f"{name}-{number}")
@@ -357,7 +362,11 @@ class Study:
         place = self._known._replace(folder=self._folder / "resumed")
         place.folder.mkdir(exist_ok=True)
         run_to_end(_train(place))
-        if outcome(SUBJECTS["training"], place.folder / "run") != self._expected:
+        known, resumed = (
+            outcome(SUBJECTS["training"], folder)
+            for folder in (self._known.training, place.folder / "run")
+        )
+        if resumed != known:
             self.wrong.append("a training that was resumed came to another end")
         place.folder.rename(self._folder / f"finished-{time.monotonic_ns()}")
 
@@ -369,12 +378,16 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", nargs="+", choices=list(SIGNALLED), default=list(SIGNALLED))
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     names = [name for name in options.only if name != "evaluate --platform" or _bluebird()]
     with tempfile.TemporaryDirectory(prefix="signalled-") as folder:
         os.environ |= QUICK | {"SKYSTACK_CACHE": f"{folder}/programs"}
         study = Study(Path(folder), options.seed)
-        study.prepare(names)
-        study.signal_all(names, options.signals)
+        try:
+            study.prepare(names)
+            study.signal_all(names, options.signals)
+        except KeyboardInterrupt:
+            sys.stdout.write("interrupted; so far:\n")
     for name, counts in study.counts.items():
         sent = counts["code"] + counts["signal"]
         sys.stdout.write(

@@ -104,6 +104,27 @@ def held() -> Iterator[None]:
         check()
 
 
+@contextmanager
+def starting_processes() -> Iterator[None]:
+    """`held`; what is started meanwhile, threads and their processes, hears no Ctrl-C: only we do.
+
+    A process that is half started would be left, and complain.
+    """
+    from multiprocessing import resource_tracker  # noqa: PLC0415  (help needs none)
+
+    with held():
+        if not hasattr(signal, "pthread_sigmask"):
+            yield
+            return
+        # Starting it lifts the block again, so it is started before.
+        resource_tracker.ensure_running()
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _on_signal(number: int, frame: FrameType | None) -> None:
     if _note.number is None:
         _note.number, _note.at_s = number, time.monotonic()
