@@ -36,11 +36,12 @@ from typing import NamedTuple
 import pyarrow.parquet as pq
 from safetensors.numpy import load
 
-from benchmarks.killed_trainings import LIMIT_S, SUBJECTS, DifferentError, outcome, train_command
+from benchmarks.killed_trainings import SUBJECTS, DifferentError, outcome, train_command
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SKYSTACK = (sys.executable, "-m", "skystack")
 CODES = {signal.SIGINT: 130, signal.SIGTERM: 143}
+LIMIT_S = 1800.0
 ORPHAN_S = 10.0
 """For processes of a command that has ended to notice it."""
 QUICK = {

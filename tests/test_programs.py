@@ -3,8 +3,11 @@
 import os
 import subprocess
 import sys
+import time
 
 import pytest
+
+from skystack.files import alone_in
 
 PROGRAM = """
 import jax, jax.numpy as jnp
@@ -55,6 +58,20 @@ def test_a_run_that_is_killed_leaves_nothing_under_a_programs_name(tmp_path):
     subprocess.run([sys.executable, "-c", killed], env=environment, check=False)
     assert [path.name.startswith("running-") for path in kept(tmp_path)] == [True]
     assert run(tmp_path)[1] == 0
+
+
+def test_what_a_killed_run_left_is_deleted_by_a_later_one(tmp_path):
+    run(tmp_path)
+    (folder,) = tmp_path.iterdir()
+    for name in ("running-killed", "running-new", "running-at-work"):
+        (folder / name).mkdir()
+    hour_ago = time.time() - 3600.0
+    with alone_in(folder / "running-at-work"):
+        for name in ("running-killed", "running-at-work"):
+            os.utime(folder / name, (hour_ago, hour_ago))
+        run(tmp_path)
+    left = {path.name for path in kept(tmp_path) if path.name.startswith("running-")}
+    assert left == {"running-new", "running-at-work"}
 
 
 @pytest.mark.parametrize("named", ["off", "/proc/nowhere"])
