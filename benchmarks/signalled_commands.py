@@ -36,11 +36,12 @@ from typing import NamedTuple
 import pyarrow.parquet as pq
 from safetensors.numpy import load
 
-from benchmarks.killed_trainings import LIMIT_S, SUBJECTS, DifferentError, outcome, train_command
+from benchmarks.killed_trainings import SUBJECTS, DifferentError, outcome, train_command
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SKYSTACK = (sys.executable, "-m", "skystack")
 CODES = {signal.SIGINT: 130, signal.SIGTERM: 143}
+LIMIT_S = 1800.0
 ORPHAN_S = 10.0
 """For processes of a command that has ended to notice it."""
 QUICK = {
@@ -79,6 +80,8 @@ class Subject(NamedTuple):
     command: Callable[[Place], Sequence[str]]
     weight: int = 1
     """Its share of the signals."""
+    compiles: bool = False
+    """Whether it takes less time once its programs are kept."""
 
 
 def _train(place: Place) -> list[str]:
@@ -123,17 +126,21 @@ def _export(place: Place) -> list[str]:
 
 
 SIGNALLED = {
-    "simulate": Subject(_simulate, 3),
+    "simulate": Subject(_simulate, 3, compiles=True),
     "evaluate": Subject(_evaluate, 4),
-    "evaluate --platform": Subject(_elsewhere, 2),
+    "evaluate --platform": Subject(_elsewhere, 2, compiles=True),
     "train": Subject(_train, 4),
-    "reproduce": Subject(_reproduce, 3),
+    "reproduce": Subject(_reproduce, 3, compiles=True),
     "replay, a page": Subject(lambda place: _replay(place, ".html"), 2),
     "replay, a film": Subject(lambda place: _replay(place, ".gif"), 2),
     "report": Subject(_report, 2),
     "sector": Subject(_sector),
     "export": Subject(_export),
 }
+
+
+_READ_EVALUATION = {"replay, a page", "replay, a film"}
+_READ_TRAINING = {"train", "report"}
 
 
 class Ended(NamedTuple):
@@ -300,17 +307,18 @@ class Study:
         self._took: dict[str, float] = {}
 
     def prepare(self, names: Sequence[str]) -> None:
-        """Run what the others read, and each command twice: what it compiles is kept then."""
+        """Run what the others read, and each command until what it compiles is kept."""
         self._known.folder.mkdir()
-        for name in dict.fromkeys(["evaluate", "train", *names]):
-            command = SIGNALLED[name].command
-            for number in range(2):
+        reads = {"evaluate": _READ_EVALUATION, "train": _READ_TRAINING}
+        for name, readers in reads.items():
+            if readers & set(names):
+                run_to_end(SIGNALLED[name].command(self._known))
+        for name in names:
+            for number in range(1 + SIGNALLED[name].compiles):
                 place = self._known._replace(folder=self._folder / f"{name}-{number}")
                 place.folder.mkdir()
-                before = number == 0 and name in ("evaluate", "train")
-                self._took[name] = run_to_end(command(self._known if before else place))
-                sys.stderr.write(f"{name}: {self._took[name]:.1f} s undisturbed\n")
-        self._expected = outcome(SUBJECTS["training"], self._known.training)
+                self._took[name] = run_to_end(SIGNALLED[name].command(place))
+            sys.stderr.write(f"{name}: {self._took[name]:.1f} s undisturbed\n")
 
     def signal_all(self, names: Sequence[str], count: int) -> None:
         """So many signals, shared among the commands by their weights."""
@@ -335,7 +343,8 @@ class Study:
                 place.folder.mkdir(exist_ok=True)
             which = self._chance.choice(list(CODES))
             to_group = which == signal.SIGINT and self._chance.random() < 0.5
-            moment = time.monotonic() + self._chance.uniform(0.0, 1.05 * self._took[name])
+            begun = time.monotonic()
+            moment = begun + self._chance.uniform(0.0, self._took[name])
             command = SIGNALLED[name].command(place)
             ended = signalled(command, place, which, to_group, at(moment))
         self.counts.setdefault(name, Counter())[ended.how] += 1
@@ -344,15 +353,21 @@ class Study:
             sent = f"{which.name} to {'the group' if to_group else 'it'}"
             self.wrong.append("\n".join((f"signal {number}, {name}, {sent}:", *ended.wrong)))
             sys.stderr.write(self.wrong[-1] + "\n")
-        if name == "train" and ended.how == "before":
-            self._finish_training()
+        if ended.how == "before":  # the machine has become less busy
+            self._took[name] = min(self._took[name], time.monotonic() - begun)
+            if name == "train":
+                self._finish_training()
         return ended.how != "before"
 
     def _finish_training(self) -> None:
         place = self._known._replace(folder=self._folder / "resumed")
         place.folder.mkdir(exist_ok=True)
         run_to_end(_train(place))
-        if outcome(SUBJECTS["training"], place.folder / "run") != self._expected:
+        known, resumed = (
+            outcome(SUBJECTS["training"], folder)
+            for folder in (self._known.training, place.folder / "run")
+        )
+        if resumed != known:
             self.wrong.append("a training that was resumed came to another end")
         place.folder.rename(self._folder / f"finished-{time.monotonic_ns()}")
 
@@ -364,12 +379,16 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", nargs="+", choices=list(SIGNALLED), default=list(SIGNALLED))
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     names = [name for name in options.only if name != "evaluate --platform" or _bluebird()]
     with tempfile.TemporaryDirectory(prefix="signalled-") as folder:
         os.environ |= QUICK | {"SKYSTACK_CACHE": f"{folder}/programs"}
         study = Study(Path(folder), options.seed)
-        study.prepare(names)
-        study.signal_all(names, options.signals)
+        try:
+            study.prepare(names)
+            study.signal_all(names, options.signals)
+        except KeyboardInterrupt:
+            sys.stdout.write("interrupted; so far:\n")
     for name, counts in study.counts.items():
         sent = counts["code"] + counts["signal"]
         sys.stdout.write(

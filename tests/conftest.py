@@ -55,6 +55,7 @@ QUICKLY = (
     "benchmarks/test_killed_trainings.py",
     "benchmarks/test_mutated_inputs.py",
     "benchmarks/test_ship_policies.py",
+    "benchmarks/test_signalled_commands.py",
     "learning/test_phases.py",
     "learning/test_run.py",
     "platforms/test_bluesky.py",

@@ -5,11 +5,13 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from contextlib import ExitStack
 
 import pytest
 
 from skystack import programs
+from skystack.files import alone_in
 from skystack.programs import kept_programs
 
 PROGRAM = """
@@ -112,6 +114,21 @@ def test_what_a_full_disk_cut_short_is_not_kept(tmp_path):
     assert kept(tmp_path) == []
     assert run(tmp_path) == compiled
     assert run(tmp_path) == 0
+
+
+def test_what_a_killed_run_left_is_deleted_by_a_later_one(tmp_path):
+    run(tmp_path)
+    (folder,) = tmp_path.iterdir()
+    for name in ("running-killed", "running-new", "running-at-work"):
+        (folder / name).mkdir()
+    hour_ago, later = time.time() - 3600.0, time.time() + 3600.0
+    os.utime(folder / "running-new", (later, later))
+    with alone_in(folder / "running-at-work"):
+        for name in ("running-killed", "running-at-work"):
+            os.utime(folder / name, (hour_ago, hour_ago))
+        run(tmp_path)
+    left = {path.name for path in kept(tmp_path) if path.name.startswith("running-")}
+    assert left == {"running-new", "running-at-work"}
 
 
 @pytest.mark.parametrize("named", ["off", "/proc/nowhere", "~nobody-of-this-name/cache"])

@@ -156,6 +156,34 @@ def test_what_is_held_is_finished_first():
     assert done == ["whole"]
 
 
+def test_what_comes_while_jax_is_at_work_is_raised_at_the_next_boundary(monkeypatch):
+    """Held in between, and with no alarm: it must not be forgotten."""
+    monkeypatch.setattr(signals, "_is_delicate", lambda frame: True)
+    monkeypatch.setattr(signals, "_try_again", lambda after_s: None)
+    with ended_by_signals():
+        signal.raise_signal(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt), held():
+            pass
+        with held():  # cleaning up is not interrupted
+            pass
+        with pytest.raises(KeyboardInterrupt):
+            signals.check()
+    assert exit_code() == 130
+
+
+def test_jax_and_imports_are_delicate_and_our_code_is_not():
+    jax = pytest.importorskip("jax")
+    seen = []
+
+    def look(*_):
+        seen.append(signals._is_delicate(sys._getframe()))
+
+    look()
+    for file in (jax.__file__, signals.__file__, "<frozen importlib._bootstrap>", "user.py"):
+        exec(compile("look()", file, "exec"), {"look": look})
+    assert seen == [False, True, False, True, False]
+
+
 def send_while_held(done):
     with held(), held():
         signal.raise_signal(signal.SIGTERM)

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, NoReturn
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
 PATIENCE_S = 1.0
@@ -31,11 +31,16 @@ class _Note:
     """What has come."""
 
     def __init__(self) -> None:
+        self.watched = False
+        self.reset()
+
+    def reset(self) -> None:
         self.number: int | None = None
         self.at_s = 0.0
+        self.raised = False
+        """Whether it was, and not dropped."""
         self.held = 0
         """How many blocks of `held` the main thread is in."""
-        self.watched = False
 
 
 _note = _Note()
@@ -55,7 +60,7 @@ def ended_by_signals(last: bool = False) -> Iterator[None]:
     ]
     before: dict[int, Any] = {}
     unraisable = sys.unraisablehook
-    _note.__init__()  # type: ignore[misc]  # of an earlier command, in tests
+    _note.reset()
     _note.watched = True
     sys.unraisablehook = _on_unraisable
     try:
@@ -65,7 +70,7 @@ def ended_by_signals(last: bool = False) -> Iterator[None]:
     finally:
         for each, handler in before.items():
             signal.signal(each, signal.SIG_DFL if last else handler)
-        _raise_again(0.0)
+        _try_again(0.0)
         sys.unraisablehook = unraisable
         _note.watched = False
 
@@ -84,8 +89,7 @@ def check() -> None:
     """Raise KeyboardInterrupt where a signal has come but was lost."""
     main = threading.current_thread() is threading.main_thread()
     if main and _note.watched and _note.number is not None and not _note.held:
-        _raise_again(0.0)
-        raise KeyboardInterrupt
+        _raise()
 
 
 @contextmanager
@@ -94,14 +98,35 @@ def held() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    fresh = _note.number is None
+    cleaning_up = _note.raised
     _note.held += 1
     try:
         yield
     finally:
         _note.held -= 1
-    if fresh:  # else it was raised before, and this is part of what follows
+    if not cleaning_up:
         check()
+
+
+@contextmanager
+def starting_processes() -> Iterator[None]:
+    """`held`; what is started meanwhile, threads and their processes, hears no Ctrl-C: only we do.
+
+    A process that is half started would be left, and complain.
+    """
+    from multiprocessing import resource_tracker  # noqa: PLC0415  (help needs none)
+
+    with held():
+        if not hasattr(signal, "pthread_sigmask"):
+            yield
+            return
+        # Starting it lifts the block again, so it is started before.
+        resource_tracker.ensure_running()
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _on_signal(number: int, frame: FrameType | None) -> None:
@@ -114,7 +139,7 @@ def _on_signal(number: int, frame: FrameType | None) -> None:
 
 
 def _on_alarm(number: int, frame: FrameType | None) -> None:
-    if _note.watched and _note.number is not None:
+    if _note.watched and _note.number is not None and not _note.raised:
         _raise_in(frame)
 
 
@@ -123,36 +148,49 @@ def _raise_in(frame: FrameType | None) -> None:
     if _note.held:
         return  # its end raises it
     if _is_delicate(frame):
-        _raise_again(AGAIN_S)
+        _try_again(AGAIN_S)
     else:
-        raise KeyboardInterrupt
+        _raise()
+
+
+def _raise() -> NoReturn:
+    _try_again(0.0)
+    _note.raised = True
+    raise KeyboardInterrupt
 
 
 def _is_delicate(frame: FrameType | None) -> bool:
     """Whether an import is under way, or JAX at work that our code has called."""
-    nearest = None
+    delicate, nearest = tuple(_folder_of(name) for name in ("jax", "jaxlib")), ""
     while frame is not None:
-        name = frame.f_code.co_filename
-        if name.startswith("<frozen importlib"):
+        path = frame.f_code.co_filename
+        if path.startswith("<frozen importlib"):
             return True
-        nearest = nearest or next((each for each in (*_DELICATE, _OURS) if each in name), None)
+        if not nearest and path.startswith((*delicate, _OURS)):
+            nearest = path
         frame = frame.f_back
-    return nearest in _DELICATE
+    return nearest.startswith(delicate)
 
 
-_DELICATE = tuple(f"{os.sep}{package}{os.sep}" for package in ("jax", "jaxlib"))
-_OURS = str(Path(__file__).parent)
+def _folder_of(package: str) -> str:
+    """That of a package that is loaded."""
+    file = getattr(sys.modules.get(package), "__file__", None)
+    return f"{Path(file).parent}{os.sep}" if file else "not loaded"
+
+
+_OURS = _folder_of("skystack")
 
 
 def _on_unraisable(what: Any) -> None:
     """Python drops an exception that nobody can catch."""
     if _note.number is not None and issubclass(what.exc_type, KeyboardInterrupt):
-        _raise_again(AGAIN_S)
+        _note.raised = False
+        _try_again(AGAIN_S)
     else:
         sys.__unraisablehook__(what)
 
 
-def _raise_again(after_s: float) -> None:
+def _try_again(after_s: float) -> None:
     """In a moment; 0: not any more."""
     if not hasattr(signal, "setitimer"):
         return  # not a POSIX system: the next check raises it

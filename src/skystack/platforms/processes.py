@@ -2,21 +2,18 @@
 
 import multiprocessing
 import os
-import signal
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError
 from concurrent.futures import TimeoutError as OutOfTime
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from multiprocessing import resource_tracker
 from pathlib import Path
 from threading import Timer
 from typing import Any, NamedTuple, TypeVar
 
 from skystack.cores import cores
 from skystack.errors import InputError, PlatformError, of_extra
-from skystack.signals import held
+from skystack.signals import starting_processes
 
 TIME_LIMIT_S = 120.0
 """For an item, unless told otherwise."""
@@ -60,7 +57,7 @@ def in_processes(
         context=multiprocessing.get_context("spawn"),
     ) as pool:
         try:
-            with held(), _interrupts_blocked():
+            with starting_processes():
                 futures = [
                     pool.schedule(_work, args=(item,), timeout=time_limit_s) for item in items
                 ]
@@ -87,21 +84,6 @@ def _wait_for(future: Any, index: int, time_limit_s: float, done: Done) -> None:
         done.failed[index] = f"the simulator's process died (exit code {expired.exitcode})"
     except PlatformError as error:
         done.failed[index] = str(error)
-
-
-@contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """What is started meanwhile, threads and their processes, hears no Ctrl-C: only we do."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    # Starting it lifts the block again, so it is started before.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 _worker: Callable[[Any], Any] | Exception | None = None

@@ -2,7 +2,6 @@
 
 import multiprocessing
 import os
-import signal
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.managers import SyncManager
@@ -13,7 +12,7 @@ from skystack.cores import cores
 from skystack.errors import TrainingError
 from skystack.reproduction.jobs import Done, Job, Report, jobs_of, longest_first, run_job
 from skystack.reproduction.plan import Plan
-from skystack.signals import held
+from skystack.signals import starting_processes
 
 Messages = Any
 """A queue of `multiprocessing.Manager` (its proxy is no `Queue`) for messages."""
@@ -24,7 +23,7 @@ def run_in_processes(plan: Plan, report: Report) -> list[Done]:
     jobs = jobs_of(plan)
     context = multiprocessing.get_context("spawn")
     manager = SyncManager(ctx=context)
-    with held():  # a process that is half started would be left, and complain
+    with starting_processes():
         manager.start(_end_with_parent)
     with manager:
         messages: Messages = manager.Queue()
@@ -37,7 +36,7 @@ def run_in_processes(plan: Plan, report: Report) -> list[Done]:
             min(len(cores()), len(jobs)), context, initializer=_pin, initargs=(free_cores,)
         )
         try:
-            with held():
+            with starting_processes():
                 futures = {
                     job.name: pool.submit(_run, job, messages) for job in longest_first(jobs)
                 }
@@ -65,7 +64,6 @@ def _stop_workers() -> None:
 
 def _pin(free_cores: Any) -> None:
     """One process, one core: two learners on the same cores slow each other down."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # the parent tells of an interruption
     _end_with_parent()
     core = free_cores.get()
     if core is not None:
