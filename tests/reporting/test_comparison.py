@@ -140,6 +140,10 @@ def by_hand():
 def test_figures_of_a_training_are_where_the_thick_line_ends(by_hand):
     """A mean of the last three of five: success of 98, 99 and 100 %, instructions 102 to 100."""
     trainings, *_ = comparison_tables(by_hand)
+    assert trainings.header == (
+        *("run", "experiment", "seed"),
+        *("steps", "time", "success", "instructions"),
+    )
     ends = ("2,000,000", "1 h 23 min", "99.0 %", "101.0")
     assert trainings.rows == (
         ("a", "lateral", "1", *ends),

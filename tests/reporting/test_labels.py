@@ -16,7 +16,7 @@ from skystack.reporting.labels import (
     _overlapping,
     place_labels,
 )
-from skystack.reporting.style import grid_of_axes, house_style, settle
+from skystack.reporting.style import BLUE, PAPER, grid_of_axes, house_style, settle
 
 
 def boxes_of(labels, drawn):
@@ -90,14 +90,30 @@ def test_texts_between_a_point_and_a_place_are_counted():
 
 
 def test_places_keep_their_distance_all_round():
-    """The box, or the point beyond its side, is as far off as asked for, at each distance."""
+    """The box is as far off as asked for, at each distance, in 24 directions 15 degrees apart."""
     half = np.array([20.0, 5.0])
     offsets = _offsets(half, (5.0, 9.0)).reshape(2, -1, 2)
     for distance, around in zip((5.0, 9.0), offsets, strict=True):
         beyond = np.abs(around) - half
         np.testing.assert_allclose(beyond.max(axis=1), distance)
-        assert np.all((around > 0.0).any(axis=0) & (around < 0.0).any(axis=0))
-        assert len(np.unique(np.round(around, 6), axis=0)) == len(around)
+        angle = np.degrees(np.arctan2(*(around / (half + distance)).T))
+        np.testing.assert_allclose(np.diff(np.sort(angle)), 15.0)
+        assert len(angle) == 24
+
+
+def test_a_text_looks_as_asked_for_on_a_rim_of_paper():
+    with house_style():
+        figure, (axes,) = grid_of_axes(1, 1, (5.0, 5.0))
+        settle(figure)
+        label = Label("EGL", (0.5, 0.5), BLUE, size_pt=9.5, weight="bold")
+        place_labels(axes, [label], np.zeros((1, 2)))
+    (text,) = axes.texts
+    assert (text.get_text(), text.xy, text.get_color()) == ("EGL", (0.5, 0.5), BLUE)
+    assert (text.get_fontsize(), text.get_fontweight()) == (9.5, "bold")
+    assert (text.get_ha(), text.get_va()) == ("center", "center")
+    (rim,) = text.get_path_effects()
+    assert rim._gc["foreground"] == PAPER
+    assert rim._gc["linewidth"] > 0.0
 
 
 def placed(labels, drawn, limits=((-10.0, 10.0), (-10.0, 10.0))):
@@ -119,7 +135,7 @@ def placed(labels, drawn, limits=((-10.0, 10.0), (-10.0, 10.0))):
     return middles, [np.ptp(box, axis=0) / 2.0 for box in boxes], leaders
 
 
-@pytest.mark.parametrize(("distance_pt", "has_line"), [(11.9, False), (12.1, True)])
+@pytest.mark.parametrize(("distance_pt", "has_line"), [(11.97, False), (12.03, True)])
 def test_a_text_farther_off_than_12_points_has_a_line_to_its_point(distance_pt, has_line):
     """From the point to the nearest place of the box with its padding."""
     assert LEADER_FROM_PT == 12.0

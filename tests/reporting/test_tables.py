@@ -25,6 +25,7 @@ from skystack.reporting.tables import (
     duration,
     estimates,
     platforms,
+    platforms_of,
     seeds_side_by_side,
     trainings,
 )
@@ -102,6 +103,82 @@ def test_every_column_has_its_own_value():
 def test_trainings():
     assert trainings(results(train=[training("lateral")])).rows == (
         ("lateral", "0", "2,007,040", "1 min 02 s", "32,372"),
+    )
+
+
+def named(table, number=0):
+    """The cells of a line by the names of their columns."""
+    return dict(zip(table.header, table.rows[number], strict=True))
+
+
+def test_cells_stand_under_their_names():
+    rates = {"success_rate": 0.1, "correct_exit_rate": 0.2, "excursion_rate": 0.3}
+    counts = {"clearances_mean": 5.0, "clearances_std": None, "instructions_mean": 6.0}
+    times = {"wall_s": 9.0, "same_clearances_rate": 0.5}
+    one = row(seed=4, few_clearances_rate=0.4, seeds=8, **rates, **counts, **times)
+    assert named(by_seed(results(rows_by_seed=[one]))) == {
+        "row": "damped and stacked",
+        "seed": "4",
+        "clearances": "5.0",
+        "instructions": "6.0",
+        "success": "10.0 %",
+        "correct exit": "20.0 %",
+        "excursion": "30.0 %",
+        "few clearances": "40.0 %",
+        "losses of separation": "2 of 3000",
+    }
+    assert named(platforms([one])) == {
+        "row": "damped and stacked",
+        "paper": "7.2 ± 3.5",
+        "simulator": "skystack",
+        "clearances": "5.0",
+        "success": "10.0 %",
+        "correct exit": "20.0 %",
+        "losses of separation": "2 of 3000",
+        "same clearances": "50.0 %",
+        "wall time": "9 s",
+    }
+    assert named(trainings(results(train=[training("lateral", 6)]))) == {
+        "experiment": "lateral",
+        "seed": "6",
+        "steps": "2,007,040",
+        "time": "1 min 02 s",
+        "steps per second": "32,372",
+    }
+    assert estimates([row_with_statistics("lateral", True)]).header == (
+        *("row", "clearances", "interquartile"),
+        *("success", "interquartile", "losses of separation"),
+    )
+    assert comparisons(results()).header == (
+        *("first against second", "clearances: difference", "first has fewer"),
+        *("success: difference in points", "first has more"),
+    )
+    names = RowName("lateral", True), RowName("lateral-large", False)
+    gap = Difference(Estimate(1.0, 0.0, 2.0), Estimate(0.5, 0.0, 1.0))
+    both = {"clearances": gap, "success": gap}
+    unknown = results(rows=[row()], comparisons=[Comparison(*names, both)])
+    assert comparisons(unknown).rows[0][0] == "damped and stacked against ?"
+
+
+def test_rows_without_statistics_have_no_estimates():
+    rows = [row(), row_with_statistics("vertical", True), row()]
+    assert [line[0] for line in estimates(rows).rows] == ["vertical, stacked"]
+
+
+def test_rows_of_several_simulators_fresh_from_evaluation():
+    rows = [row(platform="bluesky"), row()]
+    fresh = [msgspec.to_builtins(one) | {"greedy": True} for one in rows]
+    assert platforms_of(fresh) == platforms([rows[1], rows[0]])
+
+
+def test_markdown_is_a_table_of_its_cells():
+    """The first column to the left, the others to the right."""
+    table = Table(("name", "a", "second"), (("x", "1234", "5"), ("a|b", "6", "78")))
+    assert table.as_markdown() == (
+        "| name |    a | second |\n"
+        "|------|-----:|-------:|\n"
+        "| x    | 1234 |      5 |\n"
+        "| a\\|b |    6 |     78 |\n"
     )
 
 
