@@ -7,12 +7,14 @@ project are changed, never the project. A change is tried with the tests nearest
 run its lines (`mutation_parts`), the fastest first, up to the first that fails. Where none runs
 them, it survives untried.
 
-Results are lines of JSON: with the same file again, only what is missing is tried. Prints the
-survivors and a row for each package; exit code 1 where one survives that `equivalent_mutants` does
-not explain.
+Results are lines of JSON: with the same file again, only what is missing is tried, and tests that
+are the same are not run again to see which lines they run (`RESULTS.kept`). Prints the survivors
+and a row for each package; exit code 1 where one survives that `equivalent_mutants` does not
+explain.
 """
 
 import argparse
+import hashlib
 import json
 import os
 import queue
@@ -124,11 +126,17 @@ class File(NamedTuple):
 class Run:
     """The changes of one package, tried by several servers at once."""
 
-    def __init__(self, servers: Sequence[Server], programs: Path, slowest_s: float) -> None:
+    def __init__(self, servers: Sequence[Server], kept: Path, slowest_s: float) -> None:
         self._servers: queue.Queue[Server] = queue.Queue()
         for server in servers:
             self._servers.put(server)
-        self._workers, self._programs, self._slowest_s = len(servers), programs, slowest_s
+        self._workers, self._slowest_s = len(servers), slowest_s
+        self._notes, self._programs = kept / "notes", kept / "programs"
+        for folder in (self._notes, self._programs):
+            folder.mkdir(parents=True, exist_ok=True)
+        self._sources = _digest(
+            *sorted(ROOT.glob("src/**/*.*")), *sorted(ROOT.rglob("conftest.py"))
+        )
         self._files: dict[str, File] = {}
 
     def note(self, names: Iterable[str]) -> None:
@@ -140,7 +148,7 @@ class Run:
                     say(f"left out: {test}: fails without a change")
                 for test, seconds in file.noted.seconds.items():
                     if seconds > self._slowest_s:
-                        say(f"left out: {test}: takes {seconds:.0f} s")
+                        say(f"left out: {test}: takes {seconds:.0f} s of a processor")
                 say(f"{file.name}: {len(file.noted.seconds)} tests, {file.wall_s:.0f} s")
 
     def try_all(self, mutants: Iterable[Mutant]) -> Iterator[Result]:
@@ -148,11 +156,20 @@ class Run:
             yield from pool.map(self._tried, mutants)
 
     def _noted(self, name: str) -> File:
+        path = self._notes / f"{_digest(ROOT / name)}-{self._sources}.json"
+        if not path.exists():
+            file = self._run_unchanged(name)
+            path.write_text(json.dumps([file.noted, *file[2:]]))
+        noted, wall_s, cpu_s = json.loads(path.read_text())
+        return File(name, Noted(*noted), wall_s, cpu_s)
+
+    def _run_unchanged(self, name: str) -> File:
         server = self._servers.get()
         try:
             programs = Path(tempfile.mkdtemp(dir=server.folder))
             note = programs / "noted.json"
-            job = Job("", [name], [], {}, str(programs), str(note), UNCHANGED_S, UNCHANGED_S)
+            left_out, limit_s = list(parts.LEFT_OUT), UNCHANGED_S
+            job = Job("", [name], left_out, {}, str(programs), str(note), limit_s, limit_s)
             answer = server.run(job)
             if not note.exists():
                 sys.exit(f"mutation_run: {name} {answer.end}: {_last(server)}")
@@ -201,7 +218,7 @@ class Run:
 
     def _end(self, server: Server, mutant: Mutant, files: list[File]) -> str:
         seconds: dict[str, float] = {}
-        left_out: list[str] = []
+        left_out = list(parts.LEFT_OUT)
         for file in files:
             seconds |= file.noted.seconds
             slow = [test for test, took in file.noted.seconds.items() if took > self._slowest_s]
@@ -269,7 +286,8 @@ def run_package(package: str, modules: Sequence[str], options: argparse.Namespac
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         if missing:
-            run = Run(_servers(stack, folder, package, options), _made(folder), options.slowest)
+            kept = options.results.with_suffix(".kept") if options.results else folder
+            run = Run(_servers(stack, folder, package, options), kept, options.slowest)
             names = {name: None for new in missing for name in parts.tests(ROOT, new.module)}
             run.note(names)
             for number, result in enumerate(run.try_all(missing), start=1):
@@ -294,10 +312,11 @@ def _servers(
     return servers
 
 
-def _made(folder: Path) -> Path:
-    programs = folder / "programs"
-    programs.mkdir()
-    return programs
+def _digest(*paths: Path) -> str:
+    digest = hashlib.sha256()
+    for path in paths:
+        digest.update(f"{path}\n".encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def _text(result: Result) -> str:
@@ -332,8 +351,8 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--sample", type=int, metavar="N", help="so many changes of each package")
     parser.add_argument("--seed", type=int, default=0, help="of the sample")
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--slowest", type=float, default=30.0, metavar="S",
-                        help="leave out tests that take longer without a change")  # fmt: skip
+    slowest = "leave out tests that take more seconds of a processor without a change"
+    parser.add_argument("--slowest", type=float, default=30.0, metavar="S", help=slowest)
     parser.add_argument("--results", type=Path, help="a file that results are added to")
     parser.add_argument("--retry", action="store_true", help="try again what was not killed")
     options = parser.parse_args(arguments)

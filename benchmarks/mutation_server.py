@@ -35,9 +35,9 @@ class Job(NamedTuple):
     files: list[str]
     """The first is run first."""
     left_out: list[str]
-    """Tests that are not run."""
+    """Tests that are not run, by names or parts of them."""
     order: dict[str, float]
-    """How long tests took, where that is known: within a file the fastest are run first."""
+    """What tests took, where that is known: within a file the fastest are run first."""
     programs: str
     """Folder of compiled programs: read, and written where lines are noted."""
     note: str | None
@@ -52,7 +52,7 @@ class Noted(NamedTuple):
     lines: dict[str, list[int]]
     """The lines of each source file that were run."""
     seconds: dict[str, float]
-    """How long each test took."""
+    """What each test took of a processor: however busy it is, the same."""
     failed: list[str]
 
 
@@ -86,16 +86,22 @@ class Plugin:
         return result
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        left_out = set(self._job.left_out)
+        left_out = self._job.left_out
         files = {name: number for number, name in enumerate(self._job.files)}
         order = self._job.order
         items[:] = sorted(
-            (item for item in items if item.nodeid not in left_out),
+            (item for item in items if not any(name in item.nodeid for name in left_out)),
             key=lambda item: (files[item.nodeid.partition("::")[0]], order.get(item.nodeid, 0.0)),
         )
 
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Generator[None, Any, Any]:
+        began = time.process_time()
+        result = yield
+        self.seconds[item.nodeid] = time.process_time() - began
+        return result
+
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
         if report.failed:
             self.failed.append(report.nodeid)
 

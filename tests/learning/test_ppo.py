@@ -253,3 +253,211 @@ def test_an_update_is_compiled_once():
         return [(leaf.shape, leaf.dtype, leaf.weak_type) for leaf in leaves]
 
     assert types(before) == types(after)
+
+
+def test_the_learning_rate_falls_linearly_over_all_gradient_steps():
+    """Two updates of three epochs of four minibatches; a constant gradient moves by the rate."""
+    settings = PPOSettings(
+        total_steps=32,
+        environments=2,
+        steps=8,
+        minibatch=4,
+        epochs=3,
+        learning_rate=0.1,
+        final_learning_rate=0.25,
+    )
+    adam, gradient = ppo.optimiser(settings), jnp.asarray([0.2, -0.3])
+    state, moved = adam.init(gradient), []
+    for _ in range(26):
+        with jax.numpy_dtype_promotion("standard"):
+            change, state = adam.update(gradient, state)
+        moved.append(change)
+    rate = 0.1 * np.maximum(1.0 - 0.75 * np.arange(26) / 24, 0.25)
+    np.testing.assert_allclose(moved, np.outer(rate, [-1.0, 1.0]), rtol=2e-4)
+
+
+def linear_parameters(rng, observation=3, actions=4):
+    def layer(outputs):
+        weights = rng.normal(size=(observation, outputs))
+        return ((jnp.float32(weights), jnp.float32(rng.normal(size=outputs))),)
+
+    return network.Parameters(layer(actions), layer(1))
+
+
+def minibatch_of(rng, samples, observation=3, actions=4):
+    rows = rng.normal(size=(observation + 4, samples))
+    rows[observation] = rng.integers(0, actions, samples)
+    rows[observation + 1] = -rng.uniform(0.5, 2.0, samples)
+    return rows
+
+
+def test_the_loss_is_that_of_the_paper_on_ppo():
+    """Clipped surrogate of normalised advantages, value error, entropy; float64."""
+    rng = np.random.default_rng(2)
+    settings = PPOSettings(clip=0.3, value_coefficient=0.7, entropy=0.05)
+    parameters, rows = linear_parameters(rng), minibatch_of(rng, 50)
+    total, parts = ppo.loss(parameters, jnp.asarray(rows, dtype=jnp.float32), settings)
+
+    seen, (action, old, advantage, target) = rows[:3].T, rows[3:]
+    ((weights, biases),) = parameters.actor
+    scores = seen @ np.float64(weights) + np.float64(biases)
+    shares = np.exp(scores) / np.exp(scores).sum(axis=1, keepdims=True)
+    entropy = -np.mean(np.sum(shares * np.log(shares), axis=1))
+    change = np.log(shares[np.arange(50), action.astype(int)]) - old
+    ratio = np.exp(change)
+    scaled = (advantage - advantage.mean()) / advantage.std()
+    surrogate = [
+        min(r * a, (0.7 if r < 0.7 else 1.3 if r > 1.3 else r) * a)
+        for r, a in zip(ratio, scaled, strict=True)
+    ]
+    ((weights, biases),) = parameters.critic
+    value = (seen @ np.float64(weights) + np.float64(biases))[:, 0]
+    error = 0.5 * np.mean((value - target) ** 2)
+    outside = np.mean((ratio < 0.7) | (ratio > 1.3))
+    assert 0.2 < outside < 0.95
+    expected = {
+        "policy_loss": -np.mean(surrogate),
+        "value_loss": error,
+        "entropy": entropy,
+        "kl": np.mean(ratio - 1.0 - change),
+        "clip_fraction": outside,
+    }
+    assert {name: float(part) for name, part in parts.items()} == pytest.approx(expected, rel=1e-4)
+    assert float(total) == pytest.approx(
+        -np.mean(surrogate) + 0.7 * error - 0.05 * entropy, rel=1e-4
+    )
+
+
+@pytest.fixture(scope="module")
+def linear_learner():
+    return ppo.init(
+        OneByOne(SignTask()), PPOSettings(environments=2, steps=2, hidden=()), jax.random.key(0)
+    )
+
+
+def test_a_gradient_step_is_one_of_adam_with_a_clipped_gradient(linear_learner):
+    """The first of Adam moves by g / (|g| + epsilon) of the rate; one minibatch of everything."""
+    rng = np.random.default_rng(4)
+    settings = PPOSettings(
+        environments=2,
+        steps=10,
+        minibatch=20,
+        epochs=1,
+        hidden=(),
+        learning_rate=0.01,
+        max_gradient_norm=0.3,
+        adam_epsilon=0.5,
+    )
+    batch = jnp.asarray(minibatch_of(rng, 20, 1, 2), dtype=jnp.float32)
+    before = linear_learner.parameters
+    gradient = jax.grad(lambda parameters: ppo.loss(parameters, batch, settings)[0])(before)
+    norm = np.sqrt(sum(np.sum(np.square(leaf)) for leaf in jax.tree.leaves(gradient)))
+    assert norm > 0.3
+    learner, losses = ppo.learn(settings, linear_learner, batch, jax.random.key(1))
+    for old, new, slope in zip(
+        *map(jax.tree.leaves, (before, learner.parameters, gradient)), strict=True
+    ):
+        clipped = np.asarray(slope) * 0.3 / norm
+        np.testing.assert_allclose(
+            new, old - 0.01 * clipped / (np.abs(clipped) + 0.5), rtol=1e-4, atol=1e-6
+        )
+    expected = ppo.loss(before, batch, settings)[1]
+    np.testing.assert_allclose(losses["value_loss"], expected["value_loss"], rtol=1e-5)
+
+
+@pytest.mark.parametrize(("minibatch", "steps_taken"), [(6, 9), (10, 6), (100, 3)])
+def test_every_epoch_takes_each_whole_minibatch(linear_learner, minibatch, steps_taken):
+    """Of 20 samples 3, 2 or 1, three times; what fills none is left out."""
+    settings = PPOSettings(
+        environments=2, steps=10, minibatch=minibatch, epochs=3, hidden=(), learning_rate=0.0001
+    )
+    rng = np.random.default_rng(4)
+    batch = jnp.asarray(minibatch_of(rng, 20, 1, 2), dtype=jnp.float32)
+    learner, _ = ppo.learn(settings, linear_learner, batch, jax.random.key(1))
+    counts = {
+        int(leaf)
+        for leaf in jax.tree.leaves(learner.optimiser)
+        if jnp.issubdtype(leaf.dtype, jnp.integer)
+    }
+    assert counts == {steps_taken}
+
+
+COLLECTING = PPOSettings(
+    environments=3, steps=12, minibatch=36, epochs=1, hidden=(4,), reward_scale=0.5
+)
+
+
+@pytest.fixture(scope="module")
+def collected():
+    """The learner before, with returns under way, the learner after, steps and episodes."""
+    task = OneByOne(SignTask())
+    learner = ppo.init(task, COLLECTING, jax.random.key(0))
+    learner = learner._replace(returns=jnp.asarray([10.0, 20.0, 30.0]))
+    after, steps, episodes = ppo.collect(task, COLLECTING, learner, jax.random.key(5))
+    return learner, after, jax.tree.map(np.asarray, steps), episodes
+
+
+def test_what_is_collected_is_what_happened(collected):
+    """Scenarios of five steps: two end in twelve, and each end is followed by a fresh one."""
+    before, after, steps, _ = collected
+    seen, final = steps.observation[:, 0], steps.final_observation[:, 0]
+    assert seen.shape == (12, 3)
+    np.testing.assert_array_equal(seen[0], before.observations[0])
+    np.testing.assert_allclose(final, np.mod(seen * 7.3 + 0.31, 1.0), atol=2e-6)
+    ends = np.arange(12) % 5 == 4
+    np.testing.assert_array_equal(steps.terminated, np.repeat(ends[:, None], 3, axis=1))
+    assert not np.any(steps.truncated)
+    np.testing.assert_array_equal(seen[1:][~ends[:-1]], final[:-1][~ends[:-1]])
+    np.testing.assert_array_equal(seen[5], seen[10])
+    assert np.all(seen[5] != final[4])
+    np.testing.assert_array_equal(after.observations[0], final[-1])
+    right = (seen > 0.5) == (steps.action == 1)
+    np.testing.assert_array_equal(steps.reward, 0.5 * right)
+
+
+def test_probabilities_are_those_of_the_policy_that_acted(collected):
+    before, _, steps, _ = collected
+    rows = inference.normalise(before.normaliser, steps.observation[:, 0].reshape(-1, 1))
+    scores = np.asarray(inference.forward(before.parameters.actor, rows), dtype=np.float64)
+    shares = np.exp(scores) / np.exp(scores).sum(axis=1, keepdims=True)
+    taken = np.log(shares[np.arange(36), steps.action.reshape(-1)])
+    np.testing.assert_allclose(steps.log_probability.reshape(-1), taken, atol=1e-5)
+
+
+def test_returns_are_of_whole_scenarios(collected):
+    """Unscaled; those that were under way count with what they had earned before."""
+    _, after, steps, episodes = collected
+    right = (steps.observation[:, 0] > 0.5) == (steps.action == 1)
+    assert float(episodes.ended) == 6.0
+    assert float(episodes.episode_return) == 60.0 + right[:10].sum()
+    np.testing.assert_array_equal(after.returns, right[10:].sum(axis=0))
+    assert float(episodes.metrics.success) == 6.0
+    assert float(episodes.metrics.excursion) == 0.0
+
+
+class QuarterTask(SignTask):
+    """Shows a quarter, always."""
+
+    def observe(self, state):
+        return jnp.full(1, 0.25)
+
+
+def test_an_update_learns_from_what_it_collected():
+    """The normaliser sees raw observations: 36 quarters beside a thousandth of a half."""
+    task = OneByOne(QuarterTask())
+    learner = ppo.init(task, COLLECTING, jax.random.key(0))
+    after, measured = ppo.update(task, COLLECTING, learner)
+    mean = (36.0 * 0.25 + 0.001 * 0.5) / 36.001
+    assert float(after.normaliser.mean[0]) == pytest.approx(mean, abs=1e-6)
+    assert float(after.normaliser.count) == pytest.approx(36.001)
+    assert (int(learner.updates), int(after.updates)) == (0, 1)
+    assert not jnp.array_equal(jax.random.key_data(after.key), jax.random.key_data(learner.key))
+    # All is normalised as before the update: the critic learns from one standardised value.
+    assert float(measured["episodes"]) == 6.0
+    assert 0.0 <= float(measured["return"]) <= 5.0
+    assert float(measured["success"]) == 1.0
+    assert float(measured["clip_fraction"]) == 0.0  # nothing has changed before the only step
+    assert float(measured["kl"]) == pytest.approx(0.0, abs=1e-6)
+    for old, new in zip(*map(jax.tree.leaves, (learner.parameters, after.parameters)), strict=True):
+        assert old.shape == new.shape
+    assert not np.array_equal(learner.parameters.critic[-1][1], after.parameters.critic[-1][1])
