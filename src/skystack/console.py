@@ -12,6 +12,8 @@ from skystack.learning.run import Progress as Step
 
 PLAIN_EVERY_S = 10.0
 """Without a terminal, a line this often in place of a moving bar."""
+VISIBLE_AFTER_S = 2.0
+"""What takes less shows no progress."""
 
 
 def output() -> Console:
@@ -52,7 +54,7 @@ def show_progress() -> Iterator[Callable[[str, Step], None]]:
 
 @contextmanager
 def count_scenarios(name: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Show how many scenarios another platform has done, its speed and the time left."""
+    """Show how many scenarios are done, the speed and the time left, if it takes long enough."""
     begun = time.monotonic()
     shown = begun
 
@@ -65,7 +67,10 @@ def count_scenarios(name: str, total: int) -> Iterator[Callable[[int], None]]:
         with Progress(TextColumn("{task.description}"), BarColumn(), console=console) as bars:
             task = bars.add_task(name, total=total, visible=False)
             yield lambda done: bars.update(
-                task, completed=done, description=f"{name} {line(done)}", visible=True
+                task,
+                completed=done,
+                description=f"{name} {line(done)}",
+                visible=time.monotonic() - begun >= VISIBLE_AFTER_S,
             )
         return
 

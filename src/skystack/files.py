@@ -2,9 +2,10 @@
 
 import os
 import tempfile
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import IO
 
 from skystack.errors import InputError
 
@@ -41,23 +42,53 @@ def write_aside(path: Path, data: bytes) -> None:
 
     Raises InputError when it cannot be written.
     """
+    with aside([path]) as [file], writing(path):
+        file.write(data)
+
+
+@contextmanager
+def aside(paths: Sequence[Path]) -> Iterator[list[IO[bytes]]]:
+    """Files to be written in the place of others, which they take together when this ends.
+
+    They are on the disk then. Where anything is raised within, the old files stay. Raises
+    InputError for a file that cannot be written.
+    """
+    with ExitStack() as stack:
+        files = [stack.enter_context(_open_aside(path)) for path in paths]
+        yield files
+        for path, file in zip(paths, files, strict=True):
+            with writing(path):
+                file.flush()
+                os.fsync(file.fileno())
+        for path, file in zip(paths, files, strict=True):
+            with writing(path):
+                Path(file.name).replace(path)
+        for folder in {path.parent for path in paths}:
+            _sync_folder(folder)
+
+
+@contextmanager
+def _open_aside(path: Path) -> Iterator[IO[bytes]]:
+    with writing(path):
+        file = tempfile.NamedTemporaryFile(  # noqa: SIM115  (closed below)
+            prefix=f".{path.name}.", suffix=_ASIDE, dir=path.parent, delete=False
+        )
     try:
-        handle, name = tempfile.mkstemp(_ASIDE, f".{path.name}.", path.parent)
-    except OSError as error:
-        raise _not_written(path, error) from None
-    aside = Path(name)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        aside.chmod(0o644)
-        aside.replace(path)
-        _sync_folder(path.parent)
-    except OSError as error:
-        raise _not_written(path, error) from None
+        Path(file.name).chmod(0o644)
+        yield file
     finally:
-        aside.unlink(missing_ok=True)
+        with suppress(OSError):  # a full disk has been reported by then
+            file.close()
+        Path(file.name).unlink(missing_ok=True)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """What the system refuses within is an InputError: the file cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise _not_written(path, error) from None
 
 
 def append_line(file: int, path: Path, line: str) -> None:

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from skystack.evaluation import statistics
 from skystack.evaluation.statistics import (
     MEASURES,
     Bootstrap,
@@ -84,3 +85,11 @@ def test_a_row_that_is_lower_everywhere_is_lower_for_certain():
 def test_the_same_figures_come_out_each_time():
     rows = [episodes(np.arange(40.0)), episodes(np.arange(40.0)[::-1])]
     assert row_statistics(rows) == row_statistics(rows)
+
+
+def test_resamples_that_are_drawn_some_at_a_time_are_the_same(monkeypatch):
+    values = np.random.default_rng(1).integers(0, 30, (3, 50)).astype(float)
+    whole = Bootstrap(50, resamples=40).estimate(mean, values)
+    monkeypatch.setattr(statistics, "MOST_AT_ONCE", 350)  # seven resamples
+    parts = Bootstrap(50, resamples=40).estimate(mean, values)
+    assert parts == pytest.approx(whole, rel=1e-6)
