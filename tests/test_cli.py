@@ -336,11 +336,9 @@ def test_a_training_that_is_refused_leaves_no_event_files(capsys, tmp_path):
 def test_scenarios_that_a_platform_did_not_finish_are_named(capsys, monkeypatch):
     from skystack.evaluation import judge
 
-    elsewhere = judge.FlownElsewhere
-
-    def fails(task, controller, conditions, *others):
-        here = judge.fly(task, controller(), 0, conditions.episodes, True)
-        return elsewhere(here, {1: "took more than 9 s", 2: "Bird has lost AC1"})
+    def fails(task, controller, conditions, out, failed, on_scenario):
+        failed |= {1: "took more than 9 s", 2: "Bird has lost AC1"}
+        yield from judge.prepare(task, controller().decide, True)(controller().weights, 0, 2)
 
     monkeypatch.setattr(judge, "_fly_elsewhere", fails)
     monkeypatch.setattr(judge, "check_platform", lambda name: None)
@@ -357,10 +355,10 @@ def test_scenarios_that_a_platform_did_not_finish_are_named(capsys, monkeypatch)
 def test_a_platform_that_fails_is_a_failure_that_names_the_scenario(capsys, monkeypatch):
     pytest.importorskip("pebble")
     from skystack import simulate
-    from skystack.platforms.processes import Done
+    from skystack.platforms.processes import Outcome
 
     monkeypatch.setattr(simulate, "check_platform", lambda name: None)
-    monkeypatch.setattr(simulate, "in_processes", lambda *_: Done({}, {0: "took more than 5 s"}))
+    monkeypatch.setattr(simulate, "in_processes", lambda *_: [Outcome(None, "took more than 5 s")])
     path = EXAMPLES / "climb.json"
     code, _, err = run(capsys, "simulate", str(path), "--platform", "bluebird")
     assert (code, err) == (1, f"skystack: {path}: bluebird: took more than 5 s\n")

@@ -19,6 +19,8 @@ from skystack.streams import Prose, Results
 
 PLAIN_EVERY_S = 10.0
 """Without a terminal, a line this often in place of a moving bar."""
+VISIBLE_AFTER_S = 2.0
+"""What takes less shows no progress."""
 
 
 class PlainConsole(Console):
@@ -80,7 +82,7 @@ def show_progress() -> Iterator[Callable[[str, Step], None]]:
 
 @contextmanager
 def count_scenarios(name: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Show how many scenarios another platform has done, its speed and the time left."""
+    """Show how many scenarios are done, the speed and the time left, if it takes long enough."""
     begun = time.monotonic()
     shown = begun
 
@@ -93,7 +95,10 @@ def count_scenarios(name: str, total: int) -> Iterator[Callable[[int], None]]:
         with Progress(_Description(), BarColumn(), console=console) as bars:
             task = bars.add_task(name, total=total, visible=False)
             yield lambda done: bars.update(
-                task, completed=done, description=f"{name} {line(done)}", visible=True
+                task,
+                completed=done,
+                description=f"{name} {line(done)}",
+                visible=time.monotonic() - begun >= VISIBLE_AFTER_S,
             )
         return
 

@@ -3,10 +3,11 @@
 import os
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import takewhile
 from pathlib import Path
+from typing import IO
 
 from skystack.errors import InputError
 from skystack.signals import held
@@ -44,28 +45,57 @@ def write_aside(path: Path, data: bytes) -> None:
 
     Raises InputError when it cannot be written.
     """
-    with held():
-        _write_aside(path, data)
+    with held(), aside([path]) as [file], writing(path):
+        file.write(data)
 
 
-def _write_aside(path: Path, data: bytes) -> None:
+@contextmanager
+def aside(paths: Sequence[Path]) -> Iterator[list[IO[bytes]]]:
+    """Files to be written in the place of others, which they take together when this ends.
+
+    They are on the disk then. Where anything is raised within, the old files stay. Raises
+    InputError for a file that cannot be written.
+    """
+    with ExitStack() as stack:
+        files = [stack.enter_context(_open_aside(path)) for path in paths]
+        yield files
+        with held():
+            for path, file in zip(paths, files, strict=True):
+                with writing(path):
+                    file.flush()
+                    os.fsync(file.fileno())
+            for path, file in zip(paths, files, strict=True):
+                with writing(path):
+                    Path(file.name).replace(path)
+            for folder in {path.parent for path in paths}:
+                _sync_folder(folder)
+
+
+@contextmanager
+def _open_aside(path: Path) -> Iterator[IO[bytes]]:
+    file: IO[bytes] | None = None
     try:
-        handle, name = tempfile.mkstemp(_ASIDE, f".{path.name}.", path.parent)
-    except OSError as error:
-        raise _not_written(path, error) from None
-    aside = Path(name)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        aside.chmod(0o644)
-        aside.replace(path)
-        _sync_folder(path.parent)
-    except OSError as error:
-        raise _not_written(path, error) from None
+        with held(), writing(path):
+            file = tempfile.NamedTemporaryFile(  # noqa: SIM115  (closed below)
+                prefix=f".{path.name}.", suffix=_ASIDE, dir=path.parent, delete=False
+            )
+            Path(file.name).chmod(0o644)
+        yield file
     finally:
-        aside.unlink(missing_ok=True)
+        if file is not None:
+            with held():
+                with suppress(OSError):  # a full disk has been reported by then
+                    file.close()
+                Path(file.name).unlink(missing_ok=True)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """What the system refuses within is an InputError: the file cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise _not_written(path, error) from None
 
 
 def append_line(file: int, path: Path, line: str) -> None:

@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from skystack.errors import InputError, PlatformError
 from skystack.evaluation.followed import STATUS, follow
-from skystack.evaluation.stored import write_table
+from skystack.evaluation.writing import write_table
 from skystack.files import check_folder_of, scratch_folder
 from skystack.platforms.flight import Flight, flight_rows, fly_scenario
 from skystack.platforms.phraseology import written
@@ -100,12 +100,12 @@ def _fly(path: Path, scenario: Scenario, platform: str, time_limit_s: float) -> 
             if platform == OWN:
                 return fly_scenario(open_platform(platform, folder), scenario)
             work = partial(_flyer, platform)
-            done = in_processes(work, [scenario], folder, time_limit_s)
+            (outcome,) = in_processes(work, [scenario], folder, time_limit_s)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-    if done.failed:
-        raise PlatformError(f"{path}: {platform}: {done.failed[0]}")
-    flight: Flight = done.results[0]
+    if outcome.failed is not None:
+        raise PlatformError(f"{path}: {platform}: {outcome.failed}")
+    flight: Flight = outcome.result
     return flight
 
 

@@ -12,7 +12,7 @@ from skystack.errors import PlatformError
 from skystack.evaluation.agreement import same_clearances
 from skystack.evaluation.elsewhere import Job, fly_elsewhere
 from skystack.evaluation.judge import Conditions, judge, task_of
-from skystack.evaluation.rollout import NOBODY, fly, network_controller
+from skystack.evaluation.rollout import NOBODY, fly, network_controller, together
 from skystack.evaluation.tables import make_tables
 from skystack.tasks.build import build_task
 from skystack.tasks.settings import TaskSettings
@@ -46,10 +46,11 @@ def test_our_simulator_flies_the_same_through_the_protocol(tmp_path):
     controller = partial(network_controller, policy.actor, policy.normaliser, True)
     job = Job(task, controller, True, 0, open_own)
     heard = []
-    elsewhere = fly_elsewhere(job, 8, tmp_path, on_scenario=heard.append)
+    failed = {}
+    elsewhere = together(list(fly_elsewhere(job, 8, tmp_path, failed, on_scenario=heard.append)))
     here = fly(task, controller(), 0, 8, True)
-    assert (elsewhere.failed, heard) == ({}, list(range(1, 9)))
-    ours, theirs = make_tables(task, here), make_tables(task, elsewhere.recording)
+    assert (failed, heard) == ({}, list(range(1, 9)))
+    ours, theirs = make_tables(task, here), make_tables(task, elsewhere)
     assert all(same_clearances(ours.clearances, theirs.clearances, range(8), cycles=0))
     assert ours.episodes["success"].equals(theirs.episodes["success"])
     assert ours.episodes["cycles"].equals(theirs.episodes["cycles"])
@@ -63,9 +64,10 @@ def test_our_simulator_flies_the_same_through_the_protocol(tmp_path):
 def test_what_fails_is_named_and_the_others_are_finished(tmp_path):
     starts = [start[0] for start in starting_latitudes(9)]
     job = Job(SHORT, nobody, False, 0, partial(open_faulty, tuple(starts)))
-    flown = fly_elsewhere(job, 9, tmp_path, time_limit_s=15.0)
-    assert flown.recording.number.tolist() == [0, 2, 8]
-    assert flown.failed == {
+    failed = {}
+    flown = together(list(fly_elsewhere(job, 9, tmp_path, failed, time_limit_s=15.0)))
+    assert flown.number.tolist() == [0, 2, 8]
+    assert failed == {
         DIES: "the simulator's process died (exit code 7)",
         HANGS: "took more than 15 s",
         LOSES: "Faulty has lost AC1",
@@ -73,7 +75,7 @@ def test_what_fails_is_named_and_the_others_are_finished(tmp_path):
         NONSENSE: "reported a lat of AC1 that is not finite",
         LEAVES: "failed: SystemExit: 0",
     }
-    numbers = make_tables(SHORT, flown.recording).episodes["scenario"]
+    numbers = make_tables(SHORT, flown).episodes["scenario"]
     assert numbers.to_pylist() == [0, 2, 8]
 
 
@@ -93,7 +95,7 @@ def starting_latitudes(count):
 )
 def test_a_platform_that_does_not_start_is_an_error(tmp_path, opened, why):
     with pytest.raises(PlatformError, match=f"no scenario was finished: scenario 0 {why}"):
-        fly_elsewhere(Job(SHORT, nobody, False, 0, opened), 2, tmp_path)
+        list(fly_elsewhere(Job(SHORT, nobody, False, 0, opened), 2, tmp_path, {}))
 
 
 @pytest.mark.parametrize("platform", ["bluebird", "bluesky"])

@@ -10,7 +10,7 @@ from skystack.catalogue import find_policy
 from skystack.errors import InputError
 from skystack.evaluation.hosted import HostedController, fly_hosted
 from skystack.evaluation.judge import Conditions, judge, judge_nobody, task_of
-from skystack.evaluation.rollout import fly, network_controller
+from skystack.evaluation.rollout import fly, network_controller, together
 from skystack.evaluation.tables import make_tables
 from skystack.learning.experiment import Experiment
 from skystack.seeds import scenario_key
@@ -32,9 +32,13 @@ def aim(seen):
     return 0
 
 
+def whole(*arguments):
+    return together(list(fly_hosted(*arguments)))
+
+
 def flown(function, scenarios=3, stacking=True, experiment=SHORT):
     task = build_task(experiment.task)
-    return fly_hosted(task, HostedController(agent_of(function)), 0, scenarios, stacking)
+    return whole(task, HostedController(agent_of(function)), 0, scenarios, stacking)
 
 
 @pytest.mark.parametrize(
@@ -54,7 +58,7 @@ def test_our_policies_fly_as_in_one_program(name, stacking, greedy):
         task, network_controller(policy.actor, policy.normaliser, greedy), 3, 30, stacking
     )
     agent = Agent(name, scores=policy.logits, logits=True)
-    hosted = fly_hosted(task, HostedController(agent, greedy), 3, 30, stacking)
+    hosted = whole(task, HostedController(agent, greedy), 3, 30, stacking)
     ours, theirs = make_tables(task, compiled), make_tables(task, hosted)
     assert ours.clearances.num_rows > 20
     assert theirs.clearances.equals(ours.clearances)
@@ -193,7 +197,7 @@ def test_scores_that_are_no_numbers_are_named():
     for scores in ([[0.0, np.nan, 0.0, 0.0, 0.0]] * 3, [[0.0] * 4] * 3):
         agent = Agent("broken", scores=lambda observations, scores=scores: np.array(scores))
         with pytest.raises(InputError, match=r"^scenario 0, cycle 0: its scores .*: 5 finite"):
-            fly_hosted(task, HostedController(agent), 0, 3, True)
+            whole(task, HostedController(agent), 0, 3, True)
 
 
 def test_a_policy_that_raises_is_not_swallowed():

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from skystack.evaluation import statistics
 from skystack.evaluation.statistics import (
     MEASURES,
     Bootstrap,
@@ -133,3 +134,11 @@ def test_another_seed_draws_other_resamples():
     means = [Bootstrap(20, seed=seed).means(row) for seed in (0, 0, 1)]
     np.testing.assert_array_equal(means[0], means[1])
     assert not np.array_equal(means[0], means[2])
+
+
+def test_resamples_that_are_drawn_some_at_a_time_are_the_same(monkeypatch):
+    values = np.random.default_rng(1).integers(0, 30, (3, 50)).astype(float)
+    whole = Bootstrap(50, resamples=40).estimate(mean, values)
+    monkeypatch.setattr(statistics, "MOST_AT_ONCE", 350)  # seven resamples
+    parts = Bootstrap(50, resamples=40).estimate(mean, values)
+    assert parts == pytest.approx(whole, rel=1e-6)

@@ -11,7 +11,7 @@ import pytest
 from skystack.airspace.sector_file import SectorEntry, make_sector
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
-from skystack.evaluation import columns, stored
+from skystack.evaluation import columns, stored, writing
 from skystack.evaluation.stored import (
     MOST_CYCLES,
     check_who,
@@ -21,9 +21,9 @@ from skystack.evaluation.stored import (
     rows_of,
     sector_of,
     stored_scenario,
-    write_table,
 )
 from skystack.evaluation.tables import make_tables
+from skystack.evaluation.writing import write_table
 from skystack.platforms.registry import flown_type
 from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import TICKS_PER_FL
@@ -74,8 +74,59 @@ def test_more_bytes_than_allowed_are_refused_by_the_head(tmp_path, monkeypatch):
     path = written(tmp_path, cycle=range(100))
     assert read_table(path, ("cycle",)).num_rows == 100
     monkeypatch.setattr(stored, "MOST_GROUP_BYTES", 800)
-    with pytest.raises(InputError, match=r"is too large: 100 rows, \d+ bytes in a row group"):
+    with pytest.raises(InputError, match=r"is too large: 100 rows to .*, \d+ bytes in a row group"):
         read_table(path, ("cycle",))
+
+
+@pytest.fixture
+def many(tmp_path, monkeypatch):
+    """A table of scenarios 0 to 99, 7 rows each, in row groups of 10 rows."""
+    monkeypatch.setattr(writing, "GROUP_ROWS", 10)
+    path = tmp_path / "many.parquet"
+    rows = range(700)
+    table = pa.table({"scenario": [row // 7 for row in rows], "cycle": [row % 7 for row in rows]})
+    write_table(path, table, x_plus(), "table")
+    return path
+
+
+@pytest.mark.parametrize(
+    "numbers", [[0], [42], [99], [3, 4], [0, 50, 99], [100], [], list(range(100))]
+)
+def test_only_row_groups_that_hold_what_is_asked_for_are_read(numbers, many):
+    """And of them all, by brute force over the rows of each group."""
+    file = pq.ParquetFile(many)
+    groups = range(file.num_row_groups)
+    held = [set(file.read_row_group(each)["scenario"].to_pylist()) for each in groups]
+    expected = [each for each in groups if held[each] & set(numbers)]
+    ways = [[("scenario", "in", numbers)]]
+    ways += [[("cycle", "=", 2), ("scenario", "=", number)] for number in numbers[:1]]
+    for way in ways[: len(numbers) + 1] if len(numbers) < 2 else ways[:1]:
+        assert stored._groups(many, file.metadata, way) == expected
+    assert len(expected) <= 2 * len(numbers)
+    table = read_table(many, ("scenario", "cycle"), ways[0])
+    assert table["scenario"].to_pylist() == [n for n in numbers if n < 100 for _ in range(7)]
+
+
+def test_the_greatest_number_of_rows_is_of_what_may_be_asked_for(many, monkeypatch):
+    monkeypatch.setattr(stored, "MOST_ROWS", 20)
+    assert read_table(many, ("cycle",), [("scenario", "=", 60)]).num_rows == 7
+    with pytest.raises(InputError, match=r"is too large: 700 rows to .* 20 rows"):
+        read_table(many, ("cycle",))
+
+
+@pytest.mark.parametrize("index", ["[]", "[[0, 5]]", "[[0, -1]]", "[[0, 1e99]]", "{", '"x"'])
+def test_an_index_of_another_table_is_damage(index, tmp_path):
+    path = tmp_path / "table.parquet"
+    table = pa.table({"scenario": [0, 1, 2, 3]}).replace_schema_metadata({"scenarios": index})
+    pq.write_table(table, path, row_group_size=2)
+    with pytest.raises(InputError, match=r"table.parquet: (damaged|the scenarios in its metadata)"):
+        read_table(path, ("scenario",), [("scenario", "=", 3)])
+
+
+def test_a_table_without_an_index_is_read_as_a_whole(tmp_path):
+    path = tmp_path / "table.parquet"
+    pq.write_table(pa.table({"scenario": [3, 1, 2, 3]}), path, row_group_size=2)
+    assert read_table(path, ("scenario",), [("scenario", "=", 3)]).num_rows == 2
 
 
 @pytest.mark.parametrize("kind", [pa.float16(), pa.timestamp("s"), pa.bool_()])

@@ -1,7 +1,5 @@
 """Directions in the tables of evaluations, against the rows that follow them."""
 
-from functools import partial
-
 import msgspec
 import numpy as np
 import pyarrow.parquet as pq
@@ -13,6 +11,7 @@ from skystack.evaluation.judge import Conditions, evaluation_folder, judge, task
 from skystack.evaluation.rollout import fly, network_controller
 from skystack.evaluation.stored import stored_scenario
 from skystack.evaluation.tables import make_tables
+from skystack.evaluation.tabulate import tabulate
 from skystack.platforms.flight import fly_scenario
 from skystack.platforms.own import Skystack
 from skystack.simulator.fleet import AircraftType
@@ -86,8 +85,9 @@ def test_an_evaluation_s_fleet_goes_along_in_its_tables(tmp_path):
     settings = task_of(policy).settings
     task = build_task(msgspec.structs.replace(settings, fleet=(slow,), cycles=5))
     controller = network_controller(policy.actor, policy.normaliser, True)
-    tables = make_tables(task, fly(task, controller, 0, 2, True), partial(str))
-    tables.write(tmp_path, task.sector, "table", task.settings.fleet)
+    flown = fly(task, controller, 0, 2, True)
+    tables = make_tables(task, flown)
+    tabulate(task, iter([flown]), tmp_path)
     stored = stored_scenario(tmp_path, 1)
     assert stored.fleet == (slow,)
     again = fly_scenario(Skystack(), stored).reports[-1]

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from skystack.benchmarking.figures import Figure, rates
-from skystack.evaluation.rollout import most_probable, prepare
+from skystack.evaluation.rollout import most_probable, prepare, together
 from skystack.learning import ppo
 from skystack.learning.experiment import load_experiment
 from skystack.learning.phases import compiled_updates, learners, phases
@@ -83,6 +83,7 @@ def reaches_success(experiment: str, seed: int) -> bool:
         for number, learner, _ in learners(updates, settings, init(key)):
             if number % CHECKED_EVERY == 0:
                 weights = (learner.parameters.actor, learner.normaliser)
-                if float(fly(weights, 0, SCENARIOS).metrics.success.mean()) >= SUCCESS:
+                flown = together(list(fly(weights, 0, SCENARIOS)))
+                if float(flown.metrics.success.mean()) >= SUCCESS:
                     return True
     return False

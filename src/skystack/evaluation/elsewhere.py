@@ -1,6 +1,7 @@
 """Fly scenarios on another simulator: the same policy, stacking and task, another `advance`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,6 +19,7 @@ from skystack.evaluation.rollout import (
     keep,
     query_keys,
     recording_of,
+    scenarios_in_part,
     together,
 )
 from skystack.json_file import inside
@@ -43,15 +45,6 @@ class Job(NamedTuple):
     stacking: bool
     seed: int
     open_platform: Callable[[Path], Platform]
-
-
-class FlownElsewhere(NamedTuple):
-    """What came of it."""
-
-    recording: Recording
-    """Of the scenarios that were finished, in order."""
-    failed: dict[int, str]
-    """Why the others were not."""
 
 
 class Pilot:
@@ -180,15 +173,26 @@ def fly_elsewhere(
     job: Job,
     scenarios: int,
     folder: Path,
+    failed: dict[int, str],
     time_limit_s: float = TIME_LIMIT_S,
     on_scenario: Callable[[int], None] = lambda done: None,
-) -> FlownElsewhere:
-    """Fly scenarios 0, 1, ... in one process a core; platforms write into `folder`.
+) -> Iterator[Recording]:
+    """Fly scenarios 0, 1, ... in one process a core, block by block; platforms write into `folder`.
 
-    Raises InputError for a scenario that the platform cannot fly, PlatformError when no scenario
-    was finished.
+    Scenarios that are not finished are in no block: why not is put into `failed`. Raises InputError
+    for a scenario that the platform cannot fly, PlatformError when no scenario was finished.
     """
-    done = in_processes(partial(_pilot, job), range(scenarios), folder, time_limit_s, on_scenario)
-    if not done.results:
-        raise PlatformError(f"no scenario was finished: scenario 0 {done.failed[0]}")
-    return FlownElsewhere(together(list(done.results.values())), done.failed)
+    finished, part = list[Recording](), scenarios_in_part(job.task)
+    flying = in_processes(partial(_pilot, job), range(scenarios), folder, time_limit_s)
+    with closing(flying):
+        for number, outcome in enumerate(flying):
+            if outcome.failed is None:
+                finished.append(outcome.result)
+            else:
+                failed[number] = outcome.failed
+            on_scenario(number + 1)
+            if len(finished) == part or (finished and number == scenarios - 1):
+                yield together(finished)
+                finished = []
+    if len(failed) == scenarios:
+        raise PlatformError(f"no scenario was finished: scenario 0 {failed[0]}")

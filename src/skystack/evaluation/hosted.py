@@ -4,6 +4,7 @@ The task's parts are compiled, each for all scenarios together; between them the
 results are those of `skystack.evaluation.rollout`, whose one program no such agent can be part of.
 """
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import jax
@@ -14,14 +15,13 @@ from jaxtyping import Array, Bool, Float, Int, Key
 from skystack.agents.agent import Agent
 from skystack.agents.asking import ask_actions, ask_scores
 from skystack.evaluation.rollout import (
-    SCENARIOS_AT_ONCE,
     Recording,
+    blocks,
     keep,
     query_keys,
     recording_of,
-    together,
 )
-from skystack.seeds import scenario_key
+from skystack.seeds import scenario_keys
 from skystack.stacking import Stack, stack_many
 from skystack.tasks.batch import choose
 from skystack.tasks.contract import NO_ACTION
@@ -109,18 +109,15 @@ def fly_hosted(
     seed: int,
     scenarios: int,
     stacking: bool,
-) -> Recording:
-    """`skystack.evaluation.rollout.fly` for an agent.
+) -> Iterator[Recording]:
+    """`skystack.evaluation.rollout.fly` for an agent, block by block.
 
     Raises InputError, which names scenario and cycle, for an agent that fails or answers with what
     is not in the task's action table.
     """
     decisions = Decisions(task, controller, None if stacking else 1)
-    parts = []
-    for first in range(0, scenarios, SCENARIOS_AT_ONCE):
-        numbers = np.arange(first, min(first + SCENARIOS_AT_ONCE, scenarios), dtype=np.int32)
-        parts.append(_fly_many(task, decisions, seed, numbers))
-    return together(parts)
+    for numbers in blocks(task, scenarios):
+        yield _fly_many(task, decisions, seed, numbers)
 
 
 def _fly_many(
@@ -140,7 +137,7 @@ def _fly_many(
         kept = keep(stack, state, outcome, over)
         return state, over | outcome.terminated, _first(kept)
 
-    keys = jnp.stack([scenario_key(seed, int(number)) for number in numbers])
+    keys = scenario_keys(seed, numbers)
     state = jax.jit(jax.vmap(task.reset, out_axes=-1))(keys)
     queries = jax.jit(jax.vmap(lambda key: query_keys(task, key)))(keys)
     start, exit_level = jax.device_get(_first((state.traffic, state.memory.exit_level)))

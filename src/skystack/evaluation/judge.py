@@ -1,9 +1,8 @@
 """Judge one controller on held-out scenarios: fly, write the tables, reduce them to a row."""
 
 import pickle
-import time
-from collections.abc import Callable
-from contextlib import nullcontext
+from collections.abc import Callable, Generator
+from contextlib import closing, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,11 +13,11 @@ import pyarrow as pa
 from skystack.agents.agent import Agent, agent_of, row_name
 from skystack.airspace.sector_file import SectorEntry
 from skystack.errors import InputError
-from skystack.evaluation.elsewhere import FlownElsewhere, Job, fly_elsewhere
+from skystack.evaluation.elsewhere import Job, fly_elsewhere
 from skystack.evaluation.hosted import HostedController, fly_hosted
-from skystack.evaluation.rollout import NOBODY, Controller, Recording, fly, network_controller
+from skystack.evaluation.rollout import NOBODY, Controller, Recording, network_controller, prepare
 from skystack.evaluation.summary import Row, summarise
-from skystack.evaluation.tables import make_tables
+from skystack.evaluation.tabulate import tabulate
 from skystack.export.facts import Facts
 from skystack.files import make_folder, no_empty_folders, scratch_folder
 from skystack.learning.experiment import (
@@ -66,6 +65,7 @@ class Judged(NamedTuple):
     row: Row
     episodes: pa.Table
     clearances: pa.Table
+    """Texts are dictionaries: what repeats in them takes no memory."""
     failed: dict[int, str]
     """Scenarios that the platform did not finish, and why; they are in neither."""
     notes: tuple[str, ...] = ()
@@ -79,8 +79,7 @@ def task_of(
     """The task that a policy was trained for, as it is flown; in another sector if one is given,
     and for another number of cycles.
 
-    Raises InputError when this version's task is another one than the policy's, or cannot be flown
-    in that sector.
+    Raises InputError when this version's task is another one than the policy's.
     """
     described = policy.description
     where = f"policy {described.experiment}-s{described.seed}"
@@ -132,9 +131,7 @@ def _task(
         settings = msgspec.structs.replace(settings, sector=sector)
     if cycles is not None:
         settings = msgspec.structs.replace(settings, cycles=cycles)
-    task = build_task(settings)
-    check_cycles(task)
-    return task
+    return build_task(settings)
 
 
 def _check_trained_for(
@@ -169,8 +166,7 @@ def judge(
     asked for one scenario after the other, on other platforms in other processes. They need the
     `experiment` that they are for, its name, its file (.toml) or itself, unless they say which.
 
-    `name` is that of the row and of the folder. `on_scenario` hears how many scenarios another
-    platform has done.
+    `name` is that of the row and of the folder. `on_scenario` hears how many scenarios are done.
     Raises InputError for a platform that is not there, an experiment that does not fit and a policy
     that fails or answers with what is no action; PlatformError when no scenario is finished.
     """
@@ -245,38 +241,43 @@ def _judge_into(
     out: Path | None,
     on_scenario: Callable[[int], None],
 ) -> Judged:
-    begun = time.monotonic()
+    beyond = check_cycles(task)
     platform, stacking = conditions.platform, conditions.stacking
-    if platform == OWN:
-        flown = FlownElsewhere(_fly_here(task, controller(), conditions), {})
-    else:
-        flown = _fly_elsewhere(task, controller, conditions, out, on_scenario)
-    wall_s = time.monotonic() - begun
-    flown_as, adoption = partial(flown_type, platform), adoption_of(platform)
-    tables = make_tables(task, flown.recording, flown_as, adoption)
+    folder = None
     if out is not None:
         folder = evaluation_folder(out, name, trained_seed, stacking, platform)
-        settings = task.settings
-        tables.write(folder, task.simulator.sector, settings.performance, settings.fleet)
-    row = summarise(
-        name, trained_seed, platform, stacking, conditions.greedy, wall_s, tables.episodes
-    )
+    failed = dict[int, str]()
+    if platform == OWN:
+        flying = _fly_here(task, controller(), conditions, on_scenario)
+    else:
+        flying = _fly_elsewhere(task, controller, conditions, out, failed, on_scenario)
+    with closing(flying):
+        flown_as, adoption = partial(flown_type, platform), adoption_of(platform)
+        episodes, clearances, wall_s = tabulate(task, flying, folder, flown_as, adoption)
+    row = summarise(name, trained_seed, platform, stacking, conditions.greedy, wall_s, episodes)
     climbs = task.actions.kind == "level"
-    beyond = check_cycles(task)
     notes = said_of(platform, task.simulator.performance.types, climbs)
     notes += [] if beyond is None else [beyond]
-    return Judged(row, tables.episodes, tables.clearances, flown.failed, tuple(notes))
+    return Judged(row, episodes, clearances, failed, tuple(notes))
 
 
 def _fly_here(
     task: NavigationTask,
     controller: Controller | HostedController,
     conditions: Conditions,
-) -> Recording:
+    on_scenario: Callable[[int], None],
+) -> Generator[Recording, None, None]:
     seed, episodes, stacking = conditions.seed, conditions.episodes, conditions.stacking
     if isinstance(controller, HostedController):
-        return fly_hosted(task, controller, seed, episodes, stacking)
-    return fly(task, controller, seed, episodes, stacking)
+        flying = fly_hosted(task, controller, seed, episodes, stacking)
+    else:
+        flying = prepare(task, controller.decide, stacking)(controller.weights, seed, episodes)
+    done = 0
+    for block in flying:
+        done += len(block.number)
+        yield block
+        del block  # before the next one is flown
+        on_scenario(done)
 
 
 def _fly_elsewhere(
@@ -284,8 +285,9 @@ def _fly_elsewhere(
     controller: Callable[[], Controller | HostedController],
     conditions: Conditions,
     out: Path | None,
+    failed: dict[int, str],
     on_scenario: Callable[[int], None],
-) -> FlownElsewhere:
+) -> Generator[Recording, None, None]:
     """Fly on another platform; its own files lie where the system keeps what is thrown away."""
     job = Job(
         task,
@@ -297,8 +299,9 @@ def _fly_elsewhere(
     _check_sent(job)
     if out is not None:
         make_folder(out)  # refused before anything is flown, which takes long
+    limit_s = conditions.time_limit_s
     with scratch_folder("skystack-") as work:
-        return fly_elsewhere(job, conditions.episodes, work, conditions.time_limit_s, on_scenario)
+        yield from fly_elsewhere(job, conditions.episodes, work, failed, limit_s, on_scenario)
 
 
 def _check_sent(job: Job) -> None:

@@ -1,6 +1,6 @@
 """Fly many scenarios under a policy, inside one compiled program, and keep what happened."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from skystack.errors import InputError
 from skystack.learning.inference import Layers, Normaliser, forward, normalise
-from skystack.seeds import scenario_key
+from skystack.seeds import scenario_keys
 from skystack.signals import check
 from skystack.simulator.traffic import Traffic
 from skystack.stacking import Stack, stack_traced
@@ -20,6 +20,8 @@ from skystack.tasks.contract import NO_ACTION, Metrics, Outcome
 from skystack.tasks.navigation import NavigationState, NavigationTask
 
 SCENARIOS_AT_ONCE = 1000
+ROWS_AT_ONCE = 600_000
+"""Aircraft and cycles of all scenarios that are flown at once: they take about 200 MB."""
 _POLICY = 0x90_11C7
 """Folded into a scenario's key for a policy that samples."""
 
@@ -98,8 +100,8 @@ class Recording(NamedTuple):
         return np.concatenate([np.asarray(start)[:, None], np.asarray(later)[:, :-1]], axis=1)
 
 
-Fly = Callable[[Any, int, int], Recording]
-"""Flies the first scenarios of an evaluation seed: (weights, seed, scenarios)."""
+Fly = Callable[[Any, int, int], Iterator[Recording]]
+"""Flies the first scenarios of an evaluation seed, block by block: (weights, seed, scenarios)."""
 
 
 def fly(
@@ -113,29 +115,46 @@ def fly(
 
     Raises InputError for a controller that answers with what is not in the task's action table.
     """
-    return prepare(task, controller.decide, stacking)(controller.weights, seed, scenarios)
+    flown = prepare(task, controller.decide, stacking)
+    return together(list(flown(controller.weights, seed, scenarios)))
 
 
 def prepare(task: NavigationTask, decide: Decide, stacking: bool) -> Fly:
-    """`fly` for controllers with the same `decide`: compiled once, when first used."""
+    """Blocks of `fly` for controllers with the same `decide`: compiled once, when first used."""
     limit = None if stacking else 1
     flown = jax.jit(jax.vmap(partial(_fly_one, task, decide, limit), in_axes=(None, 0, 0)))
 
-    def fly(weights: Any, seed: int, scenarios: int) -> Recording:
-        parts = []
-        for first in range(0, scenarios, SCENARIOS_AT_ONCE):
-            numbers = np.arange(first, min(first + SCENARIOS_AT_ONCE, scenarios), dtype=np.int32)
-            keys = jnp.stack([scenario_key(seed, int(number)) for number in numbers])
-            parts.append(jax.device_get(flown(weights, keys, numbers)))
-            check()  # an interruption may have been lost in a callback
-            _check_actions(parts[-1], len(task.action_names))
-        return together(parts)
+    def fly(weights: Any, seed: int, scenarios: int) -> Iterator[Recording]:
+        for numbers in blocks(task, scenarios):
+            # No name here holds a block while the next one is flown.
+            yield _checked(
+                jax.device_get(flown(weights, scenario_keys(seed, numbers), numbers)),
+                len(task.action_names),
+            )
 
     return fly
 
 
-def _check_actions(recording: Recording, actions: int) -> None:
+def blocks(task: NavigationTask, scenarios: int) -> Iterator[Int[np.ndarray, " block"]]:
+    """The numbers 0, 1, ... of scenarios, as many together as are flown at once."""
+    most = _scenarios_of(task, ROWS_AT_ONCE, SCENARIOS_AT_ONCE)
+    for first in range(0, scenarios, most):
+        yield np.arange(first, min(first + most, scenarios), dtype=np.int32)
+
+
+def scenarios_in_part(task: NavigationTask) -> int:
+    """Of how many scenarios tables are made at once: rows of tables take more than arrays."""
+    return _scenarios_of(task, ROWS_AT_ONCE // 4, SCENARIOS_AT_ONCE // 4)
+
+
+def _scenarios_of(task: NavigationTask, rows: int, most: int) -> int:
+    """Fewer where they are longer, or of more aircraft, than usual: memory stays the same."""
+    return min(max(rows // (task.settings.cycles * task.scenarios.aircraft), 1), most)
+
+
+def _checked(recording: Recording, actions: int) -> Recording:
     """Inside a compiled program an action beyond the table would be taken for the last one."""
+    check()  # an interruption may have been lost in a callback
     asked = recording.action
     beyond = np.argwhere(recording.ran & ((asked < 0) | (asked >= actions)))
     if beyond.size:
@@ -144,12 +163,21 @@ def _check_actions(recording: Recording, actions: int) -> None:
             f"scenario {recording.number[index]}, cycle {cycle}: action is {asked[index, cycle]} "
             f"(allowed: whole numbers from 0 to {actions - 1})"
         )
+    return recording
 
 
 def together(parts: Sequence[Recording]) -> Recording:
     """Recordings of some scenarios each as one of all."""
     whole: Recording = jax.tree.map(lambda *arrays: np.concatenate(arrays), *parts)
     return whole
+
+
+def parts_of(recording: Recording, scenarios: int) -> Iterator[Recording]:
+    """A recording in parts of so many scenarios; nothing is copied."""
+    for first in range(0, len(recording.number), scenarios):
+        rows = slice(first, first + scenarios)
+        part: Recording = jax.tree.map(lambda values, rows=rows: values[rows], recording)
+        yield part
 
 
 def recording_of(

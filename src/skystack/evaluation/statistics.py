@@ -7,13 +7,13 @@ interquartile means and the probability of improvement see Agarwal et al., "Deep
 Learning at the Edge of the Statistical Precipice" (2021).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from scipy.stats import trim_mean
 
 MEASURES = (
@@ -27,6 +27,8 @@ MEASURES = (
 )
 """Columns of an evaluation's episodes that are reported with an interval."""
 RESAMPLES = 2000
+MOST_AT_ONCE = 20_000_000
+"""Scenarios of all resamples that are counted at a time; of 10,000 scenarios, all."""
 CONFIDENCE = 0.95
 QUARTER = 0.25
 
@@ -75,15 +77,25 @@ class Bootstrap:
         self._random = np.random.default_rng(seed)
 
     @cached_property
-    def _weights(self) -> Float[np.ndarray, "resamples scenarios"]:
-        """How often each scenario is drawn, as a part of all draws."""
+    def _counts(self) -> UInt8[np.ndarray, "resamples scenarios"]:
+        """How often each scenario is drawn; one is drawn twice or thrice, not 256 times."""
         even = np.full(self.scenarios, 1.0 / self.scenarios)
-        counts = self._random.multinomial(self.scenarios, even, size=self.resamples)
-        return counts.astype(np.float32) / np.float32(self.scenarios)
+        drawn = np.empty((self.resamples, self.scenarios), dtype=np.uint8)
+        for some in self._some():
+            drawn[some] = self._random.multinomial(self.scenarios, even, size=len(drawn[some]))
+        return drawn
+
+    def _some(self) -> Iterator[slice]:
+        """The resamples, so many at a time that their numbers take little memory."""
+        most = max(MOST_AT_ONCE // self.scenarios, 1)
+        return (slice(at, at + most) for at in range(0, self.resamples, most))
 
     def means(self, values: Float[np.ndarray, "trainings scenarios"]) -> Trainings:
         """Means over scenarios of trainings drawn anew, a row a resample."""
-        each = (self._weights @ values.T.astype(np.float32)).astype(np.float64)
+        columns, count = values.T.astype(np.float32), np.float32(self.scenarios)
+        counts = self._counts
+        parts = [(counts[some].astype(np.float32) / count) @ columns for some in self._some()]
+        each = np.concatenate(parts).astype(np.float64)
         drawn = self._random.integers(len(values), size=each.shape)
         return np.take_along_axis(each, drawn, axis=1)
 

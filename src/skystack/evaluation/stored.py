@@ -1,10 +1,11 @@
-"""Parquet tables that carry their sector: written, read and checked; a flown scenario from them."""
+"""Parquet tables that carry their sector: read and checked; a flown scenario from them."""
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO
 
 import msgspec
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -19,7 +20,7 @@ from skystack.evaluation.columns import (
     TEXT,
     check_columns,
 )
-from skystack.files import write_aside
+from skystack.evaluation.writing import FLEET, PERFORMANCE_MODEL, SCENARIOS, SECTOR
 from skystack.json_file import decode, inside
 from skystack.platforms.registry import PLATFORMS, flown_type
 from skystack.simulator.fleet import MOST_TYPES, AircraftType, fleet
@@ -32,30 +33,9 @@ MOST_CYCLES = 100_000
 Cycle = Annotated[int, msgspec.Meta(ge=0, le=MOST_CYCLES)]
 Level = Annotated[float, msgspec.Meta(ge=-1000.0, le=1000.0)]
 
-_SECTOR, _PERFORMANCE, _FLEET = b"sector", b"performance", b"fleet"
+_Number = Annotated[int, msgspec.Meta(ge=0, le=2**31 - 1)]
+_Spans = list[tuple[_Number, _Number]]
 _Types = Annotated[tuple[AircraftType, ...], msgspec.Meta(max_length=MOST_TYPES)]
-
-
-def write_table(
-    path: Path,
-    table: pa.Table,
-    sector: Sector,
-    performance: str,
-    types: Sequence[AircraftType] = (),
-    beside: Mapping[str, list[dict[str, Any]]] | None = None,
-) -> None:
-    """Write one table as Parquet, its sector, the performance and the fleet in the metadata.
-
-    `beside` are small tables that go along in the metadata as JSON. Raises InputError if it cannot
-    be written.
-    """
-    sink = pa.BufferOutputStream()
-    metadata = {_SECTOR: msgspec.json.encode(sector), _PERFORMANCE: performance.encode()}
-    if types:
-        metadata[_FLEET] = msgspec.json.encode(types)
-    metadata |= {key.encode(): msgspec.json.encode(rows) for key, rows in (beside or {}).items()}
-    pq.write_table(table.replace_schema_metadata(metadata), sink, compression="zstd")
-    write_aside(path, sink.getvalue().to_pybytes())
 
 
 def read_table(path: Path, columns: Sequence[str], filters: Any = None) -> pa.Table:
@@ -86,12 +66,15 @@ def _read(path: Path, file: BinaryIO, columns: Sequence[str], filters: Any) -> p
     by = [] if filters is None else [name for name, _, _ in filters]
     needed = list(dict.fromkeys([*columns, *by]))
     head = pq.read_metadata(file)
-    _check_head(path, head, needed)
+    groups = _groups(path, head, filters or [])
+    _check_head(path, head, needed, groups)
     texts = sorted(TEXT & set(needed))
     with pq.ParquetFile(file, metadata=head, read_dictionary=texts) as parquet:
         empty = parquet.schema_arrow.empty_table().select(needed)
         kept, rows = [empty], 0
-        for batch in parquet.iter_batches(_BATCH, columns=needed, use_threads=False):
+        for batch in parquet.iter_batches(
+            _BATCH, row_groups=groups, columns=needed, use_threads=False
+        ):
             found = pa.Table.from_batches([batch])
             kept.append(found if only is None else found.filter(only))
             rows += kept[-1].num_rows
@@ -101,6 +84,24 @@ def _read(path: Path, file: BinaryIO, columns: Sequence[str], filters: Any) -> p
                     "what is asked)"
                 )
     return pa.concat_tables(kept).select(list(columns))
+
+
+def _groups(path: Path, head: Any, filters: Sequence[tuple[str, str, Any]]) -> list[int]:
+    """The row groups that may hold scenarios that are asked for, by the index in the metadata."""
+    data = (head.metadata or {}).get(SCENARIOS)
+    asked = [values for name, how, values in filters if (name, how) == ("scenario", "in")]
+    asked += [[value] for name, how, value in filters if (name, how) == ("scenario", "=")]
+    groups = list(range(head.num_row_groups))
+    if data is None or not asked:
+        return groups
+    spans = decode(data, _Spans, f"{path}: the scenarios in its metadata")
+    if len(spans) != len(groups):
+        raise InputError(f"{path}: damaged: the scenarios in its metadata are of another table")
+    numbers = np.unique(asked[0])
+    first, last = np.array(spans, dtype=np.int64).reshape(-1, 2).T
+    before, until = np.searchsorted(numbers, first), np.searchsorted(numbers, last, side="right")
+    found: list[int] = np.flatnonzero(before < until).tolist()
+    return found
 
 
 _BATCH = 65536
@@ -121,7 +122,7 @@ def rows_of(callsign: str, table: pa.Table) -> pa.Table:
     return table.filter(pc.equal(table["callsign"].cast(pa.string()), callsign))
 
 
-def _check_head(path: Path, head: Any, columns: Sequence[str]) -> None:
+def _check_head(path: Path, head: Any, columns: Sequence[str], groups: Sequence[int]) -> None:
     """Before anything is read: whether the columns are there, once each, and of what size."""
     known = head.schema.to_arrow_schema().names
     for name in columns:
@@ -130,18 +131,19 @@ def _check_head(path: Path, head: Any, columns: Sequence[str]) -> None:
             missing = f"has no column {name!r}" if name not in known else f"has {name!r} twice"
             raise InputError(f"{path}: {missing} (found: {found})")
     # Of single columns nothing is asked: pyarrow ends the process where their heads are damaged.
-    groups = (head.row_group(number) for number in range(head.num_row_groups))
-    size = max((group.total_byte_size for group in groups), default=0)
-    if head.num_rows > MOST_ROWS or size > MOST_GROUP_BYTES:
+    read = [head.row_group(number) for number in groups]
+    rows = sum(group.num_rows for group in read)
+    size = max((group.total_byte_size for group in read), default=0)
+    if rows > MOST_ROWS or size > MOST_GROUP_BYTES:
         raise InputError(
-            f"{path}: is too large: {head.num_rows} rows, {size} bytes in a row group "
+            f"{path}: is too large: {rows} rows to be looked through, {size} bytes in a row group "
             f"(allowed: {MOST_ROWS} rows, {MOST_GROUP_BYTES} bytes)"
         )
 
 
 def sector_of(path: Path, table: pa.Table) -> Sector:
     """The sector in a table's metadata. Raises InputError where there is none."""
-    data = (table.schema.metadata or {}).get(_SECTOR)
+    data = (table.schema.metadata or {}).get(SECTOR)
     if data is None:
         raise InputError(f"{path}: has no sector in its metadata")
     with inside(f"{path}: the sector in its metadata"):
@@ -258,12 +260,12 @@ def stored_scenario(folder: Path, number: int) -> Scenario:
 def _performance_of(path: Path, table: pa.Table) -> tuple[str, tuple[AircraftType, ...]]:
     """Performance and fleet in a table's metadata; none is the default, and no fleet."""
     metadata = table.schema.metadata or {}
-    performance = metadata.get(_PERFORMANCE, b"table").decode("utf-8", "replace")
+    performance = metadata.get(PERFORMANCE_MODEL, b"table").decode("utf-8", "replace")
     if performance not in PERFORMANCE:
         raise InputError(f"{path}: unknown performance {performance!r} in its metadata")
     types: tuple[AircraftType, ...] = ()
-    if _FLEET in metadata:
-        types = decode(metadata[_FLEET], _Types, f"{path}: the fleet in its metadata")
+    if FLEET in metadata:
+        types = decode(metadata[FLEET], _Types, f"{path}: the fleet in its metadata")
         with inside(f"{path}: its metadata"):
             fleet(types, "fleet")
     return performance, types

@@ -1,8 +1,7 @@
-"""What happened, as four tables: episodes, aircraft, trajectories, clearances (Parquet)."""
+"""What happened, as four tables: episodes, aircraft, trajectories, clearances."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import jax
 import numpy as np
@@ -10,15 +9,11 @@ import pyarrow as pa
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
-from skystack.airspace.sector import Sector
 from skystack.evaluation.followed import STATUS, status_of
 from skystack.evaluation.rollout import Recording
-from skystack.evaluation.stored import write_table
-from skystack.files import make_folder
 from skystack.platforms.adoption import SKYSTACK, Adoption, in_words
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.phraseology import written
-from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
 from skystack.simulator.traffic import Traffic, callsigns, trajectory_columns
@@ -35,14 +30,6 @@ class Tables:
     trajectories: pa.Table
     clearances: pa.Table
 
-    def write(
-        self, folder: Path, sector: Sector, performance: str, types: Sequence[AircraftType] = ()
-    ) -> None:
-        """Write `<name>.parquet` each; sector and fleet go along: a folder replays alone."""
-        make_folder(folder)
-        for name, table in vars(self).items():
-            write_table(folder / f"{name}.parquet", table, sector, performance, types)
-
 
 def make_tables(
     task: NavigationTask,
@@ -55,7 +42,7 @@ def make_tables(
         episodes=episode_table(task, recording),
         aircraft=_aircraft_table(task, recording, flown_as),
         trajectories=_trajectory_table(task, recording),
-        clearances=_clearance_table(task, recording, adoption),
+        clearances=clearance_table(task, recording, adoption),
     )
 
 
@@ -151,7 +138,9 @@ def _status(recording: Recording) -> Int[np.ndarray, "scenarios rows aircraft"]:
     return np.concatenate([np.zeros_like(status[:, :1]), status], axis=1)
 
 
-def _clearance_table(task: NavigationTask, recording: Recording, adoption: Adoption) -> pa.Table:
+def clearance_table(
+    task: NavigationTask, recording: Recording, adoption: Adoption = SKYSTACK
+) -> pa.Table:
     """One row a clearance, in the order issued."""
     scenario, cycle = np.nonzero(recording.instructions > 0)
     who = np.array([(-1, 0), *task.actions.changes])[recording.action[scenario, cycle]][:, 0]

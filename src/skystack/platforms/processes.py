@@ -3,10 +3,12 @@
 import multiprocessing
 import os
 import tempfile
-from collections.abc import Callable, Sequence
-from concurrent.futures import CancelledError
+from collections import deque
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import CancelledError, Future
 from concurrent.futures import TimeoutError as OutOfTime
 from concurrent.futures.process import BrokenProcessPool
+from itertools import repeat
 from pathlib import Path
 from threading import Timer
 from typing import Any, NamedTuple, TypeVar
@@ -19,7 +21,6 @@ TIME_LIMIT_S = 120.0
 """For an item, unless told otherwise."""
 START_LIMIT_S = 180.0
 """For a process to begin: imports, the simulator's own start, compilation."""
-_DIED_STARTING = "its process died, or took too long, while starting"
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -27,21 +28,22 @@ Make = Callable[[Path], Callable[[Item], Result]]
 """Makes, in each process once and given a folder of its own, the function that does the work."""
 
 
-class Done(NamedTuple):
-    """What came of some items, by their index."""
+class Outcome(NamedTuple):
+    """What came of an item: its result, or why there is none."""
 
-    results: dict[int, Any]
-    failed: dict[int, str]
+    result: Any
+    failed: str | None = None
+
+
+_DIED_STARTING = Outcome(None, "its process died, or took too long, while starting")
+AHEAD = 8
+"""Items for each process that are begun before they are asked for."""
 
 
 def in_processes(
-    make: Make[Item, Result],
-    items: Sequence[Item],
-    folder: Path,
-    time_limit_s: float,
-    on_done: Callable[[int], None] = lambda done: None,
-) -> Done:
-    """Do every item in one process a core; `make` and the items must be picklable.
+    make: Make[Item, Result], items: Sequence[Item], folder: Path, time_limit_s: float
+) -> Generator[Outcome, None, None]:
+    """Do every item in one process a core, in order; `make` and the items must be picklable.
 
     An item that takes longer than its time limit, raises PlatformError, or whose process dies, has
     failed; the others are done. Raises InputError as soon as an item does.
@@ -49,7 +51,7 @@ def in_processes(
     with of_extra("another platform", "bluebird] or [bluesky"):
         from pebble import ProcessPool  # noqa: PLC0415
 
-    done = Done({}, {})
+    ahead = AHEAD * len(cores())
     with ProcessPool(
         max_workers=min(len(cores()), len(items)),
         initializer=_begin,
@@ -57,33 +59,42 @@ def in_processes(
         context=multiprocessing.get_context("spawn"),
     ) as pool:
         try:
-            with starting_processes():
-                futures = [
-                    pool.schedule(_work, args=(item,), timeout=time_limit_s) for item in items
-                ]
-            for index, future in enumerate(futures):
-                try:
-                    _wait_for(future, index, time_limit_s, done)
-                except (BrokenProcessPool, CancelledError):
-                    done.failed.update(dict.fromkeys(range(index, len(items)), _DIED_STARTING))
-                    break
-                on_done(index + 1)
+            futures = deque(_scheduled(pool, items[:ahead], time_limit_s))
+            for index in range(len(items)):
+                outcome = _outcome(futures.popleft(), time_limit_s)
+                yield outcome
+                if outcome is _DIED_STARTING:
+                    yield from repeat(_DIED_STARTING, len(items) - index - 1)
+                    return
+                # What is done and not yet asked for takes memory: only so much of it.
+                futures += _scheduled(pool, items[index + ahead :][:1], time_limit_s)
         finally:
             pool.stop()
-    return done
 
 
-def _wait_for(future: Any, index: int, time_limit_s: float, done: Done) -> None:
+def _scheduled(pool: Any, items: Sequence[Item], time_limit_s: float) -> list[Future[Any]]:
+    try:
+        with starting_processes():
+            return [pool.schedule(_work, args=(item,), timeout=time_limit_s) for item in items]
+    except RuntimeError:  # a pool whose processes do not start takes nothing any more
+        broken = Future[Any]()
+        broken.set_exception(BrokenProcessPool())
+        return [broken] * len(items)
+
+
+def _outcome(future: Future[Any], time_limit_s: float) -> Outcome:
     from pebble import ProcessExpired  # noqa: PLC0415
 
     try:
-        done.results[index] = future.result()
+        return Outcome(future.result())
     except OutOfTime:
-        done.failed[index] = f"took more than {time_limit_s:.0f} s"
+        return Outcome(None, f"took more than {time_limit_s:.0f} s")
     except ProcessExpired as expired:
-        done.failed[index] = f"the simulator's process died (exit code {expired.exitcode})"
+        return Outcome(None, f"the simulator's process died (exit code {expired.exitcode})")
     except PlatformError as error:
-        done.failed[index] = str(error)
+        return Outcome(None, str(error))
+    except (BrokenProcessPool, CancelledError):
+        return _DIED_STARTING
 
 
 _worker: Callable[[Any], Any] | Exception | None = None

@@ -1,6 +1,6 @@
 """What a radar picture shows of an aircraft; shared by films, stills and rendered environments."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -14,6 +14,14 @@ AHEAD_MIN = 2.0
 """How far ahead of an aircraft its heading line shows it."""
 LABEL_PT = 9.0
 """How far from an aircraft its label stands."""
+
+
+ROUTE: dict[str, Any] = {"linewidth": 7.0, "alpha": 0.13, "zorder": 2.5}
+TRAIL: dict[str, Any] = {"linewidth": 1.4, "alpha": 0.8, "zorder": 4}
+AHEAD: dict[str, Any] = {"color": INK, "linewidth": 1.2, "zorder": 8.5}
+RING: dict[str, Any] = {"lw": 0.9, "alpha": 0.7, "zorder": 8.5}
+LABEL: dict[str, Any] = {"fontsize": 9.0, "fontweight": "bold"}
+HALO = withStroke(linewidth=2.2, foreground=PAPER)
 
 
 class Blip(NamedTuple):
@@ -42,41 +50,68 @@ def draw_way(
     colour: str,
 ) -> None:
     """Where an aircraft is to go, and where it went."""
-    axes.plot(*route_nm.T, color=colour, linewidth=7.0, alpha=0.13, zorder=2.5)
-    axes.plot(*trail_nm.T, color=colour, linewidth=1.4, alpha=0.8, zorder=4)
+    draw_route(axes, route_nm, colour)
+    axes.plot(*trail_nm.T, color=colour, **TRAIL)
+
+
+def draw_route(axes: Axes, route_nm: Float[np.ndarray, "points 2"], colour: str) -> None:
+    """Where an aircraft is to go."""
+    axes.plot(*route_nm.T, color=colour, **ROUTE)
 
 
 def draw_aircraft(axes: Axes, blip: Blip, colour: str, ring_nm: float = 0.0) -> None:
     """A square, its callsign with its level, a solid line to where it would be in two minutes, a
     dotted one on the heading that it is cleared to; and a ring of the true radius, if one is given.
     """
-    here = blip.position_nm
-    ahead_nm = AHEAD_MIN / 60.0 * blip.ground_speed_kt * blip.scale
-    heading, cleared = np.radians(blip.heading_deg), np.radians(blip.cleared_heading_deg)
-    for angle, style in ((cleared, ":"), (heading, "-")):
-        ahead = here + ahead_nm * np.array([np.sin(angle), np.cos(angle)])
-        axes.plot(*np.stack([here, ahead]).T, color=INK, linewidth=1.2, linestyle=style, zorder=8.5)
+    here = (float(blip.position_nm[0]), float(blip.position_nm[1]))
+    for line, style in zip(lines_ahead(blip), (":", "-"), strict=True):
+        axes.plot(*line.T, linestyle=style, **AHEAD)
     axes.plot(*here, "s", color=colour, mec=PAPER, markersize=7.5, zorder=9)
     if ring_nm:
-        centre = (float(here[0]), float(here[1]))
-        axes.add_patch(
-            Circle(
-                centre, ring_nm * blip.scale, fill=False, ec=colour, lw=0.9, alpha=0.7, zorder=8.5
-            )
-        )
+        axes.add_patch(Circle(here, ring_nm * blip.scale, fill=False, ec=colour, **RING))
+    label = place_of_label(blip)
     axes.annotate(
-        f"{blip.callsign}\n{levels_of(blip)}",
-        (float(here[0]), float(here[1])),
-        # To the right of the flight, off its lines.
-        xytext=(LABEL_PT * np.cos(heading), -LABEL_PT * np.sin(heading)),
+        label.text,
+        here,
+        xytext=label.offset_pt,
         textcoords="offset points",
+        ha=label.ha,
+        va=label.va,
+        color=colour,
+        path_effects=[HALO],
+        zorder=10,  # above the names of fixes
+        **LABEL,
+    )
+
+
+def lines_ahead(blip: Blip) -> tuple[Float[np.ndarray, "2 2"], Float[np.ndarray, "2 2"]]:
+    """Where an aircraft would be in two minutes, on its cleared heading and on its own."""
+    here = blip.position_nm
+    ahead_nm = AHEAD_MIN / 60.0 * blip.ground_speed_kt * blip.scale
+    cleared, own = (
+        np.stack([here, here + ahead_nm * np.array([np.sin(angle), np.cos(angle)])])
+        for angle in np.radians([blip.cleared_heading_deg, blip.heading_deg])
+    )
+    return cleared, own
+
+
+class LabelPlace(NamedTuple):
+    """The two lines of an aircraft's label, and where they stand."""
+
+    text: str
+    offset_pt: tuple[float, float]
+    ha: str
+    va: str
+
+
+def place_of_label(blip: Blip) -> LabelPlace:
+    """To the right of the flight, off its lines."""
+    heading = np.radians(blip.heading_deg)
+    return LabelPlace(
+        f"{blip.callsign}\n{levels_of(blip)}",
+        (float(LABEL_PT * np.cos(heading)), float(-LABEL_PT * np.sin(heading))),
         ha="left" if np.cos(heading) > 0.0 else "right",
         va="top" if np.sin(heading) > 0.0 else "bottom",
-        color=colour,
-        fontsize=9.0,
-        fontweight="bold",
-        path_effects=[withStroke(linewidth=2.2, foreground=PAPER)],
-        zorder=10,  # above the names of fixes
     )
 
 

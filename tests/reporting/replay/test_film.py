@@ -12,7 +12,7 @@ from PIL import Image
 
 from skystack.errors import InputError
 from skystack.reporting.radar import colour_of
-from skystack.reporting.replay.film import Span, _Scene, film, span_of, still
+from skystack.reporting.replay.film import Span, _Moving, _Scene, film, span_of, still
 from skystack.reporting.replay.recording import Loss, read_replay
 from skystack.reporting.style import VERMILION, house_style
 from tests.reporting.replay.made import ROWS, replay
@@ -26,7 +26,7 @@ def test_aircraft_are_drawn_where_they_are():
     """The middle of each square has the aircraft's colour, or that of a loss of separation."""
     made = replay()
     with house_style():
-        scene = _Scene((made,), 4, Span(0, ROWS - 1))
+        scene = _Moving((made,), 4, Span(0, ROWS - 1))
         (axes,) = scene._panels
         for row in (0, 10, 16):
             pixels = np.asarray(scene.pixels(row)) / 255.0

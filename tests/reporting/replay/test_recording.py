@@ -10,7 +10,7 @@ import pytest
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
 from skystack.evaluation.losses import FlightPath, losses
-from skystack.evaluation.stored import write_table
+from skystack.evaluation.writing import write_table
 from skystack.reporting.replay.recording import as_json, read_replay
 
 from .conftest import SCENARIOS

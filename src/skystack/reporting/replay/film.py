@@ -5,20 +5,23 @@ papers, slides and the first screen of a README.
 """
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Text
 from PIL import Image
 
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
 from skystack.files import check_folder_of, write_aside
 from skystack.reporting.maps import draw_sector, name_fixes
-from skystack.reporting.radar import Blip, colour_of, draw_aircraft, draw_way
+from skystack.reporting.radar import Blip, colour_of, draw_aircraft, draw_route, draw_way
+from skystack.reporting.replay.frames import Picture, Texts, TrafficPicture, lowest_row_first
 from skystack.reporting.replay.recording import Flown, Replay, ReplayScenario
 from skystack.reporting.replay.together import read_together
 from skystack.reporting.style import (
@@ -36,6 +39,8 @@ PANEL_IN, PIXELS_PER_INCH = (5.2, 5.6), 84
 FRAMES_PER_S = 10
 SAID = 3
 """How many of the last clearances are written below."""
+MOST_FRAMES = 2000
+"""Of a film: all of them are in memory while it is written."""
 
 
 SUFFIXES = (".png", ".svg", ".gif")
@@ -75,7 +80,7 @@ def write_picture(
     InputError as `read_together` and `span_of` do; nothing is written then.
     """
     check_folder_of(output)
-    replays = read_together(runs, number + 1)
+    replays = read_together(runs, only=number)
     span = span_of(replays, number, from_s, to_s)
     kind = output.suffix[1:]
     gif = kind == "gif"
@@ -105,22 +110,27 @@ def film(
     on_frame: Callable[[int], None] = lambda row: None,
 ) -> bytes:
     """An animated GIF, a radar cycle a frame and ten frames a second: sixty times real time."""
+    rows = range(span.begin, span.end + 1)
+    if len(rows) > MOST_FRAMES:
+        raise InputError(
+            f"a film of {len(rows)} cycles (allowed: {MOST_FRAMES}; --from and --to choose a part)"
+        )
     with house_style():
-        scene = _Scene(replays, number, span)
+        scene = _Moving(replays, number, span)
+        # One palette for all frames, from the last, which shows everything: no colour flickers.
+        palette = scene.pixels(span.end).quantize(64, dither=Image.Dither.NONE)
         frames = []
-        for row in range(span.begin, span.end + 1):
-            frames.append(scene.pixels(row))
+        for row in rows:
+            frame = scene.pixels(row)
+            frames.append(frame.quantize(palette=palette, dither=Image.Dither.NONE))
             on_frame(row)
-    # One palette for all frames, from the last, which shows everything: colours do not flicker.
-    palette = frames[-1].quantize(64, dither=Image.Dither.NONE)
-    flat = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     data = io.BytesIO()
-    durations = [1000 // FRAMES_PER_S] * (len(flat) - 1) + [2500]
-    flat[0].save(
+    durations = [1000 // FRAMES_PER_S] * (len(frames) - 1) + [2500]
+    frames[0].save(
         data,
         "GIF",
         save_all=True,
-        append_images=flat[1:],
+        append_images=frames[1:],
         duration=durations,
         loop=0,
         optimize=True,
@@ -129,7 +139,7 @@ def film(
 
 
 class _Scene:
-    """The figure: a panel a replay; what changes is drawn anew for every row."""
+    """The figure: a panel a replay."""
 
     def __init__(self, replays: tuple[Replay, ...], number: int, span: Span) -> None:
         width, height = PANEL_IN
@@ -145,51 +155,108 @@ class _Scene:
             # Room for what is said.
             axes.text(0.0, -0.02, "\n" * SAID, transform=axes.transAxes, va="top", fontsize=9.0)
         settle(self.figure)
+        self._names = list[tuple[Axes, Artist]]()
         for axes, replay in zip(self._panels, replays, strict=True):
+            before = set(axes.get_children())
             name_fixes(axes, replay.sector)
+            new = (artist for artist in axes.get_children() if artist not in before)
+            self._names += [(axes, artist) for artist in new]
+
+    @property
+    def _shown(self) -> Iterator[tuple[Axes, Replay, ReplayScenario]]:
+        return zip(self._panels, self._replays, self._scenarios, strict=True)
 
     def draw(self, row: int) -> None:
         """Everything that is to be seen after a number of cycles."""
-        for axes, replay, scenario in zip(
-            self._panels, self._replays, self._scenarios, strict=True
-        ):
-            self._draw_panel(axes, replay, scenario, row)
+        for axes, replay, scenario in self._shown:
+            axes.set_title(_title(replay, scenario, row))
+            close = _close(scenario, row)
+            for number, flown in enumerate(scenario.aircraft):
+                trail = flown.position_nm[self._span.begin : row + 1]
+                draw_way(axes, replay.sector.path_nm(flown.route), trail, colour_of(number))
+                if row < len(flown.fl):
+                    colour = VERMILION if number in close else colour_of(number)
+                    ring_nm = replay.sector.separation_nm if number in close else 0.0
+                    draw_aircraft(axes, _blip(replay.sector, flown, row), colour, ring_nm)
+            _write_said(axes, scenario, row)
+
+
+class _Moving(_Scene):
+    """The same, drawn again and again: what stands still is drawn once."""
+
+    def __init__(self, replays: tuple[Replay, ...], number: int, span: Span) -> None:
+        super().__init__(replays, number, span)
+        texts = Texts(PIXELS_PER_INCH)
+        self._traffic = []
+        for axes, replay, scenario in self._shown:
+            colours = [colour_of(aircraft) for aircraft in range(len(scenario.aircraft))]
+            routes = (flown.route for flown in scenario.aircraft)
+            for route, colour in dict.fromkeys(zip(routes, colours, strict=True)):
+                draw_route(axes, replay.sector.path_nm(route), colour)
+            self._traffic.append(TrafficPicture(axes, colours, texts))
+            axes.set_title("").set_animated(True)
+        for _, artist in self._names:
+            artist.set_animated(True)
+        self._canvas.draw()  # type: ignore[no-untyped-call]
+        self._ground = self._canvas.copy_from_bbox(self.figure.bbox)  # type: ignore[no-untyped-call]
+        self._above = self._names_alone()
+
+    def _names_alone(self) -> Picture:
+        renderer = self._canvas.get_renderer()  # type: ignore[no-untyped-call]
+        renderer.clear()
+        for axes, artist in self._names:
+            axes.draw_artist(artist)
+        return lowest_row_first(renderer)
 
     def pixels(self, row: int) -> Image.Image:
         """One frame."""
-        lasting = {axes: set(axes.get_children()) for axes in self._panels}
-        self.draw(row)
-        self._canvas.draw()  # type: ignore[no-untyped-call]
-        for axes, kept in lasting.items():
-            for artist in set(axes.get_children()) - kept:
-                artist.remove()
+        renderer = self._canvas.get_renderer()  # type: ignore[no-untyped-call]
+        self._canvas.restore_region(self._ground)  # type: ignore[no-untyped-call]
+        for traffic, (_, _, scenario) in zip(self._traffic, self._shown, strict=True):
+            begin = self._span.begin
+            traffic.draw_trails([one.position_nm[begin : row + 1] for one in scenario.aircraft])
+        renderer.draw_image(renderer.new_gc(), 0, 0, self._above)
+        for traffic, (axes, replay, scenario) in zip(self._traffic, self._shown, strict=True):
+            close = _close(scenario, row)
+            flying = [n for n, flown in enumerate(scenario.aircraft) if row < len(flown.fl)]
+            traffic.draw_aircraft(
+                [_blip(replay.sector, scenario.aircraft[number], row) for number in flying],
+                [VERMILION if number in close else colour_of(number) for number in flying],
+                [replay.sector.separation_nm if number in close else 0.0 for number in flying],
+            )
+            axes.draw_artist(axes.set_title(_title(replay, scenario, row)))
+            for text in _write_said(axes, scenario, row):
+                axes.draw_artist(text)
+                text.remove()
         return Image.fromarray(np.asarray(self._canvas.buffer_rgba())[:, :, :3])  # type: ignore[no-untyped-call]
 
-    def _draw_panel(self, axes: Axes, replay: Replay, scenario: ReplayScenario, row: int) -> None:
-        said = [each for each in scenario.clearances if each.cycle < row]
-        plural = "" if len(said) == 1 else "s"
-        seconds = row * CYCLE_S
-        axes.set_title(
-            f"{replay.title}\n{len(said)} clearance{plural}, "
-            f"minute {seconds // 60:02d}:{seconds % 60:02d}"
-        )
-        close = {
-            number
-            for loss in scenario.losses
-            if loss.begins < row <= loss.ends
-            for number in (loss.first, loss.second)
-        }
-        for number, flown in enumerate(scenario.aircraft):
-            trail = flown.position_nm[self._span.begin : row + 1]
-            route = replay.sector.path_nm(flown.route)
-            draw_way(axes, route, trail, colour_of(number))
-            if row < len(flown.fl):
-                colour = VERMILION if number in close else colour_of(number)
-                ring_nm = replay.sector.separation_nm if number in close else 0.0
-                draw_aircraft(axes, _blip(replay.sector, flown, row), colour, ring_nm)
-        for line, each in enumerate(said[: -SAID - 1 : -1]):
-            fresh = row - each.cycle <= 5
-            stacked = f" ({each.instructions} instructions)" if each.instructions > 1 else ""
+
+def _title(replay: Replay, scenario: ReplayScenario, row: int) -> str:
+    said = sum(each.cycle < row for each in scenario.clearances)
+    plural, seconds = "" if said == 1 else "s", row * CYCLE_S
+    return (
+        f"{replay.title}\n{said} clearance{plural}, minute {seconds // 60:02d}:{seconds % 60:02d}"
+    )
+
+
+def _close(scenario: ReplayScenario, row: int) -> set[int]:
+    """Who is losing separation."""
+    return {
+        number
+        for loss in scenario.losses
+        if loss.begins < row <= loss.ends
+        for number in (loss.first, loss.second)
+    }
+
+
+def _write_said(axes: Axes, scenario: ReplayScenario, row: int) -> list[Text]:
+    """The last clearances below the panel, the latest first."""
+    said = [each for each in scenario.clearances if each.cycle < row]
+    texts = []
+    for line, each in enumerate(said[: -SAID - 1 : -1]):
+        fresh = row - each.cycle <= 5
+        stacked = f" ({each.instructions} instructions)" if each.instructions > 1 else ""
+        texts.append(
             axes.text(
                 0.0,
                 -0.02 - 0.045 * line,
@@ -200,6 +267,8 @@ class _Scene:
                 color=colour_of(each.aircraft) if fresh else MUTED,
                 fontweight="bold" if fresh else "normal",
             )
+        )
+    return texts
 
 
 def _blip(sector: Sector, flown: Flown, row: int) -> Blip:

@@ -94,14 +94,15 @@ class Replay:
     scenarios: tuple[ReplayScenario, ...]
 
 
-def read_replay(path: Path, scenarios: int = 100) -> Replay:
+def read_replay(path: Path, scenarios: int = 100, only: int | None = None) -> Replay:
     """The first scenarios of an evaluation, or the flight in a `.parquet` file of `simulate`.
 
-    `path` may also be a folder that holds just one evaluation. Raises InputError that names a
-    missing or damaged table, or the evaluations among which one is to be chosen.
+    `only` is the number of the one scenario to be read in place of the first. `path` may also be a
+    folder that holds just one evaluation. Raises InputError that names a missing or damaged table,
+    the scenario that is not there, or the evaluations among which one is to be chosen.
     """
     if path.is_dir():
-        return _evaluation(_evaluation_in(path), scenarios)
+        return _evaluation(_evaluation_in(path), scenarios, only)
     if not path.exists():
         raise InputError(
             f"{path}: does not exist (allowed: the folder of an evaluation, or a .parquet file "
@@ -128,13 +129,9 @@ def _evaluation_in(path: Path) -> Path:
     raise InputError(f"{path}: holds {len(found)} evaluations: choose one or two of {names}")
 
 
-def _evaluation(folder: Path, count: int) -> Replay:
-    episodes = read_table(folder / "episodes.parquet", ("scenario", "cycles", "success"))
-    episodes = episodes.sort_by("scenario").slice(0, count)
-    if not episodes.num_rows:
-        raise InputError(f"{folder}: holds no scenario")
-    numbers = episodes["scenario"].to_pylist()
-    only = [("scenario", "in", numbers)]
+def _evaluation(folder: Path, count: int, number: int | None) -> Replay:
+    episodes = _episodes(folder, count, number)
+    only = [("scenario", "in", episodes["scenario"].to_pylist())]
     path = folder / "trajectories.parquet"
     flown = read_table(path, ("scenario", "cycle", "callsign", "status", *NUMBERS), only)
     who = read_table(
@@ -152,6 +149,20 @@ def _evaluation(folder: Path, count: int) -> Replay:
             _scenario(sector, path, row, rows, aircraft, clearances) for row in episodes.to_pylist()
         ),
     )
+
+
+def _episodes(folder: Path, count: int, number: int | None) -> pa.Table:
+    """Those of the first scenarios, or of one."""
+    path, columns = folder / "episodes.parquet", ("scenario", "cycles", "success")
+    one = None if number is None else [("scenario", "=", number)]
+    episodes = read_table(path, columns, one).sort_by("scenario").slice(0, count)
+    if not episodes.num_rows:
+        known = read_table(path, ("scenario",))["scenario"].to_numpy()
+        if not len(known):
+            raise InputError(f"{folder}: holds no scenario")
+        found = f"(found: {known.min()} to {known.max()})"
+        raise InputError(f"{_title(folder)} has no scenario {number} {found}")
+    return episodes
 
 
 def _title(folder: Path) -> str:

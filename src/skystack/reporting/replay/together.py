@@ -13,12 +13,14 @@ SAME_START_NM = 0.1
 """Other simulators place aircraft as ours does but for rounding."""
 
 
-def read_together(runs: Sequence[Path], scenarios: int = 100) -> tuple[Replay, ...]:
+def read_together(
+    runs: Sequence[Path], scenarios: int = 100, only: int | None = None
+) -> tuple[Replay, ...]:
     """Recordings as of `read_replay`, with the scenarios that they have in common.
 
     Raises InputError as `read_replay` does, and where two do not belong together.
     """
-    replays = tuple(read_replay(path, scenarios) for path in runs)
+    replays = tuple(read_replay(path, scenarios, only) for path in runs)
     if len({replay.title for replay in replays}) < len(replays):
         # Of the same name, in different places.
         replays = tuple(

@@ -1,0 +1,84 @@
+"""From blocks of flown scenarios to tables: written as they are flown, or kept where small."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import pyarrow as pa
+
+from skystack.evaluation.rollout import Recording, parts_of, scenarios_in_part
+from skystack.evaluation.tables import clearance_table, episode_table, make_tables
+from skystack.evaluation.writing import Append, growing_tables, table_metadata
+from skystack.files import alone_in
+from skystack.platforms.adoption import SKYSTACK, Adoption
+from skystack.tasks.navigation import NavigationTask
+
+TABLES = ("episodes", "aircraft", "trajectories", "clearances")
+
+
+class Tabulated(NamedTuple):
+    """What is kept of all scenarios: not where everybody flew, which takes most of the room."""
+
+    episodes: pa.Table
+    clearances: pa.Table
+    """Texts as dictionaries."""
+    flying_s: float
+    """What the blocks took."""
+
+
+def tabulate(
+    task: NavigationTask,
+    blocks: Iterator[Recording],
+    folder: Path | None,
+    flown_as: Callable[[str], str] = str,
+    adoption: Adoption = SKYSTACK,
+) -> Tabulated:
+    """Tables of at least one block, written into a folder if one is given: all of them, or none.
+
+    They do not depend on how scenarios are divided into blocks. Raises what flying raises, and
+    InputError for a folder that cannot be written to or is in use by another process.
+    """
+    episodes, clearances = list[pa.Table](), list[pa.Table]()
+    flying_s, begun = 0.0, time.monotonic()
+    with ExitStack() as stack:
+        append: Append | None = None
+        for block in blocks:
+            flying_s += time.monotonic() - begun
+            if folder is not None and append is None:  # only now: what fails at once leaves nothing
+                append = stack.enter_context(_tables_in(folder, task))
+            for part in parts_of(block, scenarios_in_part(task)):
+                if append is None:
+                    episodes.append(episode_table(task, part))
+                    issued = clearance_table(task, part, adoption)
+                else:
+                    tables = make_tables(task, part, flown_as, adoption)
+                    append(vars(tables))
+                    episodes.append(tables.episodes)
+                    issued = tables.clearances
+                clearances.append(_with_dictionaries(issued))
+            del block, part  # before the next one is flown
+            begun = time.monotonic()
+        flying_s += time.monotonic() - begun
+    return Tabulated(
+        pa.concat_tables(episodes).combine_chunks(),
+        pa.concat_tables(clearances).unify_dictionaries(),
+        flying_s,
+    )
+
+
+@contextmanager
+def _tables_in(folder: Path, task: NavigationTask) -> Iterator[Append]:
+    settings = task.settings
+    metadata = table_metadata(task.simulator.sector, settings.performance, settings.fleet)
+    with alone_in(folder), growing_tables(folder, TABLES, metadata) as append:
+        yield append
+
+
+def _with_dictionaries(table: pa.Table) -> pa.Table:
+    """The same table; of every text that repeats only a number takes room in a row."""
+    for index, field in enumerate(table.schema):
+        if pa.types.is_string(field.type):
+            table = table.set_column(index, field.name, table[field.name].dictionary_encode())
+    return table

@@ -1,0 +1,122 @@
+"""Parquet tables that carry their sector, written part by part: only a part is in memory."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager, suppress
+from pathlib import Path
+from typing import IO, Any
+
+import msgspec
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from skystack.airspace.sector import Sector
+from skystack.files import aside, writing
+from skystack.simulator.fleet import AircraftType
+
+SECTOR, PERFORMANCE_MODEL, FLEET = b"sector", b"performance", b"fleet"
+SCENARIOS = b"scenarios"
+"""Of the metadata: the least and the greatest scenario of each row group, JSON. Readers find a
+scenario by it: pyarrow ends the process when it is asked for the statistics of a damaged file."""
+GROUP_ROWS = 65_536
+"""Of a row group but the last, however large the parts are that a table is made of."""
+
+Append = Callable[[Mapping[str, pa.Table]], None]
+"""Appends a part to each table of a folder, by name."""
+
+
+def table_metadata(
+    sector: Sector, performance: str, types: Sequence[AircraftType] = ()
+) -> dict[bytes, bytes]:
+    """What every table carries: its sector, the performance and, where there is one, the fleet."""
+    fleet = {FLEET: msgspec.json.encode(types)} if types else {}
+    return {SECTOR: msgspec.json.encode(sector), PERFORMANCE_MODEL: performance.encode()} | fleet
+
+
+def write_table(
+    path: Path,
+    table: pa.Table,
+    sector: Sector,
+    performance: str,
+    types: Sequence[AircraftType] = (),
+    beside: Mapping[str, list[dict[str, Any]]] | None = None,
+) -> None:
+    """Write one table as Parquet, its sector, the performance and the fleet in the metadata.
+
+    `beside` are small tables that go along in the metadata as JSON. Raises InputError if it cannot
+    be written.
+    """
+    metadata = table_metadata(sector, performance, types)
+    metadata |= {key.encode(): msgspec.json.encode(rows) for key, rows in (beside or {}).items()}
+    with aside([path]) as [file], writing(path), closing(_Growing(file, metadata)) as growing:
+        growing.append(table)
+        growing.end()
+
+
+@contextmanager
+def growing_tables(
+    folder: Path, names: Sequence[str], metadata: Mapping[bytes, bytes]
+) -> Iterator[Append]:
+    """Tables `<name>.parquet` in a folder that grow by what is handed over, at least once each.
+
+    They get their names together at the end; where anything is raised within, no file is changed.
+    What is written does not depend on how it is divided into parts. Raises InputError for a file
+    that cannot be written.
+    """
+    paths = [folder / f"{name}.parquet" for name in names]
+    with aside(paths) as files, ExitStack() as stack:
+        growing = [stack.enter_context(closing(_Growing(file, metadata))) for file in files]
+
+        def append(tables: Mapping[str, pa.Table]) -> None:
+            for name, path, table in zip(names, paths, growing, strict=True):
+                with writing(path):
+                    table.append(tables[name])
+
+        yield append
+        for path, table in zip(paths, growing, strict=True):
+            with writing(path):
+                table.end()
+
+
+class _Growing:
+    """A Parquet file that is written a row group at a time."""
+
+    def __init__(self, file: IO[bytes], metadata: Mapping[bytes, bytes]) -> None:
+        self._file, self._metadata = file, metadata
+        self._writer: Any = None
+        self._waiting: list[pa.Table] = []
+        self._scenarios: list[tuple[int, int]] = []
+
+    def close(self) -> None:
+        """Let go of the file; without `end`, what is in it is no table."""
+        if self._writer is not None:
+            with suppress(Exception):  # of a full disk; it would try once more when collected
+                self._writer.close()
+            self._writer.is_open = False
+
+    def append(self, table: pa.Table) -> None:
+        if self._writer is None:
+            schema = table.schema.with_metadata(self._metadata)
+            self._writer = pq.ParquetWriter(self._file, schema, compression="zstd")
+        self._waiting.append(table)
+        if sum(each.num_rows for each in self._waiting) >= GROUP_ROWS:
+            self._write(GROUP_ROWS)
+
+    def end(self) -> None:
+        """Write what is left, and the index."""
+        self._write(1)
+        if self._scenarios:
+            self._writer.add_key_value_metadata({SCENARIOS: msgspec.json.encode(self._scenarios)})
+        self._writer.close()
+
+    def _write(self, least: int) -> None:
+        """The rows that wait, a row group at a time, as long as there are so many."""
+        rows = pa.concat_tables(self._waiting).combine_chunks()
+        while rows.num_rows >= least:
+            group = rows.slice(0, GROUP_ROWS)
+            self._writer.write_table(group, row_group_size=GROUP_ROWS)
+            if "scenario" in group.column_names:
+                span = pc.min_max(group["scenario"]).as_py()
+                self._scenarios.append((span["min"], span["max"]))
+            rows = rows.slice(GROUP_ROWS)
+        self._waiting = [rows]

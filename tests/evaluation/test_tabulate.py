@@ -1,0 +1,129 @@
+"""Tables that are written while scenarios are flown: the same however they are divided."""
+
+from functools import partial
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from skystack.catalogue import find_policy
+from skystack.errors import InputError
+from skystack.evaluation import judge, rollout, writing
+from skystack.evaluation.judge import Conditions, evaluation_folder, task_of
+from skystack.evaluation.rollout import (
+    NOBODY,
+    fly,
+    network_controller,
+    parts_of,
+    prepare,
+    together,
+)
+from skystack.evaluation.tables import make_tables
+from skystack.evaluation.tabulate import TABLES, tabulate
+from skystack.files import LOCK
+from skystack.tasks.build import build_task
+from skystack.tasks.settings import TaskSettings
+
+SCENARIOS = 20
+
+
+@pytest.fixture(scope="module")
+def task():
+    return task_of(find_policy("lateral-best"))
+
+
+@pytest.fixture(scope="module")
+def flying(task):
+    """Flies blocks of scenarios of the evaluation seed; compiled once for a size of blocks."""
+    policy = find_policy("lateral-best")
+    controller = network_controller(policy.actor, policy.normaliser, greedy=True)
+    return partial(prepare(task, controller.decide, stacking=True), controller.weights)
+
+
+@pytest.fixture(scope="module")
+def flown(flying):
+    return together(list(flying(0, SCENARIOS)))
+
+
+def blocks_of(flown, scenarios):
+    return iter(list(parts_of(flown, scenarios)))
+
+
+@pytest.mark.parametrize("size", [1, 7])
+def test_tables_do_not_depend_on_the_blocks(size, task, flown, tmp_path, monkeypatch):
+    """Byte for byte; and they hold what is made of all scenarios at once."""
+    monkeypatch.setattr(writing, "GROUP_ROWS", 1000)
+    expected = make_tables(task, flown)
+    for name, scenarios in (("whole", SCENARIOS), ("parts", size)):
+        kept = tabulate(task, blocks_of(flown, scenarios), tmp_path / name)
+        assert kept.episodes.equals(expected.episodes)
+        assert kept.clearances.cast(expected.clearances.schema).equals(expected.clearances)
+    for name in TABLES:
+        whole, parts = (tmp_path / each / f"{name}.parquet" for each in ("whole", "parts"))
+        assert pq.read_table(parts).equals(getattr(expected, name))
+        assert parts.read_bytes() == whole.read_bytes()
+
+
+def test_without_a_folder_the_same_is_kept(task, flown, tmp_path):
+    alone, written = (
+        tabulate(task, blocks_of(flown, 8), folder) for folder in (None, tmp_path / "tables")
+    )
+    assert alone.episodes.equals(written.episodes)
+    assert alone.clearances.equals(written.clearances)
+
+
+def test_long_scenarios_are_flown_fewer_at_a_time():
+    long = build_task(TaskSettings(cycles=10_000))
+    sizes = [len(numbers) for numbers in rollout.blocks(long, 100)]
+    assert sizes == [30, 30, 30, 10]
+    assert [len(numbers) for numbers in rollout.blocks(build_task(TaskSettings()), 1001)] == [
+        1000,
+        1,
+    ]
+
+
+def test_a_judgement_in_blocks_is_that_of_all_at_once(flying, tmp_path, monkeypatch):
+    """The row, what is kept and the files, byte for byte; flown in one block and in two."""
+    monkeypatch.setattr(judge, "prepare", lambda *_: lambda _, *about: flying(*about))
+    policy, heard, found = find_policy("lateral-best"), [], []
+    for most in (SCENARIOS, SCENARIOS // 2):
+        monkeypatch.setattr(rollout, "SCENARIOS_AT_ONCE", most)
+        conditions, out = Conditions(episodes=SCENARIOS), tmp_path / str(most)
+        judged = judge.judge(policy, conditions, out, heard.append)
+        folder = evaluation_folder(out, "lateral-best", judged.row["seed"], stacking=True)
+        files = {path.name: path.read_bytes() for path in folder.iterdir()}
+        found.append((judged.row | {"wall_s": 0.0}, judged.episodes, judged.clearances, files))
+    assert heard == [SCENARIOS, SCENARIOS // 2, SCENARIOS]
+    assert found[0] == found[1]
+    assert files.keys() == {LOCK, *(f"{name}.parquet" for name in TABLES)}
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, InputError("no action")])
+@pytest.mark.parametrize("before", [0, 1])
+def test_what_breaks_off_leaves_no_table_and_old_ones_as_they_were(
+    error, before, task, flown, tmp_path
+):
+    def broken():
+        yield from list(parts_of(flown, 10))[:before]
+        raise error
+
+    folder = tmp_path / "tables"
+    for old in (False, True):
+        if old:
+            tabulate(task, blocks_of(flown, 10), folder)
+        names = {f"{name}.parquet" for name in TABLES} if old else set()
+        kept = {name: (folder / name).read_bytes() for name in names}
+        with pytest.raises(error if isinstance(error, type) else type(error)):
+            tabulate(task, broken(), folder)
+        left = {path.name for path in folder.glob("*")}
+        assert left - {LOCK} == names
+        assert all((folder / name).read_bytes() == data for name, data in kept.items())
+
+
+def test_where_nobody_is_instructed_clearances_are_empty(tmp_path):
+    task = build_task(TaskSettings(cycles=4))
+    kept = tabulate(task, blocks_of(fly(task, NOBODY, 0, 3, False), 2), tmp_path)
+    assert kept.clearances.num_rows == 0
+    stored = pq.read_table(tmp_path / "clearances.parquet")
+    assert (stored.num_rows, stored.schema.names) == (0, kept.clearances.schema.names)
+    np.testing.assert_array_equal(kept.episodes["scenario"], [0, 1, 2])
