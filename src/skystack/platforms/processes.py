@@ -19,8 +19,9 @@ from skystack.errors import InputError, PlatformError
 
 TIME_LIMIT_S = 120.0
 """For an item, unless told otherwise."""
-START_LIMIT_S = 180.0
-"""For a process to begin: imports, the simulator's own start, compilation."""
+START_LIMIT_S = 1200.0
+"""For a process to begin: imports, the simulator's own start, compilation, which takes minutes on a
+machine that is busy."""
 _DIED_STARTING = "its process died, or took too long, while starting"
 
 Item = TypeVar("Item")
