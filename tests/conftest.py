@@ -88,6 +88,21 @@ def compiled_for_the_purpose(request):
         yield
 
 
+NO_BROWSER = "no Chromium on this machine"
+"""Why tests of the replay page are skipped."""
+
+
+def pytest_terminal_summary(terminalreporter):
+    """One line at the end, with the command that brings what is missing."""
+    skipped = terminalreporter.stats.get("skipped", [])
+    count = sum(NO_BROWSER in str(report.longrepr) for report in skipped)
+    if count:
+        terminalreporter.write_line(
+            f"{count} tests of the replay page were skipped: {NO_BROWSER} (on Debian and Ubuntu, "
+            "as root: apt-get install chromium)"
+        )
+
+
 def pytest_collection_modifyitems(items):
     for item in items:
         if not _within(item.path, MEASURED):

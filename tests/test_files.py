@@ -19,7 +19,7 @@ from pathlib import Path
 from skystack.files import alone_in
 with alone_in(Path(sys.argv[1])):
     print("held", flush=True)
-    time.sleep(600.0)
+    time.sleep(1e6)
 """
 
 

@@ -11,16 +11,16 @@ from skystack.platforms.guard import Guarded
 from skystack.platforms.own import Skystack
 from skystack.platforms.protocol import Platform, Report
 
-DIES, HANGS, LOSES, BREAKS, NONSENSE, LEAVES = 1, 3, 4, 5, 6, 7
-"""The scenarios in which it does what."""
+DIES, LOSES, BREAKS, NONSENSE, LEAVES = 1, 4, 5, 6, 7
+"""The scenarios in which it does what, unless it hangs."""
 
 
 class Faulty(Skystack):
     """Ours, but for some of the scenarios that it is given, told by their start."""
 
-    def __init__(self, starts: tuple[float, ...]) -> None:
+    def __init__(self, starts: tuple[float, ...], hangs: tuple[int, ...]) -> None:
         super().__init__()
-        self._starts = starts
+        self._starts, self._hangs = starts, hangs
 
     def reset(self, scenario):
         self._number = self._starts.index(round(scenario.aircraft[0].lat, 6))
@@ -30,10 +30,10 @@ class Faulty(Skystack):
     def advance(self) -> Report:
         self._cycle += 1
         if self._cycle == 3:
+            if self._number in self._hangs:
+                time.sleep(1e6)
             if self._number == DIES:
                 os._exit(7)
-            if self._number == HANGS:
-                time.sleep(600.0)
             if self._number == LOSES:
                 raise PlatformError("Faulty has lost AC1")
             if self._number == BREAKS:
@@ -44,8 +44,8 @@ class Faulty(Skystack):
         return report._replace(lat=report.lat * np.nan) if self._number == NONSENSE else report
 
 
-def open_faulty(starts: tuple[float, ...], folder: Path) -> Platform:
-    return Guarded(lambda: Faulty(starts))
+def open_faulty(starts: tuple[float, ...], hangs: tuple[int, ...], folder: Path) -> Platform:
+    return Guarded(lambda: Faulty(starts, hangs))
 
 
 def open_own(folder: Path) -> Platform:

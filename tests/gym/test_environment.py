@@ -59,7 +59,7 @@ def test_an_environment_of_the_users_own_settings(tmp_path):
 
 def test_registering_needs_no_jax():
     code = "import sys, skystack.gym; assert 'jax' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_a_seed_gives_the_same_scenarios_in_the_same_order(environment):

@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 
 from skystack.errors import InputError
+from tests.waiting import HANGS_S
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")
 
 SCRIPT = Path(__file__).with_name("forking.py")
 REFUSED = "InputError: JAX was started before this process was forked"
-HANGS_S = 300
-"""A case takes some seconds; one that hangs is killed."""
 
 
 @pytest.fixture(scope="module")

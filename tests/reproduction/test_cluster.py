@@ -22,6 +22,7 @@ from skystack.reproduction import cluster
 from skystack.reproduction.jobs import Job, trained_once
 from skystack.reproduction.plan import Plan
 from skystack.reproduction.processes import run_in_processes
+from tests.waiting import HANGS_S
 
 pytest.importorskip("ray")
 
@@ -68,13 +69,13 @@ def running(arguments):
         yield node
     finally:
         node.terminate()
-        node.wait(timeout=60)
+        node.wait(timeout=HANGS_S)
 
 
 def wait_for_nodes(address, count):
     import ray
 
-    until = time.monotonic() + 60
+    until = time.monotonic() + HANGS_S
     while time.monotonic() < until:
         with suppress(OSError):
             cluster._knock(address)

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.waiting import HANGS_S, wait_until
+
 PARENT = """
 import multiprocessing
 from tests.reproduction.test_processes import wait
@@ -28,7 +30,7 @@ def wait():
     _end_with_parent()
     sys.stdout.write(f"{os.getpid()}\n")
     sys.stdout.flush()
-    time.sleep(600.0)
+    time.sleep(10 * HANGS_S)
 
 
 @pytest.mark.skipif(not Path("/proc").exists(), reason="reads /proc")
@@ -38,7 +40,4 @@ def test_a_worker_ends_when_its_parent_is_killed():
         worker = Path("/proc", parent.stdout.readline().strip())
         assert worker.exists()
         parent.send_signal(signal.SIGKILL)
-    deadline = time.monotonic() + 20.0
-    while worker.exists() and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert not worker.exists()
+    wait_until(lambda: not worker.exists())

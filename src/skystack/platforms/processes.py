@@ -19,8 +19,9 @@ from skystack.signals import starting_processes
 
 TIME_LIMIT_S = 120.0
 """For an item, unless told otherwise."""
-START_LIMIT_S = 180.0
-"""For a process to begin: imports, the simulator's own start, compilation."""
+START_LIMIT_S = 1200.0
+"""For a process to begin: imports, the simulator's own start, compilation, which takes minutes on a
+machine that is busy."""
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

@@ -5,6 +5,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
+from tests.waiting import HANGS_S
+
 ARGUMENTS = (
     *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
@@ -37,6 +39,30 @@ _CHANGED = """
     return [left, right, top, bottom];
 }
 """
+_PLAYED = """
+() => new Promise(done => {{
+    const real = requestAnimationFrame;
+    let frame = null, seen = [];
+    window.requestAnimationFrame = next => frame = next;
+    const play = () => {{
+        if (frame === null) return setTimeout(play);
+        const begun = performance.now();
+        frame(begun);
+        document.querySelector(".play").click();
+        for (let number = 1; number <= {frames}; ++number) {{
+            frame(begun + number * {frame_ms});
+            seen.push({look});
+        }}
+        window.requestAnimationFrame = real;
+        real(frame);
+        done(seen);
+    }};
+    play();
+}})
+"""
+"""The page's own frames, called at times of ours."""
+HANGS_MS = 1000 * HANGS_S
+"""Playwright gives up after 30 s unless told otherwise."""
 
 
 class Viewer:
@@ -83,6 +109,13 @@ class Viewer:
         look = f"const look = () => ({condition}) ? done() : requestAnimationFrame(look)"
         self.page.evaluate(f"() => new Promise(done => {{ {look}; look(); }})")
 
+    def play(self, frames: int, frame_ms: int, look: str) -> list:
+        """Plays so many frames at times that do not depend on the machine.
+
+        Returns what a JavaScript expression gives after each.
+        """
+        return self.page.evaluate(_PLAYED.format(frames=frames, frame_ms=frame_ms, look=look))
+
     def settle(self) -> None:
         """Until the radar has been drawn."""
         self.page.evaluate("() => new Promise(r => requestAnimationFrame(() => setTimeout(r)))")
@@ -115,6 +148,7 @@ def viewing(browser, file: Path, link: str = "", **context) -> Iterator[Viewer]:
     """Open a page; it must say nothing on the console and ask for nothing but itself."""
     opened = browser.new_context(**({"viewport": LAPTOP, "color_scheme": "dark"} | context))
     page = opened.new_page()
+    page.set_default_timeout(HANGS_MS)
     wrong: list[str] = []
     page.on("console", lambda said: _OF_TESTS in said.text or wrong.append(said.text))
     page.on("pageerror", lambda error: wrong.append(str(error)))

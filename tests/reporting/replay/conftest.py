@@ -10,10 +10,11 @@ from pyproj import Geod
 from skystack.catalogue import find_policy
 from skystack.evaluation.judge import Conditions, judge
 from skystack.simulate import simulate_file
+from tests.conftest import NO_BROWSER
 from tests.docs.blocks import ROOT
 from tests.scenarios import NORTHBOUND
 
-from .browser import ARGUMENTS
+from .browser import ARGUMENTS, HANGS_MS
 from .meeting import EVIL, meeting
 
 SCENARIOS = 20
@@ -25,9 +26,11 @@ def browser():
     sync_api = pytest.importorskip("playwright.sync_api")
     found = shutil.which("chromium") or shutil.which("chromium-browser")
     if found is None:
-        pytest.skip("no Chromium on this machine")
+        pytest.skip(NO_BROWSER)
     with sync_api.sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=found, args=ARGUMENTS)
+        started = playwright.chromium.launch(
+            executable_path=found, args=ARGUMENTS, timeout=HANGS_MS
+        )
         yield started
         started.close()
 
