@@ -44,7 +44,6 @@ TESTS = {
     "learning/network.py": ("tests/learning/test_policy.py", "tests/learning/test_ppo.py"),
     "learning/settings.py": ("tests/learning/test_experiment.py", "tests/learning/test_ppo.py"),
     "gym/environment.py": ("tests/gym/test_radar.py",),
-    "gym/registration.py": ("tests/gym/test_environment.py", "tests/gym/test_vector.py"),
     "gym/vector.py": ("tests/gym/test_radar.py", "tests/gym/test_sb3.py"),
 }
 """Tests of a module beside those of its own name; where it has neither, all of its package."""
