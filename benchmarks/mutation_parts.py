@@ -52,7 +52,6 @@ TESTS = {
     "evaluation/paper.py": ("tests/evaluation/test_summary.py",),
     "evaluation/rollout.py": ("tests/evaluation/test_evaluation.py",),
     "gym/environment.py": ("tests/gym/test_radar.py",),
-    "gym/registration.py": ("tests/gym/test_environment.py", "tests/gym/test_vector.py"),
     "gym/vector.py": ("tests/gym/test_radar.py", "tests/gym/test_sb3.py"),
 }
 """Tests of a module beside those of its own name; where it has neither, all of its package."""

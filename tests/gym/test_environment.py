@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-import skystack.gym
+import skystack.gym  # noqa: F401  (registers)
 from skystack.errors import InputError
 from skystack.gym.environment import TaskEnvironment
 from skystack.gym.registration import make_environment
-from skystack.learning.experiment import load_experiment
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.tasks.build import build_task
 from skystack.tasks.contract import Metrics
@@ -38,12 +37,6 @@ def test_gymnasium_has_nothing_to_complain_about(drawn):
 def test_stable_baselines3_has_nothing_to_complain_about(drawn):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     checker.check_env(drawn.unwrapped)
-
-
-@pytest.mark.parametrize("name", skystack.gym.REGISTERED)
-def test_registered_environments_are_the_experiments(name):
-    task = gymnasium.make(name).unwrapped.task
-    assert task == build_task(load_experiment(skystack.gym.REGISTERED[name]).task)
 
 
 def test_an_environment_of_the_users_own_settings(tmp_path):

@@ -12,7 +12,6 @@ from skystack.gym.registration import make_environment, make_vector_environment
 from skystack.gym.vector import VectorTaskEnvironment
 from skystack.learning.experiment import load_experiment
 from skystack.tasks.build import build_task
-from skystack.tasks.stacked_steps import StackedSteps
 from tests.gym.counting import Counting, length_of
 
 SCENARIOS, STEPS = 3, 300
@@ -336,8 +335,3 @@ def test_what_cannot_be_is_refused(task, vector):
         vector().reset(seed=[1, 2])
     with pytest.raises(gymnasium.error.ResetNeeded):
         vector().step(np.zeros(SCENARIOS, dtype=int))
-
-
-def test_steps_are_those_of_the_trainer():
-    assert isinstance(make_vector_environment("lateral-best").task, StackedSteps)
-    assert isinstance(make_environment("lateral-best").task, StackedSteps)

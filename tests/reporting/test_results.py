@@ -6,10 +6,13 @@ from pathlib import Path
 import pytest
 
 from skystack.errors import InputError
+from skystack.learning.experiment import experiment_names
 from skystack.reporting.results import (
     READABLE_NAMES,
     Bound,
+    Paper,
     Run,
+    Update,
     family_of,
     in_order,
     read_run,
@@ -136,6 +139,24 @@ def test_rows_are_sorted_by_policy_then_simulator_then_name():
 
 def test_readable_names_are_distinct():
     assert len(set(READABLE_NAMES.values())) == len(READABLE_NAMES)
+
+
+def test_every_experiment_has_a_name_for_each_way():
+    """Which says that it is stacked where it is."""
+    assert {experiment for experiment, _ in READABLE_NAMES} == {*experiment_names(), "do-nothing"}
+    for experiment in experiment_names():
+        plain, stacked = (READABLE_NAMES[experiment, way] for way in (False, True))
+        assert stacked.split()[-1] == "stacked"
+        assert plain.split()[-1] != "stacked"
+    assert ("do-nothing", True) not in READABLE_NAMES
+
+
+@pytest.mark.parametrize(
+    "record", [row(), results(), training("lateral"), Bound(1.6, 2), Update(steps=1), Paper(7.2)]
+)
+def test_what_was_read_stays_as_it_is(record):
+    with pytest.raises(AttributeError, match="immutable"):
+        setattr(record, record.__struct_fields__[0], None)
 
 
 def test_bound_is_optional(run):

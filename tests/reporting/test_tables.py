@@ -96,8 +96,9 @@ def test_every_column_has_its_own_value():
     counts = {"clearances_mean": 5.0, "clearances_std": None, "instructions_mean": 6.0}
     one = row(**rates, **counts, few_clearances_rate=0.4, loss_of_separation_count=7, seeds=8)
     measured = ("5.0", "6.0", "10.0 %", "20.0 %", "30.0 %", "40.0 %", "7 of 3000")
-    assert comparison([one]).rows[0][2:] == (*measured, "8")
-    assert by_seed(results(rows_by_seed=[one])).rows[0][2:] == measured
+    assert comparison([one]).rows == (("damped and stacked", "7.2 ± 3.5", *measured, "8"),)
+    found = by_seed(results(rows_by_seed=[one])).rows
+    assert found == (("damped and stacked", NOTHING, *measured),)
 
 
 def test_trainings():
@@ -205,6 +206,15 @@ def test_a_table_is_folded_only_where_it_must_be():
         written = io.StringIO()
         Console(file=written, width=width).print(table.as_rich())
         assert written.getvalue().count("abcd") == parts, width
+
+
+def test_in_the_terminal_names_are_to_the_left_and_figures_to_the_right():
+    table = Table(("name", "first", "other"), (("ab", "1", "2"), ("abcdef", "12345", "67890")))
+    written = io.StringIO()
+    Console(file=written, width=80).print(table.as_rich())
+    lines = [line.rstrip() for line in written.getvalue().splitlines()]
+    assert lines[0].split() == ["name", "first", "other"]
+    assert lines[2:4] == ["ab           1       2", "abcdef   12345   67890"]
 
 
 def test_the_terminal_shows_every_cell():
