@@ -101,7 +101,7 @@ class StacksNothing(Kept):
 
 
 @pytest.mark.parametrize("task", [Kept(), Changed(terminated=True), Changed(truncated=True)])
-def test_a_task_that_keeps_the_contract(task):
+def test_a_task_that_breaks_no_promise(task):
     check_task(task, steps=3)
 
 
