@@ -25,7 +25,9 @@ _NAMES = (
 )
 WRAPPERS = frozenset(_NAMES.split())
 """Functions whose call is replaced by its first argument."""
-COMMUTATIVE = frozenset(["array_equal", "hypot", "isclose", "max", "maximum", "min", "minimum"])
+COMMUTATIVE = frozenset(
+    ["array_equal", "dot", "hypot", "isclose", "max", "maximum", "min", "minimum"]
+)
 """Functions whose arguments are not exchanged."""
 
 

@@ -144,6 +144,7 @@ def test_the_most_probable_action_is_taken(tmp_path):
         (1.0, 0.9e30, 0.0, False),
         (1.0, 0.0, 1.1e30, True),
         (1.0, 0.0, -0.9e30, False),
+        (1.0, 0.0, -1.1e30, True),
     ],
 )
 def test_the_greatest_possible_answer_is_limited(tmp_path, weight, bias, mean, refused):

@@ -300,6 +300,28 @@ def test_what_is_said_before_a_training_begins(tmp_path):
     assert len(said) == 2
     assert "routes take more than 100 cycles" in said[0]
 
+    both = begun_with(small("task.cycles=100", "pretraining.steps=1024"), tmp_path / "new", False)
+    assert both[0].startswith("pretraining.steps (1,024)")
+    assert both[1:] == said
+
+
+@pytest.mark.parametrize(
+    ("script", "revision"),
+    [
+        ("echo 12ab", "12ab"),
+        ("echo 12ab; echo why >&2; exit 128", None),  # no repository
+    ],
+)
+def test_the_revision_is_that_of_git(tmp_path, monkeypatch, capfd, script, revision):
+    git = tmp_path / "git"
+    git.write_text(f"#!/bin/sh\n{script}\n")
+    git.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    assert run._git_revision() == revision
+    assert capfd.readouterr() == ("", "")
+    monkeypatch.setenv("PATH", str(tmp_path / "nowhere"))
+    assert run._git_revision() is None
+
 
 def test_no_training_is_lost_to_another(tmp_path):
     begun_with(TINY, tmp_path, False)
