@@ -11,10 +11,6 @@ from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 from typing import NamedTuple
 
-from cosmic_ray.ast import ast_nodes, get_ast
-from cosmic_ray.mutating import mutate_code
-from cosmic_ray.plugins import get_operator, operator_names
-
 ARITHMETIC, BITS = "Add|Sub|Mul|Div|FloorDiv|Mod|Pow", "BitAnd|BitOr|BitXor|LShift|RShift"
 POINTLESS = re.compile(
     rf"Binary\w+_({ARITHMETIC})_({BITS}|FloorDiv|Mod|Pow)|Binary\w+_({BITS})_({ARITHMETIC}|.Shift)"
@@ -29,7 +25,9 @@ _NAMES = (
 )
 WRAPPERS = frozenset(_NAMES.split())
 """Functions whose call is replaced by its first argument."""
-COMMUTATIVE = frozenset(["array_equal", "hypot", "isclose", "max", "maximum", "min", "minimum"])
+COMMUTATIVE = frozenset(
+    ["array_equal", "dot", "hypot", "isclose", "max", "maximum", "min", "minimum"]
+)
 """Functions whose arguments are not exchanged."""
 
 
@@ -51,7 +49,7 @@ class Change(NamedTuple):
 
 def places(source: str) -> list[Place]:
     """Every change of one operator at one place, in the order of lines."""
-    found = sorted((*_by_cosmic_ray(source), *_by_ours(source)), key=lambda place: place.line)
+    found = sorted((*_by_cosmic_ray(source), *own_places(source)), key=lambda place: place.line)
     annotated = _annotation_lines(source)
     return [place for place in found if place.line not in annotated]
 
@@ -82,6 +80,10 @@ def statement_lines(source: str, line: int) -> range:
 
 
 def _by_cosmic_ray(source: str) -> Iterator[Place]:
+    from cosmic_ray.ast import ast_nodes, get_ast  # noqa: PLC0415  (an extra)
+    from cosmic_ray.mutating import mutate_code  # noqa: PLC0415
+    from cosmic_ray.plugins import get_operator, operator_names  # noqa: PLC0415
+
     nodes = list(ast_nodes(get_ast(source)))
     for name in operator_names():
         operator = get_operator(name)
@@ -98,7 +100,8 @@ def _by_cosmic_ray(source: str) -> Iterator[Place]:
             yield Place(line, name.removeprefix("core/"), changed)
 
 
-def _by_ours(source: str) -> Iterator[Place]:
+def own_places(source: str) -> Iterator[Place]:
+    """Those of our operators, in no order."""
     text, tree = _Text(source), ast.parse(source)
     types, typed = _types(tree)
     for node in ast.walk(tree):

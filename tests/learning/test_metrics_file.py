@@ -29,13 +29,21 @@ def test_lines_beyond_the_checkpoint_are_cut_off_whole_or_half(tmp_path, torn):
     assert updates(path) == [1, 2, 3]
 
 
-def test_time_goes_on_from_the_last_line_that_is_kept(tmp_path):
+def test_time_goes_on_from_the_last_line_that_is_kept(tmp_path, monkeypatch):
     path = tmp_path / "metrics.jsonl"
-    path.write_text('{"update": 1, "wall_s": 100.0}\n{"update": 2, "wall_s": 900.0}\n')
-    write(path, 1, 2)
+    lines = [
+        {"update": number + 1, "wall_s": wall_s} for number, wall_s in enumerate((60, 100, 900))
+    ]
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    clock = [5000.0]
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    metrics = MetricsFile(path, 2, time.monotonic())
+    clock[0] += 7.0
+    assert metrics.wall_s() == 107.0
+    metrics.append({"update": 3}, {})
+    metrics.close()
     walls = [json.loads(line)["wall_s"] for line in path.read_text().splitlines()]
-    assert walls[0] == 100.0
-    assert 100.0 < walls[1] < 900.0
+    assert walls == [60, 100, 107.0]
 
 
 @pytest.mark.parametrize("lines", [[1, 2], [1, 2, 2], [1, 3, 4], []])

@@ -1,5 +1,6 @@
 """The phases of a training: which there are, and their programs."""
 
+from concurrent.futures import Future
 from functools import partial
 
 import jax
@@ -43,6 +44,24 @@ def test_which_task_is_trained_on_from_which_update_on(pretraining, first, begin
     found = phases(experiment, task, first)
     names = {0.25: "later", 5.0: "before"}
     assert {at: names[each.settings.reward.damping] for at, each in found.items()} == begins
+
+
+def made(name):
+    """The program of a phase, that only notes its name."""
+    program = Future()
+    program.set_result(lambda learner: (learner._replace(key=(*learner.key, name)), {"is": name}))
+    return program
+
+
+def test_each_update_is_made_by_the_program_of_its_phase():
+    """Four updates, of which one is made already; the phases begin with the first and the third."""
+    settings = experiment_with().ppo
+    assert settings.updates == 4
+    learner = ppo.Learner(*[None] * len(ppo.Learner._fields))._replace(updates=1, key=())
+    trained = list(learners({1: made("before"), 3: made("later")}, settings, learner))
+    assert [number for number, _, _ in trained] == [2, 3, 4]
+    assert [measured["is"] for _, _, measured in trained] == ["before", "before", "later"]
+    assert trained[-1][1].key == ("before", "before", "later")
 
 
 def test_compiled_beside_is_compiled_here():

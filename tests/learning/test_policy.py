@@ -1,9 +1,13 @@
 """Policy files: what was saved comes back, and nothing else is believed."""
 
+import hashlib
 import json
 import subprocess
 import sys
+from importlib.metadata import PackageNotFoundError
 
+import jax
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,7 +16,8 @@ from safetensors.numpy import load, save
 
 from skystack.catalogue import SHIPPED, find_policy, shipped_policies
 from skystack.errors import InputError
-from skystack.learning.policy import load_policy, save_policy
+from skystack.learning.inference import Normaliser
+from skystack.learning.policy import Policy, load_policy, package_versions, save_policy
 
 
 @pytest.fixture
@@ -90,8 +95,6 @@ def test_weights_that_would_give_no_number_are_refused(folder, name, value, mess
     tensors[name] = np.full_like(tensors[name], value)
     data = save(tensors)
     (folder / "policy.safetensors").write_bytes(data)
-    import hashlib
-
     rewrite(folder, sha256=hashlib.sha256(data).hexdigest())
     with pytest.raises(InputError, match=message):
         load_policy(folder)
@@ -104,6 +107,98 @@ def test_bytes_that_are_no_policy_are_refused_in_one_line(tmp_path_factory, data
     with pytest.raises(InputError) as error:
         load_policy(folder)
     assert "\n" not in str(error.value)
+
+
+def one_layer(weights, biases, mean=(0.0, 0.0), variance=(1.0, 1.0)):
+    """A policy of two values and three actions."""
+    description = msgspec.structs.replace(
+        find_policy("lateral").description,
+        observation=("a", "b"),
+        actions=("none", "left", "right"),
+        hidden=(),
+    )
+    normaliser = Normaliser(np.float32(mean), np.float32(variance), np.float32(0.0))
+    return Policy(description, ((np.float32(weights), np.float32(biases)),), normaliser)
+
+
+def test_the_most_probable_action_is_taken(tmp_path):
+    """By hand: 0.8 is two deviations above its mean, which the third action likes most."""
+    policy = one_layer([[0, 1, 2], [1, 0, 0]], [1, 0.5, 0], (0.6, 0.0), (0.01, 1.0))
+    save_policy(tmp_path, policy)
+    for asked in (policy, load_policy(tmp_path)):
+        assert asked.logits(np.float32([0.8, 0.0])) == pytest.approx([1.0, 2.5, 4.0], abs=1e-4)
+        seen = np.array([[0.8, 0.0], [0.6, 0.0], [0.6, -9.0]])
+        assert [asked(row) for row in seen] == [2, 0, 1]
+        assert type(asked(seen[0])) is int
+    names = {"normaliser.mean", "normaliser.variance", "actor.0.weights", "actor.0.biases"}
+    assert set(load((tmp_path / "policy.safetensors").read_bytes())) == names
+
+
+@pytest.mark.parametrize(
+    ("weight", "bias", "mean", "refused"),
+    [
+        (4e28, 5e29, 0.0, False),  # ten deviations: 9e29 at most
+        (6e28, 5e29, 0.0, True),
+        (-6e28, -5e29, 0.0, True),
+        (1.0, 1.1e30, 0.0, True),
+        (1.0, 0.9e30, 0.0, False),
+        (1.0, 0.0, 1.1e30, True),
+        (1.0, 0.0, -0.9e30, False),
+        (1.0, 0.0, -1.1e30, True),
+    ],
+)
+def test_the_greatest_possible_answer_is_limited(tmp_path, weight, bias, mean, refused):
+    save_policy(tmp_path, one_layer([[weight, 0, 0], [0, 0, 0]], [bias, 0, 0], mean=(mean, 0.0)))
+    if refused:
+        with pytest.raises(InputError, match="answers would overflow"):
+            load_policy(tmp_path)
+    else:
+        load_policy(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "tensor", "message"),
+    [
+        ("normaliser.mean", None, "'normaliser.mean' is missing"),
+        ("normaliser.variance", np.ones(3, np.float32), r"float32 \(3,\) .allowed: float32 \(2,\)"),
+        ("actor.0.weights", np.ones((3, 2), np.float32), r"float32 \(3, 2\)"),
+        ("actor.0.biases", np.ones(3), r"float64 \(3,\) .allowed: float32"),
+    ],
+)
+def test_tensors_must_fit_the_description(tmp_path, name, tensor, message):
+    save_policy(tmp_path, one_layer(np.ones((2, 3)), np.zeros(3)))
+    tensors = load((tmp_path / "policy.safetensors").read_bytes())
+    del tensors[name]
+    data = save(tensors | ({} if tensor is None else {name: tensor}))
+    (tmp_path / "policy.safetensors").write_bytes(data)
+    rewrite(tmp_path, sha256=hashlib.sha256(data).hexdigest())
+    with pytest.raises(InputError, match=message):
+        load_policy(tmp_path)
+
+
+def test_bytes_that_are_no_tensors_are_refused(tmp_path):
+    save_policy(tmp_path, one_layer(np.ones((2, 3)), np.zeros(3)))
+    (tmp_path / "policy.safetensors").write_bytes(b"none")
+    rewrite(tmp_path, sha256=hashlib.sha256(b"none").hexdigest())
+    with pytest.raises(InputError, match="not a safetensors file"):
+        load_policy(tmp_path)
+
+
+def test_a_variance_of_zero_is_allowed(tmp_path):
+    save_policy(tmp_path, one_layer(np.ones((2, 3)), np.zeros(3), variance=(0.0, 1.0)))
+    assert np.all(np.isfinite(load_policy(tmp_path).logits(np.ones(2, np.float32))))
+
+
+def test_versions_of_packages_are_noted(monkeypatch):
+    found = package_versions()
+    assert (found["numpy"], found["jax"]) == (np.__version__, jax.__version__)
+    assert set(found) == {"skystack", "jax", "jaxlib", "optax", "numpy"}
+
+    def none(name):
+        raise PackageNotFoundError
+
+    monkeypatch.setattr("skystack.learning.policy.version", none)
+    assert set(package_versions().values()) == {"unknown"}
 
 
 def test_a_policy_that_is_not_there():

@@ -276,6 +276,19 @@ def test_the_learning_rate_falls_linearly_over_all_gradient_steps():
     np.testing.assert_allclose(moved, np.outer(rate, [-1.0, 1.0]), rtol=2e-4)
 
 
+def test_a_minibatch_of_more_than_all_samples_is_one_an_epoch():
+    settings = PPOSettings(
+        total_steps=8, environments=2, steps=4, minibatch=9, epochs=2, final_learning_rate=0.0
+    )
+    adam, gradient = ppo.optimiser(settings), jnp.asarray([1.0])
+    state, moved = adam.init(gradient), []
+    for _ in range(3):
+        with jax.numpy_dtype_promotion("standard"):
+            change, state = adam.update(gradient, state)
+        moved.append(float(change[0]))
+    assert moved == pytest.approx([-1e-4, -0.5e-4, 0.0], rel=1e-3)
+
+
 def linear_parameters(rng, observation=3, actions=4):
     def layer(outputs):
         weights = rng.normal(size=(observation, outputs))

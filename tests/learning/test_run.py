@@ -1,5 +1,6 @@
 """Training runs: their files, repetition, resumption, interruption, curriculum."""
 
+import contextlib
 import json
 import shutil
 
@@ -14,7 +15,7 @@ from skystack.learning import run
 from skystack.learning.experiment import load_experiment
 from skystack.learning.phases import learners
 from skystack.learning.policy import load_policy
-from skystack.learning.run import train_experiment
+from skystack.learning.run import begun_with, train_experiment
 
 SMALL = (
     "ppo.total_steps=1024",
@@ -164,3 +165,171 @@ def test_the_policy_on_disk_is_the_policy_trained(trained):
     folder, ended = trained
     seen = np.random.default_rng(0).uniform(size=(50, 8)).astype(np.float32)
     np.testing.assert_array_equal(load_policy(folder).logits(seen), ended.policy.logits(seen))
+
+
+class Clock:
+    """Time that passes by ten seconds an update."""
+
+    def __init__(self):
+        self.now = 1000.0
+
+    def monotonic(self):
+        return self.now
+
+
+@pytest.fixture
+def untrained(monkeypatch):
+    """Trainings that learn nothing: updates are counted, and measured as nothing in particular."""
+    clock = Clock()
+    measured = {"return": np.nan, "policy_loss": 0.1, "value_loss": 0.2, "entropy": 1.5}
+
+    def count(updates, settings, learner):
+        for number in range(int(learner.updates) + 1, settings.updates + 1):
+            clock.now += 10.0
+            learner = learner._replace(updates=jax.numpy.asarray(number, dtype="int32"))
+            yield number, learner, measured
+
+    monkeypatch.setattr(run, "learners", count)
+    monkeypatch.setattr(run, "compiled_updates", lambda *_: contextlib.nullcontext({}))
+    monkeypatch.setattr(run.time, "monotonic", clock.monotonic)
+    return clock
+
+
+TINY = small("ppo.hidden=[2]")
+
+
+def test_progress_is_told_after_every_update(untrained, tmp_path):
+    """256 steps in ten seconds; the first update is not counted, as it waits for its program."""
+    told = []
+    ended = train_experiment(TINY, 3, tmp_path, on_update=told.append)
+    assert [progress.steps for progress in told] == [256, 512, 768, 1024]
+    assert {progress.total_steps for progress in told} == {1024}
+    assert np.isnan(told[0].steps_per_s)
+    assert [progress.steps_per_s for progress in told[1:]] == pytest.approx([25.6] * 3)
+    assert told[0].measured == {
+        "return": None,
+        "policy_loss": 0.1,
+        "value_loss": 0.2,
+        "entropy": 1.5,
+    }
+    lines = [json.loads(line) for line in (tmp_path / "metrics.jsonl").read_text().splitlines()]
+    assert lines[1] == {"update": 2, "steps": 512, "wall_s": 20.0} | told[0].measured
+    assert (ended.steps, ended.wall_s) == (1024, 40.0)
+    assert ended.summary == {
+        "experiment": "lateral",
+        "seed": 3,
+        "steps": 1024,
+        "wall_s": 40.0,
+        "steps_per_s": 25.6,
+    }
+
+
+def test_what_is_resumed_counts_from_there(untrained, tmp_path):
+    def interrupt(progress):
+        if progress.steps == 512:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train_experiment(TINY, 3, tmp_path, on_update=interrupt)
+    told = []
+    ended = train_experiment(TINY, 3, tmp_path, resume=True, on_update=told.append)
+    assert [progress.steps for progress in told] == [768, 1024]
+    assert np.isnan(told[0].steps_per_s)
+    assert told[1].steps_per_s == pytest.approx(25.6)
+    assert ended.wall_s == 40.0
+
+
+@pytest.mark.parametrize(("every_s", "saved"), [(20.0, [2, 4]), (25.0, [3]), (60.0, [])])
+def test_checkpoints_come_when_their_time_has_passed(
+    untrained, tmp_path, monkeypatch, every_s, saved
+):
+    """Those of the training: at the end there is always one more."""
+    written = []
+    monkeypatch.setattr(
+        run, "save_checkpoint", lambda path, learner, _: written.append(int(learner.updates))
+    )
+    train_experiment(TINY, 3, tmp_path, checkpoint_every_s=every_s)
+    assert written == [*saved, 4]
+
+
+def test_the_last_good_checkpoint_is_named(untrained, tmp_path, monkeypatch):
+    spoilt = run.learners
+
+    def spoil(*given):
+        for number, learner, measured in spoilt(*given):
+            yield number, learner, measured | ({"entropy": np.nan} if number == 4 else {})
+
+    monkeypatch.setattr(run, "learners", spoil)
+    message = "seed 3: entropy is not finite after 1024 steps; .*after 512 steps$"
+    with pytest.raises(TrainingError, match=message):
+        train_experiment(TINY, 3, tmp_path, checkpoint_every_s=20.0)
+
+
+def test_a_policy_is_described_by_its_training(untrained, tmp_path):
+    train_experiment(TINY, 3, tmp_path)
+    described = json.loads((tmp_path / "policy.json").read_text())
+    assert (described["experiment"], described["seed"], described["format"]) == ("lateral", 3, 1)
+    assert (described["task_name"], described["task_version"]) == ("lateral", 1)
+    assert described["hidden"] == [2]
+    assert described["observation"][:4] == ["theta_f_1", "theta_sf_1", "d_c_1", "delta_t_1"]
+    assert described["actions"][0] == "none"
+    assert (len(described["observation"]), len(described["actions"])) == (8, 5)
+    assert described["config"]["ppo"]["hidden"] == [2]
+    assert set(described["packages"]) == {"skystack", "jax", "jaxlib", "optax", "numpy"}
+    assert described["packages"]["numpy"] == np.__version__
+    # Its first weights, since nothing was learned.
+    weights = {name: value.shape for name, value in load_policy(tmp_path).tensors.items()}
+    assert weights["actor.0.weights"] == (8, 2)
+    assert weights["actor.1.weights"] == (2, 5)
+
+
+def test_what_is_said_before_a_training_begins(tmp_path):
+    assert begun_with(TINY, tmp_path / "new", False) == ["compiling ..."]
+    assert begun_with(TINY, tmp_path / "new", True) == [
+        f"{tmp_path / 'new'} holds no checkpoint: training begins anew",
+        "compiling ...",
+    ]
+    all_of_it = small("pretraining.steps=1024")
+    assert begun_with(all_of_it, tmp_path / "new", False) == [
+        "pretraining.steps (1,024) takes all of ppo.total_steps (1,024): only pretraining.reward "
+        "is learned from, not task.reward",
+        "compiling ...",
+    ]
+    assert begun_with(small("pretraining.steps=1023"), tmp_path / "new", False) == ["compiling ..."]
+    said = begun_with(small("task.cycles=100"), tmp_path / "new", False)
+    assert len(said) == 2
+    assert "routes take more than 100 cycles" in said[0]
+
+    both = begun_with(small("task.cycles=100", "pretraining.steps=1024"), tmp_path / "new", False)
+    assert both[0].startswith("pretraining.steps (1,024)")
+    assert both[1:] == said
+
+
+@pytest.mark.parametrize(
+    ("script", "revision"),
+    [
+        ("echo 12ab", "12ab"),
+        ("echo 12ab; echo why >&2; exit 128", None),  # no repository
+    ],
+)
+def test_the_revision_is_that_of_git(tmp_path, monkeypatch, capfd, script, revision):
+    git = tmp_path / "git"
+    git.write_text(f"#!/bin/sh\n{script}\n")
+    git.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    assert run._git_revision() == revision
+    assert capfd.readouterr() == ("", "")
+    monkeypatch.setenv("PATH", str(tmp_path / "nowhere"))
+    assert run._git_revision() is None
+
+
+def test_no_training_is_lost_to_another(tmp_path):
+    begun_with(TINY, tmp_path, False)
+    (tmp_path / "checkpoint" / "learner.safetensors").write_bytes(b"half")
+    with pytest.raises(InputError, match="holds a training that is not finished"):
+        begun_with(TINY, tmp_path, False)
+    assert begun_with(TINY, tmp_path, True) == ["compiling ..."]
+    (tmp_path / "policy.json").write_text("{}")
+    with pytest.raises(InputError, match="holds a trained policy already"):
+        begun_with(TINY, tmp_path, False)
+    assert begun_with(TINY, tmp_path, True) == ["compiling ..."]

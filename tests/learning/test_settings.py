@@ -69,3 +69,9 @@ def test_the_range_of_pretraining():
     for value in (-1, 10**9 + 1):
         with pytest.raises(msgspec.ValidationError, match="steps"):
             msgspec.convert({"steps": value}, Pretraining)
+
+
+@pytest.mark.parametrize("kind", [PPOSettings, Pretraining])
+def test_unknown_settings_are_refused(kind):
+    with pytest.raises(msgspec.ValidationError, match="unknown field"):
+        msgspec.convert({"surprise": 1}, kind)

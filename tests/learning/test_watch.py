@@ -68,3 +68,11 @@ def test_without_a_checkpoint_none_is_named(learner):
 
 def test_json_knows_no_infinite_numbers():
     assert (finite(1.5), finite(np.nan), finite(-np.inf)) == (1.5, None, None)
+
+
+def test_the_first_of_several_bad_losses_is_named(watch, learner):
+    bad = dict.fromkeys(LOSSES)
+    with pytest.raises(TrainingError, match="seed 3: policy_loss is not finite"):
+        watch.check(learner, bad, 768)
+    with pytest.raises(TrainingError, match="seed 3: value_loss is not finite"):
+        watch.check(learner, bad | {"policy_loss": 1e6}, 768)

@@ -73,6 +73,8 @@ def test_turns_are_from_the_cleared_heading(cleared, action, expected):
     [
         (0.0, 160.0, 2, True),  # 170 degrees to the right
         (0.0, 170.0, 2, False),  # 180: to which side?
+        (0.0, 175.0, 2, False),
+        (0.0, 185.0, 1, False),
         (0.0, 170.0, 1, True),
         (0.0, 190.0, 1, False),
         (0.0, 190.0, 2, True),

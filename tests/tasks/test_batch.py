@@ -10,6 +10,8 @@ from skystack.subroutine import subroutine
 from skystack.tasks.batch import OneByOne, choose, reset_many
 from skystack.tasks.build import build_training_task
 
+from .test_conformance import Kept
+
 SCENARIOS, STEPS = 12, 60
 
 
@@ -76,3 +78,30 @@ def test_a_subroutine_is_one_subroutine_however_many_read_it():
     compiled = jax.jit(readers).lower(jnp.arange(8.0)).compile().as_text()
     assert compiled.count(" call(") == 1
     assert "long_sum" in compiled
+
+
+def test_a_task_of_one_scenario_takes_many():
+    """What is computed of each scenario is what the task computes of it, the batch axis last."""
+    task, key = Kept(), jax.random.key(2)
+    many = OneByOne(task)
+    alone = [task.reset(each) for each in jax.random.split(key, 3)]
+    together = reset_many(task, key, 3)
+    assert many.reset(key) == task.reset(key)
+
+    def same(found, expected):
+        rows = jax.tree.map(lambda *leaves: jnp.stack(leaves, axis=-1), *expected)
+        jax.tree.map(np.testing.assert_array_equal, found, rows)
+
+    actions = jnp.asarray([0, 1, 1], dtype=jnp.int32)
+    pairs = list(zip(alone, actions, strict=True))
+    same(together, alone)
+    same(many.observe(together), [task.observe(state) for state in alone])
+    same(many.may_stack(together, actions), [task.may_stack(*pair) for pair in pairs])
+    same(many.instruct(together, actions), [task.instruct(*pair) for pair in pairs])
+    same(many.advance(together), [task.advance(state) for state in alone])
+    same(many.step(together, actions), [task.step(*pair) for pair in pairs])
+    assert (many.name, many.version) == ("number", 1)
+    assert (many.action_names, many.observation_names) == (
+        task.action_names,
+        task.observation_names,
+    )

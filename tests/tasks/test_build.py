@@ -157,3 +157,22 @@ def test_the_defaults_are_the_papers():
     assert (settings.cycles, settings.actions, settings.timing) == (300, "small", "cycle")
     assert settings.features == ("theta_f", "theta_sf", "d_c", "delta_t")
     assert (settings.sector, settings.performance) == ("x-plus", "table")
+
+
+@pytest.mark.parametrize(
+    ("name", "entry", "least", "most"),
+    [("level_fl", 300, 1, 61), ("fleet", {}, 0, 20)],
+)
+def test_the_lengths_of_lists_in_settings(name, entry, least, most):
+    for count in (least, most):
+        values = msgspec.convert({name: [entry] * count}, TaskSettings)
+        assert len(getattr(values, name)) == count
+    for count in {least - 1, most + 1} - {-1}:
+        with pytest.raises(msgspec.ValidationError, match=name):
+            msgspec.convert({name: [entry] * count}, TaskSettings)
+
+
+@pytest.mark.parametrize("kind", [TaskSettings, RewardSettings])
+def test_unknown_settings_are_refused(kind):
+    with pytest.raises(msgspec.ValidationError, match="unknown field"):
+        msgspec.convert({"surprise": 1}, kind)

@@ -95,13 +95,27 @@ class InstructWidens(Kept):
         return self.advance(state)
 
 
+class BreaksAtTwo(Kept):
+    """Counts its steps, and shows no number after the second."""
+
+    def reset(self, key):
+        return Number(jnp.asarray(0.0))
+
+    def observe(self, state):
+        return jnp.stack([jnp.where(state.value < 2.0, 0.5, jnp.nan), 0.5])
+
+    def step(self, state, action):
+        state, outcome = self.advance(state)
+        return Number(state.value + 1.0), outcome
+
+
 class StacksNothing(Kept):
     def may_stack(self, state, action):
         return action == 0
 
 
 @pytest.mark.parametrize("task", [Kept(), Changed(terminated=True), Changed(truncated=True)])
-def test_a_task_that_keeps_the_contract(task):
+def test_a_task_that_breaks_no_promise(task):
     check_task(task, steps=3)
 
 
@@ -124,3 +138,10 @@ def test_a_task_that_keeps_the_contract(task):
 def test_a_broken_promise_is_named(task, broken):
     with pytest.raises(AssertionError, match=f"^{broken}$"):
         check_task(task, steps=3)
+
+
+def test_as_many_steps_are_tried_as_asked():
+    """The state after the last of them is not looked at."""
+    check_task(BreaksAtTwo(), steps=2)
+    with pytest.raises(AssertionError, match="observation is not finite"):
+        check_task(BreaksAtTwo(), steps=3)

@@ -1,6 +1,11 @@
 """A task in plain Python is the task."""
 
+import copy
+import gc
+import pickle
+
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -13,6 +18,8 @@ from skystack.stacking import TwoPhase, stack, stack_traced
 from skystack.tasks.build import build_task
 from skystack.tasks.plain import PlainTask
 from skystack.tasks.settings import TaskSettings
+
+from .test_conformance import Kept
 
 
 def test_stacking_in_plain_python_is_stacking_in_a_compiled_program():
@@ -78,3 +85,58 @@ def test_whether_something_may_be_said_is_known_for_every_instruction():
     assert said in (17, 18)
     assert plain.may_stack(seen, 2)
     assert not plain.may_stack(seen, 0)
+
+
+def test_every_call_is_the_tasks_own():
+    task = Kept()
+    plain = PlainTask(task)
+    key = jax.random.key(4)
+    state = task.reset(key)
+    seen = plain.reset(key)
+    for found in (seen, plain.begin(state)):
+        np.testing.assert_allclose(plain.observe(found), task.observe(state), rtol=1e-6)
+        np.testing.assert_array_equal(plain.state_of(found).value, state.value)
+        assert [plain.may_stack(found, action) for action in (0, 1)] == [False, True]
+    halved = plain.instruct(seen, 1)
+    np.testing.assert_array_equal(plain.state_of(halved).value, state.value / 2.0)
+    for (after, outcome), value in (
+        (plain.advance(seen), state.value),
+        (plain.step(seen, 1), state.value / 2.0),
+    ):
+        np.testing.assert_array_equal(plain.state_of(after).value, value)
+        np.testing.assert_array_equal(outcome.reward, value)
+    with pytest.raises(InputError, match=r"action is 2 \(allowed: whole numbers from 0 to 1\)"):
+        plain.step(seen, 2)
+
+
+def test_states_of_many_shapes_and_types_come_back():
+    """Packed as one vector of float32, and unpacked in its order."""
+    first = (jnp.arange(6.0).reshape(2, 3), jnp.asarray([True, False]), jnp.asarray(7))
+
+    class Mixed(Kept):
+        def reset(self, key):
+            return first
+
+        def observe(self, state):
+            return jnp.zeros(2)
+
+    plain = PlainTask(Mixed())
+    back = plain.state_of(plain.begin(first))
+    for found, expected in zip(back, first, strict=True):
+        assert found.dtype == expected.dtype
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_a_copy_shares_the_programs_of_the_original():
+    plain = PlainTask(Kept())
+    plain.reset(jax.random.key(0))
+    assert copy.copy(plain) is plain
+    assert copy.deepcopy({"task": plain})["task"] is plain
+    pickled = pickle.dumps(plain)
+    assert pickle.loads(pickled) is plain
+    assert set(plain._programs) == {"_reset"}
+    del plain
+    gc.collect()
+    first, second = pickle.loads(pickled), pickle.loads(pickled)
+    assert first is second
+    assert first._programs == {}

@@ -9,6 +9,7 @@ import pytest
 
 from skystack.airspace.projection import METRES_PER_NM, WGS84
 from skystack.airspace.sector import Sector
+from skystack.airspace.xplus import x_plus
 from skystack.simulator.generator import Crowd, LateralScenarios
 from skystack.simulator.performance import performance
 from skystack.simulator.simulator import Simulator
@@ -227,6 +228,8 @@ def test_only_who_is_there_and_had_entered_strays():
     assert tracked(inside, gone)[0].strayed.tolist() == [False, False]
     back = tracked(inside, outside, inside)[1]
     assert back.strayed.tolist() == [False, True]  # for good
+    still = tracked(inside, outside, outside)[1]
+    assert still.strayed.tolist() == [False, True]
 
 
 def noted(memory, action, *aircraft):
@@ -261,6 +264,7 @@ def test_a_stack_of_instructions_in_one_cycle_is_one_burst():
     memory = Tracker(HAIRPIN).begin(here, here.level)
     stacked = noted(noted(memory, 2, 0), 2, 0)
     assert (float(stacked.new_bursts), float(stacked.bursts)) == (1.0, 1.0)
+    assert stacked.instructed.tolist() == [True, False]
     mixed = noted(noted(memory, 2, 0), 4, 1)
     assert (float(mixed.new_bursts), float(mixed.bursts)) == (2.0, 2.0)
     assert mixed.instructed.tolist() == [True, True]
@@ -293,6 +297,8 @@ def test_leaving_through_the_exit(fl, entered, active, exits, correctly):
     later = tracker.track(memory, outside._replace(active=jnp.asarray([False])))
     assert later.exited.tolist() == [exits]
     assert later.exited_correctly.tolist() == [correctly]
+    again = tracker.track(tracker.track(memory, inside), outside)
+    assert again.exited.tolist() == [True]  # who had not left leaves now, who had has left
 
 
 def test_a_fix_is_passed_within_a_true_mile():
@@ -304,6 +310,21 @@ def test_a_fix_is_passed_within_a_true_mile():
     for nm, found in ((1.04, 1), (0.96, 2)):
         to_west = WGS84.fwd(lon, lat, 271.0, nm * METRES_PER_NM)[:2]
         assert progress(north, [to_west[::-1]]) == [found]
+
+
+def test_a_fix_is_passed_abeam_at_any_distance():
+    """HERON, CRANE and EGL lie in line to the north-east: the line across it at CRANE decides."""
+    sector, half = x_plus(), np.sqrt(0.5)
+    route = sector.routes.index(("HERON", "CRANE", "EGL", "MACAW", "QUAIL", "SWIFT"))
+    for aside_nm in (-15.0, 15.0):
+        for along_nm, found in ((-0.3, 1), (0.3, 2)):
+            at = sector.fixes_nm["CRANE"] + half * np.array(
+                [along_nm + aside_nm, along_nm - aside_nm]
+            )
+            traffic = traffic_at(sector, [sector.plane.to_degrees(at)], route)
+            tracker = Tracker(sector)
+            memory = tracker.track(tracker.begin(traffic, traffic.level), traffic)
+            assert int(memory.next_fix[0]) == found
 
 
 def test_progress_stays_at_the_last_fix_and_never_goes_back():
