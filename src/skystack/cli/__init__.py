@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from skystack import signals
 from skystack.cli.arguments import parse
-from skystack.cli.shown import DONE, FAILED, PIPE_CLOSED, WRONG, complain
+from skystack.cli.shown import FAILED, INTERRUPTED, PIPE_CLOSED, TERMINATED, WRONG, complain
 from skystack.errors import InputError, PlatformError, TrainingError
 from skystack.signals import ended_by_signals
 from skystack.streams import ClosedPipeError, Prose, Results, escaping
@@ -18,16 +18,20 @@ from skystack.streams import ClosedPipeError, Prose, Results, escaping
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     with ended_by_signals():
+        message = "interrupted"
         try:
             code = _main(list(sys.argv[1:] if arguments is None else arguments))
             signals.settle()
+        except KeyboardInterrupt as interruption:
+            signals.settle()
+            code, message = INTERRUPTED, str(interruption) or message
         except BaseException:
             signals.settle()
             if signals.exit_code() is None:
                 raise
-            code = DONE  # whatever the interruption has become on its way
-        ended = signals.exit_code()
-        return code if ended in (None, code) else complain("interrupted", ended or code)
+            code = INTERRUPTED  # what the interruption has become on its way
+        ended = signals.exit_code() or code
+        return complain(message, ended) if ended in (INTERRUPTED, TERMINATED) else ended
 
 
 def _main(arguments: list[str]) -> int:

@@ -6,8 +6,8 @@ from typing import Any
 from skystack.errors import printable
 from skystack.streams import Prose, Results
 
-DONE, FAILED, WRONG, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
-"""Exit codes. The last two are those of a shell for SIGINT and SIGPIPE; SIGTERM's is 143."""
+DONE, FAILED, WRONG, INTERRUPTED, PIPE_CLOSED, TERMINATED = 0, 1, 2, 130, 141, 143
+"""Exit codes. The last three are those of a shell for SIGINT, SIGPIPE and SIGTERM."""
 
 
 def complain(message: str, code: int) -> int:

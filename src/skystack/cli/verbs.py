@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from skystack.cli.shown import DONE, FAILED, INTERRUPTED, complain, print_json, print_line, say
+from skystack.cli.shown import DONE, FAILED, complain, print_json, print_line, say
 from skystack.errors import InputError
 
 
@@ -122,7 +122,6 @@ def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
     from skystack.learning.event_files import event_files
     from skystack.learning.run import CHECKPOINT_EVERY_S, Progress, begun_with, train_experiment
     from skystack.programs import compile_for_one_core, kept_programs
-    from skystack.signals import exit_code
 
     name, every_s = f"{experiment.name}-s{options.seed}", options.checkpoint_every
     events = event_files(out) if options.tensorboard else nullcontext(lambda: None)
@@ -140,15 +139,14 @@ def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
                 experiment, options.seed, out, options.resume, on_update, every_s
             )
     except KeyboardInterrupt:
-        return complain(
+        raise KeyboardInterrupt(
             f"interrupted; to go on: skystack train {options.experiment} --seed {options.seed} "
             f"--out {out} --resume"
             + " --tensorboard" * options.tensorboard
             + f" --checkpoint-every {every_s}" * (every_s != CHECKPOINT_EVERY_S)
             + f" --cycles {options.cycles}" * (options.cycles is not None)
-            + "".join(f" --set {change}" for change in options.changes),
-            exit_code() or INTERRUPTED,
-        )
+            + "".join(f" --set {change}" for change in options.changes)
+        ) from None
     say(f"{trained.wall_s:.0f} s; policy: {out / 'policy.json'}")
     if options.json:
         summary = [trained.summary]
