@@ -368,3 +368,23 @@ def test_a_regular_polygon_anywhere_keeps_its_size(lat, lon, corners, radius_nm,
     assert np.isclose(shapely.Polygon(sector.area_nm).area, area, rtol=5e-3)
     assert shapely.LinearRing(sector.area_nm).is_ccw
     assert np.allclose(sector.edge_through("X")[[0, -1]], ring[:2], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("fixes", "routes", "inner", "message"),
+    [
+        (1001, 1, 1, r"sector.json: fixes has 1001 entries \(allowed: at most 1000\)"),
+        (4, 201, 1, r"sector.json: routes has 201 entries \(allowed: at most 200\)"),
+        (5, 1, 98, r"sector.json: routes\[0\]: it has 101 entries \(allowed: at most 100\)"),
+        (1000, 1, 97, None),
+    ],
+)
+def test_more_than_can_be_flown_in_seconds_is_refused(fixes, routes, inner, message, tmp_path):
+    spare = {f"S{n}": {"lat": 50.0, "lon": 10.1} for n in range(fixes - 4)}
+    route = ["WESTO", *[("MIDDL", "S0")[n % 2] for n in range(inner)], "EDGED", "EASTO"]
+    crowded = PLAIN | {"fixes": PLAIN["fixes"] | spare, "routes": [route] * routes}
+    if message is None:
+        assert len(read(crowded, tmp_path).routes[0]) == 100
+        return
+    with pytest.raises(InputError, match=message):
+        read(crowded, tmp_path)

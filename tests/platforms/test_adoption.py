@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -13,6 +14,7 @@ from skystack.platforms.languages import cpdlc
 from skystack.platforms.own import Skystack
 from skystack.platforms.phraseology import written
 from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario
+from skystack.simulator.simulator import turn_to_deg
 
 SECTOR = replace(x_plus(), levels_fl=(100, 400))
 CYCLES = 24
@@ -197,3 +199,17 @@ def test_words_of_one_clearance_are_of_its_own_aircraft():
     assert [(each.heading_deg, each.level_fl) for each in found] == [
         (each.heading_deg, each.level_fl) for each in commands
     ]
+
+
+@pytest.mark.parametrize("count", [0, 1, 1000, 1024, 1025, 5000])
+def test_turns_of_any_number_are_those_of_each_alone(count):
+    """In the simulator's float32, whose rounding the words follow; of every hundredth, alone."""
+    random = np.random.default_rng(count)
+    actual = random.uniform(0.0, 360.0, count).astype(np.float32).astype(np.float64)
+    cleared = random.integers(0, 36, count) * 10.0
+    found = SKYSTACK.shorter_turn_deg(actual, cleared)
+    assert found.shape == (count,)
+    for index in range(0, count, 100):
+        one = turn_to_deg(jnp.float32([actual[index]]), jnp.float32([cleared[index]]))
+        assert found[index] == np.asarray(one)[0]
+    assert np.all(np.abs(found) <= 180.0)

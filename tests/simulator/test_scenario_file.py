@@ -263,3 +263,21 @@ def test_what_is_nested_too_deep_is_refused(tmp_path):
     path.write_text('{"aircraft": ' + "[" * 900 + "]" * 900 + "}")
     with pytest.raises(InputError, match=r"nested too deep \(allowed: 32 levels\)"):
         load_scenario(path)
+
+
+@pytest.mark.parametrize(("count", "cycles"), [(200, 2500), (50, 10_000)])
+def test_aircraft_and_cycles_are_limited_together_before_anything_is_flown(count, cycles, tmp_path):
+    crowd = [ONE_AIRCRAFT | {"callsign": f"AC{number}"} for number in range(count)]
+    fitting = MINIMAL | {"aircraft": crowd, "cycles": cycles, "clearances": []}
+    assert len(load(fitting, tmp_path).aircraft) == count
+    one_more = fitting | {"aircraft": [*crowd, ONE_AIRCRAFT | {"callsign": "MORE"}]}
+    beyond = fitting | {"cycles": cycles + 1} if cycles < 10_000 else one_more
+    with pytest.raises(InputError, match=r"positions \(allowed: 500,000: with so many aircraft"):
+        load(beyond, tmp_path)
+
+
+def test_the_number_of_clearances_is_limited(tmp_path):
+    told = [{"cycle": 0, "callsign": "AC1", "heading_deg": 10}] * 10_001
+    with pytest.raises(InputError, match=r"clearances is .*allowed: list of length <= 10000"):
+        load(MINIMAL | {"clearances": told}, tmp_path)
+    assert len(load(MINIMAL | {"clearances": told[1:]}, tmp_path).clearances) == 10_000

@@ -14,6 +14,7 @@ from skystack.simulator.generator import Crowd, LateralScenarios
 from skystack.simulator.performance import performance
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import start, ticks
+from skystack.tasks import tracking
 from skystack.tasks.features import centreline_distance, distance_in_hand, next_fix_distance
 from skystack.tasks.tracking import Tracker
 
@@ -331,3 +332,26 @@ def test_progress_stays_at_the_last_fix_and_never_goes_back():
     fixes = [HAIRPIN.fixes[name] for name in ("S1", "S2", "S3", "EE", "EO")]
     assert progress(HAIRPIN, fixes) == [2, 3, 4, 5, 5]
     assert progress(HAIRPIN, [*fixes, HAIRPIN.fixes["WO"]])[-1] == 5
+
+
+@pytest.mark.parametrize("fixes", [17, 120])
+def test_the_next_fix_of_a_long_route_is_found_as_of_a_short_one(fixes, monkeypatch):
+    """Fix after fix by a loop, or all written out: the same, at hairpins and elsewhere."""
+    random = np.random.default_rng(fixes)
+    lat, lon = 0.4 * random.standard_normal(fixes), np.linspace(-1.1, 1.1, fixes)
+    lat[-2] = 0.0
+    inner = {f"F{n}": (float(lat[n]), float(lon[n])) for n in range(fixes)}
+    named = {"WO": (0.0, -1.35), **inner, "EE": (0.0, 1.2), "EO": (0.0, 1.35)}
+    long = Sector("long", (0.0, 0.0), SQUARE, (200, 400), named, (tuple(named), ("WO", "EE", "EO")))
+    assert long.route_table.sharp.any()
+    count = 400
+    traffic = traffic_at(long, random.uniform(-1.3, 1.3, (count, 2)))
+    traffic = traffic._replace(route=jnp.arange(count) % 2)
+    begun = jnp.asarray(random.integers(1, fixes + 2, count), dtype=jnp.int32)
+    begun = jnp.where(traffic.route == 0, begun, 1)
+    found = []
+    for written_out in (16, 1000):
+        monkeypatch.setattr(tracking, "WRITTEN_OUT", written_out)
+        found.append(np.asarray(Tracker(long)._next_fix(traffic, begun)))
+    np.testing.assert_array_equal(found[0], found[1])
+    assert len(np.unique(found[0])) > 5

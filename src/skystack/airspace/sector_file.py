@@ -31,6 +31,8 @@ from skystack.airspace.sector import MAX_DISTANCE_NM, LatLon, Sector
 from skystack.errors import InputError, unknown_name
 from skystack.json_file import convert, inside, is_name, not_allowed, read_json
 
+MOST_FIXES, MOST_ROUTES, MOST_FIXES_OF_ROUTE = 1000, 200, 100
+"""What programs are compiled and flown for in seconds; sectors have some tens of each."""
 ON_EDGE_NM = 0.5
 """An exit fix lies this close to the area's edge, and further from its corners."""
 
@@ -107,6 +109,8 @@ def make_sector(entry: SectorEntry) -> Sector:
         origin = _origin(entry, ring)
         plane = MercatorPlane(*origin)
         area = _area(ring, plane)
+    _check_number("fixes", len(entry.fixes), MOST_FIXES)
+    _check_number("routes", len(entry.routes), MOST_ROUTES)
     for name, point in entry.fixes.items():
         _check_name(f"fixes: {name!r}", name)
         _check_distance(f"fixes.{name}", plane, point.lat, point.lon)
@@ -127,6 +131,11 @@ def make_sector(entry: SectorEntry) -> Sector:
         with inside(f"routes[{index}]"):
             _check_route(route, index, sector)
     return sector
+
+
+def _check_number(where: str, number: int, most: int) -> None:
+    if number > most:
+        raise InputError(f"{where} has {number} entries (allowed: at most {most})")
 
 
 def _check_name(where: str, name: str) -> None:
@@ -188,6 +197,7 @@ def _check_route(route: tuple[str, ...], index: int, sector: Sector) -> None:
     """A route leads from outside through the area, over its exit fix on the edge, and out."""
     from shapely import LineString, Polygon, contains_xy  # noqa: PLC0415
 
+    _check_number("it", len(route), MOST_FIXES_OF_ROUTE)
     if len(route) < 3:
         raise not_allowed("it", list(route), "at least three fixes: outside, exit, outside")
     for fix in route:

@@ -6,6 +6,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pyarrow as pa
 
 from skystack.evaluation.rollout import Recording, parts_of, scenarios_in_part
@@ -49,15 +50,9 @@ def tabulate(
             if folder is not None and append is None:  # only now: what fails at once leaves nothing
                 append = stack.enter_context(_tables_in(folder, task))
             for part in parts_of(block, scenarios_in_part(task)):
-                if append is None:
-                    episodes.append(episode_table(task, part))
-                    issued = clearance_table(task, part, adoption)
-                else:
-                    tables = make_tables(task, part, flown_as, adoption)
-                    append(vars(tables))
-                    episodes.append(tables.episodes)
-                    issued = tables.clearances
-                clearances.append(_with_dictionaries(issued))
+                outcomes, issued = _tables_of(task, part, append, flown_as, adoption)
+                episodes.append(outcomes)
+                clearances.append(issued)
             del block, part  # before the next one is flown
             begun = time.monotonic()
         flying_s += time.monotonic() - begun
@@ -74,6 +69,28 @@ def _tables_in(folder: Path, task: NavigationTask) -> Iterator[Append]:
     metadata = table_metadata(task.simulator.sector, settings.performance, settings.fleet)
     with alone_in(folder), growing_tables(folder, TABLES, metadata) as append:
         yield append
+
+
+def _tables_of(
+    task: NavigationTask,
+    part: Recording,
+    append: Append | None,
+    flown_as: Callable[[str], str],
+    adoption: Adoption,
+) -> tuple[pa.Table, pa.Table]:
+    """Episodes and clearances of some scenarios; all tables are appended where they are written."""
+    if append is None:
+        episodes, clearances = episode_table(task, part), clearance_table(task, part, adoption)
+    else:
+        tables = make_tables(task, part, flown_as, adoption)
+        append(vars(tables))
+        episodes, clearances = tables.episodes, tables.clearances
+    return _copied(episodes), _copied(_with_dictionaries(clearances))
+
+
+def _copied(table: pa.Table) -> pa.Table:
+    """In memory of its own: arrays of a block that are kept would keep it in pieces."""
+    return table.take(pa.array(np.arange(table.num_rows)))
 
 
 def _with_dictionaries(table: pa.Table) -> pa.Table:

@@ -23,6 +23,9 @@ TurnRule = Callable[
 ]
 """The turn [deg], positive to the right, from actual headings to cleared ones in [0, 360)."""
 
+MIN_LENGTH = 1024
+"""Of arrays of headings in compiled programs, a power of two."""
+
 
 @dataclass(frozen=True)
 class Adoption:
@@ -40,8 +43,14 @@ def _turn_in_float32(
     actual_deg: Float[np.ndarray, " n"], cleared_deg: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
     """The simulator's own rule in its own precision: what it rounds is rounded here as well."""
-    headings = (jnp.asarray(each, dtype=jnp.float32) for each in (actual_deg, cleared_deg))
-    return np.asarray(turn_to_deg(*headings), dtype=np.float64)
+    count = len(cleared_deg)
+    # Every length would be compiled anew, and stay in memory: few lengths are.
+    missing = (1 << max(count - 1, MIN_LENGTH - 1).bit_length()) - count
+    headings = (
+        jnp.asarray(np.pad(each, (0, missing)), dtype=jnp.float32)
+        for each in (actual_deg, cleared_deg)
+    )
+    return np.asarray(turn_to_deg(*headings), dtype=np.float64)[:count]
 
 
 def _turn_through_no_north(

@@ -28,6 +28,8 @@ from skystack.simulator.performance import performance as performance_named
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import Traffic, start, ticks
 
+MOST_POSITIONS = 500_000
+"""Aircraft times cycles: what is flown, written and replayed in seconds and within 1 GB."""
 TURNS = ("shortest", "left", "right")
 
 Name = Annotated[str, Meta(max_length=40)]
@@ -69,7 +71,7 @@ class _FileEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     levels_fl: tuple[Level, Level] | None = None
     performance: Name = "table"
     fleet: Annotated[tuple[AircraftType, ...], Meta(max_length=MOST_TYPES)] = ()
-    clearances: tuple[GivenClearance, ...] = ()
+    clearances: Annotated[tuple[GivenClearance, ...], Meta(max_length=10_000)] = ()
 
 
 @dataclass(frozen=True)
@@ -181,6 +183,12 @@ def load_scenario(path: Path) -> Scenario:
 
 def _checked(file: _FileEntry, folder: Path) -> Scenario:
     """What the types alone do not tell; a sector's file lies in the folder."""
+    count, cycles = len(file.aircraft), file.cycles
+    if count * cycles > MOST_POSITIONS:
+        raise InputError(
+            f"{count} aircraft for {cycles} cycles are {count * cycles:,} positions (allowed: "
+            f"{MOST_POSITIONS:,}: with so many aircraft {MOST_POSITIONS // count:,} cycles)"
+        )
     with inside("sector"):
         sector = find_sector(file.sector, folder)
     low, high = file.levels_fl or sector.levels_fl

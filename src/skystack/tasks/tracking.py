@@ -8,8 +8,10 @@ from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Float, Int
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float, Int, Shaped
 
 from skystack.airspace.geometry import (
     closest_approach_squared,
@@ -18,6 +20,7 @@ from skystack.airspace.geometry import (
     dot,
     first_and_second,
     inside_area,
+    point_of,
     points_of,
     value_of,
 )
@@ -30,6 +33,8 @@ from skystack.tasks.rewards import DAMPING_CYCLES
 
 PASSED_NM = 1.0
 """A fix is passed within this distance."""
+WRITTEN_OUT = 16
+"""Up to so many fixes of a route are written out one after the other in compiled programs."""
 
 
 class Memory(NamedTuple):
@@ -156,23 +161,60 @@ class Tracker:
         """
         table = self.sector.route_table
         near_nm = PASSED_NM * self.sector.plane.scale(traffic.position_nm[:, 1])
-        fixes = points_of(table.fixes_nm, traffic.route)
-        bisectors = points_of(table.bisector, traffic.route)
         last = value_of(table.last_fix, traffic.route)
+        longest = table.fixes_nm.shape[1]
+        if longest > WRITTEN_OUT:  # a fix after the other: a program of all would take minutes
+
+            def passed(found: Int[Array, "aircraft *batch"]) -> Bool[Array, "aircraft *batch"]:
+                return (found < last) & self._passed(traffic, near_nm, found)
+
+            found: Int[Array, "aircraft *batch"] = jax.lax.while_loop(
+                lambda found: jnp.any(passed(found)), lambda found: found + passed(found), next_fix
+            )
+            return found
         found = last
-        for index in reversed(range(len(fixes))):
-            beyond = traffic.position_nm - fixes[index]
-            past = dot(beyond, bisectors[index]) > 0.0
-            if table.sharp[:, index].any():
-                before, after = (
-                    jnp.abs(distance_right_of_route(traffic.position_nm, fixes[first : first + 2]))
-                    for first in (index - 1, index)
-                )
-                past &= (after < before) | ~value_of(table.sharp[:, index], traffic.route)
-            passed = past | (dot(beyond, beyond) < near_nm**2)
-            waits = (index >= next_fix) & (index < last) & ~passed
+        for index in reversed(range(longest)):
+            passed_here = self._passed(traffic, near_nm, index)
+            waits = (index >= next_fix) & (index < last) & ~passed_here
             found = jnp.where(waits, index, found)
         return found
+
+    def _passed(
+        self,
+        traffic: Traffic,
+        near_nm: Float[Array, "aircraft *batch"],
+        index: int | Int[Array, "aircraft *batch"],
+    ) -> Bool[Array, "aircraft *batch"]:
+        """Whether each aircraft is past a fix of its route."""
+        table = self.sector.route_table
+
+        def fix(index: int | Int[Array, "aircraft *batch"]) -> Float[Array, "aircraft 2 *batch"]:
+            return _of_route(table.fixes_nm, traffic.route, index)
+
+        beyond = traffic.position_nm - fix(index)
+        past = dot(beyond, _of_route(table.bisector, traffic.route, index)) > 0.0
+        sharp = table.sharp[:, index] if isinstance(index, int) else table.sharp
+        if sharp.any():
+            before, after = (
+                jnp.abs(distance_right_of_route(traffic.position_nm, (fix(first), fix(first + 1))))
+                for first in (index - 1, index)
+            )
+            past &= (after < before) | ~_of_route(table.sharp, traffic.route, index)
+        return past | (dot(beyond, beyond) < near_nm**2)
+
+
+def _of_route(
+    values: Shaped[np.ndarray, "routes fixes *vector"],
+    route: Int[Array, "aircraft *batch"],
+    fix: int | Int[Array, "aircraft *batch"],
+) -> Array:
+    """What a table has for a fix of each aircraft's route."""
+    look_up = value_of if values.ndim == 2 else point_of
+    if isinstance(fix, int):
+        return look_up(values[:, fix], route)
+    fixes = values.shape[1]
+    index = route * fixes + jnp.clip(fix, 0, fixes - 1)
+    return look_up(values.reshape(-1, *values.shape[2:]), index)
 
 
 def separation_nm(sector: Sector, memory: Memory, traffic: Traffic) -> Float[Array, "*batch"]:

@@ -128,3 +128,25 @@ def test_what_is_not_there_is_refused(number, from_s, to_s, message):
 def test_times_are_rounded_down_to_cycles():
     assert span_of((replay(),), 4, 13, 59) == Span(2, 9)
     assert span_of((replay(),), 4, 0, None) == Span(0, ROWS - 1)
+
+
+def test_a_film_that_is_too_long_is_refused_before_it_is_drawn(monkeypatch):
+    monkeypatch.setattr("skystack.reporting.replay.film.MOST_FRAMES", 8)
+    made = (replay(),)
+    assert Image.open(io.BytesIO(film(made, 4, Span(5, 12)))).n_frames == 8
+    with pytest.raises(InputError, match=r"a film of 9 cycles \(allowed: 8; --from and --to"):
+        film(made, 4, Span(5, 13))
+
+
+def test_frames_show_what_a_still_shows():
+    """Drawn together or one by one, labels pasted: nearly every pixel is the same."""
+    made = replay()
+    with house_style():
+        frame = np.asarray(_Moving((made,), 4, Span(0, ROWS - 1)).pixels(10)).astype(int)
+        scene = _Scene((made,), 4, Span(0, ROWS - 1))
+        scene.draw(10)
+        scene._canvas.draw()
+        still_frame = np.asarray(scene._canvas.buffer_rgba())[:, :, :3].astype(int)
+    differs = np.abs(frame - still_frame).max(axis=2) > 96
+    drawn = np.abs(still_frame - still_frame[0, 0]).max(axis=2) > 96
+    assert differs.sum() < 0.05 * drawn.sum()

@@ -195,3 +195,15 @@ def test_losses_of_many_whose_rows_end_at_different_times():
 def test_who_has_one_row_only_loses_nothing():
     here = straight(np.zeros((1, 2)), 300.0)
     assert list(losses(x_plus(), (here, here))) == []
+
+
+def test_one_scenario_is_read_alone(evaluation):
+    first, *_ = read_replay(evaluation, scenarios=SCENARIOS).scenarios[7:8]
+    (alone,) = read_replay(evaluation, only=7).scenarios
+    assert (alone.number, alone.clearances, alone.losses) == (7, first.clearances, first.losses)
+    for one, other in zip(alone.aircraft, first.aircraft, strict=True):
+        np.testing.assert_array_equal(one.position_nm, other.position_nm)
+        assert one.status == other.status
+    missing = rf"has no scenario {SCENARIOS} \(found: 0 to {SCENARIOS - 1}\)"
+    with pytest.raises(InputError, match=missing):
+        read_replay(evaluation, only=SCENARIOS)
