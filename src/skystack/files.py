@@ -29,8 +29,7 @@ def read_whole(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     except InputError:
         raise
     except (OSError, ValueError) as error:  # a ValueError for a null byte in the name
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise InputError(f"cannot be read ({reason})") from None
+        raise InputError(f"cannot be read ({_reason(error)})") from None
     if len(data) > most_bytes:
         raise InputError(f"is too large (allowed: {most_bytes // 1_000_000} MB)")
     return data
@@ -43,7 +42,7 @@ def write_aside(path: Path, data: bytes) -> None:
     """
     try:
         handle, name = tempfile.mkstemp(_ASIDE, f".{path.name}.", path.parent)
-    except OSError as error:
+    except (OSError, ValueError) as error:  # a ValueError for a null byte in the name
         raise _not_written(path, error) from None
     aside = Path(name)
     try:
@@ -80,8 +79,8 @@ def make_folder(path: Path) -> Path:
     """Create a folder for output, and its parents. Raises InputError when that cannot be."""
     try:
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be made a folder: {error.strerror}") from None
+    except (OSError, ValueError) as error:  # a ValueError for a null byte in the name
+        raise InputError(f"{path}: cannot be made a folder: {_reason(error)}") from None
     if not os.access(path, os.W_OK | os.X_OK):
         raise InputError(f"{path}: the folder cannot be written to")
     return path
@@ -137,5 +136,9 @@ def _sync_folder(folder: Path) -> None:
             os.close(handle)
 
 
-def _not_written(path: Path, error: OSError) -> InputError:
-    return InputError(f"{path}: cannot be written: {error.strerror}")
+def _not_written(path: Path, error: OSError | ValueError) -> InputError:
+    return InputError(f"{path}: cannot be written: {_reason(error)}")
+
+
+def _reason(error: OSError | ValueError) -> str | None:
+    return error.strerror if isinstance(error, OSError) else str(error)
