@@ -1,8 +1,12 @@
 """Files made wrong in many ways: bytes, JSON, TOML, Parquet and tensors; the generator decides."""
 
+import io
 import json
 import re
 import struct
+import warnings
+import zipfile
+from collections.abc import Iterator
 from copy import deepcopy
 from random import Random
 from typing import Any
@@ -33,6 +37,25 @@ _STRANGE: tuple[Any, ...] = (
     ),
     *([], {}, [[]], [None], {"": 0}, {"a\nb": 1}, list(range(300))),
 )
+
+
+PATHS: tuple[str, ...] = (
+    *("../x", "../../../x", "..", ".", "", "/", "a/b", "./a", "/abs", "/dev/zero", "~/x"),
+    *("a\0b", "\0", "a\\b", "..\\x", "C:\\x", "C:x", "\\\\host\\x", "file:///etc/passwd"),
+    *("-rf", ".hidden", "a.", "a ", "CON", "$HOME", "`id`", "$(id)", "%2e%2e/x", "é", "e\u0301"),
+    "x" * 5000,
+)
+"""Names that would lead elsewhere, or are no names on some system."""
+FOR_TERMINALS: tuple[str, ...] = (
+    *("\x1b[31mred", "\x1b]0;title\x07", "\x1b[2J", "\x9b31m", "\r over", "a\x08b", "a\nb", "\x07"),
+    *("[/b]", "[b]", "[link=file:///etc/passwd]x[/link]", "[red]", "[", "]", "[/]", ":bomb:"),
+    *("\u202eabc", "\u2066abc", "\u200fabc", "\ufeff", "\u2028", "\u0085", "\x7f", "a\u0300" * 300),
+    *("<script>", "</script>", "<!--", "{{ 7*7 }}", "{x}", "%s", "$x^2$", "$\\input{x}$", "&amp;"),
+)
+"""Texts that a terminal, Rich, a browser, a template or Matplotlib would obey."""
+HOSTILE = (*PATHS, *FOR_TERMINALS)
+LONG = (10, 100, 1000, 9990)
+"""Names put into a route, so that it has up to 10,000 fixes."""
 
 
 def mutated_bytes(random: Random, data: bytes) -> bytes:
@@ -68,14 +91,16 @@ def mutated_value(random: Random, value: Any) -> Any:
     return value
 
 
-def _changed_once(random: Random, value: Any) -> Any:
+def _changed_once(random: Random, value: Any) -> Any:  # noqa: C901  (one branch a kind)
     places = _places(value) if isinstance(value, dict | list) else []
     if not places or random.random() < 0.01:
         return deepcopy(random.choice(_STRANGE))
     holder, key = random.choice(places)
-    kind = random.randrange(8)
+    kind = random.randrange(9)
     if kind == 0:
         del holder[key]
+    elif kind == 8:
+        _lengthened(random, holder, key)
     elif kind == 1 and isinstance(holder, dict):
         name = random.choice(("", "x", "a\nb", f"{key} ", f"{key}s", "a.b", "`", "é", "\ud800"))
         holder[name] = holder[key] if random.random() < 0.5 else holder.pop(key)
@@ -98,6 +123,16 @@ def _changed_once(random: Random, value: Any) -> Any:
     else:
         holder[key] = deepcopy(random.choice(_STRANGE))
     return value
+
+
+def _lengthened(random: Random, holder: Any, key: Any) -> None:
+    """Another text, or a route that goes to and fro between its first fixes very often."""
+    value = holder[key]
+    named = isinstance(value, list) and len(value) > 1 and all(isinstance(x, str) for x in value)
+    if named:
+        value[1:1] = [value[1], value[0]] * (random.choice(LONG) // 2)
+    else:
+        holder[key] = random.choice(HOSTILE)
 
 
 def _places(value: Any) -> list[tuple[Any, Any]]:
@@ -169,6 +204,101 @@ def mutated_safetensors(random: Random, data: bytes) -> bytes:
         at = random.randrange(max(len(numbers) // 4, 1)) * 4
         numbers[at : at + 4] = struct.pack("<f", strange)
     return data[: 8 + length] + bytes(numbers)
+
+
+def mutated_onnx(random: Random, data: bytes) -> bytes:
+    """One to three fields of a graph changed, wherever they stand; or its bytes mutated."""
+    if random.random() < 0.25:
+        return mutated_bytes(random, data)
+    import onnx  # noqa: PLC0415  (an extra)
+
+    model = onnx.load_model_from_string(data)
+    for _ in range(random.choice((1, 1, 2, 3))):
+        _field_changed(random, random.choice(list(_messages(model))))
+    changed: bytes = model.SerializeToString()
+    return changed
+
+
+def _messages(message: Any) -> Iterator[Any]:
+    yield message
+    for field, value in message.ListFields():
+        if field.message_type is not None:
+            for inner in [value] if hasattr(value, "ListFields") else value:
+                yield from _messages(inner)
+
+
+def _field_changed(random: Random, message: Any) -> None:
+    """A field that is set taken out, repeated, or another value of its type put in its place."""
+    if not message.ListFields():
+        return
+    field, value = random.choice(message.ListFields())
+    kind, many = random.randrange(3), hasattr(value, "append") or hasattr(value, "add")
+    if kind == 0 or (kind == 1 and not many):
+        message.ClearField(field.name)
+    elif field.message_type is not None:
+        if many:
+            value.append(random.choice(value))
+    elif many:
+        value[random.randrange(len(value))] = _another(random, field, value[0])
+    else:
+        setattr(message, field.name, _another(random, field, value))
+
+
+def _another(random: Random, field: Any, value: Any) -> Any:
+    if isinstance(value, str):
+        return random.choice(HOSTILE)
+    if isinstance(value, bytes):
+        return mutated_bytes(random, value)
+    if isinstance(value, float):
+        return random.choice((0.0, -1.0, 1e30, float("nan"), float("inf"), value * 2.0))
+    if field.enum_type is not None:
+        return random.randrange(24)
+    largest = 2**31 - 1 if field.type == field.TYPE_INT32 else 2**63 - 1
+    return random.choice((0, 1, 2, 1000, -1, value + 1, 10**6, 2**31 - 1, largest, -largest))
+
+
+def mutated_zip(random: Random, data: bytes) -> bytes:
+    """Parts of a zip mutated, taken out, doubled or renamed; or its bytes mutated."""
+    kind = random.randrange(5)
+    if kind == 0:
+        return mutated_bytes(random, data)
+    with zipfile.ZipFile(io.BytesIO(data)) as file:
+        parts = [(name, file.read(name)) for name in file.namelist()]
+    names = [name for name, _ in parts]
+    read = [names.index("data"), names.index("policy.pth")]
+    at = random.choice([*read, random.randrange(len(names))])
+    name, part = parts[at]
+    if kind == 1:
+        parts[at] = (random.choice(HOSTILE), part)
+    elif kind == 2:
+        parts[at : at + 1] = [] if random.random() < 0.5 else [(name, part)] * 2
+    elif name == "data":
+        parts[at] = (name, mutated_json(random, part))
+    elif part[:2] == b"PK" and random.random() < 0.7:
+        parts[at] = (name, _inner_mutated(random, part))
+    else:
+        parts[at] = (name, mutated_bytes(random, part))
+    return _zipped(random, parts)
+
+
+def _inner_mutated(random: Random, data: bytes) -> bytes:
+    """One part of the zip of weights mutated: its pickle, or its numbers."""
+    with zipfile.ZipFile(io.BytesIO(data)) as file:
+        parts = [(name, file.read(name)) for name in file.namelist()]
+    at = random.randrange(len(parts))
+    if random.random() < 0.5:
+        at = next(n for n, (name, _) in enumerate(parts) if name.endswith("data.pkl"))
+    parts[at] = (parts[at][0], mutated_bytes(random, parts[at][1]))
+    return _zipped(random, parts, stored=True)
+
+
+def _zipped(random: Random, parts: list[tuple[str, bytes]], stored: bool = False) -> bytes:
+    written, how = io.BytesIO(), random.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))
+    with warnings.catch_warnings(), zipfile.ZipFile(written, "w") as file:
+        warnings.simplefilter("ignore")  # it says that a name is there twice
+        for name, part in parts:
+            file.writestr(name or "x", part, zipfile.ZIP_STORED if stored else how)
+    return written.getvalue()
 
 
 def mutated_parquet(random: Random, table: pa.Table, data: bytes) -> bytes:

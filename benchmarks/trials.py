@@ -13,6 +13,7 @@ from typing import NoReturn
 
 from benchmarks.tried_apart import Share, Tally, kept
 from benchmarks.untrusted_files import FORMATS, Files, Format
+from benchmarks.watched import watched
 from skystack.errors import InputError
 
 Report = Callable[[int | None, Tally], None]
@@ -62,6 +63,7 @@ class Trial:
         """Read what is not mutated first; it also compiles all that is to be compiled."""
         self._kind, self._share, self._folder = kind, share, folder
         self._there: dict[str, bytes] = {}
+        self._beside = {*_names_in(folder.parent), "corpus"}
         for seed in kind.seeds:
             self._lay_out(seed)
             kind.read(folder)
@@ -79,12 +81,17 @@ class Trial:
         begun, peak = time.monotonic(), _peak_bytes()
         finding, refused = None, False
         try:
-            self._kind.read(self._folder)
+            with watched(self._folder) as watch:
+                self._kind.read(self._folder)
         except InputError as error:
             refused = True
             finding = _unclear(str(error))
         except Exception as error:  # whatever it is, it should have been an InputError
             finding = f"{type(error).__name__}: {str(error)[:200]!r} at {_place(error)}"
+        if watch.found:
+            finding = f"touched what it must not: {watch.found[0]}"
+        elif beyond := self._written():
+            finding = f"wrote {beyond}"
         took_s = time.monotonic() - begun
         if took_s > LONGEST_S * (SLOWER if self._share.guided else 1.0):
             finding = f"took {took_s:.0f} s"
@@ -99,6 +106,16 @@ class Trial:
             self.tally.read += 1
         self.number += 1
 
+    def _written(self) -> list[str]:
+        """What lies in the folder and was not laid out there."""
+        found = {
+            str(Path(place, name).relative_to(self._folder))
+            for place, _, names in os.walk(self._folder)
+            for name in names
+        }
+        beside = sorted(_names_in(self._folder.parent) - self._beside)
+        return [*sorted(found - self._there.keys()), *beside]
+
     def _lay_out(self, files: Files) -> None:
         for name in self._there.keys() - files.keys():
             (self._folder / name).unlink()
@@ -107,6 +124,10 @@ class Trial:
                 (self._folder / name).parent.mkdir(parents=True, exist_ok=True)
                 (self._folder / name).write_bytes(data)
         self._there = dict(files)
+
+
+def _names_in(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
 
 
 def _unclear(line: str) -> str | None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+import gymnasium
 import jax
 import msgspec
 import numpy as np
@@ -19,10 +20,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from benchmarks import mutators
+from benchmarks.mutators import HOSTILE
+from benchmarks.texts import texts_in, with_text
+from skystack.agents.agent import Agent
+from skystack.agents.asking import ask_actions
+from skystack.agents.files import find_agent
 from skystack.airspace.sectors import find_sector
-from skystack.evaluation.judge import Conditions, evaluation_folder, judge, task_of
+from skystack.evaluation.judge import Conditions, evaluation_folder, judge, task_of, task_of_agent
 from skystack.evaluation.stored import stored_scenario
 from skystack.evaluation.summary import aggregate
+from skystack.export.onnx_file import export_onnx
 from skystack.learning import ppo
 from skystack.learning.checkpoint import load_checkpoint, save_checkpoint
 from skystack.learning.experiment import load_experiment, to_toml
@@ -53,6 +60,10 @@ POLICY = "lateral-best"
 FLOWN = f"{POLICY}-s0-skystack-stacked"
 
 
+ANOTHER_TEXT = 0.2
+"""How often a file is a valid one but for a text: a path, or what a terminal would obey."""
+
+
 @dataclass(frozen=True)
 class Format:
     """One format: valid folders, which of their files are mutated, and what reads a folder.
@@ -80,23 +91,30 @@ class Format:
 
 
 def _mutated(random: Random, name: str, data: bytes) -> bytes:
-    match Path(name).suffix:
-        case ".json" | ".geojson":
-            return mutators.mutated_json(random, data)
-        case ".jsonl":
-            return mutators.mutated_json_lines(random, data)
-        case ".toml":
-            return mutators.mutated_toml(random, data, tomllib.loads)
-        case ".safetensors":
-            return mutators.mutated_safetensors(random, data)
-        case ".parquet":
-            return mutators.mutated_parquet(random, _table(data), data)
-    return mutators.mutated_bytes(random, data)
+    places = texts_in(name, data) if random.random() < ANOTHER_TEXT else ()
+    if places:
+        try:
+            return with_text(name, data, random.choice(places), random.choice(HOSTILE))
+        except (ValueError, pa.ArrowException):  # the format cannot say it
+            return mutators.mutated_bytes(random, data)
+    return _MUTATORS.get(Path(name).suffix, mutators.mutated_bytes)(random, data)
 
 
 @lru_cache(maxsize=64)
 def _table(data: bytes) -> pa.Table:
     return pq.read_table(pa.BufferReader(data))
+
+
+_MUTATORS: Mapping[str, Callable[[Random, bytes], bytes]] = {
+    ".json": mutators.mutated_json,
+    ".geojson": mutators.mutated_json,
+    ".jsonl": mutators.mutated_json_lines,
+    ".toml": lambda random, data: mutators.mutated_toml(random, data, tomllib.loads),
+    ".safetensors": mutators.mutated_safetensors,
+    ".parquet": lambda random, data: mutators.mutated_parquet(random, _table(data), data),
+    ".onnx": mutators.mutated_onnx,
+    ".zip": mutators.mutated_zip,
+}
 
 
 def _folder(root: Path, *names: str, **others: Path) -> Files:
@@ -194,6 +212,50 @@ def _hash_again(random: Random, folder: dict[str, bytes]) -> None:
         if isinstance(old, str) and old:
             text = folder["policy.json"]
             folder["policy.json"] = text.replace(old.encode("utf-8", "ignore"), found.encode())
+
+
+def _onnx() -> Format:
+    names = ("lateral", POLICY)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "policy.onnx"
+        seeds = []
+        for name in names:
+            export_onnx(load_policy(PACKAGE / "policies" / name), path)
+            seeds.append(_folder(Path(folder), path.name))
+    return Format("onnx", tuple(seeds), lambda folder: _read_agent(folder / path.name, None))
+
+
+def _sb3() -> Format:
+    from stable_baselines3 import DQN, PPO  # noqa: PLC0415  (an extra)
+
+    spaces = gymnasium.spaces
+    environment = _Nothing(spaces.Box(0.0, 1.0, (8,), np.float32), spaces.Discrete(5))
+    seeds = []
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "policy.zip"
+        for kind, settings in ((PPO, {}), (DQN, {"buffer_size": 10})):
+            layers = {"net_arch": [4]}  # most of a file is not to be weights
+            model = kind("MlpPolicy", environment, policy_kwargs=layers, device="cpu", **settings)
+            model.save(path)
+            seeds.append(_folder(Path(folder), path.name))
+    read = partial(_read_agent, experiment="lateral-undamped")
+    return Format("sb3", tuple(seeds), lambda folder: read(folder / path.name))
+
+
+class _Nothing(gymnasium.Env[Any, Any]):
+    """Has spaces."""
+
+    def __init__(self, observation: Any, action: Any) -> None:
+        self.observation_space, self.action_space = observation, action
+
+
+def _read_agent(path: Path, experiment: str | None) -> None:
+    """As the verb `evaluate` reads it; and it is asked."""
+    agent = find_agent(str(path))
+    assert isinstance(agent, Agent)
+    task = task_of_agent(agent, experiment)
+    rows = np.zeros((3, len(task.observation_names)), np.float32)
+    ask_actions(agent, rows, np.arange(3), 0, len(task.action_names))
 
 
 def _checkpoint() -> Format:
@@ -306,6 +368,8 @@ FORMATS: dict[str, Callable[[], Format]] = {
     "geojson": _geojson,
     "experiment": _experiment,
     "policy": _policy,
+    "onnx": _onnx,
+    "sb3": _sb3,
     "checkpoint": _checkpoint,
     "tables": _tables,
     "run-folder": _run_folder,

@@ -33,8 +33,7 @@ def read_whole(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     except InputError:
         raise
     except (OSError, ValueError) as error:  # a ValueError for a null byte in the name
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise InputError(f"cannot be read ({reason})") from None
+        raise InputError(f"cannot be read ({_reason(error)})") from None
     if len(data) > most_bytes:
         raise InputError(f"is too large (allowed: {most_bytes // 1_000_000} MB)")
     return data
@@ -73,6 +72,8 @@ def aside(paths: Sequence[Path]) -> Iterator[list[IO[bytes]]]:
 
 @contextmanager
 def _open_aside(path: Path) -> Iterator[IO[bytes]]:
+    if "\0" in str(path):
+        raise _not_written(path, ValueError("a null byte in the name"))
     file: IO[bytes] | None = None
     try:
         with held(), writing(path):
@@ -118,8 +119,8 @@ def make_folder(path: Path) -> Path:
     """Create a folder for output, and its parents. Raises InputError when that cannot be."""
     try:
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be made a folder: {error.strerror}") from None
+    except (OSError, ValueError) as error:  # a ValueError for a null byte in the name
+        raise InputError(f"{path}: cannot be made a folder: {_reason(error)}") from None
     if not os.access(path, os.W_OK | os.X_OK):
         raise InputError(f"{path}: the folder cannot be written to")
     return path
@@ -242,5 +243,9 @@ def _sync_folder(folder: Path) -> None:
             os.close(handle)
 
 
-def _not_written(path: Path, error: OSError) -> InputError:
-    return InputError(f"{path}: cannot be written: {error.strerror}")
+def _not_written(path: Path, error: OSError | ValueError) -> InputError:
+    return InputError(f"{path}: cannot be written: {_reason(error)}")
+
+
+def _reason(error: OSError | ValueError) -> str | None:
+    return error.strerror if isinstance(error, OSError) else str(error)

@@ -12,6 +12,7 @@ import msgspec
 
 from skystack.errors import InputError, unknown_name
 from skystack.files import read_whole
+from skystack.names import in_words
 
 MAX_BYTES = 10_000_000
 MAX_DEPTH = 32
@@ -99,7 +100,7 @@ def decode(data: bytes, kind: Any, where: str) -> Any:
         except msgspec.ValidationError:  # only then: what may be any number stays as written
             return msgspec.convert(with_whole_numbers(plain), kind)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(f"{where}: damaged: {error}") from None
+        raise InputError(f"{where}: damaged: {in_words(str(error))}") from None
 
 
 def convert(raw: Any, entries: Entries) -> Any:
@@ -114,7 +115,7 @@ def convert(raw: Any, entries: Entries) -> Any:
     try:
         return msgspec.convert(raw, entries[""])
     except msgspec.ValidationError as error:
-        raise _refusal(str(error), raw, entries) from None
+        raise _refusal(in_words(str(error)), raw, entries) from None
 
 
 def is_name(text: str) -> bool:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import skystack
-from skystack.agents.agent import Agent, Batched, agent_of, row_name
+from skystack.agents.agent import Agent, Batched, agent_of
 from skystack.errors import InputError
-from skystack.evaluation.judge import Conditions, evaluation_folder, task_of_agent
+from skystack.evaluation.judge import Conditions, task_of_agent
 
 FEW = Conditions(episodes=2)
 
@@ -22,23 +22,6 @@ class Model:
     def predict(self, observation, deterministic=False):
         assert deterministic
         return np.zeros(len(observation), dtype=np.int64), self._state
-
-
-@pytest.mark.parametrize(
-    ("text", "name"),
-    [
-        ("my model (2)", "my-model-2"),
-        ("../../etc/passwd", "etc-passwd"),
-        (".hidden", "hidden"),
-        ("größe", "gr-e"),
-        ("x" * 500, "x" * 80),
-        ("///", "policy"),
-        ("lateral-best.v2_a", "lateral-best.v2_a"),
-    ],
-)
-def test_a_rows_name_is_safe_in_a_folder(text, name, tmp_path):
-    assert row_name(text) == name
-    assert evaluation_folder(tmp_path, row_name(text), 0, True).parent == tmp_path
 
 
 def test_names_come_from_what_is_given():

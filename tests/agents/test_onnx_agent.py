@@ -118,9 +118,10 @@ def test_metadata_is_read_with_care(tmp_path):
         read_onnx(write(path, **facts(observation="[" * 100_000)))
     # Another program may use some of the same words.
     assert read_onnx(write(path, experiment="mlflow", seed="x")).facts is None
-    secret = tmp_path / "secret.toml"
-    secret.write_text("name = 1")
-    elsewhere = read_onnx(write(path, **facts(experiment=str(secret))))
+    for name in (str(tmp_path / "secret.toml"), "../secret", ""):
+        with pytest.raises(InputError, match="experiment in its metadata is damaged: Expected 1 "):
+            read_onnx(write(path, **facts(experiment=name)))
+    elsewhere = read_onnx(write(path, **facts(experiment="secret.toml")))
     with pytest.raises(InputError, match=r"does not ship.*--experiment NAME"):
         task_of_agent(elsewhere, None)
 

@@ -1,5 +1,6 @@
 """A share of the mutated inputs in process: each is read, or refused in one clear line."""
 
+import ctypes
 from random import Random
 
 import pytest
@@ -11,11 +12,14 @@ from benchmarks.untrusted_files import FORMATS, Format
 from skystack.errors import InputError
 from tests.benchmarks.dying import dies_at_3
 
-COUNT = 1000
+COUNT = 500
+EXTRAS = {"onnx": ["onnx", "onnxruntime"], "sb3": ["stable_baselines3"]}
 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_mutated_files_are_read_or_refused_in_one_line(name, tmp_path):
+    for package in EXTRAS.get(name, ()):
+        pytest.importorskip(package)
     tally = try_inputs(FORMATS[name](), Share(name, 0, COUNT, seed=1), tmp_path)
     assert (tally.inputs, tally.findings) == (COUNT, {})
     assert tally.refused > 0
@@ -55,6 +59,33 @@ def test_anything_but_a_refusal_is_a_finding(error, found, tmp_path):
         assert (tmp_path / "kept" / f"faulty-0-{number}" / "a.json").read_bytes() == expected[
             "a.json"
         ]
+
+
+@pytest.mark.parametrize("place", ["tried/b.json", "tried/new/b.json", "b.json"])
+def test_a_reader_that_writes_is_a_finding(place, tmp_path):
+    def write():
+        (tmp_path / place).parent.mkdir(exist_ok=True)
+        (tmp_path / place).write_text("x")
+
+    folder = tmp_path / "tried"
+    folder.mkdir()
+    tally = try_inputs(faulty(write), Share("faulty", 0, 20), folder)
+    assert tally.findings
+    assert all("touched what it must not" in each for each in tally.findings.values())
+
+
+def test_what_a_library_of_another_language_writes_is_a_finding(tmp_path):
+    """It raises no audit events; a link to a file is made without Python's knowledge here."""
+    library = ctypes.CDLL(None)
+    folder = tmp_path / "tried"
+    folder.mkdir()
+
+    def write():
+        library.symlink(b"nowhere", bytes(folder / "link"))
+        raise InputError("refused")
+
+    tally = try_inputs(faulty(write), Share("faulty", 0, 20), folder)
+    assert "wrote ['link']" in tally.findings.values()
 
 
 def test_a_refusal_is_none(tmp_path):

@@ -1,5 +1,7 @@
 """A piece of work is done once for what it is made from, and again when anything is amiss."""
 
+import json
+
 import pytest
 
 from skystack.reproduction.pieces import once
@@ -52,6 +54,16 @@ def test_a_piece_made_from_something_else_is_made_again(maker, tmp_path):
     record = tmp_path / "record.json"
     once(record, {"a": 1}, maker, ["made"])
     assert once(record, {"a": 2}, maker, ["made"]) == ({"number": 2}, False)
+
+
+@pytest.mark.parametrize("files", [{}, {"../made": "0"}, {"/dev/zero": "0"}, {"made": 3}])
+def test_a_record_does_not_decide_which_files_are_read(maker, tmp_path, files):
+    record = tmp_path / "record.json"
+    once(record, {"a": 1}, maker, ["made"])
+    kept = json.loads(record.read_text())
+    kept["files"] |= files
+    record.write_text(json.dumps(kept if files else kept | {"files": {}}))
+    assert once(record, {"a": 1}, maker, ["made"]) == ({"number": 2}, False)
 
 
 def test_a_piece_that_failed_half_way_leaves_no_record(maker, tmp_path):

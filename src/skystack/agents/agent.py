@@ -1,6 +1,5 @@
 """An agent: what decides outside compiled programs, whatever library it comes from."""
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +11,9 @@ from jaxtyping import Float
 
 from skystack.errors import InputError
 from skystack.export.facts import Facts
+from skystack.names import as_name
 
 Decide = Callable[[Float[np.ndarray, "*scenarios observation"]], Any]
-MOST_NAME = 80
-"""Characters of a row's name, which is part of a folder's."""
 
 
 @dataclass(frozen=True)
@@ -78,15 +76,9 @@ def _name(policy: Any) -> str:
     return name if name.isidentifier() else "policy"
 
 
-def row_name(text: str) -> str:
-    """A text as the name of a row and a part of a folder's name: letters, digits, `.`, `_`, `-`."""
-    safe = re.sub(r"[^A-Za-z0-9._-]+", "-", text)[:MOST_NAME].strip(".-")
-    return safe or "policy"
-
-
 def file_name(path: Path) -> str:
     """The name of the row of a policy file."""
-    return row_name(path.stem)
+    return as_name(path.stem)
 
 
 class _Sent:

@@ -4,7 +4,7 @@
 """
 
 from itertools import pairwise
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import Annotated, Any
 
 import msgspec
@@ -89,10 +89,10 @@ def read_sector(path: Path) -> SectorEntry:
 
 def file_beside(folder: Path, name: str, suffix: str) -> Path:
     """A file in a folder or below it. Raises InputError for a name that leads elsewhere."""
-    path = Path(name)
-    if path.is_absolute() or ".." in path.parts or "\0" in name or path.suffix != suffix:
+    path = PureWindowsPath(name)  # of both kinds of separators, drives and roots
+    if path.anchor or ".." in path.parts or "\0" in name or path.suffix != suffix:
         raise InputError(f"is not allowed (allowed: the name of a {suffix} file beside this one)")
-    return folder / path
+    return folder / name
 
 
 def make_sector(entry: SectorEntry) -> Sector:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import msgspec
 import pyarrow as pa
 
-from skystack.agents.agent import Agent, agent_of, row_name
+from skystack.agents.agent import Agent, agent_of
 from skystack.airspace.sector_file import SectorEntry
 from skystack.errors import InputError
 from skystack.evaluation.elsewhere import Job, fly_elsewhere
@@ -27,6 +27,7 @@ from skystack.learning.experiment import (
     load_experiment,
 )
 from skystack.learning.policy import Policy, PolicyDescription
+from skystack.names import as_name, check_name
 from skystack.platforms.processes import TIME_LIMIT_S
 from skystack.platforms.registry import (
     OWN,
@@ -180,7 +181,7 @@ def judge(
             f"{agent.name} has no probabilities to sample from (allowed: its greedy action)"
         )
     controller = partial(HostedController, agent, conditions.greedy)
-    called, seed = row_name(name or agent.name), agent.facts.seed if agent.facts else 0
+    called, seed = as_name(name or agent.name), agent.facts.seed if agent.facts else 0
     return _judge(called, seed, task, controller, conditions, out, on_scenario)
 
 
@@ -199,7 +200,7 @@ def _judge_own(
             "policies of other libraries)"
         )
     controller = partial(network_controller, policy.actor, policy.normaliser, conditions.greedy)
-    called = row_name(name) if name else described.experiment
+    called = as_name(name) if name else described.experiment
     return _judge(called, described.seed, task, controller, conditions, out, on_scenario)
 
 
@@ -213,7 +214,8 @@ def judge_nobody(experiment: Experiment, conditions: Conditions, out: Path | Non
 def evaluation_folder(
     out: Path, experiment: str, seed: int, stacking: bool, platform: str = OWN
 ) -> Path:
-    """Where the tables of an evaluation lie."""
+    """Where the tables of an evaluation lie. Raises InputError for a name that is no folder's."""
+    check_name("the name of the experiment", experiment)
     kind = "stacked" if stacking else "plain"
     return out / f"{experiment}-s{seed}-{platform}-{kind}"
 
@@ -243,9 +245,7 @@ def _judge_into(
 ) -> Judged:
     beyond = check_cycles(task)
     platform, stacking = conditions.platform, conditions.stacking
-    folder = None
-    if out is not None:
-        folder = evaluation_folder(out, name, trained_seed, stacking, platform)
+    folder = None if out is None else evaluation_folder(out, name, trained_seed, stacking, platform)
     failed = dict[int, str]()
     if platform == OWN:
         flying = _fly_here(task, controller(), conditions, on_scenario)

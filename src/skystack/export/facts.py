@@ -7,13 +7,14 @@ import msgspec
 
 from skystack.errors import InputError
 from skystack.learning.policy import Policy
+from skystack.names import Name, Seed, in_words
 
 
 class Facts(msgspec.Struct, frozen=True):
     """The part of a policy's description that travels with an export."""
 
-    experiment: str
-    seed: int
+    experiment: Name
+    seed: Seed
     task_name: str
     task_version: int
     observation: tuple[str, ...]
@@ -47,9 +48,9 @@ def facts_from_texts(texts: Mapping[str, str]) -> Facts | None:
     for field in fields:
         text = texts[field.name]
         try:
-            values[field.name] = (
-                text if field.type is str else msgspec.json.decode(text, type=field.type)
-            )
-        except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
-            raise InputError(f"{field.name} in its metadata is damaged: {error}") from None
+            plain = text if field.type in (str, Name) else msgspec.json.decode(text)
+            values[field.name] = msgspec.convert(plain, field.type)
+        except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
+            damaged = f"{field.name} in its metadata is damaged: {in_words(str(error))}"
+            raise InputError(damaged) from None
     return Facts(**values)

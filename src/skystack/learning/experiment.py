@@ -15,6 +15,7 @@ from skystack.errors import InputError, unknown_name
 from skystack.files import read_whole
 from skystack.json_file import MAX_BYTES, convert, inside
 from skystack.learning.settings import PPOSettings, Pretraining
+from skystack.names import Name
 from skystack.simulator.fleet import AircraftType
 from skystack.tasks.build import build_task
 from skystack.tasks.settings import RewardSettings, TaskSettings
@@ -26,7 +27,7 @@ _FOLDER = files("skystack").joinpath("experiments")
 class Experiment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A whole experiment: a task and how it is learned."""
 
-    name: str
+    name: Name
     description: str = ""
     task: TaskSettings = TaskSettings()
     ppo: PPOSettings = PPOSettings()

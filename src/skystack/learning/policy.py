@@ -17,6 +17,7 @@ from skystack.errors import InputError
 from skystack.files import read_whole, write_aside
 from skystack.json_file import MAX_BYTES, check_plain, decode, inside
 from skystack.learning.inference import CLIP, Layers, Normaliser, forward, normalise
+from skystack.names import Name, Seed
 
 FORMAT = 1
 MOST_ANSWER = 1e30
@@ -27,8 +28,8 @@ class PolicyDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     """`policy.json`: all that is needed to rebuild and to judge a policy, beside its weights."""
 
     format: int
-    experiment: str
-    seed: int
+    experiment: Name
+    seed: Seed
     task_name: str
     task_version: int
     observation: tuple[str, ...]

@@ -11,10 +11,9 @@ from skystack.errors import InputError
 from skystack.evaluation.statistics import Estimate
 from skystack.files import MOST_BYTES, read_whole
 from skystack.json_file import decode, inside
+from skystack.names import Name
 from skystack.platforms.registry import OWN
 
-Name = Annotated[str, msgspec.Meta(pattern=r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*\Z")]
-"""Names become parts of file names: none leads into another folder."""
 Figure = Annotated[float, msgspec.Meta(ge=-1e15, le=1e15)]
 Count = Annotated[int, msgspec.Meta(ge=0, le=10**15)]
 Number = Figure | None
@@ -294,9 +293,12 @@ def read_run(folder: Path) -> Run:
     results = decode(read_file(path), Results, str(path))
     for table in ("rows", "platforms", "rows_by_seed"):
         rows: list[Row] = getattr(results, table)
-        keys = [(row.experiment, row.stacking, row.platform, row.seed) for row in rows]
+        # Their files would be the same where capitals make no difference.
+        keys = [
+            (row.experiment.lower(), row.stacking, row.platform.lower(), row.seed) for row in rows
+        ]
         _check_once(f"{path}: {table}", keys)
-    _check_once(f"{path}: train", [(run.experiment, run.seed) for run in results.train])
+    _check_once(f"{path}: train", [(run.experiment.lower(), run.seed) for run in results.train])
     ordered = msgspec.structs.replace(
         results,
         rows=in_order(results.rows),

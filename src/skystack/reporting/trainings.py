@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import msgspec
 
 from skystack.errors import InputError
-from skystack.json_file import MAX_BYTES, decode, inside
+from skystack.json_file import MAX_BYTES, convert, decode, inside
+from skystack.names import Name, Seed
 from skystack.reporting.learning_curves import at_the_end
 from skystack.reporting.results import (
     Row,
@@ -130,10 +131,16 @@ def differences(settings: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str
     }
 
 
+class _Configured(msgspec.Struct):
+    """What is needed of `config.toml`."""
+
+    name: Name
+
+
 class _Described(msgspec.Struct):
     """What is needed of `policy.json`."""
 
-    seed: int
+    seed: Seed
 
 
 def _read_training(folder: Path, run: str) -> Learned:
@@ -141,9 +148,7 @@ def _read_training(folder: Path, run: str) -> Learned:
     data = read_file(path, MAX_BYTES)
     with inside(f"{path}: damaged"):
         config = parse_toml(data)
-    experiment = config.get("name")
-    if not isinstance(experiment, str):
-        raise InputError(f"{path}: damaged: has no name of an experiment")
+        experiment = convert(config, {"": _Configured}).name
     path = folder / "policy.json"
     seed = decode(read_file(path, MAX_BYTES), _Described, str(path)).seed if path.exists() else None
     return Learned(run, run, experiment, seed, read_updates(folder), _flat(config))

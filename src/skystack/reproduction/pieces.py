@@ -10,23 +10,31 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from skystack.files import write_aside
+import msgspec
+
+from skystack.errors import InputError
+from skystack.files import read_whole, write_aside
+from skystack.json_file import decode
 
 Key = dict[str, Any]
 """Everything that the result depends on, as JSON."""
 
 
-def finished(record: Path, key: Key) -> Any | None:
+class _Record(msgspec.Struct):
+    key: Any
+    result: Any
+    files: dict[str, str]
+
+
+def finished(record: Path, key: Key, files: Iterable[str] = ()) -> Any | None:
     """What came of a piece; None when it is not there, was made from something else, or damaged."""
     try:
-        kept = json.loads(record.read_bytes())
-        if kept["key"] != key:
-            return None
-        if any(_hash(record.parent / name) != known for name, known in kept["files"].items()):
-            return None
-        return kept["result"]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        kept: _Record = decode(read_whole(record), _Record, str(record))
+        # The files that it must have: those that it names may lie anywhere.
+        hashes = {name: _hash(record.parent / name) for name in files}
+    except (InputError, OSError):
         return None
+    return kept.result if (kept.key, kept.files) == (key, hashes) else None
 
 
 def once(
@@ -36,7 +44,8 @@ def once(
 
     `files` are what it writes, beside the record. While it is made there is no record.
     """
-    known = finished(record, key)
+    files = tuple(files)
+    known = finished(record, key, files)
     if known is not None:
         return known, True
     record.unlink(missing_ok=True)
