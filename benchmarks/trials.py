@@ -19,6 +19,7 @@ from skystack.errors import InputError
 Report = Callable[[int | None, Tally], None]
 
 LONGEST_S = 10.0
+"""Of computing: a machine that is shared may take longer."""
 SLOWER = 5.0
 """By so much and more Python is slower when every line that it reaches is noted."""
 MOST_BYTES = 1_000_000_000
@@ -77,7 +78,7 @@ class Trial:
     def next(self, random: Random) -> None:
         """Make the next input of these choices, read it and count what came of it."""
         self._lay_out(self._kind.mutated(random))
-        before, begun, peak = self._names(), time.monotonic(), _peak_bytes()
+        before, begun, peak = self._names(), time.process_time(), _peak_bytes()
         finding, refused = None, False
         try:
             with watched(self._folder) as watch:
@@ -91,7 +92,7 @@ class Trial:
             finding = f"touched what it must not: {watch.found[0]}"
         elif written := self._names() - before:
             finding = f"wrote {sorted(written)}"
-        took_s = time.monotonic() - begun
+        took_s = time.process_time() - begun
         if took_s > LONGEST_S * (SLOWER if self._share.guided else 1.0):
             finding = f"took {took_s:.0f} s"
         if _peak_bytes() - peak > MOST_BYTES:
