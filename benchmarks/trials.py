@@ -19,6 +19,7 @@ from skystack.errors import InputError
 Report = Callable[[int | None, Tally], None]
 
 LONGEST_S = 10.0
+"""Of computing: a machine that is shared may take longer."""
 SLOWER = 5.0
 """By so much and more Python is slower when every line that it reaches is noted."""
 MOST_BYTES = 1_000_000_000
@@ -63,7 +64,6 @@ class Trial:
         """Read what is not mutated first; it also compiles all that is to be compiled."""
         self._kind, self._share, self._folder = kind, share, folder
         self._there: dict[str, bytes] = {}
-        self._beside = {*_names_in(folder.parent), "corpus"}
         for seed in kind.seeds:
             self._lay_out(seed)
             kind.read(folder)
@@ -78,7 +78,7 @@ class Trial:
     def next(self, random: Random) -> None:
         """Make the next input of these choices, read it and count what came of it."""
         self._lay_out(self._kind.mutated(random))
-        begun, peak = time.monotonic(), _peak_bytes()
+        before, begun, peak = self._names(), time.process_time(), _peak_bytes()
         finding, refused = None, False
         try:
             with watched(self._folder) as watch:
@@ -90,9 +90,9 @@ class Trial:
             finding = f"{type(error).__name__}: {str(error)[:200]!r} at {_place(error)}"
         if watch.found:
             finding = f"touched what it must not: {watch.found[0]}"
-        elif beyond := self._written():
-            finding = f"wrote {beyond}"
-        took_s = time.monotonic() - begun
+        elif written := self._names() - before:
+            finding = f"wrote {sorted(written)}"
+        took_s = time.process_time() - begun
         if took_s > LONGEST_S * (SLOWER if self._share.guided else 1.0):
             finding = f"took {took_s:.0f} s"
         if _peak_bytes() - peak > MOST_BYTES:
@@ -106,15 +106,14 @@ class Trial:
             self.tally.read += 1
         self.number += 1
 
-    def _written(self) -> list[str]:
-        """What lies in the folder and was not laid out there."""
-        found = {
+    def _names(self) -> set[str]:
+        """All that lies in the folder, and the names beside it."""
+        within = (
             str(Path(place, name).relative_to(self._folder))
-            for place, _, names in os.walk(self._folder)
-            for name in names
-        }
-        beside = sorted(_names_in(self._folder.parent) - self._beside)
-        return [*sorted(found - self._there.keys()), *beside]
+            for place, folders, names in os.walk(self._folder)
+            for name in (*folders, *names)
+        )
+        return {*within, *(f"../{path.name}" for path in self._folder.parent.iterdir())}
 
     def _lay_out(self, files: Files) -> None:
         for name in self._there.keys() - files.keys():
@@ -124,10 +123,6 @@ class Trial:
                 (self._folder / name).parent.mkdir(parents=True, exist_ok=True)
                 (self._folder / name).write_bytes(data)
         self._there = dict(files)
-
-
-def _names_in(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()}
 
 
 def _unclear(line: str) -> str | None:

@@ -12,9 +12,9 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-DEAD_S = 60.0
+DEAD_S = 600.0
 """A process that has not come further for so long is ended."""
-BEGUN_S = 300.0
+BEGUN_S = 3600.0
 """The same before its first input: programs are compiled, code is instrumented."""
 
 
