@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from skystack.cores import cores
 from skystack.errors import InputError, PlatformError, of_extra
-from skystack.signals import starting_processes
+from skystack.signals import starting_processes, wait_for
 
 TIME_LIMIT_S = 120.0
 """For an item, unless told otherwise."""
@@ -77,7 +77,7 @@ def _wait_for(future: Any, index: int, time_limit_s: float, done: Done) -> None:
     from pebble import ProcessExpired  # noqa: PLC0415
 
     try:
-        done.results[index] = future.result()
+        done.results[index] = wait_for(future)
     except OutOfTime:
         done.failed[index] = f"took more than {time_limit_s:.0f} s"
     except ProcessExpired as expired:
