@@ -7,7 +7,8 @@ the whole process group, as a terminal sends them. A process is stopped before a
 so that it surely lived when the signal came. Then:
 
 - the exit code is 130 (SIGINT) or 143 (SIGTERM), or the process died of the signal itself, which a
-  shell reports as the same number: before Python runs our first line, and after our last;
+  shell reports as the same number: before Python runs our first line, and after our last (where
+  `python -m` itself is interrupted while it starts, Python ends with 1; counted with these);
 - standard error has no traceback, but where Python itself is interrupted before our first line;
 - no file is half-written, nothing is left beside the output, in the folder for temporary files or
   in the cache of programs;
@@ -215,7 +216,7 @@ def _failed(code: int, said: str) -> Iterator[str]:
 
 
 def _judge_exit(code: int, number: signal.Signals, said: str) -> tuple[str, tuple[str, ...]]:
-    if code == -number:
+    if code == -number or said.startswith("Could not import runpy module"):
         return "signal", ()  # a traceback is that of Python, interrupted before our first line
     wrong = []
     if code != CODES[number]:

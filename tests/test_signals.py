@@ -84,6 +84,15 @@ PLACES = {
         except BaseException as error:
             raise RuntimeError("INTERNAL: in C++") from error
     """,
+    "in another thread, while the main one waits": """
+        import threading
+        from concurrent.futures import Future
+        def other():  # takes the signal itself
+            signal.pthread_kill(threading.get_ident(), signal.{name})
+            threading.Event().wait()
+        threading.Thread(target=other, daemon=True).start()
+        signals.wait_for(Future())
+    """,
     "in what must be whole": """
         with signals.held():
             send()
@@ -100,7 +109,8 @@ PLACES = {
 @pytest.mark.parametrize("number", CODES)
 @pytest.mark.parametrize("place", PLACES)
 def test_a_signal_ends_a_command(place, number):
-    body = textwrap.indent(textwrap.dedent(PLACES[place]), "    ")
+    body = textwrap.dedent(PLACES[place]).replace("{name}", number.name)
+    body = textwrap.indent(body, "    ")
     program = COMMAND.format(name=number.name, body=body)
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False

@@ -14,10 +14,11 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import Future, wait
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
 PATIENCE_S = 1.0
@@ -25,6 +26,8 @@ PATIENCE_S = 1.0
 wish: a terminal and a parent may both send it."""
 AGAIN_S = 0.01
 """Until the next try to raise it."""
+POLL_S = 0.5
+Result = TypeVar("Result")
 
 
 class _Note:
@@ -106,6 +109,13 @@ def held() -> Iterator[None]:
         _note.held -= 1
     if not cleaning_up:
         check()
+
+
+def wait_for(future: Future[Result]) -> Result:
+    """A future's result. Python does not wake the main thread for a signal that another took."""
+    while not wait([future], timeout=POLL_S).done:
+        check()
+    return future.result()
 
 
 @contextmanager

@@ -11,6 +11,7 @@ import msgspec
 from skystack.learning import ppo
 from skystack.learning.experiment import Experiment
 from skystack.learning.settings import PPOSettings
+from skystack.signals import wait_for
 from skystack.tasks.build import build_training_task
 from skystack.tasks.contract import Task
 
@@ -56,7 +57,7 @@ def learners(
     """Train to the end: how many updates are made, the learner and what was measured, each time."""
     for number in range(int(learner.updates), settings.updates):
         if number in updates:
-            update = updates[number].result()
+            update = wait_for(updates[number])
         learner, measured = update(learner)
         yield number + 1, learner, measured
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from skystack.cores import cores
 from skystack.errors import InputError, PlatformError, of_extra
-from skystack.signals import starting_processes
+from skystack.signals import starting_processes, wait_for
 
 TIME_LIMIT_S = 120.0
 """For an item, unless told otherwise."""
@@ -87,7 +87,7 @@ def _outcome(future: Future[Any], time_limit_s: float) -> Outcome:
     from pebble import ProcessExpired  # noqa: PLC0415
 
     try:
-        return Outcome(future.result())
+        return Outcome(wait_for(future))
     except OutOfTime:
         return Outcome(None, f"took more than {time_limit_s:.0f} s")
     except ProcessExpired as expired:

@@ -12,7 +12,7 @@ from skystack.cores import cores
 from skystack.errors import TrainingError
 from skystack.reproduction.jobs import Done, Job, Report, jobs_of, longest_first, run_job
 from skystack.reproduction.plan import Plan
-from skystack.signals import starting_processes
+from skystack.signals import starting_processes, wait_for
 
 Messages = Any
 """A queue of `multiprocessing.Manager` (its proxy is no `Queue`) for messages."""
@@ -40,7 +40,7 @@ def run_in_processes(plan: Plan, report: Report) -> list[Done]:
                 futures = {
                     job.name: pool.submit(_run, job, messages) for job in longest_first(jobs)
                 }
-            return [futures[job.name].result() for job in jobs]
+            return [wait_for(futures[job.name]) for job in jobs]
         except BrokenProcessPool:
             raise TrainingError(
                 "a process that trains was killed, perhaps for want of memory; what is finished is "
