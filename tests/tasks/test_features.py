@@ -264,6 +264,7 @@ def test_what_is_shown_is_scaled_to_the_features_range(scattered):
     """Aircraft by aircraft; beyond the range its end, as of a distance of 200 NM."""
     traffic, memory = scattered[-2:]
     far = traffic.position_nm.at[0].set(jnp.asarray([150.0, 140.0]))
+    memory = memory._replace(cycles_since_instruction=jnp.arange(20.0) / 4.0)
     active = jnp.arange(20) % 4 != 3
     traffic = traffic._replace(position_nm=far, active=active)
     assert set(SHOWN) == set(features.FEATURES)
