@@ -436,3 +436,18 @@ def test_a_speed_above_the_envelope_is_refused(platform):
     flown = replace(scenario(aircraft(type="B752", fl=160.0)), fleet=(fast,))
     with pytest.raises(InputError, match=r"AC1 flies 380 kt CAS, M0\.7\d, at FL160 .*B752"):
         platform.reset(flown)
+
+
+def test_a_mach_number_above_the_greatest_is_refused(platform):
+    """High up, where its airspeed is well within the envelope; the greatest one itself is flown."""
+
+    def at(mach):
+        kind = AircraftType("B752", high_cas_kt=(380.0,) * 3, mach=(mach,) * 3)
+        return replace(scenario(aircraft(type="B752", fl=380.0)), fleet=(kind,))
+
+    platform.reset(at(0.7))
+    most = float(bluesky.traf.perf.mmo[0])
+    assert platform.reset(at(most)).fl[0] == 380.0
+    message = rf"M{most + 0.01:.2f}, at FL380 .* to 3\d\d kt, up to M{most:.2f}\)"
+    with pytest.raises(InputError, match=message):
+        platform.reset(at(most + 0.01))
