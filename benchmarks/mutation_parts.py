@@ -43,7 +43,10 @@ TESTS = {
     "learning/inference.py": ("tests/learning/test_policy.py", "tests/learning/test_ppo.py"),
     "learning/network.py": ("tests/learning/test_policy.py", "tests/learning/test_ppo.py"),
     "learning/settings.py": ("tests/learning/test_experiment.py", "tests/learning/test_ppo.py"),
-    "platforms/bluebird.py": ("tests/platforms/test_fleets.py",),
+    "platforms/bluebird.py": (
+        "tests/platforms/test_fleets.py",
+        "tests/platforms/test_longitudes.py",
+    ),
     "platforms/bluesky.py": ("tests/platforms/test_fleets.py",),
     "platforms/instruction.py": ("tests/platforms/test_phraseology.py",),
     "platforms/own.py": ("tests/platforms/test_flight.py",),
