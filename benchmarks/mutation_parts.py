@@ -41,7 +41,10 @@ TESTS = {
     "tasks/tracking.py": ("tests/tasks/test_separation.py",),
     "learning/inference.py": ("tests/learning/test_network.py",),
     "learning/network.py": ("tests/learning/test_ppo.py",),
-    "platforms/bluebird.py": ("tests/platforms/test_fleets.py",),
+    "platforms/bluebird.py": (
+        "tests/platforms/test_fleets.py",
+        "tests/platforms/test_longitudes.py",
+    ),
     "platforms/bluesky.py": ("tests/platforms/test_fleets.py",),
     "platforms/instruction.py": ("tests/platforms/test_phraseology.py",),
     "platforms/own.py": ("tests/platforms/test_flight.py",),

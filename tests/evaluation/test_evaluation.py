@@ -87,6 +87,7 @@ def test_doing_nothing_succeeds_where_both_routes_are_straight():
     assert expected.sum() > 0
     # What the task says of a scenario is what it said in its last cycle.
     np.testing.assert_array_equal(flight.metrics.cycles, flight.ran.sum(axis=1))
+    assert not flight.reward[~flight.ran].any()
     result = judge_nobody(experiment, Conditions(episodes=300), None)
     np.testing.assert_array_equal(column(result.episodes, "success"), expected)
     assert result.row["clearances_mean"] == result.row["instructions_mean"] == 0.0

@@ -91,3 +91,12 @@ def test_whoever_has_exited_is_watched_no_longer():
     level = [(*beyond, 300), (*beyond, 300), (*beyond, 320), (*beyond, 300)]
     seen = follow(*flight(first, level))
     assert (seen.losses, seen.min_separation_nm) == (1, pytest.approx(0.0, abs=1e-3))
+
+
+def test_a_distance_that_is_just_no_loss():
+    """The least one of float32 that is none, and the one before it; on the equator."""
+    least = np.float32(SECTOR.loss_below_nm)
+    for apart_nm, losses in ((least, 0), (np.nextafter(least, np.float32(0.0)), 1)):
+        lon = SECTOR.plane.to_degrees(np.array([apart_nm, 0.0], dtype=np.float64))[1]
+        seen = follow(*flight([(0.0, 0.0, 300)] * 3, [(0.0, lon, 300)] * 3))
+        assert (seen.losses, seen.min_separation_nm) == (losses, apart_nm)

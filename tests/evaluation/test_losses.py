@@ -47,6 +47,13 @@ def test_the_standard_itself_is_no_loss(distance_nm, lost):
     assert len(found(*beside([distance_nm] * 3))) == lost
 
 
+def test_a_distance_that_is_just_no_loss():
+    """The least one of float32 that is none, and the one before it; on the equator."""
+    least = np.float32(SECTOR.loss_below_nm)
+    for apart_nm, lost in ((least, 0), (np.nextafter(least, np.float32(0.0)), 1)):
+        assert len(found(along([0.0] * 3), along([float(apart_nm)] * 3))) == lost
+
+
 @pytest.mark.parametrize(("fl", "lost"), [(310.0, 0), (309.99, 1), (290.0, 0), (290.01, 1)])
 def test_vertical_separation_is_no_loss(fl, lost):
     assert len(found(*beside([1.0] * 3, fl=fl))) == lost

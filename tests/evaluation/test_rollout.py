@@ -90,6 +90,7 @@ def test_a_scenario_alone_on_a_platform_draws_under_the_same_keys(flown, tmp_pat
     for number in (3, 1):
         recording = pilot.fly(number)
         assert recording.number.tolist() == [number]
+        assert recording.number.dtype == flown.number.dtype == np.int32
         np.testing.assert_array_equal(drawn(recording)[0], drawn(flown)[number])
 
 

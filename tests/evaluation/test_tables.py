@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import msgspec
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from skystack.evaluation.tables import make_tables
@@ -16,7 +17,8 @@ from skystack.tasks.settings import RewardSettings, TaskSettings
 
 from .recordings import metrics, recording
 
-SETTINGS = TaskSettings(fleet=(AircraftType(), AircraftType("AT76")))
+KINDS = (AircraftType(), AircraftType("AT76"))
+SETTINGS = TaskSettings(fleet=KINDS)
 TURNS = build_task(SETTINGS)
 """Actions: none, AC1 left, AC1 right, AC2 left, AC2 right."""
 LEVELS = replace(TURNS, actions=LevelTable(2, (200, 400)))
@@ -241,3 +243,24 @@ def test_a_level_has_the_direction_from_the_level_when_it_was_adopted(adoption, 
         "direction": direction,
         "text": f"AC2 {direction} FL250",
     }
+
+
+def test_tables_are_written_with_what_they_were_flown_in(tmp_path):
+    """Each as a file of its own, in a folder that need not be there, with sector and fleet."""
+    folder = tmp_path / "new" / "folder"
+    tables = make_tables(TURNS, recording([4], [[True]]))
+    tables.write(folder, TURNS.sector, "constant", KINDS)
+    names = ["aircraft", "clearances", "episodes", "trajectories"]
+    assert sorted(path.name for path in folder.iterdir()) == [f"{name}.parquet" for name in names]
+    for name in names:
+        table = pq.read_table(folder / f"{name}.parquet")
+        assert table.replace_schema_metadata().equals(getattr(tables, name))
+        metadata = table.schema.metadata
+        assert msgspec.json.decode(metadata[b"sector"])["name"] == "x-plus"
+        assert metadata[b"performance"] == b"constant"
+        assert [each["type"] for each in msgspec.json.decode(metadata[b"fleet"])] == [
+            "B753",
+            "AT76",
+        ]
+    tables.write(tmp_path / "none", TURNS.sector, "table")
+    assert b"fleet" not in pq.read_schema(tmp_path / "none" / "aircraft.parquet").metadata

@@ -141,7 +141,7 @@ def test_turns_are_coordinated_and_begin_with_the_first_second(platform):
     assert second.cleared_heading_deg[0] == 135.0
 
 
-@pytest.mark.parametrize("heading", [0, 35, 215, 360])
+@pytest.mark.parametrize("heading", [0, 35, 215, 359, 360])
 def test_a_heading_is_captured_exactly_by_the_shorter_way(platform, heading):
     told = (GivenClearance(0, "AC1", heading_deg=heading),)
     headings = column(fly(platform, scenario(clearances=told, cycles=40)), "heading_deg")[:, 0]
@@ -430,9 +430,36 @@ def test_an_aircraft_that_was_not_created_is_noticed(platform, monkeypatch):
         platform.reset(TOLD)
 
 
-def test_a_speed_above_the_envelope_is_refused(platform):
-    """330 kt at FL160 are Mach 0.67: the airspeed is too high for a B752, the Mach number not."""
-    fast = AircraftType("B752", high_cas_kt=(380.0,) * 3, mach=(0.8,) * 3)
-    flown = replace(scenario(aircraft(type="B752", fl=160.0)), fleet=(fast,))
-    with pytest.raises(InputError, match=r"AC1 flies 380 kt CAS, M0\.7\d, at FL160 .*B752"):
-        platform.reset(flown)
+def test_airspeeds_outside_the_envelope_are_refused(platform):
+    """At FL160, where no Mach number is too high: the limits themselves are flown, not a knot
+    beyond them."""
+
+    def at(cas_kt):
+        kind = AircraftType("B752", high_cas_kt=(cas_kt,) * 3, mach=(0.8,) * 3)
+        return replace(scenario(aircraft(type="B752", fl=160.0)), fleet=(kind,))
+
+    platform.reset(at(250.0))
+    performance = bluesky.traf.perf
+    low, high = (float(each[0]) / KT_M_S for each in (performance.vmin, performance.vmax))
+    for limit, beyond in ((low, low - 1.0), (high, high + 1.0)):
+        assert platform.reset(at(limit)).fl[0] == 160.0
+        message = (
+            rf"AC1 flies {beyond:.0f} kt CAS, M0\.\d\d, at FL160 .*: {low:.0f} to {high:.0f} kt"
+        )
+        with pytest.raises(InputError, match=message):
+            platform.reset(at(beyond))
+
+
+def test_a_mach_number_above_the_greatest_is_refused(platform):
+    """High up, where its airspeed is well within the envelope; the greatest one itself is flown."""
+
+    def at(mach):
+        kind = AircraftType("B752", high_cas_kt=(380.0,) * 3, mach=(mach,) * 3)
+        return replace(scenario(aircraft(type="B752", fl=380.0)), fleet=(kind,))
+
+    platform.reset(at(0.7))
+    most = float(bluesky.traf.perf.mmo[0])
+    assert platform.reset(at(most)).fl[0] == 380.0
+    message = rf"M{most + 0.01:.2f}, at FL380 .* to 3\d\d kt, up to M{most:.2f}\)"
+    with pytest.raises(InputError, match=message):
+        platform.reset(at(most + 0.01))

@@ -140,6 +140,7 @@ def test_the_selected_speed_is_that_of_cruise(name, fl):
 
 
 def test_the_table_changes_from_airspeed_to_mach_number():
+    assert selected_speed(performance("table"), 300) == selected_speed(performance("table"), 300.0)
     assert float(selected_speed(performance("table"), 300.0)) == 300.0
     assert float(selected_speed(performance("table"), 100.0)) == 250.0
     assert float(selected_speed(performance("table"), 340.0).removeprefix("M")) == 0.8

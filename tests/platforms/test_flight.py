@@ -220,3 +220,9 @@ def test_words_are_of_the_row_in_which_a_clearance_is_adopted(adoption, words, t
     assert platform.heard == [(3, "AC2")]
     assert [(cycle, written(each)) for cycle, each in flight.issued] == [(3, f"AC2 turn {words}")]
     np.testing.assert_array_equal(flight.reports, reports)
+
+
+def test_the_lowest_level_can_be_cleared(tmp_path):
+    down = {"cycle": 0, "callsign": "AC1", "fl": 0}
+    file = changed(("clearances",), [down]) | {"levels_fl": [0, 400]}
+    assert flown(load(file, tmp_path))["cleared_fl"][1].tolist() == [0.0, 300.0]

@@ -47,3 +47,9 @@ def test_what_does_not_start_is_named_in_one_line(tmp_path):
     done = in_processes(make_badly, ["a"], tmp_path, LONG_S)
     assert done.results == {}
     assert done.failed == {0: "did not start: ValueError: two lines"}
+
+
+def test_what_takes_longer_than_its_limit_is_given_up(tmp_path):
+    """Ten minutes against a second: however slow the machine."""
+    done = in_processes(make, ["hangs"], tmp_path, 1.0)
+    assert (done.results, done.failed) == ({}, {0: "took more than 1 s"})

@@ -1,6 +1,7 @@
 """Work for other processes; in a module of its own, for processes to import."""
 
 import os
+import time
 
 from skystack.errors import InputError, PlatformError
 
@@ -14,6 +15,8 @@ def make(folder):
             raise PlatformError("lost AC1")
         if item == "wrong":
             raise InputError("fl is 3")
+        if item == "hangs":
+            time.sleep(600.0)
         if item == "dies":
             os._exit(7)
         return item.upper(), folder, os.getpid()
