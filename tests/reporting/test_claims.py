@@ -447,12 +447,16 @@ def test_the_count_is_met_less_often_than_both_other_criteria(
     assert claim.found == "at the end: exit {}, bounds {}, count {}".format(*rounded)
 
 
-def test_nothing_is_said_of_criteria_that_no_scenario_has_met(tmp_path):
-    assert COUNT not in trained(tmp_path, lateral=[SOON], lateral_large=[NEVER])
+@pytest.mark.parametrize("unknown", ["correct_exit", "excursion", "few_instructions"])
+def test_nothing_is_said_where_a_criterion_is_not_known(tmp_path, unknown):
+    known = {"correct_exit": 0.9, "excursion": 0.1, "few_instructions": 0.5, "success": 0.0}
+    large = [[known], [{name: value for name, value in known.items() if name != unknown}]]
+    assert COUNT in trained(tmp_path, lateral=[SOON], lateral_large=large)
+    assert COUNT not in trained(tmp_path, lateral=[SOON], lateral_large=large[1:])
 
 
-CLIMBS = {"entry_fl": [100, 250, 200, 150], "exit_fl": [250, 100, 300, 0]}
-"""In levels: 150, -150, 100, -150."""
+CLIMBS = {"entry_fl": [100, 250, 140, 150, 100], "exit_fl": [250, 100, 280, 0, 260]}
+"""In levels: 150, -150, 140, -150, 160."""
 
 
 def fly_climbs(folder, plain, stacked):
@@ -470,9 +474,9 @@ def fly_climbs(folder, plain, stacked):
 @pytest.mark.parametrize(
     ("plain", "stacked", "verdict", "figures"),
     [
-        ([15, 14, 10, 16], [1, 1, 9, 1], REPRODUCED, "3 climbs and descents: 15.0 to 1.00"),
-        ([15, 14, 10, 16], [1, 2, 1, 1], MISSED, "3 climbs and descents: 15.0 to 1.33"),
-        ([15, 14, 10, 16], [1, 0, 1, 1], MISSED, "3 climbs and descents: 15.0 to 0.67"),
+        ([15, 14, 10, 16, 9], [1, 1, 9, 1, 9], REPRODUCED, "3 climbs and descents: 15.0 to 1.00"),
+        ([15, 14, 10, 16, 9], [1, 2, 1, 1, 1], MISSED, "3 climbs and descents: 15.0 to 1.33"),
+        ([15, 14, 10, 16, 9], [1, 0, 1, 1, 1], MISSED, "3 climbs and descents: 15.0 to 0.67"),
     ],
 )
 def test_climbs_of_150_levels_become_one_clearance(tmp_path, plain, stacked, verdict, figures):
