@@ -275,3 +275,17 @@ def test_closest_approach_head_on_and_passing():
 
 def test_a_span_that_ends_before_it_begins_has_no_approach():
     assert one(geometry.closest_approach, (1.0, 0.0), (0.0, 1.0), 1.0, 0.5) == np.inf
+
+
+@pytest.mark.parametrize("corners", [64, 65, 500])
+def test_inside_an_area_of_many_corners(corners):
+    """A star, by shapely: written out or as a loop."""
+    turn = 2.0 * np.pi * np.arange(corners) / corners
+    radius = np.where(np.arange(corners) % 2, 60.0, 45.0)
+    star = (radius * np.stack([np.cos(turn), np.sin(turn)])).T
+    points = np.random.default_rng(corners).uniform(-65.0, 65.0, (500, 2)).astype(np.float32)
+    area = shapely.Polygon(star)
+    near = shapely.distance(area.exterior, shapely.points(points.astype(float))) < 1e-3
+    expected = shapely.contains_xy(area, *points.T.astype(float))
+    found = np.asarray(jax.jit(lambda at: geometry.inside_area(at, star))(jnp.asarray(points)))
+    np.testing.assert_array_equal(found[~near], expected[~near])

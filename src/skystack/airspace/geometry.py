@@ -9,10 +9,15 @@ it all, without arrays in between.
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
+
+MOST_WRITTEN_OUT = 64
+"""Edges of an area: those of a larger one are a loop, which computes the same."""
 
 
 def wrap_180(angle_deg: Float[Array, "*n"]) -> Float[Array, "*n"]:
@@ -95,12 +100,23 @@ def inside_area(
     """Whether points lie in a simple polygon: even-odd rule, a ray to the east."""
     x, y = position_nm[:, 0], position_nm[:, 1]
     inside = jnp.zeros_like(x, dtype=bool)
-    for (ax, ay), (bx, by) in edges(area_nm).tolist():
-        if ay == by:
-            continue
+    rows = [
+        (ax, ay, by, (bx - ax) / (by - ay))
+        for (ax, ay), (bx, by) in edges(area_nm).tolist()
+        if ay != by
+    ]
+
+    def crossed(inside: Any, edge: Any) -> tuple[Any, None]:
+        ax, ay, by, slope = edge
         spans = (y < ay) != (y < by)
-        crossing_x = ax + (y - ay) * ((bx - ax) / (by - ay))
-        inside ^= spans & (x < crossing_x)
+        return inside ^ (spans & (x < ax + (y - ay) * slope)), None
+
+    if len(rows) > MOST_WRITTEN_OUT:  # a program of all would take minutes and gigabytes to make
+        columns = tuple(np.array(column, dtype=np.float32) for column in zip(*rows, strict=True))
+        looped: Bool[Array, "aircraft *batch"] = jax.lax.scan(crossed, inside, columns)[0]
+        return looped
+    for row in rows:
+        inside, _ = crossed(inside, row)
     return inside
 
 

@@ -7,15 +7,15 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Bool, Int
 
-from skystack.airspace.geometry import first_and_second
 from skystack.airspace.sector import Sector
+from skystack.evaluation.losses import FlightPath, losses
 from skystack.platforms.conversion import traffic_of
 from skystack.platforms.protocol import Report
 from skystack.simulator.scenario_file import Scenario
 from skystack.simulator.traffic import Traffic, ticks
-from skystack.tasks.tracking import Memory, Tracker, pair_distance_squared
+from skystack.tasks.tracking import Memory, Tracker
 
 STATUS = ("before_entry", "in_sector", "exited", "strayed")
 
@@ -31,17 +31,6 @@ class Followed(NamedTuple):
     """Least distance without vertical separation; infinite where everybody had it."""
 
 
-class _Sight(NamedTuple):
-    """After a cycle."""
-
-    traffic: Traffic
-    memory: Memory
-    close: Bool[Array, " pairs"]
-    """Pairs that had lost separation in the cycle."""
-    losses: Int[Array, ""]
-    """Begun so far."""
-
-
 def follow(scenario: Scenario, reports: Sequence[Report]) -> Followed:
     """Follow reported traffic by the tracker and the closed form that evaluations are judged by.
 
@@ -51,16 +40,31 @@ def follow(scenario: Scenario, reports: Sequence[Report]) -> Followed:
     before = scenario.initial_traffic(scenario.simulator())
     start = traffic_of(reports[0], before, sector.plane)
     exit_level = [ticks(aircraft.exit_fl) for aircraft in scenario.aircraft]
-    memory = tracker.begin(start, jnp.array(exit_level, dtype=jnp.float32))
-    pairs = len(exit_level) * (len(exit_level) - 1) // 2
-    sight = _Sight(start, memory, jnp.zeros(pairs, dtype=bool), jnp.zeros((), dtype=jnp.int32))
+    traffic, memory = start, tracker.begin(start, jnp.array(exit_level, dtype=jnp.float32))
     look = jax.jit(partial(_look, tracker))
-    status = [_status(memory)]
+    rows = [_status(memory)]
     for report in reports[1:]:
-        sight = look(sight, traffic_of(report, sight.traffic, sector.plane))
-        status.append(_status(sight.memory))
-    least = float(sight.memory.min_separation_nm)
-    return Followed(np.stack(status), int(sight.losses), least)
+        traffic, memory = look(memory, traffic_of(report, traffic, sector.plane))
+        rows.append(_status(memory))
+    status = np.stack(rows)
+    lost = losses(sector, _watched(sector, reports, status))
+    return Followed(status, sum(1 for _ in lost), float(memory.min_separation_nm))
+
+
+def _watched(
+    sector: Sector, reports: Sequence[Report], status: Int[np.ndarray, "rows aircraft"]
+) -> list[FlightPath]:
+    """Where each aircraft was up to the row in which it has exited."""
+    lat, lon, fl = (np.stack([getattr(one, name) for one in reports]) for name in _PLACE)
+    position_nm = sector.plane.to_plane(lat, lon)
+    before_exit = np.sum(status != STATUS.index("exited"), axis=0)
+    return [
+        FlightPath(position_nm[: end + 1, number], fl[: end + 1, number])
+        for number, end in enumerate(before_exit.tolist())
+    ]
+
+
+_PLACE = ("lat", "lon", "fl")
 
 
 def status_of(
@@ -76,25 +80,6 @@ def _status(memory: Memory) -> Int[np.ndarray, " aircraft"]:
     return status_of(*map(np.asarray, (memory.entered, memory.exited, memory.strayed)))
 
 
-def _look(tracker: Tracker, sight: _Sight, flown: Traffic) -> _Sight:
-    memory = tracker.track(sight.memory, flown)
-    close = _close(tracker.sector, sight.memory, flown)
-    begun = jnp.sum(close & ~sight.close, dtype=jnp.int32)
-    active = flown.active & ~memory.exited
-    return _Sight(flown._replace(active=active), memory, close, sight.losses + begun)
-
-
-def _close(sector: Sector, memory: Memory, flown: Traffic) -> Bool[Array, " pairs"]:
-    """Which pairs have lost separation in the cycle from the memory to the traffic."""
-    if flown.level.shape[0] < 2:
-        return jnp.zeros(0, dtype=bool)
-    squared = pair_distance_squared(
-        sector.plane,
-        sector.separation_fl,
-        memory.previous_nm,
-        flown.position_nm,
-        memory.previous_level,
-        flown.level,
-    )
-    one, other = first_and_second(flown.active)
-    return one & other & (jnp.sqrt(squared) < sector.loss_below_nm)
+def _look(tracker: Tracker, memory: Memory, flown: Traffic) -> tuple[Traffic, Memory]:
+    memory = tracker.track(memory, flown)
+    return flown._replace(active=flown.active & ~memory.exited), memory

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from functools import cache, partial
-from itertools import combinations
 from typing import Any, NamedTuple
 
 import jax
@@ -38,15 +37,27 @@ class Loss(NamedTuple):
 
 
 def losses(sector: Sector, paths: Sequence[FlightPath]) -> Iterator[Loss]:
-    """By the tasks' own closed form, for every pair from one row to the next."""
+    """By the tasks' own closed form, for every pair from one row to the next.
+
+    Cycles on end are one loss; pair by pair, each in the order flown.
+    """
     if len(paths) < 2:  # no pair
         return
-    distance = _distances_nm(sector, paths)
-    for pair, (first, second) in enumerate(combinations(range(len(paths)), 2)):
-        close = np.flatnonzero(distance[pair] < sector.loss_below_nm)
-        for run in np.split(close, np.flatnonzero(np.diff(close) > 1) + 1) if len(close) else ():
-            least = float(distance[pair, run].min())
-            yield Loss(first, second, int(run[0]), int(run[-1]) + 1, least)
+    found = [np.empty((0, 2), dtype=np.int64)], [np.empty(0, dtype=np.float32)]
+    for begin, distance_nm in _distances_nm(sector, paths):
+        close = distance_nm < sector.loss_below_nm
+        found[0].append(np.argwhere(close) + np.array([0, begin]))
+        found[1].append(distance_nm[close])
+    (pair, cycle), least = np.concatenate(found[0]).T, np.concatenate(found[1])
+    order = np.lexsort((cycle, pair))
+    pair, cycle, least = pair[order], cycle[order], least[order]
+    begins = (np.diff(pair, prepend=-1) != 0) | (np.diff(cycle, prepend=-2) != 1)
+    first, second = np.triu_indices(len(paths), k=1)
+    for run in np.split(np.arange(len(pair)), np.flatnonzero(begins)[1:]) if len(pair) else ():
+        which, ends = pair[run[0]], int(cycle[run[-1]]) + 1
+        yield Loss(
+            int(first[which]), int(second[which]), int(cycle[run[0]]), ends, float(least[run].min())
+        )
 
 
 @cache
@@ -55,19 +66,22 @@ def _squared_nm2(plane: MercatorPlane, separation_fl: int) -> Any:
     return jax.jit(partial(pair_distance_squared, plane, separation_fl))
 
 
-def _distances_nm(sector: Sector, paths: Sequence[FlightPath]) -> Float[np.ndarray, "pairs cycles"]:
-    """The least in every cycle; no number where one of the two has no more rows."""
+def _distances_nm(
+    sector: Sector, paths: Sequence[FlightPath]
+) -> Iterator[tuple[int, Float[np.ndarray, "pairs cycles"]]]:
+    """The least in every cycle, and the number of the first cycle; so many cycles at a time.
+
+    No number where one of the two has no more rows.
+    """
     rows = max(2, *(len(each.fl) for each in paths))
     rows += (1 - rows) % _CYCLES  # whole blocks, and the row in which the last one ends
     place = np.stack([_filled(each.position_nm.T, rows) for each in paths])
     level = np.stack([_filled(np.rint(each.fl * TICKS_PER_FL), rows) for each in paths])
     squared_nm2 = _squared_nm2(sector.plane, sector.separation_fl)
-    blocks = []
     for begin in range(0, rows - 1, _CYCLES):
         before, after = (slice(at, at + _CYCLES) for at in (begin, begin + 1))
         cycles = place[..., before], place[..., after], level[..., before], level[..., after]
-        blocks.append(np.sqrt(np.asarray(squared_nm2(*cycles))))
-    return np.concatenate(blocks, axis=1)
+        yield begin, np.sqrt(np.asarray(squared_nm2(*cycles)))
 
 
 def _filled(values: Float[np.ndarray, "*axes rows"], rows: int) -> Float[np.ndarray, "*axes all"]:
