@@ -121,3 +121,19 @@ def test_scenarios_at_once_are_told_each_by_itself():
     together = type(alone[0])(*(jnp.stack(rows, axis=-1) for rows in zip(*alone, strict=True)))
     told = table.instruct(together, jnp.asarray([1, 4, 6], dtype=jnp.int32))
     assert told.cleared_heading_deg.tolist() == [[350.0, 50.0, 40.0], [300.0, 300.0, 270.0]]
+
+
+@pytest.mark.parametrize("table", [small_turns(2), LevelTable(2, (200, 400))])
+def test_scenarios_at_once_may_stack_each_by_itself(table):
+    """In the first the first aircraft is at its limit, in the second the second has left."""
+    limits = [
+        traffic_of([0.0, 0.0], [170.0, 0.0], [400.0, 300.0]),
+        traffic_of([0.0, 0.0], [0.0, 0.0], 300.0, active=[True, False]),
+        traffic_of([0.0, 0.0], [0.0, 0.0], 300.0),
+    ]
+    together = type(limits[0])(*(jnp.stack(rows, axis=-1) for rows in zip(*limits, strict=True)))
+    for action, expected in enumerate(
+        [[False] * 3, [True] * 3, [False, True, True], [True, False, True], [True, False, True]]
+    ):
+        actions = jnp.full(3, action, dtype=jnp.int32)
+        assert table.may_stack(together, actions).tolist() == expected

@@ -151,12 +151,21 @@ def test_scenarios_at_once_are_paid_each_by_itself(judge, flown, memory):
     alone = flown._replace(active=jnp.asarray([False, True, False]))
     gone = flown._replace(active=jnp.zeros(3, dtype=bool))
     late = memory._replace(cycles=jnp.float32(299.0), entered=jnp.asarray([True, False, True]))
+    late = late._replace(instructions=jnp.asarray([1.0, 2.0, 30.0]), bursts=jnp.float32(5.0))
     cases = [(memory, flown), (late, flown), (memory, alone), (late, gone)]
     _, outcome = judge.judge(*jax.tree.map(lambda *rows: jnp.stack(rows, axis=-1), *cases))
     np.testing.assert_allclose(
         outcome.reward, [judge.reward(*case) for case in cases], rtol=0.0, atol=1e-4
     )
     assert outcome.terminated.tolist() == [False, True, False, True]
+    metrics = outcome.metrics
+    assert metrics.instructions.tolist() == [0.0, 33.0, 0.0, 33.0]
+    assert metrics.bursts.tolist() == [0.0, 5.0, 0.0, 5.0]
+    assert metrics.few_instructions.tolist() == [True, False, True, False]
+    assert metrics.cycles.tolist() == [1.0, 300.0, 1.0, 300.0]
+    # The second has just entered; in the last nobody is left to.
+    assert metrics.excursion.tolist() == [False, False, False, True]
+    assert np.isfinite(metrics.min_separation_nm).tolist() == [True, True, False, False]
 
 
 def test_one_aircraft_is_in_nobodys_way(traffic_on):
