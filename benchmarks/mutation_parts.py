@@ -52,7 +52,10 @@ TESTS = {
     "evaluation/columns.py": ("tests/evaluation/test_stored.py",),
     "evaluation/elsewhere.py": ("tests/evaluation/test_rollout.py",),
     "evaluation/hosted.py": ("tests/evaluation/test_rollout.py",),
-    "evaluation/judge.py": ("tests/evaluation/test_evaluation.py",),
+    "evaluation/judge.py": (
+        "tests/evaluation/test_evaluation.py",
+        "tests/evaluation/test_elsewhere.py",
+    ),
     "evaluation/paper.py": ("tests/evaluation/test_summary.py",),
     "evaluation/rollout.py": ("tests/evaluation/test_evaluation.py",),
     "gym/environment.py": ("tests/gym/test_radar.py",),

@@ -10,7 +10,7 @@ from skystack.errors import InputError
 from skystack.platforms import processes
 from skystack.platforms.processes import in_processes
 
-from .workers import make, make_badly, make_nothing
+from .workers import make, make_and_die, make_badly, make_nothing
 
 LONG_S = 300.0
 """No item takes that long: no limit of time is tried here."""
@@ -53,3 +53,9 @@ def test_what_takes_longer_than_its_limit_is_given_up(tmp_path):
     """Ten minutes against a second: however slow the machine."""
     done = in_processes(make, ["hangs"], tmp_path, 1.0)
     assert (done.results, done.failed) == ({}, {0: "took more than 1 s"})
+
+
+def test_no_item_is_done_by_processes_that_die_while_starting(tmp_path):
+    done = in_processes(make_and_die, ["a", "b", "c"], tmp_path, LONG_S)
+    died = "its process died, or took too long, while starting"
+    assert (done.results, done.failed) == ({}, dict.fromkeys(range(3), died))

@@ -30,3 +30,7 @@ def make_nothing(folder):
 
 def make_badly(folder):
     raise ValueError("two\n  lines")
+
+
+def make_and_die(folder):
+    os._exit(9)
