@@ -186,3 +186,11 @@ def test_the_first_chooses_first_and_no_line_crosses_a_text():
     for share in np.linspace(0.0, 1.0, 50):
         for middle, half in ((first, halves[0]), (second, halves[1])):
             assert np.any(np.abs(share * third - middle) > half)
+
+
+def test_a_text_would_rather_hide_points_than_a_text():
+    """Everything is strewn with points, and the place with the fewest is taken."""
+    strewn = np.random.default_rng(0).uniform(-10.0, 10.0, (4000, 2))
+    labels = [Label("text", (0.0, 0.0), "black", distances_pt=(5.0,)) for _ in range(2)]
+    (first, second), _, _ = boxes_of(labels, strewn)
+    assert not first.overlaps(second)
