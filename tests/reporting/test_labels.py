@@ -186,3 +186,14 @@ def test_the_first_chooses_first_and_no_line_crosses_a_text():
     for share in np.linspace(0.0, 1.0, 50):
         for middle, half in ((first, halves[0]), (second, halves[1])):
             assert np.any(np.abs(share * third - middle) > half)
+
+
+def test_a_text_would_rather_hide_points_than_a_text():
+    """There are some points all round but on one side, which the first of two texts takes."""
+    angle = np.radians(np.arange(40.0, 321.0, 10.0))
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    drawn = np.concatenate([radius * circle for radius in np.linspace(0.3, 2.0, 6)])
+    labels = [Label("text", (0.0, 0.0), "black", distances_pt=(5.0,)) for _ in range(2)]
+    (first, second), _, points = boxes_of(labels, drawn)
+    assert first.count_contains(points) == 0 < second.count_contains(points) < 15
+    assert not first.overlaps(second)

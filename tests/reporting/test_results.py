@@ -6,12 +6,17 @@ from pathlib import Path
 import pytest
 
 from skystack.errors import InputError
+from skystack.evaluation.statistics import Estimate
 from skystack.learning.experiment import experiment_names
 from skystack.reporting.results import (
     READABLE_NAMES,
     Bound,
+    Comparison,
+    Difference,
     Paper,
+    RowName,
     Run,
+    Statistics,
     Update,
     family_of,
     in_order,
@@ -151,8 +156,16 @@ def test_every_experiment_has_a_name_for_each_way():
     assert ("do-nothing", True) not in READABLE_NAMES
 
 
+ONE = Estimate(1.0, 0.0, 2.0)
+NAME = RowName("lateral", True)
+
+
 @pytest.mark.parametrize(
-    "record", [row(), results(), training("lateral"), Bound(1.6, 2), Update(steps=1), Paper(7.2)]
+    "record",
+    [
+        *(row(), results(), training("lateral"), Bound(1.6, 2), Update(steps=1), Paper(7.2)),
+        *(NAME, Difference(ONE, ONE), Comparison(NAME, NAME, {}), Statistics(ONE, ONE)),
+    ],
 )
 def test_what_was_read_stays_as_it_is(record):
     with pytest.raises(AttributeError, match="immutable"):

@@ -250,6 +250,7 @@ def test_a_narrow_terminal_folds_the_table_and_cuts_nothing(width):
         (185, "3 min 05 s"),
         (3599.4, "59 min 59 s"),
         (3599.9, "1 h 00 min"),
+        (7080, "1 h 58 min"),
         (7500, "2 h 05 min"),
         (90_000, "25 h 00 min"),
     ],
