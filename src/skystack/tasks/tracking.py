@@ -169,7 +169,9 @@ class Tracker:
                 return (found < last) & self._passed(traffic, near_nm, found)
 
             found: Int[Array, "aircraft *batch"] = jax.lax.while_loop(
-                lambda found: jnp.any(passed(found)), lambda found: found + passed(found), next_fix
+                lambda found: jnp.any(passed(found)),
+                lambda found: found + passed(found).astype(found.dtype),
+                next_fix,
             )
             return found
         found = last
