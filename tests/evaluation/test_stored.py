@@ -23,7 +23,8 @@ from skystack.evaluation.stored import (
     stored_scenario,
 )
 from skystack.evaluation.tables import make_tables
-from skystack.evaluation.writing import write_table
+from skystack.evaluation.tabulate import TABLES
+from skystack.evaluation.writing import growing_tables, table_metadata, write_table
 from skystack.platforms.registry import flown_type
 from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import TICKS_PER_FL
@@ -209,7 +210,8 @@ def folder(tmp_path):
         instructions=np.array([[9, 0, 0], [1, 0, 1]], dtype=np.int32),
     )
     tables = make_tables(TASK, flown, lambda kind: flown_type("bluesky", kind))
-    tables.write(tmp_path, TASK.sector, "table", KINDS)
+    with growing_tables(tmp_path, TABLES, table_metadata(TASK.sector, "table", KINDS)) as append:
+        append(vars(tables))
     return tmp_path
 
 
