@@ -284,7 +284,7 @@ def _evaluation() -> tuple[Files, dict[str, Any]]:
         policy = load_policy(PACKAGE / "policies" / POLICY)
         judged = judge(policy, Conditions(episodes=2), Path(name))
         folder = evaluation_folder(Path(name), POLICY, 0, stacking=True)
-        tables = _folder(folder, *(path.name for path in sorted(folder.iterdir())))
+        tables = _folder(folder, *(path.name for path in sorted(folder.glob("*.parquet"))))
     whole = aggregate([judged.row], [judged.episodes])
     return tables, {"rows": [whole], "rows_by_seed": [judged.row]}
 

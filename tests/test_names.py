@@ -160,17 +160,16 @@ def lay_out(files, folder):
 
 def changed_texts(part, data, parent, tried):
     for place in places(part, data):
-        if part.endswith(".parquet"):  # the tables of an evaluation have the same metadata
-            if place in tried:
-                continue
-            tried.add(place)
+        if part.endswith(".parquet") and place in tried:
+            continue  # the tables of an evaluation have the same metadata
         texts = hostile(text_at(part, data, place), parent)
-        # A zip has many, and none of its parts is unpacked into a file; these files of a run folder
-        # are formats of their own.
-        if part.endswith(".zip") or part.startswith(("train/", "evaluation/")):
-            turn = len(tried) % len(texts)
-            texts = texts[turn : turn + 1]
-            tried.add(place)
+        tried.add(place)
+        if place[-1] not in ("name", "experiment"):
+            # A zip has many, and none of its parts is unpacked into a file; these files of a run
+            # folder are formats of their own.
+            alike = part.endswith(".zip") or part.startswith(("train/", "evaluation/"))
+            turn = len(tried) % len(texts)  # all of them, but not in each place
+            texts = (texts[turn:] + texts[:turn])[: 1 if alike else 3]
         for text in texts:
             try:
                 yield (part, place, text), with_text(part, data, place, text)
