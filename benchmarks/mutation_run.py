@@ -135,7 +135,7 @@ class Run:
         for folder in (self._notes, self._programs):
             folder.mkdir(parents=True, exist_ok=True)
         self._sources = _digest(
-            *sorted(ROOT.glob("src/**/*.*")), *sorted(ROOT.rglob("conftest.py"))
+            *sorted(ROOT.glob("src/**/*.py")), *sorted(ROOT.rglob("conftest.py"))
         )
         self._files: dict[str, File] = {}
 
