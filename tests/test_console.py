@@ -6,6 +6,7 @@ import sys
 
 from rich.table import Table
 
+from skystack import console
 from skystack.console import count_scenarios, output, prose, show_progress
 from skystack.learning.run import Progress
 
@@ -57,6 +58,7 @@ def test_progress_of_trainings(monkeypatch):
 
 def test_progress_of_scenarios(monkeypatch):
     both = terminal(monkeypatch)
+    monkeypatch.setattr(console, "VISIBLE_AFTER_S", 0.0)
     with count_scenarios(HOSTILE, 2) as count:
         count(1)
     assert ESCAPED in plain(both)

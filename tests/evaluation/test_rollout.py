@@ -7,7 +7,7 @@ import pytest
 
 from skystack.agents.agent import Agent
 from skystack.errors import InputError
-from skystack.evaluation import hosted, rollout
+from skystack.evaluation import rollout
 from skystack.evaluation.elsewhere import Job, Pilot
 from skystack.evaluation.hosted import HostedController, fly_hosted
 from skystack.evaluation.rollout import Controller, prepare, recording_of, together
@@ -36,14 +36,14 @@ def drawn(recording):
 def two_at_once():
     """So that four are flown in parts, as thousands are."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in (rollout, hosted):
-            patch.setattr(module, "SCENARIOS_AT_ONCE", 2)
+        patch.setattr(rollout, "SCENARIOS_AT_ONCE", 2)
         yield
 
 
 @pytest.fixture(scope="module")
 def flying():
-    return prepare(TASK, by_chance, stacking=True)
+    fly = prepare(TASK, by_chance, stacking=True)
+    return lambda *how: together(list(fly(*how)))
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_an_agent_draws_under_the_same_keys(flown, scenarios):
         return np.zeros((len(seen), ACTIONS), dtype=np.float32)
 
     agent = HostedController(Agent("undecided", scores=undecided, logits=True), greedy=False)
-    found = fly_hosted(TASK, agent, SEED, scenarios, stacking=True)
+    found = together(list(fly_hosted(TASK, agent, SEED, scenarios, stacking=True)))
     assert found.number.tolist() == list(range(scenarios))
     np.testing.assert_array_equal(drawn(found), drawn(flown)[:scenarios])
 
@@ -103,7 +103,7 @@ def test_a_wrong_answer_is_named_with_its_scenario_wherever_that_is_flown():
 
     fly = prepare(TASK, wild_there, stacking=False)
     with pytest.raises(InputError, match=r"^scenario 3, cycle 0: action is 99 \("):
-        fly(seen_there, SEED, SCENARIOS)
+        list(fly(seen_there, SEED, SCENARIOS))
 
 
 def cycle(level, ran, reward, cycles):

@@ -8,6 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from skystack.evaluation.tables import make_tables
+from skystack.evaluation.tabulate import tabulate
 from skystack.platforms.adoption import BLUESKY, SKYSTACK
 from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import TICKS_PER_FL
@@ -247,20 +248,19 @@ def test_a_level_has_the_direction_from_the_level_when_it_was_adopted(adoption, 
 
 def test_tables_are_written_with_what_they_were_flown_in(tmp_path):
     """Each as a file of its own, in a folder that need not be there, with sector and fleet."""
-    folder = tmp_path / "new" / "folder"
-    tables = make_tables(TURNS, recording([4], [[True]]))
-    tables.write(folder, TURNS.sector, "constant", KINDS)
+    folder, flown = tmp_path / "new" / "folder", recording([4], [[True]])
+    tables = make_tables(TURNS, flown)
+    tabulate(TURNS, iter([flown]), folder)
     names = ["aircraft", "clearances", "episodes", "trajectories"]
-    assert sorted(path.name for path in folder.iterdir()) == [f"{name}.parquet" for name in names]
+    files = sorted(path.name for path in folder.glob("*.parquet"))
+    assert files == [f"{name}.parquet" for name in names]
     for name in names:
         table = pq.read_table(folder / f"{name}.parquet")
         assert table.replace_schema_metadata().equals(getattr(tables, name))
         metadata = table.schema.metadata
         assert msgspec.json.decode(metadata[b"sector"])["name"] == "x-plus"
-        assert metadata[b"performance"] == b"constant"
-        assert [each["type"] for each in msgspec.json.decode(metadata[b"fleet"])] == [
-            "B753",
-            "AT76",
-        ]
-    tables.write(tmp_path / "none", TURNS.sector, "table")
+        assert metadata[b"performance"] == TURNS.settings.performance.encode()
+        fleet = msgspec.json.decode(metadata[b"fleet"])
+        assert [each["type"] for each in fleet] == ["B753", "AT76"]
+    tabulate(build_task(TaskSettings()), iter([flown]), tmp_path / "none")
     assert b"fleet" not in pq.read_schema(tmp_path / "none" / "aircraft.parquet").metadata

@@ -19,15 +19,12 @@ LONG_S = 300.0
 def test_every_item_is_done_or_has_failed_for_a_reason_of_its_own(tmp_path, monkeypatch):
     """Each process has a folder of its own, and there are no more of them than cores."""
     monkeypatch.setattr(processes, "cores", lambda: [0, 1])
-    heard = []
-    done = in_processes(make, ["a", "lost", "b", "dies", "c"], tmp_path, LONG_S, heard.append)
-    assert {index: result[0] for index, result in done.results.items()} == {0: "A", 2: "B", 4: "C"}
-    assert done.failed == {
-        1: "lost AC1",
-        3: "the simulator's process died (exit code 7)",
-    }
-    assert heard == [1, 2, 3, 4, 5]
-    folders = {(folder, process) for _, folder, process in done.results.values()}
+    outcomes = list(in_processes(make, ["a", "lost", "b", "dies", "c"], tmp_path, LONG_S))
+    died = "the simulator's process died (exit code 7)"
+    assert [outcome.failed for outcome in outcomes] == [None, "lost AC1", None, died, None]
+    results = [outcome.result for outcome in outcomes if outcome.failed is None]
+    assert [result[0] for result in results] == ["A", "B", "C"]
+    folders = {(folder, process) for _, folder, process in results}
     assert len({folder for folder, _ in folders}) == len(folders)
     assert all((folder / "made").exists() for folder, _ in folders)
     assert {folder.parent for folder, _ in folders} == {tmp_path}
@@ -37,25 +34,21 @@ def test_every_item_is_done_or_has_failed_for_a_reason_of_its_own(tmp_path, monk
 
 @pytest.mark.parametrize(("work", "message"), [(make, "fl is 3"), (make_nothing, "no such plat")])
 def test_a_mistake_of_the_user_s_ends_it_all(work, message, tmp_path):
-    heard = []
     with pytest.raises(InputError, match=f"^{message}"):
-        in_processes(work, ["wrong"], tmp_path, LONG_S, heard.append)
-    assert heard == []
+        list(in_processes(work, ["wrong"], tmp_path, LONG_S))
 
 
 def test_what_does_not_start_is_named_in_one_line(tmp_path):
-    done = in_processes(make_badly, ["a"], tmp_path, LONG_S)
-    assert done.results == {}
-    assert done.failed == {0: "did not start: ValueError: two lines"}
+    (outcome,) = in_processes(make_badly, ["a"], tmp_path, LONG_S)
+    assert outcome == (None, "did not start: ValueError: two lines")
 
 
 def test_what_takes_longer_than_its_limit_is_given_up(tmp_path):
     """Ten minutes against a second: however slow the machine."""
-    done = in_processes(make, ["hangs"], tmp_path, 1.0)
-    assert (done.results, done.failed) == ({}, {0: "took more than 1 s"})
+    (outcome,) = in_processes(make, ["hangs"], tmp_path, 1.0)
+    assert outcome == (None, "took more than 1 s")
 
 
 def test_no_item_is_done_by_processes_that_die_while_starting(tmp_path):
-    done = in_processes(make_and_die, ["a", "b", "c"], tmp_path, LONG_S)
-    died = "its process died, or took too long, while starting"
-    assert (done.results, done.failed) == ({}, dict.fromkeys(range(3), died))
+    outcomes = list(in_processes(make_and_die, ["a", "b", "c"], tmp_path, LONG_S))
+    assert outcomes == [(None, "its process died, or took too long, while starting")] * 3

@@ -97,7 +97,7 @@ class TrafficPicture:
         for artist in (self._trails, *self._ahead, self._squares):
             artist.set_animated(True)
 
-    def draw_trails(self, trails_nm: Sequence[Float[np.ndarray, "rows 2"]]) -> None:
+    def draw_trails(self, trails_nm: Sequence[Float[np.ndarray, "_ 2"]]) -> None:
         self._trails.set_segments(list(trails_nm))
         self._axes.draw_artist(self._trails)
 
