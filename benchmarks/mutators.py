@@ -252,7 +252,7 @@ def _another(random: Random, field: Any, value: Any) -> Any:
     if isinstance(value, float):
         return random.choice((0.0, -1.0, 1e30, float("nan"), float("inf"), value * 2.0))
     if field.enum_type is not None:
-        return random.randrange(24)
+        return random.choice(field.enum_type.values).number  # protobuf takes no others
     largest = 2**31 - 1 if field.type == field.TYPE_INT32 else 2**63 - 1
     return random.choice((0, 1, 2, 1000, -1, value + 1, 10**6, 2**31 - 1, largest, -largest))
 
@@ -297,7 +297,9 @@ def _zipped(random: Random, parts: list[tuple[str, bytes]], stored: bool = False
     with warnings.catch_warnings(), zipfile.ZipFile(written, "w") as file:
         warnings.simplefilter("ignore")  # it says that a name is there twice
         for name, part in parts:
-            file.writestr(name or "x", part, zipfile.ZIP_STORED if stored else how)
+            file.writestr(
+                name.partition("\0")[0] or "x", part, zipfile.ZIP_STORED if stored else how
+            )
     return written.getvalue()
 
 

@@ -171,6 +171,13 @@ def test_nothing_in_the_file_is_executed(path, tmp_path):
     assert mark.exists()  # it would have
 
 
+@pytest.mark.parametrize("module", [{}, [], 3, None])
+def test_a_module_that_is_no_text_is_refused(path, tmp_path, module):
+    data = described(path, policy_class={"__module__": module})
+    with pytest.raises(InputError, match="its policy is of "):
+        read_sb3(changed(path, tmp_path / "odd.zip", data=data))
+
+
 def bomb(size):
     data = io.BytesIO()
     with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as file:

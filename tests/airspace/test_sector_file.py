@@ -388,3 +388,15 @@ def test_more_than_can_be_flown_in_seconds_is_refused(fixes, routes, inner, mess
         return
     with pytest.raises(InputError, match=message):
         read(crowded, tmp_path)
+
+
+def test_an_area_whose_edges_meet_in_the_plane_alone_is_refused():
+    """The second vertex lies on the edge from the third to the fourth, to the last bit of a degree:
+    edges are straight in degrees and bend in the plane, where these two cross."""
+    ring = [(7.2, 45.7), (8.2, 45.6), (8.0, 45.5), (9.0, 46.0), (8.4, 46.3), (7.2, 46.1)]
+    area = {"type": "Polygon", "coordinates": [[list(each) for each in (*ring, ring[0])]]}
+    entry = msgspec.structs.replace(
+        read_sector(EXAMPLES / "own-sector" / "valley.json"), area=area, origin=None
+    )
+    with pytest.raises(InputError, match="area: is no plain polygon"):
+        make_sector(entry)

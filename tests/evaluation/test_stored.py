@@ -359,6 +359,9 @@ def test_tables_beside_a_table_are_read_from_its_metadata(tmp_path):
     with pytest.raises(InputError, match=r"has no clearances in its metadata .simulate writes"):
         metadata_of(path, table, "clearances")
     assert (has_column(path, "cycle"), has_column(path, "lat")) == (True, False)
+    path.write_bytes(path.read_bytes().replace(b"cycle", b"cycl\xff"))
+    with pytest.raises(InputError, match="missing or damaged"):
+        has_column(path, "cycle")
     with pytest.raises(InputError, match=r"absent.parquet: missing or damaged"):
         has_column(tmp_path / "absent.parquet", "cycle")
 

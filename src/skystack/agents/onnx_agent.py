@@ -83,12 +83,16 @@ def _asked(data: bytes, name: str, batched: bool) -> _Asked:
 def _agent(data: bytes) -> Agent:
     _refuse_other_files(data)
     session = _session(data)
-    form = _form(session)
+    try:
+        form = _form(session)
+        texts = session.get_modelmeta().custom_metadata_map
+    except UnicodeDecodeError as error:
+        raise InputError(f"holds a text that is not UTF-8: {error}") from None
     outputs = {
         kind: _Asked(data, session, name, form.batched) if name else None
         for kind, name in (("act", form.action), ("scores", form.logits))
     }
-    facts = facts_from_texts(session.get_modelmeta().custom_metadata_map)
+    facts = facts_from_texts(texts)
     actions = form.actions or (len(facts.actions) if facts else None)
     return Agent(
         "",

@@ -142,7 +142,7 @@ def _kind(description: Mapping[str, Any]) -> tuple[str, str]:
     """The policy's module and its activation, from what is readable of both."""
     policy, settings = (_table(description, name) for name in ("policy_class", "policy_kwargs"))
     module = policy.get("__module__")
-    if module not in _POLICIES:
+    if not isinstance(module, str) or module not in _POLICIES:
         raise InputError(f"its policy is of {module!r} ({ALLOWED})")
     names = {name for name in settings if not name.startswith(":")}
     if names - _SETTINGS:

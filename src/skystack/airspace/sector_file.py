@@ -127,6 +127,8 @@ def make_sector(entry: SectorEntry) -> Sector:
         entry.separation_nm,
         entry.separation_fl,
     )
+    with inside("area"):
+        _check_plain(sector.area_nm)  # edges that bend in the plane may cross there
     for index, route in enumerate(entry.routes):
         with inside(f"routes[{index}]"):
             _check_route(route, index, sector)
@@ -159,15 +161,21 @@ def _origin(entry: SectorEntry, ring: list[LatLon]) -> LatLon:
 def _area(ring: list[LatLon], plane: MercatorPlane) -> tuple[LatLon, ...]:
     """The ring counter-clockwise, if it is a plain polygon of a sector's size."""
     # Only sectors from files need it.
-    from shapely import LinearRing, Polygon, is_ccw, is_valid_reason  # noqa: PLC0415
+    from shapely import LinearRing, is_ccw  # noqa: PLC0415
 
     for lat, lon in ring:
         _check_distance("a vertex", plane, lat, lon)
     corners = unwrapped(ring)  # edges are straight in degrees
+    _check_plain(corners)
+    return tuple(ring if is_ccw(LinearRing(corners)) else ring[::-1])
+
+
+def _check_plain(corners: Float[np.ndarray, "corners 2"]) -> None:
+    from shapely import Polygon, is_valid_reason  # noqa: PLC0415
+
     reason = is_valid_reason(Polygon(corners))
     if reason != "Valid Geometry":
         raise InputError(f"is no plain polygon: {_with_place(reason)}")
-    return tuple(ring if is_ccw(LinearRing(corners)) else ring[::-1])
 
 
 def _with_place(reason: str) -> str:

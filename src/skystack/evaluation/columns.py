@@ -17,6 +17,8 @@ MOST_GROUP_BYTES = 500_000_000
 MOST_TEXT_BYTES = 100_000_000
 """Of a column as it is read: a few bytes may say that a long text stands in every row."""
 GREATEST = 1e9
+GREATEST_DEGREES = {"lat": 89.9999, "lon": 360.0}
+"""The plane has no pole."""
 
 TEXT = {"callsign", "type", "route", "status", "kind", "direction", "text"}
 TRUTH = {"success", "correct_exit", "excursion", "few_clearances", "loss_of_separation"}
@@ -66,7 +68,9 @@ def _check_column(name: str, column: pa.ChunkedArray) -> None:
     if pa.types.is_dictionary(column.type) and _text_bytes(column) > MOST_TEXT_BYTES:
         raise InputError(f"column {name!r} holds too much text (allowed: {MOST_TEXT_BYTES} bytes)")
     if wanted in (_WHOLE, _NUMBER):
-        _check_range(name, column.to_numpy(), lowest=0.0 if wanted is _WHOLE else -GREATEST)
+        greatest = GREATEST_DEGREES.get(name, GREATEST)
+        lowest = 0.0 if wanted is _WHOLE else -greatest
+        _check_range(name, column.to_numpy(), lowest, greatest)
 
 
 def _text_bytes(column: pa.ChunkedArray) -> int:
@@ -77,10 +81,10 @@ def _text_bytes(column: pa.ChunkedArray) -> int:
     )
 
 
-def _check_range(name: str, values: np.ndarray, lowest: float) -> None:
+def _check_range(name: str, values: np.ndarray, lowest: float, greatest: float) -> None:
     known = values[values != np.inf] if name in MAY_BE_INFINITE else values
-    if not np.all((known >= lowest) & (known <= GREATEST)):  # true of NaN, too
-        allowed = f"{lowest:g} to {GREATEST:g}"
+    if not np.all((known >= lowest) & (known <= greatest)):  # true of NaN, too
+        allowed = f"{lowest:g} to {greatest:g}"
         raise InputError(f"column {name!r} holds a non-finite or too large number ({allowed})")
 
 

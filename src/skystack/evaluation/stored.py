@@ -113,7 +113,7 @@ def has_column(path: Path, name: str) -> bool:
     try:
         with path.open("rb") as file:
             return name in pq.read_schema(file).names
-    except (OSError, pa.ArrowException):
+    except (OSError, pa.ArrowException, UnicodeDecodeError):
         raise InputError(f"{path}: missing or damaged: not a Parquet table") from None
 
 
