@@ -74,6 +74,9 @@ def aside(paths: Sequence[Path]) -> Iterator[list[IO[bytes]]]:
 def _open_aside(path: Path) -> Iterator[IO[bytes]]:
     if "\0" in str(path):
         raise _not_written(path, ValueError("a null byte in the name"))
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        # A rename would put a file in the place of the device or pipe.
+        raise InputError(f"{path}: cannot be written: it is no plain file")
     file: IO[bytes] | None = None
     try:
         with held(), writing(path):
