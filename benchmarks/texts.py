@@ -212,7 +212,7 @@ def _zipped(data: bytes, whole: Any) -> bytes:
                 saved = io.BytesIO()
                 torch.save(dict(zip(whole["tensors",], tensors.values(), strict=True)), saved)
                 part = saved.getvalue()
-            if not as_name:
+            if not as_name.partition("\0")[0]:  # where zipfile ends it
                 raise ValueError("a part has a name")
             new.writestr(as_name, part)
     return written.getvalue()
