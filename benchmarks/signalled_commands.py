@@ -1,4 +1,4 @@
-"""Send SIGINT or SIGTERM to commands at random moments: each must end at once and cleanly.
+"""Send SIGINT or SIGTERM to commands at random moments: each must end promptly and cleanly.
 
     python benchmarks/signalled_commands.py [--signals N] [--seed S] [--only WHAT ...]
 

@@ -1,4 +1,4 @@
-"""On a terminal: nothing in a text is obeyed, by rich or by the terminal."""
+"""On a terminal: neither rich nor the terminal interprets anything in a text."""
 
 import io
 import re

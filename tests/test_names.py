@@ -1,4 +1,4 @@
-"""One rule for names; and no text of any file leads out of the folder that was asked for."""
+"""One rule for names; and no text in any file makes a path outside the requested folder."""
 
 import json
 import os
@@ -28,7 +28,7 @@ NO_NAMES = [
 
 
 @pytest.mark.parametrize("text", NO_NAMES)
-def test_what_is_no_name_is_refused(text, tmp_path):
+def test_an_invalid_name_is_refused(text, tmp_path):
     with pytest.raises(InputError, match=r"^experiment is .* \(allowed: 1 to 80 of A-Z, a-z"):
         check_name("experiment", text)
     with pytest.raises(InputError, match=r"^the name of the experiment is "):
@@ -47,12 +47,12 @@ def test_what_is_no_name_is_refused(text, tmp_path):
         ("lateral-best.v2_a", "lateral-best.v2_a"),
     ],
 )
-def test_a_name_is_made_of_any_text(text, name):
+def test_any_text_becomes_a_valid_name(text, name):
     assert as_name(text) == name
 
 
 @given(st.text(max_size=200))
-def test_what_is_made_is_a_name(text):
+def test_a_derived_name_is_valid(text):
     name = as_name(text)
     assert as_name(name) == name == check_name("it", name)
     assert Path("folder", f"{name}-s0").parent == Path("folder")
@@ -189,7 +189,7 @@ def is_read(kind, folder):
     return False
 
 
-def test_names_that_differ_in_capitals_alone_have_the_same_files(tmp_path):
+def test_names_that_differ_only_in_case_are_refused(tmp_path):
     """On some systems; so they cannot both stand in the results of one run."""
     kind = FORMATS["run-folder"]()
     lay_out(kind.seeds[0], tmp_path)

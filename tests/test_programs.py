@@ -103,7 +103,7 @@ FULL = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, resour
 FREE = "resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)"
 
 
-def test_what_a_full_disk_cut_short_is_not_kept(tmp_path):
+def test_a_program_truncated_by_a_full_disk_is_not_kept(tmp_path):
     """Files end at 1,000 bytes while JAX writes; there is room again when they are moved."""
     ignored = "import signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN)"
     written = "Path(jax.config.jax_compilation_cache_dir).glob('*-cache')"
@@ -116,7 +116,7 @@ def test_what_a_full_disk_cut_short_is_not_kept(tmp_path):
     assert run(tmp_path) == 0
 
 
-def test_what_a_killed_run_left_is_deleted_by_a_later_one(tmp_path):
+def test_leftovers_of_a_killed_run_are_deleted_by_a_later_one(tmp_path):
     run(tmp_path)
     (folder,) = tmp_path.iterdir()
     for name in ("running-killed", "running-new", "running-at-work"):
@@ -161,7 +161,7 @@ def test_a_folder_may_vanish_during_the_run(tmp_path, gone, when):
     run(tmp_path, **{when: f"{find}; {gone}"})
 
 
-def test_nobody_without_a_home_is_in_the_way(monkeypatch):
+def test_no_home_directory_means_no_cache(monkeypatch):
     """No HOME, and no line in the list of users either."""
     pwd = pytest.importorskip("pwd")
 
@@ -176,7 +176,7 @@ def test_nobody_without_a_home_is_in_the_way(monkeypatch):
         pass
 
 
-def test_no_room_for_a_folder_is_no_cache(monkeypatch, tmp_path):
+def test_a_full_disk_means_no_cache(monkeypatch, tmp_path):
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 

@@ -1,4 +1,4 @@
-"""A signal ends a command wherever it comes; here the process sends it itself, at bad moments."""
+"""A signal ends a command wherever it arrives; the process sends it to itself at bad moments."""
 
 import gc
 import os
@@ -144,7 +144,7 @@ def test_handlers_are_as_they_were_after_a_command(monkeypatch):
     assert signal.getitimer(signal.ITIMER_REAL)[0] == 0.0
 
 
-def test_a_second_signal_soon_after_is_the_same_wish_and_a_later_one_ends_it(monkeypatch):
+def test_an_early_second_signal_is_ignored_and_a_later_one_ends_the_process(monkeypatch):
     now, killed = [0.0], []
     monkeypatch.setattr(signals.time, "monotonic", lambda: now[0])
     monkeypatch.setattr(signals.os, "kill", lambda *what: killed.append(what))
@@ -159,14 +159,14 @@ def test_a_second_signal_soon_after_is_the_same_wish_and_a_later_one_ends_it(mon
         assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
 
-def test_what_is_held_is_finished_first():
+def test_held_blocks_finish_before_the_interruption():
     done = []
     with ended_by_signals(), pytest.raises(KeyboardInterrupt):
         send_while_held(done)
     assert done == ["whole"]
 
 
-def test_what_comes_while_jax_is_at_work_is_raised_at_the_next_boundary(monkeypatch):
+def test_a_signal_during_jax_is_raised_at_the_next_boundary(monkeypatch):
     """Held in between, and with no alarm: it must not be forgotten."""
     monkeypatch.setattr(signals, "_is_delicate", lambda frame: True)
     monkeypatch.setattr(signals, "_try_again", lambda after_s: None)

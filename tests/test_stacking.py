@@ -96,7 +96,7 @@ def counted(answers):
 
 @given(st.lists(st.integers(0, 3), min_size=9, max_size=9), st.integers(1, 9), st.integers(0, 7))
 def test_a_stack_is_the_longest_equal_prefix(answers, limit, allowed):
-    """No query is made whose answer could change nothing."""
+    """No query is made whose answer cannot be used."""
     environment = Counter()
     environment.may_stack = lambda state, action: len(state) < allowed
     policy, seen = counted(answers)

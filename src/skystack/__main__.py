@@ -18,7 +18,7 @@ def run() -> NoReturn:
     ended = signals.exit_code()
     if ended is None:
         sys.exit(code)
-    # Threads may still compile or fly what nobody waits for: Python would wait, or fall over them.
+    # Threads may still be compiling or flying: at exit Python would wait for them, or crash.
     atexit._run_exitfuncs()
     Prose().flush()
     os._exit(ended)

@@ -20,18 +20,18 @@ from skystack.streams import Prose, Results
 PLAIN_EVERY_S = 10.0
 """Without a terminal, a line this often in place of a moving bar."""
 VISIBLE_AFTER_S = 2.0
-"""What takes less shows no progress."""
+"""Shorter work shows no progress."""
 
 
 class PlainConsole(Console):
-    """Shows every text as it is written, be it in a table, its title or alone."""
+    """Prints every text literally, in tables and titles too."""
 
     def render_str(self, text: str, **how: Any) -> Text:
         plain = {"markup": False, "emoji": False, "highlight": False}
         return super().render_str(printable(text), **(how | plain))
 
     def on_broken_pipe(self) -> None:
-        """Leave it to whoever writes: rich would end the process."""
+        """Raise it to the caller: rich would end the process."""
         raise BrokenPipeError
 
 
@@ -49,7 +49,7 @@ def prose() -> Console:
 
 
 class _Description(ProgressColumn):
-    """What a bar is of."""
+    """The label of a progress bar."""
 
     def render(self, task: Task) -> Text:
         return Text(printable(task.description))

@@ -23,7 +23,7 @@ class InputError(ValueError):
 
 
 def printable(text: str) -> str:
-    """The text with all that a terminal would not show, or would obey, as escapes."""
+    """The text with unprintable and control characters escaped."""
     if text.isprintable():
         return text
     return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
@@ -68,7 +68,7 @@ def _exists(path: str) -> bool:
 
 
 class MissingExtraError(InputError, ImportError):
-    """What needs packages that are not installed; an ImportError too, as Python expects of it."""
+    """Packages of an extra are missing; also an ImportError, as Python expects from an import."""
 
 
 def missing_extra(who: str, needs: str, extra: str) -> MissingExtraError:
@@ -82,7 +82,7 @@ def missing_extra(who: str, needs: str, extra: str) -> MissingExtraError:
 
 @contextmanager
 def of_extra(who: str, extra: str) -> Iterator[None]:
-    """Import packages of an extra within it. Raises MissingExtraError where one is missing."""
+    """Import packages of an extra in the context. Raises MissingExtraError if one is missing."""
     try:
         yield
     except (ModuleNotFoundError, MissingExtraError) as error:  # the latter of a module of ours

@@ -75,7 +75,7 @@ def _open_aside(path: Path) -> Iterator[IO[bytes]]:
     if "\0" in str(path):
         raise _not_written(path, ValueError("a null byte in the name"))
     if path.exists() and not (path.is_file() or path.is_dir()):
-        # A rename would put a file in the place of the device or pipe.
+        # A rename would replace the device or pipe with a regular file.
         raise InputError(f"{path}: cannot be written: it is no plain file")
     file: IO[bytes] | None = None
     try:
@@ -95,7 +95,7 @@ def _open_aside(path: Path) -> Iterator[IO[bytes]]:
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """What the system refuses within is an InputError: the file cannot be written."""
+    """Turn system errors inside the context into InputError: the file cannot be written."""
     try:
         yield
     except OSError as error:
@@ -155,7 +155,7 @@ def alone_in(folder: Path, below: Iterable[str] = ()) -> Iterator[None]:
 
 @contextmanager
 def no_empty_folders(folder: Path) -> Iterator[None]:
-    """A failure within it leaves no folder that was not there before and holds no file."""
+    """On failure inside the context, delete folders that were created in it and hold no file."""
     missing = list(takewhile(lambda each: not each.exists(), (folder, *folder.parents)))
     try:
         yield
@@ -169,7 +169,7 @@ def no_empty_folders(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def scratch_folder(prefix: str, within: Path | None = None) -> Iterator[Path]:
-    """Within it, a new folder, deleted after it; where the system keeps such, or elsewhere."""
+    """A temporary folder, deleted afterwards; in the system's usual place unless one is given."""
     made: tempfile.TemporaryDirectory[str] | None = None
     try:
         with held():
@@ -182,7 +182,7 @@ def scratch_folder(prefix: str, within: Path | None = None) -> Iterator[Path]:
 
 
 def is_abandoned(folder: Path, idle_s: float) -> bool:
-    """Whether nothing was made in a folder for a while and no process is alone in it."""
+    """Whether a folder has been idle for a while and no process holds its lock."""
     if time.time() - folder.stat().st_mtime <= idle_s:
         return False
     try:

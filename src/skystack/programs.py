@@ -21,9 +21,9 @@ from skystack.files import LOCK, alone_in, is_abandoned, scratch_folder
 CACHE_VARIABLE = "SKYSTACK_CACHE"
 """Names the folder for compiled programs; `off` keeps none."""
 IDLE_S = 60.0
-"""Whose folder has not been locked by then never will be: its process was killed."""
+"""An unlocked folder older than this belongs to a process that was killed."""
 _RUNNING = "running-"
-"""Begins the names of the folders that JAX works in."""
+"""Prefix of the folders that JAX works in."""
 MOST_BYTES = 512 * 1024**2
 """Beyond this the oldest are deleted."""
 
@@ -63,8 +63,7 @@ def kept_programs() -> Iterator[None]:
         _use(str(mine))
         try:
             with warnings.catch_warnings():
-                # A disk that is full, or a folder that is gone: the program is compiled all the
-                # same.
+                # With a full disk or a deleted folder the program is still compiled.
                 message = "Error (reading|writing) persistent compilation cache entry"
                 warnings.filterwarnings("ignore", message)
                 yield
@@ -85,13 +84,13 @@ def _folder() -> Path | None:
     try:
         folder = Path(named or base).expanduser() / _fingerprint()
         folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, RuntimeError):  # RuntimeError: nobody's home
+    except (OSError, RuntimeError):  # RuntimeError: no home directory
         return None
     return folder
 
 
 def _own_folder(folder: Path, stack: ExitStack) -> Path | None:
-    """A folder for JAX, with links to the programs that are whole; others are deleted."""
+    """A folder for JAX with links to the intact programs; damaged ones are deleted."""
     try:
         mine = stack.enter_context(scratch_folder(_RUNNING, folder))
         stack.enter_context(alone_in(mine))
@@ -133,7 +132,7 @@ def _use(folder: str | None) -> None:
 
 
 def _keep(mine: Path, folder: Path) -> None:
-    """Move what is new and whole, under a name that ends with the digest of the content."""
+    """Move new, intact programs to names that end with the digest of the content."""
     with suppress(OSError):
         known = {path.stem for path in _files(folder)}
         for path in _files(mine):
@@ -168,9 +167,9 @@ def _digest(path: Path) -> str:
 
 
 def _whole(path: Path) -> bool:
-    """Whether JAX wrote all of a program: a disk that is full cuts the file short."""
+    """Whether JAX wrote a program completely: a full disk truncates the file."""
     try:
         decompress_executable(path.read_bytes())
-    except Exception:  # each of the libraries that it may be compressed with has its own
+    except Exception:  # each compression library raises its own
         return False
     return True

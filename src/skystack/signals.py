@@ -22,16 +22,16 @@ from typing import Any, NoReturn, TypeVar
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
 PATIENCE_S = 1.0
-"""A further signal this much later ends the process at once; one that comes sooner is the same
-wish: a terminal and a parent may both send it."""
+"""A second signal after this time ends the process immediately. An earlier one is a duplicate of
+the first: a terminal and a parent process may both send it."""
 AGAIN_S = 0.01
-"""Until the next try to raise it."""
+"""Delay before the next attempt to raise it."""
 POLL_S = 0.5
 Result = TypeVar("Result")
 
 
 class _Note:
-    """What has come."""
+    """The signal received, and what has been done about it."""
 
     def __init__(self) -> None:
         self.watched = False
@@ -41,9 +41,9 @@ class _Note:
         self.number: int | None = None
         self.at_s = 0.0
         self.raised = False
-        """Whether it was, and not dropped."""
+        """Whether KeyboardInterrupt was raised and has not been dropped."""
         self.held = 0
-        """How many blocks of `held` the main thread is in."""
+        """Number of nested `held` blocks that the main thread is in."""
 
 
 _note = _Note()
@@ -79,17 +79,17 @@ def ended_by_signals(last: bool = False) -> Iterator[None]:
 
 
 def exit_code() -> int | None:
-    """That of a command which a signal has ended, as shells count it; None where none has come."""
+    """The shell's exit code for a command ended by the signal; None if no signal was received."""
     return None if _note.number is None else 128 + _note.number
 
 
 def settle() -> None:
-    """From here to the end of `ended_by_signals` they are noted, not raised."""
+    """Only note further signals, without raising them, until `ended_by_signals` ends."""
     _note.held += 1
 
 
 def check() -> None:
-    """Raise KeyboardInterrupt where a signal has come but was lost."""
+    """Raise KeyboardInterrupt if a signal was received but its exception was dropped."""
     main = threading.current_thread() is threading.main_thread()
     if main and _note.watched and _note.number is not None and not _note.held:
         _raise()
@@ -97,7 +97,7 @@ def check() -> None:
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Within it, no signal interrupts the main thread; it is interrupted after it."""
+    """Defer interruption of the main thread by signals until the context ends."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -112,7 +112,7 @@ def held() -> Iterator[None]:
 
 
 def wait_for(future: Future[Result]) -> Result:
-    """A future's result. Python does not wake the main thread for a signal that another took."""
+    """A future's result. Polls: a signal delivered to another thread does not wake the main one."""
     while not wait([future], timeout=POLL_S).done:
         check()
     return future.result()
@@ -130,7 +130,7 @@ def starting_processes() -> Iterator[None]:
         if not hasattr(signal, "pthread_sigmask"):
             yield
             return
-        # Starting it lifts the block again, so it is started before.
+        # Starting the tracker unblocks the signals, so it is started first.
         resource_tracker.ensure_running()
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
@@ -154,9 +154,9 @@ def _on_alarm(number: int, frame: FrameType | None) -> None:
 
 
 def _raise_in(frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt in what runs now, or later."""
+    """Raise KeyboardInterrupt now, or later if the running code is delicate."""
     if _note.held:
-        return  # its end raises it
+        return  # raised when the `held` block ends
     if _is_delicate(frame):
         _try_again(AGAIN_S)
     else:
@@ -170,7 +170,7 @@ def _raise() -> NoReturn:
 
 
 def _is_delicate(frame: FrameType | None) -> bool:
-    """Whether an import is under way, or JAX at work that our code has called."""
+    """Whether an import is running, or JAX code called from ours."""
     delicate, nearest = tuple(_folder_of(name) for name in ("jax", "jaxlib")), ""
     while frame is not None:
         path = frame.f_code.co_filename
@@ -183,7 +183,7 @@ def _is_delicate(frame: FrameType | None) -> bool:
 
 
 def _folder_of(package: str) -> str:
-    """That of a package that is loaded."""
+    """The folder of a loaded package."""
     file = getattr(sys.modules.get(package), "__file__", None)
     return f"{Path(file).parent}{os.sep}" if file else "not loaded"
 
@@ -201,7 +201,7 @@ def _on_unraisable(what: Any) -> None:
 
 
 def _try_again(after_s: float) -> None:
-    """In a moment; 0: not any more."""
+    """Set the timer for the next attempt; 0 cancels it."""
     if not hasattr(signal, "setitimer"):
         return  # not a POSIX system: the next check raises it
     if after_s:

@@ -64,7 +64,7 @@ Both = Callable[[Any, Callable[[Any], Any]], Any]
 
 
 def owned(answer: Any) -> Any:
-    """An answer that nobody changes afterwards: policies may write all of theirs into one array."""
+    """A copy of a mutable answer: policies may reuse one array for all of theirs."""
     mutable = hasattr(answer, "__array__") or isinstance(answer, list | tuple | dict)
     return deepcopy(answer) if mutable else answer
 

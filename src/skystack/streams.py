@@ -1,4 +1,4 @@
-"""Standard output and standard error: all that a command prints goes through here.
+"""Standard output and standard error: everything that a command prints goes through here.
 
 Results go to standard output: where they cannot be written, the command fails. Prose goes to
 standard error, as far as anybody takes it. Both escape what a stream's encoding lacks.
@@ -15,7 +15,7 @@ from skystack.errors import InputError
 
 
 class ClosedPipeError(Exception):
-    """Nobody reads standard output any more."""
+    """The reader of standard output has closed the pipe."""
 
 
 class Results:
@@ -33,7 +33,7 @@ class Results:
         return len(text)
 
     def flush(self) -> None:
-        """Hand over what was written; without a standard output nothing was."""
+        """Flush what was written; without a standard output there is nothing to flush."""
         with _refusals(self._stream):
             if self._stream is not None:
                 self._stream.flush()
@@ -43,7 +43,7 @@ class Results:
 
 
 class Prose:
-    """Standard error as a file for text; what it does not take is lost: there is no other way."""
+    """Standard error as a text file; write errors are ignored: nowhere is left to report them."""
 
     def __init__(self) -> None:
         self._stream = sys.stderr
@@ -65,7 +65,7 @@ class Prose:
 
 @contextmanager
 def escaping() -> Iterator[None]:
-    """Within it, characters that a stream's encoding lacks are written as escapes."""
+    """Write characters that a stream's encoding lacks as escapes, inside the context."""
     before = []
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
@@ -105,7 +105,7 @@ def _refusals(stream: Any) -> Iterator[None]:
 
 
 def _give_up(stream: Any) -> None:
-    """Let what the stream still holds go nowhere: Python would complain of it at exit."""
+    """Discard what the stream still buffers, or Python would report an error at exit."""
     with suppress(OSError, ValueError, AttributeError):
         handle = os.open(os.devnull, os.O_WRONLY)
         os.dup2(handle, stream.fileno())

@@ -50,7 +50,7 @@ def test_a_training_that_is_terminated(place):
 
 
 @pytest.mark.parametrize("then", ["os._exit(143)", *WRONG])
-def test_what_is_wrong_is_noticed(place, then):
+def test_every_fault_is_detected(place, then):
     ready = place.folder / "ready.jsonl"
     program = READY.format(then=then)
     command = [sys.executable, "-c", program, str(place.folder)]

@@ -36,7 +36,7 @@ def asked(tmp_path):
         (lambda asked: pickle.loads(pickle.dumps(os.getcwd)), "pickle.find_class"),
     ],
 )
-def test_what_is_done_is_noticed(asked, act, found):
+def test_accesses_are_detected(asked, act, found):
     with watched(asked) as watch:
         act(asked)
     first = watch.found[0].rpartition(" ")[0] if watch.found else None
@@ -51,7 +51,7 @@ def test_the_folder_may_be_written_to_where_that_is_asked_for(asked):
     assert watch.found == [f"open to write {asked.parent / 'new'}"]
 
 
-def test_afterwards_nothing_is_noticed(asked):
+def test_nothing_is_detected_after_the_context(asked):
     with watched(asked) as watch:
         pass
     (asked / "new").write_text("x")

@@ -1,4 +1,4 @@
-"""What columns of tables from strangers may hold, column by column."""
+"""What columns of untrusted tables may hold, column by column."""
 
 import numpy as np
 import pyarrow as pa

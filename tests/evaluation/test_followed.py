@@ -80,7 +80,7 @@ def test_one_aircraft_loses_no_separation():
     assert (seen.losses, seen.min_separation_nm) == (0, np.inf)
 
 
-def test_whoever_has_exited_is_watched_no_longer():
+def test_exited_aircraft_are_no_longer_checked():
     """The second comes close behind the exit, after the first has crossed it; in the cycle of the
     exit itself both are watched."""
     within, beyond = (beside_exit(SECTOR.routes[0], part) for part in (-0.1, 0.1))

@@ -29,7 +29,7 @@ FACTS = Facts(**facts(LATERAL))
 
 
 def described(**changes):
-    """The lateral policy, saying something else of itself."""
+    """The lateral policy, with other metadata."""
     return replace(LATERAL, description=msgspec.structs.replace(LATERAL.description, **changes))
 
 
@@ -37,7 +37,7 @@ def agent(**changes):
     return Agent("theirs", act=lambda seen: 0, **changes)
 
 
-def test_a_policy_is_judged_on_the_task_it_was_trained_for():
+def test_a_policy_is_evaluated_on_the_task_it_was_trained_for():
     vertical = task_of(find_policy("vertical"))
     assert (vertical.name, vertical.actions.kind) == ("vertical", "level")
     assert TASK.settings == load_experiment("lateral").task
@@ -110,9 +110,7 @@ def test_an_agent_of_other_shapes_is_refused(has, shown):
         ),
     ],
 )
-def test_what_cannot_be_judged_is_refused_before_anything_is_flown(
-    policy, conditions, named, message
-):
+def test_invalid_requests_are_refused_before_anything_is_flown(policy, conditions, named, message):
     with pytest.raises(InputError, match=message):
         judge(policy, conditions, **named)
 
@@ -126,7 +124,7 @@ def test_what_cannot_be_sent_to_other_processes_is_refused(tmp_path):
     assert not out.exists()
 
 
-def test_the_folder_of_an_evaluation_says_what_was_judged():
+def test_the_folder_of_an_evaluation_is_named_after_the_policy():
     out = Path("out")
     assert evaluation_folder(out, "lateral", 3, True) == out / "lateral-s3-skystack-stacked"
     there = evaluation_folder(out, "own", 0, False, "bluesky")

@@ -67,7 +67,7 @@ def test_what_happens_between_two_rows_counts():
     assert least_nm == pytest.approx(2.0, abs=1e-4)
 
 
-def test_every_pair_is_looked_at_and_named():
+def test_every_pair_is_checked_and_named():
     near = [along([0.0, 0.0]), along([50.0, 50.0]), along([53.0, 53.0]), along([1.0, 1.0])]
     assert [(loss[:2], round(loss[4], 3)) for loss in found(*near)] == [
         ((0, 3), 1.0),
@@ -75,7 +75,7 @@ def test_every_pair_is_looked_at_and_named():
     ]
 
 
-def test_whoever_has_ended_is_close_to_nobody():
+def test_an_ended_path_has_no_more_losses():
     """Its last position is not kept for the rows that it does not have."""
     long, short = along(np.zeros(400)), along(np.zeros(3), 2.0)
     assert [loss[:4] for loss in found(long, short)] == [(0, 1, 0, 2)]

@@ -1,4 +1,4 @@
-"""Tables from strangers: a few bytes may say that they are gigabytes; and scenarios read back."""
+"""Untrusted tables, whose few bytes may claim gigabytes, and scenarios read back."""
 
 import os
 
@@ -93,7 +93,7 @@ def many(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     "numbers", [[0], [42], [99], [3, 4], [0, 50, 99], [100], [], list(range(100))]
 )
-def test_only_row_groups_that_hold_what_is_asked_for_are_read(numbers, many):
+def test_only_row_groups_with_requested_scenarios_are_read(numbers, many):
     """And of them all, by brute force over the rows of each group."""
     file = pq.ParquetFile(many)
     groups = range(file.num_row_groups)
@@ -108,7 +108,7 @@ def test_only_row_groups_that_hold_what_is_asked_for_are_read(numbers, many):
     assert table["scenario"].to_pylist() == [n for n in numbers if n < 100 for _ in range(7)]
 
 
-def test_the_greatest_number_of_rows_is_of_what_may_be_asked_for(many, monkeypatch):
+def test_the_row_limit_counts_only_requested_scenarios(many, monkeypatch):
     monkeypatch.setattr(stored, "MOST_ROWS", 20)
     assert read_table(many, ("cycle",), [("scenario", "=", 60)]).num_rows == 7
     with pytest.raises(InputError, match=r"is too large: 700 rows to .* 20 rows"):
@@ -250,7 +250,7 @@ def replaced(folder, name, number=9, /, **values):
         ({"callsign": "AC3"}, "0, AC3, heading, 340"),
     ],
 )
-def test_a_clearance_that_nobody_can_have_been_given_is_refused(folder, values, shown):
+def test_an_impossible_clearance_is_refused(folder, values, shown):
     replaced(folder, "clearances", 4, cycle=77, value=999)  # another scenario's do not matter
     replaced(folder, "clearances", **values)
     with pytest.raises(InputError, match=f"clearances.parquet: no clearance of this .*: {shown}"):
@@ -315,7 +315,7 @@ def test_a_missing_table_is_named(folder):
         ({"sector": None}, "has no sector in its metadata"),
     ],
 )
-def test_metadata_that_cannot_be_is_refused(folder, metadata, message):
+def test_invalid_metadata_is_refused(folder, metadata, message):
     path = folder / "trajectories.parquet"
     table = pq.read_table(path)
     known = {key.decode(): value for key, value in table.schema.metadata.items()} | metadata
@@ -406,7 +406,7 @@ def test_a_table_without_any_row_group_is_empty(tmp_path):
     assert read_table(path, ("cycle",)).num_rows == 0
 
 
-def test_a_folder_whose_name_is_no_utf_8(tmp_path):
+def test_a_folder_whose_name_is_not_utf_8(tmp_path):
     folder = tmp_path / os.fsdecode(b"\xff")
     folder.mkdir()
     write_table(folder / "t.parquet", pa.table({"scenario": [1]}), x_plus(), "table")

@@ -82,7 +82,7 @@ def test_long_scenarios_are_flown_fewer_at_a_time():
     ]
 
 
-def test_a_judgement_in_blocks_is_that_of_all_at_once(flying, tmp_path, monkeypatch):
+def test_an_evaluation_in_blocks_equals_one_of_all_at_once(flying, tmp_path, monkeypatch):
     """The row, what is kept and the files, byte for byte; flown in one block and in two."""
     monkeypatch.setattr(judge, "prepare", lambda *_: lambda _, *about: flying(*about))
     policy, heard, found = find_policy("lateral-best"), [], []
@@ -100,7 +100,7 @@ def test_a_judgement_in_blocks_is_that_of_all_at_once(flying, tmp_path, monkeypa
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, InputError("no action")])
 @pytest.mark.parametrize("before", [0, 1])
-def test_what_breaks_off_leaves_no_table_and_old_ones_as_they_were(
+def test_an_interrupted_evaluation_leaves_old_tables_unchanged(
     error, before, task, flown, tmp_path
 ):
     def broken():
@@ -120,7 +120,7 @@ def test_what_breaks_off_leaves_no_table_and_old_ones_as_they_were(
         assert all((folder / name).read_bytes() == data for name, data in kept.items())
 
 
-def test_where_nobody_is_instructed_clearances_are_empty(tmp_path):
+def test_without_instructions_the_clearances_table_is_empty(tmp_path):
     task = build_task(TaskSettings(cycles=4))
     kept = tabulate(task, blocks_of(fly(task, NOBODY, 0, 3, False), 2), tmp_path)
     assert kept.clearances.num_rows == 0

@@ -32,7 +32,7 @@ def test_environments_of_equal_settings_share_their_programs():
     assert make_environment("vertical").task == build_task(load_experiment("vertical").task)
 
 
-def test_what_is_asked_for_is_handed_on():
+def test_options_are_passed_on():
     single = make_environment("lateral", SHORT, "rgb_array")
     assert single.render_mode == "rgb_array"
     plain = make_vector_environment("lateral", settings=SHORT)

@@ -68,7 +68,7 @@ def begun(environment, *lengths):
         (True, None, {2: 2, 3: 3, 4: 4}),
     ],
 )
-def test_only_what_did_not_end_by_itself_is_cut_short(truncates, limit, cut_after):
+def test_only_scenarios_that_did_not_end_are_truncated(truncates, limit, cut_after):
     """With the last observation of the scenario that is over, and the first of the next one."""
     environment = counting(truncates, limit)
     seen = begun(environment, 2, 3, 4)
@@ -115,7 +115,7 @@ def test_a_seed_counts_for_one_reset():
     assert np.array_equal(environment.reset(), second)
 
 
-def test_attributes_are_those_of_the_scenarios_that_are_asked_for():
+def test_attributes_come_from_the_requested_scenarios():
     environment = counting()
     assert environment.get_attr("num_envs") == [3, 3, 3]
     assert environment.get_attr("num_envs", 1) == [3]

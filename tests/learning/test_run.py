@@ -198,7 +198,7 @@ def untrained(monkeypatch):
 TINY = small("ppo.hidden=[2]")
 
 
-def test_progress_is_told_after_every_update(untrained, tmp_path):
+def test_progress_is_reported_after_every_update(untrained, tmp_path):
     """256 steps in ten seconds; the first update is not counted, as it waits for its program."""
     told = []
     ended = train_experiment(TINY, 3, tmp_path, on_update=told.append)
@@ -224,7 +224,7 @@ def test_progress_is_told_after_every_update(untrained, tmp_path):
     }
 
 
-def test_what_is_resumed_counts_from_there(untrained, tmp_path):
+def test_resumed_training_counts_from_its_checkpoint(untrained, tmp_path):
     def interrupt(progress):
         if progress.steps == 512:
             raise KeyboardInterrupt
@@ -283,7 +283,7 @@ def test_a_policy_is_described_by_its_training(untrained, tmp_path):
     assert weights["actor.1.weights"] == (2, 5)
 
 
-def test_what_is_said_before_a_training_begins(tmp_path):
+def test_notices_before_a_training_begins(tmp_path):
     assert begun_with(TINY, tmp_path / "new", False) == ["compiling ..."]
     assert begun_with(TINY, tmp_path / "new", True) == [
         f"{tmp_path / 'new'} holds no checkpoint: training begins anew",

@@ -189,7 +189,7 @@ def test_without_a_clearance_the_level_is_held():
 
 
 def test_each_aircraft_has_its_own_speeds_and_rates():
-    """Two types, both told to climb, and one that is told nothing."""
+    """Two types, both cleared to climb, and one without a clearance."""
     kinds = (
         AircraftType("A320", mach=(0.5, 0.6, 0.7), rate_ft_min=1200.0),
         AircraftType("AT76", mach=(0.3, 0.4, 0.45), rate_ft_min=600.0),

@@ -124,7 +124,7 @@ class Noted:
         self.heard.append("closed")
 
 
-def test_what_a_platform_is_told_reaches_it():
+def test_calls_are_passed_to_the_platform():
     inner = Noted()
     platform = Guarded(lambda: inner)
     told = Instruction("AC1", 90)

@@ -33,7 +33,7 @@ def test_every_item_is_done_or_has_failed_for_a_reason_of_its_own(tmp_path, monk
 
 
 @pytest.mark.parametrize(("work", "message"), [(make, "fl is 3"), (make_nothing, "no such plat")])
-def test_a_mistake_of_the_user_s_ends_it_all(work, message, tmp_path):
+def test_an_input_error_ends_all_work(work, message, tmp_path):
     with pytest.raises(InputError, match=f"^{message}"):
         list(in_processes(work, ["wrong"], tmp_path, LONG_S))
 

@@ -115,7 +115,7 @@ def test_levels_are_cleared_within_the_sector(cleared_fl, action, expected_fl, p
     assert not bool(table.may_stack(gone, number(action)))
 
 
-def test_scenarios_at_once_are_told_each_by_itself():
+def test_batched_scenarios_are_instructed_independently():
     table = TurnTable(2, (10, 30))
     alone = [traffic_of([0.0, 0.0], [20.0 * case, 300.0]) for case in range(3)]
     together = type(alone[0])(*(jnp.stack(rows, axis=-1) for rows in zip(*alone, strict=True)))

@@ -80,7 +80,7 @@ def test_the_limits_themselves_are_allowed(settings):
         ({"pair_features": ("mis",)}, r"feature in task\.pair_features.*did you mean 'miss'"),
     ],
 )
-def test_what_cannot_be_is_refused(settings, message):
+def test_invalid_settings_are_refused(settings, message):
     with pytest.raises(InputError, match=message):
         built(**settings)
 

@@ -178,7 +178,7 @@ def tracked(*scenes, **changes):
     return memories
 
 
-def test_a_cycle_is_judged_from_the_levels_at_its_begin():
+def test_losses_use_the_levels_at_the_start_of_a_cycle():
     """They part vertically in the first cycle; in the second they are 2,000 ft apart throughout."""
     first, second = tracked(scene([300, 305], 2.0), scene([300, 320], 2.0), scene([300, 320], 2.0))
     assert float(first.separation_nm) == pytest.approx(2.0, abs=1e-3)
@@ -188,14 +188,14 @@ def test_a_cycle_is_judged_from_the_levels_at_its_begin():
     assert second.entry_level.tolist() == [ticks(300.0), ticks(305.0)]
 
 
-def test_a_cycle_is_judged_from_the_positions_at_its_begin():
+def test_losses_use_the_positions_at_the_start_of_a_cycle():
     first, second = tracked(scene([300, 300], 3.0), scene([300, 300], 9.0), scene([300, 300], 8.0))
     assert float(first.separation_nm) == pytest.approx(3.0, abs=1e-3)
     assert float(second.separation_nm) == pytest.approx(8.0, abs=1e-3)
     assert float(second.min_separation_nm) == pytest.approx(3.0, abs=1e-3)
 
 
-def test_who_has_left_is_in_nobodys_way():
+def test_aircraft_that_left_lose_no_separation():
     both = scene([300, 300], 3.0)
     alone = scene([300, 300], 3.0, active=[True, False])
     (memory,) = tracked(both, alone)
@@ -217,7 +217,7 @@ def test_entered_is_inside_the_levels_and_the_area(fl, inside):
     assert tracker.track(begun, gone).entered.tolist() == [False]
 
 
-def test_only_who_is_there_and_had_entered_strays():
+def test_only_active_aircraft_that_entered_can_stray():
     """The second one crosses the western edge, which is nobody's exit."""
     inside, outside = scene([300, 300], -40.0), scene([300, 300], -75.0)
     assert tracked(inside, outside)[0].strayed.tolist() == [False, True]

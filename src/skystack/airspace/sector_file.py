@@ -32,7 +32,7 @@ from skystack.errors import InputError, unknown_name
 from skystack.json_file import convert, inside, is_name, not_allowed, read_json
 
 MOST_FIXES, MOST_ROUTES, MOST_FIXES_OF_ROUTE = 1000, 200, 100
-"""What programs are compiled and flown for in seconds; sectors have some tens of each."""
+"""Limits that keep compilation and flight to seconds; real sectors have a few tens of each."""
 ON_EDGE_NM = 0.5
 """An exit fix lies this close to the area's edge, and further from its corners."""
 

@@ -29,7 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             signals.settle()
             if signals.exit_code() is None:
                 raise
-            code = INTERRUPTED  # what the interruption has become on its way
+            code = INTERRUPTED  # the interruption surfaced as another exception
         ended = signals.exit_code() or code
         return complain(message, ended) if ended in (INTERRUPTED, TERMINATED) else ended
 
@@ -44,7 +44,7 @@ def _main(arguments: list[str]) -> int:
             return complain(str(error), FAILED)
         except ClosedPipeError:
             return PIPE_CLOSED
-        except OSError as error:  # asking for a file can fail before it is read: a name too long
+        except OSError as error:  # a file may fail before it is read: name too long
             if error.filename is None:
                 raise
             return complain(str(InputError(f"{error.filename}: {error.strerror}")), WRONG)
@@ -53,7 +53,7 @@ def _main(arguments: list[str]) -> int:
 
 
 def _run(arguments: list[str]) -> int:
-    """What the verb does and prints, to the last byte."""
+    """Run the verb and flush all its output."""
     try:
         options = parse(arguments)
         code: int = options.run(options)

@@ -25,7 +25,7 @@ class _Parser(argparse.ArgumentParser):
         raise InputError(f"{verb}: {message}" if verb else message)
 
     def _print_message(self, message: str, file: Any = None) -> None:
-        """Help and version; argparse itself would not notice where they cannot be written."""
+        """Print help and version; argparse itself ignores write errors."""
         Results().write(message)
 
 

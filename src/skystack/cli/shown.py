@@ -7,7 +7,7 @@ from skystack.errors import printable
 from skystack.streams import Prose, Results
 
 DONE, FAILED, WRONG, INTERRUPTED, PIPE_CLOSED, TERMINATED = 0, 1, 2, 130, 141, 143
-"""Exit codes. The last three are those of a shell for SIGINT, SIGPIPE and SIGTERM."""
+"""Exit codes. The last three are the shell's codes for SIGINT, SIGPIPE and SIGTERM."""
 
 
 def complain(message: str, code: int) -> int:

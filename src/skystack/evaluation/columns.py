@@ -18,7 +18,7 @@ MOST_TEXT_BYTES = 100_000_000
 """Of a column as it is read: a few bytes may say that a long text stands in every row."""
 GREATEST = 1e9
 GREATEST_DEGREES = {"lat": 89.9999, "lon": 360.0}
-"""The plane has no pole."""
+"""The projection is undefined at the poles."""
 
 TEXT = {"callsign", "type", "route", "status", "kind", "direction", "text"}
 TRUTH = {"success", "correct_exit", "excursion", "few_clearances", "loss_of_separation"}

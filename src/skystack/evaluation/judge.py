@@ -214,7 +214,7 @@ def judge_nobody(experiment: Experiment, conditions: Conditions, out: Path | Non
 def evaluation_folder(
     out: Path, experiment: str, seed: int, stacking: bool, platform: str = OWN
 ) -> Path:
-    """Where the tables of an evaluation lie. Raises InputError for a name that is no folder's."""
+    """Where the tables of an evaluation lie. Raises InputError for an invalid folder name."""
     check_name("the name of the experiment", experiment)
     kind = "stacked" if stacking else "plain"
     return out / f"{experiment}-s{seed}-{platform}-{kind}"

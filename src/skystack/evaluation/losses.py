@@ -39,7 +39,7 @@ class Loss(NamedTuple):
 def losses(sector: Sector, paths: Sequence[FlightPath]) -> Iterator[Loss]:
     """By the tasks' own closed form, for every pair from one row to the next.
 
-    Cycles on end are one loss; pair by pair, each in the order flown.
+    Consecutive cycles are one loss; ordered by pair, then by time.
     """
     if len(paths) < 2:  # no pair
         return

@@ -87,7 +87,7 @@ def _read(path: Path, file: BinaryIO, columns: Sequence[str], filters: Any) -> p
 
 
 def _groups(path: Path, head: Any, filters: Sequence[tuple[str, str, Any]]) -> list[int]:
-    """The row groups that may hold scenarios that are asked for, by the index in the metadata."""
+    """The row groups that may hold the requested scenarios, by the index in the metadata."""
     data = (head.metadata or {}).get(SCENARIOS)
     asked = [values for name, how, values in filters if (name, how) == ("scenario", "in")]
     asked += [[value] for name, how, value in filters if (name, how) == ("scenario", "=")]
@@ -96,7 +96,7 @@ def _groups(path: Path, head: Any, filters: Sequence[tuple[str, str, Any]]) -> l
         return groups
     spans = decode(data, _Spans, f"{path}: the scenarios in its metadata")
     if len(spans) != len(groups):
-        raise InputError(f"{path}: damaged: the scenarios in its metadata are of another table")
+        raise InputError(f"{path}: damaged: the scenarios in its metadata do not match the table")
     numbers = np.unique(asked[0])
     first, last = np.array(spans, dtype=np.int64).reshape(-1, 2).T
     before, until = np.searchsorted(numbers, first), np.searchsorted(numbers, last, side="right")
@@ -136,7 +136,7 @@ def _check_head(path: Path, head: Any, columns: Sequence[str], groups: Sequence[
     size = max((group.total_byte_size for group in read), default=0)
     if rows > MOST_ROWS or size > MOST_GROUP_BYTES:
         raise InputError(
-            f"{path}: is too large: {rows} rows to be looked through, {size} bytes in a row group "
+            f"{path}: is too large: {rows} rows to read, {size} bytes in a row group "
             f"(allowed: {MOST_ROWS} rows, {MOST_GROUP_BYTES} bytes)"
         )
 

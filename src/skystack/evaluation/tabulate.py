@@ -20,7 +20,7 @@ TABLES = ("episodes", "aircraft", "trajectories", "clearances")
 
 
 class Tabulated(NamedTuple):
-    """What is kept of all scenarios: not where everybody flew, which takes most of the room."""
+    """What is kept of all scenarios: not aircraft and trajectories, which are larger."""
 
     episodes: pa.Table
     clearances: pa.Table
@@ -47,7 +47,7 @@ def tabulate(
         append: Append | None = None
         for block in blocks:
             flying_s += time.monotonic() - begun
-            if folder is not None and append is None:  # only now: what fails at once leaves nothing
+            if folder is not None and append is None:  # only now: an early failure leaves nothing
                 append = stack.enter_context(_tables_in(folder, task))
             for part in parts_of(block, scenarios_in_part(task)):
                 outcomes, issued = _tables_of(task, part, append, flown_as, adoption)
@@ -89,12 +89,12 @@ def _tables_of(
 
 
 def _copied(table: pa.Table) -> pa.Table:
-    """In memory of its own: arrays of a block that are kept would keep it in pieces."""
+    """A compact copy: keeping arrays of a block would fragment memory."""
     return table.take(pa.array(np.arange(table.num_rows)))
 
 
 def _with_dictionaries(table: pa.Table) -> pa.Table:
-    """The same table; of every text that repeats only a number takes room in a row."""
+    """The same table with repeated texts stored once (dictionary encoding)."""
     for index, field in enumerate(table.schema):
         if pa.types.is_string(field.type):
             table = table.set_column(index, field.name, table[field.name].dictionary_encode())

@@ -19,7 +19,7 @@ SCENARIOS = b"scenarios"
 """Of the metadata: the least and the greatest scenario of each row group, JSON. Readers find a
 scenario by it: pyarrow ends the process when it is asked for the statistics of a damaged file."""
 GROUP_ROWS = 65_536
-"""Of a row group but the last, however large the parts are that a table is made of."""
+"""Rows of every row group but the last, whatever the size of the parts appended."""
 
 Append = Callable[[Mapping[str, pa.Table]], None]
 """Appends a part to each table of a folder, by name."""
@@ -57,9 +57,9 @@ def write_table(
 def growing_tables(
     folder: Path, names: Sequence[str], metadata: Mapping[bytes, bytes]
 ) -> Iterator[Append]:
-    """Tables `<name>.parquet` in a folder that grow by what is handed over, at least once each.
+    """Tables `<name>.parquet` in a folder that are appended to, at least once each.
 
-    They get their names together at the end; where anything is raised within, no file is changed.
+    They are renamed together at the end; if anything is raised inside, no file is changed.
     What is written does not depend on how it is divided into parts. Raises InputError for a file
     that cannot be written.
     """
@@ -88,9 +88,9 @@ class _Growing:
         self._scenarios: list[tuple[int, int]] = []
 
     def close(self) -> None:
-        """Let go of the file; without `end`, what is in it is no table."""
+        """Close the writer; without `end` the file is not a valid table."""
         if self._writer is not None:
-            with suppress(Exception):  # of a full disk; it would try once more when collected
+            with suppress(Exception):  # a full disk; pyarrow would retry when collected
                 self._writer.close()
             self._writer.is_open = False
 

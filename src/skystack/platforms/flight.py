@@ -37,7 +37,7 @@ def fly_scenario(platform: Platform, scenario: Scenario) -> Flight:
 
 
 def _owned(report: Report) -> Report:
-    """A platform may write each of its reports into the same arrays."""
+    """A copy: a platform may reuse the same arrays for all its reports."""
     return Report(*map(np.array, report))
 
 

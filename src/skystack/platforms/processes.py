@@ -20,8 +20,8 @@ from skystack.signals import starting_processes, wait_for
 TIME_LIMIT_S = 120.0
 """For an item, unless told otherwise."""
 START_LIMIT_S = 1200.0
-"""For a process to begin: imports, the simulator's own start, compilation, which takes minutes on a
-machine that is busy."""
+"""For a process to start: imports, the simulator, and compilation, which takes minutes on a busy
+machine."""
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -30,7 +30,7 @@ Make = Callable[[Path], Callable[[Item], Result]]
 
 
 class Outcome(NamedTuple):
-    """What came of an item: its result, or why there is none."""
+    """The result of an item, or why it has none."""
 
     result: Any
     failed: str | None = None
@@ -38,7 +38,7 @@ class Outcome(NamedTuple):
 
 _DIED_STARTING = Outcome(None, "its process died, or took too long, while starting")
 AHEAD = 8
-"""Items for each process that are begun before they are asked for."""
+"""Items per process that are started before their results are requested."""
 
 
 def in_processes(
@@ -67,7 +67,7 @@ def in_processes(
                 if outcome is _DIED_STARTING:
                     yield from repeat(_DIED_STARTING, len(items) - index - 1)
                     return
-                # What is done and not yet asked for takes memory: only so much of it.
+                # Finished results that are not yet consumed take memory, so they are limited.
                 futures += _scheduled(pool, items[index + ahead :][:1], time_limit_s)
         finally:
             pool.stop()
@@ -77,7 +77,7 @@ def _scheduled(pool: Any, items: Sequence[Item], time_limit_s: float) -> list[Fu
     try:
         with starting_processes():
             return [pool.schedule(_work, args=(item,), timeout=time_limit_s) for item in items]
-    except RuntimeError:  # a pool whose processes do not start takes nothing any more
+    except RuntimeError:  # a pool whose processes do not start accepts no more
         broken = Future[Any]()
         broken.set_exception(BrokenProcessPool())
         return [broken] * len(items)

@@ -22,7 +22,7 @@ REPRODUCED, CHANGED, MISSED = "reproduced", "reproduced with a change", "not rep
 EQUAL = 0.01
 """Rates that differ by no more are called equal."""
 ROUNDING = 1e-9
-"""Figures that differ by no more are the same one: 0.99 - 0.98 is more than 0.01 in binary."""
+"""Figures that differ by at most this are equal: 0.99 - 0.98 exceeds 0.01 in binary."""
 CLIMB_FL = 150
 """The paper's example: fifteen instructions of ten levels."""
 
@@ -256,12 +256,12 @@ def _plain_and_stacked(run: Run, experiment: str) -> list[tuple[Row, Row]]:
 
 
 def _below(value: float, other: float) -> bool:
-    """Less by more than rounding."""
+    """Whether a value is lower by more than rounding."""
     return value < other - ROUNDING
 
 
 def _within(value: float, low: float, high: float) -> bool:
-    """Both ends belong to it."""
+    """Whether a value is in a closed interval."""
     return not _below(value, low) and not _below(high, value)
 
 
@@ -270,7 +270,7 @@ def _value(row: Row, measure: str) -> float:
 
 
 def _cut(before: Row, after: Row, measure: str) -> float:
-    """The part of a count that is gone; none where there was nothing."""
+    """The relative reduction of a count; 0 if it was 0."""
     count = _value(before, measure)
     return 1.0 - _value(after, measure) / count if count else 0.0
 

@@ -242,7 +242,7 @@ def duration(seconds: float) -> str:
 
 
 def plain_markdown(text: str) -> str:
-    """A text that Markdown shows as it is: no cell's end, link, code or HTML begins in it."""
+    """A text that Markdown shows as it is: it starts no cell, link, code or HTML."""
     text = re.sub(r"([\\|`<])", r"\\\1", printable(text))
     return text.replace("](", "]\\(")
 

@@ -29,7 +29,7 @@ from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import Traffic, start, ticks
 
 MOST_POSITIONS = 500_000
-"""Aircraft times cycles: what is flown, written and replayed in seconds and within 1 GB."""
+"""Aircraft times cycles: flown, written and replayed in seconds and within 1 GB."""
 TURNS = ("shortest", "left", "right")
 
 Name = Annotated[str, Meta(max_length=40)]

@@ -40,7 +40,7 @@ FRAMES_PER_S = 10
 SAID = 3
 """How many of the last clearances are written below."""
 MOST_FRAMES = 2000
-"""Of a film: all of them are in memory while it is written."""
+"""The most frames of a film: all are in memory while it is written."""
 
 
 SUFFIXES = (".png", ".svg", ".gif")
@@ -182,7 +182,7 @@ class _Scene:
 
 
 class _Moving(_Scene):
-    """The same, drawn again and again: what stands still is drawn once."""
+    """The same for a film: the static background is drawn once."""
 
     def __init__(self, replays: tuple[Replay, ...], number: int, span: Span) -> None:
         super().__init__(replays, number, span)

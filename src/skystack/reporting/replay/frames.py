@@ -1,4 +1,4 @@
-"""The frames of a film: what stands still is drawn once, what moves in a few strokes.
+"""The frames of a film: the background is drawn once, moving parts with few draw calls.
 
 Lines and marks of all aircraft are drawn together, and a label is pasted once it has been drawn:
 drawn one by one, as in a still, 200 aircraft would take seconds a frame.
@@ -35,7 +35,7 @@ class Sprite(NamedTuple):
 
     pixels: Picture
     left: int
-    """Of the place that the text belongs to, as the others."""
+    """Offset from the text's position, as is `bottom`."""
     bottom: int
 
 
@@ -153,7 +153,7 @@ class TrafficPicture:
             label = place_of_label(blip)
             points = renderer.points_to_pixels(1.0)
             left, bottom = x + points * label.offset_pt[0], y + points * label.offset_pt[1]
-            # Line by line: levels change, and are those of others too.
+            # Line by line: the line with the level changes often and is shared between aircraft.
             first, second = label.text.split("\n")
             for text in (f"{first}\n ", f" \n{second}"):
                 sprite = self._texts.sprite(text, colour, label.ha, label.va)
