@@ -157,3 +157,17 @@ def test_the_usual_conditions():
     assert (usual.seed, usual.episodes, usual.stacking, usual.greedy) == (0, 1000, True, True)
     assert (usual.platform, usual.time_limit_s) == ("skystack", 120.0)
     assert (usual.sector, usual.cycles) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *(("seed", value) for value in (-1, 2**31, 2**32, 1.5, True)),
+        *(("episodes", value) for value in (0, -3, 2.5, "3", True)),
+        *(("cycles", value) for value in (0, 10_001, 1.5)),
+    ],
+)
+def test_conditions_out_of_range_are_refused(name, value):
+    """As on the command line. Seeds beyond 32 bits would repeat the scenarios of smaller ones."""
+    with pytest.raises(InputError, match=rf"^{name} is .* \(allowed: whole numbers from "):
+        judge(lambda _: 0, Conditions(**{"episodes": 1, name: value}), experiment="vertical")

@@ -4,6 +4,7 @@ import pickle
 from collections.abc import Callable, Generator
 from contextlib import closing, nullcontext
 from functools import partial
+from numbers import Integral
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -39,6 +40,7 @@ from skystack.platforms.registry import (
 )
 from skystack.tasks.build import build_task, check_cycles
 from skystack.tasks.navigation import NavigationTask
+from skystack.tasks.settings import MOST_CYCLES
 
 DO_NOTHING = "do-nothing"
 
@@ -148,6 +150,20 @@ def _check_trained_for(
 
 
 _USUAL = Conditions()
+MOST_NUMBER = 2**31 - 1
+"""Of seeds and episodes. JAX keeps 32 bits of a seed, so greater ones would repeat scenarios."""
+
+
+def _check_conditions(conditions: Conditions) -> None:
+    """Raise InputError for what the command line refuses as well."""
+    numbers = [("seed", conditions.seed, 0, MOST_NUMBER)]
+    numbers += [("episodes", conditions.episodes, 1, MOST_NUMBER)]
+    if conditions.cycles is not None:
+        numbers += [("cycles", conditions.cycles, 1, MOST_CYCLES)]
+    for name, value, least, most in numbers:
+        whole = isinstance(value, Integral) and not isinstance(value, bool)
+        if not (whole and least <= value <= most):
+            raise InputError(f"{name} is {value!r} (allowed: whole numbers from {least} to {most})")
 
 
 def judge(
@@ -168,10 +184,12 @@ def judge(
     `experiment` that they are for, its name, its file (.toml) or itself, unless they say which.
 
     `name` is that of the row and of the folder. `on_scenario` hears how many scenarios are done.
-    Raises InputError for a platform that is not there, an experiment that does not fit and a policy
-    that fails or answers with what is no action; PlatformError when no scenario is finished.
+    Raises InputError for conditions out of range, a platform that is not there, an experiment that
+    does not fit and a policy that fails or answers with what is no action; PlatformError when no
+    scenario is finished.
     """
     check_platform(conditions.platform)
+    _check_conditions(conditions)
     if isinstance(policy, Policy):
         return _judge_own(policy, conditions, out, on_scenario, experiment, name)
     agent = agent_of(policy, name)
