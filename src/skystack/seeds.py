@@ -1,8 +1,5 @@
 """Random keys: scenarios for judging are the same for everybody and never seen in training."""
 
-from functools import cache, partial
-from typing import Any
-
 import jax
 import numpy as np
 from jaxtyping import Array, Int, Key, PRNGKeyArray
@@ -16,17 +13,15 @@ def training_key(seed: int) -> PRNGKeyArray:
     return jax.random.fold_in(jax.random.key(seed), TRAINING)
 
 
-def scenario_key(seed: int, scenario: int | Int[Array, ""]) -> PRNGKeyArray:
+def scenario_key(seed: int | Int[Array, ""], scenario: int | Int[Array, ""]) -> PRNGKeyArray:
     """The key of one scenario: depends on the evaluation seed and its number only."""
     return jax.random.fold_in(jax.random.fold_in(jax.random.key(seed), EVALUATION), scenario)
 
 
 def scenario_keys(seed: int, scenarios: Int[np.ndarray, " n"]) -> Key[Array, " n"]:
     """The keys of many scenarios."""
-    keys: Key[Array, " n"] = _many_keys(seed)(scenarios)
+    keys: Key[Array, " n"] = _many_keys(seed, scenarios)
     return keys
 
 
-@cache
-def _many_keys(seed: int) -> Any:
-    return jax.jit(jax.vmap(partial(scenario_key, seed)))
+_many_keys = jax.jit(jax.vmap(scenario_key, (None, 0)))

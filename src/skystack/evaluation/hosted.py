@@ -5,6 +5,7 @@ results are those of `skystack.evaluation.rollout`, whose one program no such ag
 """
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -115,40 +116,43 @@ def fly_hosted(
     Raises InputError, which names scenario and cycle, for an agent that fails or answers with what
     is not in the task's action table.
     """
-    decisions = Decisions(task, controller, None if stacking else 1)
+    flight, decisions = _Flight(task), Decisions(task, controller, None if stacking else 1)
     for numbers in blocks(task, scenarios):
-        yield _fly_many(task, decisions, seed, numbers)
+        yield flight.fly(decisions, seed, numbers)
 
 
-def _fly_many(
-    task: NavigationTask,
-    decisions: Decisions,
-    seed: int,
-    numbers: Int[np.ndarray, " scenarios"],
-) -> Recording:
-    """These scenarios to the end of the last; who has ended stays as it is and is not asked."""
+class _Flight:
+    """The compiled parts of a flight, shared by all blocks."""
 
-    @jax.jit
-    def advance(
-        told: NavigationState, stack: Stack, over: Bool[Array, " scenarios"]
+    def __init__(self, task: NavigationTask) -> None:
+        self._task = task
+        self._reset = jax.jit(jax.vmap(task.reset, out_axes=-1))
+        self._queries = jax.jit(jax.vmap(partial(query_keys, task)))
+        self._advance = jax.jit(self._advanced)
+
+    def _advanced(
+        self, told: NavigationState, stack: Stack, over: Bool[Array, " scenarios"]
     ) -> tuple[NavigationState, Bool[Array, " scenarios"], tuple[Any, ...]]:
-        flown, outcome = task.advance(told)
+        flown, outcome = self._task.advance(told)
         state = choose(over, told, flown)
         kept = keep(stack, state, outcome, over)
         return state, over | outcome.terminated, _first(kept)
 
-    keys = scenario_keys(seed, numbers)
-    state = jax.jit(jax.vmap(task.reset, out_axes=-1))(keys)
-    queries = jax.jit(jax.vmap(lambda key: query_keys(task, key)))(keys)
-    start, exit_level = jax.device_get(_first((state.traffic, state.memory.exit_level)))
-    over, rows = np.zeros(len(numbers), dtype=bool), list[Any]()
-    while not over.all():
-        moment = Moment(numbers, len(rows), queries[:, len(rows)])
-        told, stack = decisions.decide(state, ~over, moment)
-        state, ended, kept = advance(told, stack, over)
-        over = np.asarray(ended)
-        rows.append(jax.device_get(kept))
-    return recording_of(numbers, start, exit_level, rows, task.settings.cycles)
+    def fly(
+        self, decisions: Decisions, seed: int, numbers: Int[np.ndarray, " scenarios"]
+    ) -> Recording:
+        """Fly scenarios until the last has ended; those that have ended do not change."""
+        keys = scenario_keys(seed, numbers)
+        state, queries = self._reset(keys), self._queries(keys)
+        start, exit_level = jax.device_get(_first((state.traffic, state.memory.exit_level)))
+        over, rows = np.zeros(len(numbers), dtype=bool), list[Any]()
+        while not over.all():
+            moment = Moment(numbers, len(rows), queries[:, len(rows)])
+            told, stack = decisions.decide(state, ~over, moment)
+            state, ended, kept = self._advance(told, stack, over)
+            over = np.asarray(ended)
+            rows.append(jax.device_get(kept))
+        return recording_of(numbers, start, exit_level, rows, self._task.settings.cycles)
 
 
 def _first(tree: Any) -> Any:
