@@ -105,12 +105,12 @@ def outcome(subject: Subject, folder: Path) -> list[tuple[bytes, list[dict[str, 
     return found
 
 
-def finish(command: Sequence[str]) -> float:
+def finish(command: Sequence[str], limit_s: float = LIMIT_S) -> float:
     """Run to the end; returns how long it took, in seconds."""
     begun = time.monotonic()
-    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=limit_s, check=False)
     if done.returncode != 0:
-        raise DifferentError(f"ended with {done.returncode}: {done.stderr[-2000:]}")
+        raise DifferentError(f"{command}: ended with {done.returncode}: {done.stderr[-2000:]}")
     return time.monotonic() - begun
 
 

@@ -37,7 +37,7 @@ from typing import NamedTuple
 import pyarrow.parquet as pq
 from safetensors.numpy import load
 
-from benchmarks.killed_trainings import SUBJECTS, DifferentError, outcome, train_command
+from benchmarks.killed_trainings import SUBJECTS, finish, outcome, train_command
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SKYSTACK = (sys.executable, "-m", "skystack")
@@ -282,15 +282,6 @@ def _marked(mark: str) -> dict[int, str]:
     return found
 
 
-def run_to_end(command: Sequence[str]) -> float:
-    """Undisturbed; returns how long it took, in seconds."""
-    begun = time.monotonic()
-    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
-    if done.returncode != 0:
-        raise DifferentError(f"{command}: ended with {done.returncode}: {done.stderr[-2000:]}")
-    return time.monotonic() - begun
-
-
 def at(moment: float) -> Callable[[], bool]:
     """Due at a moment of the clock."""
     return lambda: time.monotonic() >= moment
@@ -313,12 +304,12 @@ class Study:
         reads = {"evaluate": _READ_EVALUATION, "train": _READ_TRAINING}
         for name, readers in reads.items():
             if readers & set(names):
-                run_to_end(SIGNALLED[name].command(self._known))
+                finish(SIGNALLED[name].command(self._known), LIMIT_S)
         for name in names:
             for number in range(1 + SIGNALLED[name].compiles):
                 place = self._known._replace(folder=self._folder / f"{name}-{number}")
                 place.folder.mkdir()
-                self._took[name] = run_to_end(SIGNALLED[name].command(place))
+                self._took[name] = finish(SIGNALLED[name].command(place), LIMIT_S)
             sys.stderr.write(f"{name}: {self._took[name]:.1f} s undisturbed\n")
 
     def signal_all(self, names: Sequence[str], count: int) -> None:
@@ -363,7 +354,7 @@ class Study:
     def _finish_training(self) -> None:
         place = self._known._replace(folder=self._folder / "resumed")
         place.folder.mkdir(exist_ok=True)
-        run_to_end(_train(place))
+        finish(_train(place), LIMIT_S)
         known, resumed = (
             outcome(SUBJECTS["training"], folder)
             for folder in (self._known.training, place.folder / "run")

@@ -2,7 +2,7 @@
 
 import pickle
 from collections.abc import Callable, Generator
-from contextlib import closing, nullcontext
+from contextlib import ExitStack, closing
 from functools import partial
 from numbers import Integral
 from pathlib import Path
@@ -248,19 +248,6 @@ def _judge(
     on_scenario: Callable[[int], None],
 ) -> Judged:
     """Fly, make the tables, write them where wanted, and reduce them to the row."""
-    with nullcontext() if out is None else no_empty_folders(out):
-        return _judge_into(name, trained_seed, task, controller, conditions, out, on_scenario)
-
-
-def _judge_into(
-    name: str,
-    trained_seed: int,
-    task: NavigationTask,
-    controller: Callable[[], Controller | HostedController],
-    conditions: Conditions,
-    out: Path | None,
-    on_scenario: Callable[[int], None],
-) -> Judged:
     beyond = check_cycles(task)
     platform, stacking = conditions.platform, conditions.stacking
     folder = None if out is None else evaluation_folder(out, name, trained_seed, stacking, platform)
@@ -315,10 +302,12 @@ def _fly_elsewhere(
         partial(open_platform, conditions.platform),
     )
     _check_sent(job)
-    if out is not None:
-        make_folder(out)  # refused before anything is flown, which takes long
     limit_s = conditions.time_limit_s
-    with scratch_folder("skystack-") as work:
+    with ExitStack() as stack:
+        if out is not None:
+            stack.enter_context(no_empty_folders(out))
+            make_folder(out)  # refused before anything is flown, which takes long
+        work = stack.enter_context(scratch_folder("skystack-"))
         yield from fly_elsewhere(job, conditions.episodes, work, failed, limit_s, on_scenario)
 
 

@@ -1,8 +1,9 @@
-"""From blocks of flown scenarios to tables: written as they are flown, or kept where small."""
+"""Turn blocks of flown scenarios into tables, written to disk block by block."""
 
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import fields
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,13 +11,13 @@ import numpy as np
 import pyarrow as pa
 
 from skystack.evaluation.rollout import Recording, parts_of, scenarios_in_part
-from skystack.evaluation.tables import clearance_table, episode_table, make_tables
+from skystack.evaluation.tables import Tables, clearance_table, episode_table, make_tables
 from skystack.evaluation.writing import Append, growing_tables, table_metadata
 from skystack.files import alone_in
 from skystack.platforms.adoption import SKYSTACK, Adoption
 from skystack.tasks.navigation import NavigationTask
 
-TABLES = ("episodes", "aircraft", "trajectories", "clearances")
+TABLES = tuple(field.name for field in fields(Tables))
 
 
 class Tabulated(NamedTuple):
@@ -26,7 +27,7 @@ class Tabulated(NamedTuple):
     clearances: pa.Table
     """Texts as dictionaries."""
     flying_s: float
-    """What the blocks took."""
+    """The time spent flying."""
 
 
 def tabulate(
@@ -36,7 +37,7 @@ def tabulate(
     flown_as: Callable[[str], str] = str,
     adoption: Adoption = SKYSTACK,
 ) -> Tabulated:
-    """Tables of at least one block, written into a folder if one is given: all of them, or none.
+    """Make the tables of one or more blocks; write all four, or none, to a folder if one is given.
 
     They do not depend on how scenarios are divided into blocks. Raises what flying raises, and
     InputError for a folder that cannot be written to or is in use by another process.
