@@ -50,9 +50,9 @@ def write_aside(path: Path, data: bytes) -> None:
 
 @contextmanager
 def aside(paths: Sequence[Path]) -> Iterator[list[IO[bytes]]]:
-    """Files to be written in the place of others, which they take together when this ends.
+    """Open temporary files that replace others, all together, when the context ends.
 
-    They are on the disk then. Where anything is raised within, the old files stay. Raises
+    They are synced to disk first. If anything is raised inside, the old files stay. Raises
     InputError for a file that cannot be written.
     """
     with ExitStack() as stack:

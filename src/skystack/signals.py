@@ -1,11 +1,11 @@
-"""SIGINT and SIGTERM end a command: each is noted, then raised as KeyboardInterrupt, never lost.
+"""SIGINT and SIGTERM end a command: each is recorded, then raised as KeyboardInterrupt, never lost.
 
-Libraries in C++ do not expect one wherever they call Python: JAX drops it in a callback at a
-garbage collection and ends the process with a core dump while it is imported. It is raised only
-where our own code, or what that calls of others, is at work, and tried again every moment until
-then. Should it be dropped nevertheless, it is raised again, and the next boundary between compiled
-programs checks. Whatever comes of it, the note decides the exit code. Within `held` nothing is
-raised: what must be whole is finished first.
+C++ libraries do not expect an exception wherever they call Python: JAX discards one raised in its
+garbage-collection callback, and aborts the process if one is raised while it is imported. The
+exception is therefore not raised during imports or inside JAX; it is retried every 10 ms until it
+can be. If it is discarded all the same it is raised again, and code between compiled programs calls
+`check`. In any case the recorded signal decides the exit code. Inside `held` nothing is raised, so
+that work which must not be interrupted is completed first.
 """
 
 import os
@@ -51,9 +51,9 @@ _note = _Note()
 
 @contextmanager
 def ended_by_signals(last: bool = False) -> Iterator[None]:
-    """Within it, the signals are noted and raised. With `last`, the system handles them after it.
+    """Record and raise signals inside the context; with `last`, restore the default afterwards.
 
-    A signal that is ignored stays so. Does nothing in other threads, or within itself.
+    Signals that are ignored stay ignored. Does nothing in other threads, or if already active.
     """
     if _note.watched or threading.current_thread() is not threading.main_thread():
         yield
@@ -120,9 +120,9 @@ def wait_for(future: Future[Result]) -> Result:
 
 @contextmanager
 def starting_processes() -> Iterator[None]:
-    """`held`; what is started meanwhile, threads and their processes, hears no Ctrl-C: only we do.
+    """`held`, with SIGINT blocked in the threads and processes started inside: only we handle it.
 
-    A process that is half started would be left, and complain.
+    A half-started process would be left behind and print a traceback.
     """
     from multiprocessing import resource_tracker  # noqa: PLC0415  (help needs none)
 
@@ -192,7 +192,7 @@ _OURS = _folder_of("skystack")
 
 
 def _on_unraisable(what: Any) -> None:
-    """Python drops an exception that nobody can catch."""
+    """Python discards an exception that no code can catch; raise it again later."""
     if _note.number is not None and issubclass(what.exc_type, KeyboardInterrupt):
         _note.raised = False
         _try_again(AGAIN_S)

@@ -5,9 +5,9 @@ value that its last instruction led to, for as long as it answers with the same 
 asked for is issued as one clearance; then one cycle is flown. (Section "Online Action-Stacking" of
 the paper.) Not to be confused with stacking past actions into an observation.
 
-A query whose answer could change nothing is not made: not at the limit, nor when the instruction
-cannot be given again. A policy with memory is therefore asked once a cycle under a limit of one,
-which is that policy without stacking.
+A policy is not queried when its answer could not be used: at the limit, or when the instruction
+cannot be given again. With a limit of one a policy is therefore queried once a cycle, as without
+stacking, even if it has memory.
 
 This module knows policies and two-phase environments and nothing else. `stack` works with anything
 that computes; `stack_traced` does the same inside `jax.jit`, and `stack_many` for many scenarios
@@ -60,7 +60,7 @@ class Stack(NamedTuple):
 
 
 Both = Callable[[Any, Callable[[Any], Any]], Any]
-"""Logical and: the second is given the first, and evaluated only where the first is true."""
+"""Logical and. The second operand is a function of the first, called only where that is true."""
 
 
 def owned(answer: Any) -> Any:
@@ -120,8 +120,8 @@ def stack_traced(
     """`stack` for compiled programs: `policy` maps an observation and a random key to an action.
 
     Every query has a key of its own, so that a policy that samples samples anew. A compiled program
-    cannot raise: without a limit a stack ends at `ENDLESS` instructions. Under `jax.vmap` queries
-    are computed for all scenarios, also where the answer is not used.
+    cannot raise: without a limit a stack ends at `ENDLESS` instructions. Under `jax.vmap` a query
+    is computed for every scenario, even if its answer is not used.
     """
     import jax  # noqa: PLC0415  (plain callables need no JAX)
     import jax.numpy as jnp  # noqa: PLC0415
@@ -192,7 +192,7 @@ class _Given(NamedTuple):
     state: Any
     instructions: Any
     wanted: Any
-    """Whether one more is."""
+    """Whether the policy wants one more instruction."""
 
 
 class _Burst(NamedTuple):
@@ -200,7 +200,7 @@ class _Burst(NamedTuple):
 
     environment: Any
     ask: Callable[[Any, Any, Any], Any]
-    """From a state, the number of the query and the scenarios that are asked to an action."""
+    """Maps a state, the number of the query and a mask of scenarios to an action."""
     both: Both
     while_loop: Callable[[Callable[[Any], Any], Callable[[Any], Any], Any], Any]
     limit: int | None

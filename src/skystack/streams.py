@@ -1,7 +1,7 @@
 """Standard output and standard error: everything that a command prints goes through here.
 
-Results go to standard output: where they cannot be written, the command fails. Prose goes to
-standard error, as far as anybody takes it. Both escape what a stream's encoding lacks.
+Results go to standard output; if they cannot be written, the command fails. Prose goes to standard
+error; write errors there are ignored. Characters that a stream's encoding lacks are escaped.
 """
 
 import errno
@@ -82,8 +82,8 @@ def escaping() -> Iterator[None]:
 def open_standard_files() -> None:
     """Open the null device in place of standard files that are closed.
 
-    Otherwise the next file that is opened takes the number of one, and whatever a library writes
-    there lands in it. Python has made its own streams by now: `sys.stdout` stays None.
+    Otherwise the next file opened would get the number of a standard file, and whatever a library
+    writes there would end up in it. Python's streams exist by now: `sys.stdout` stays None.
     """
     for number in range(3):
         try:

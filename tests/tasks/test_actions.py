@@ -1,5 +1,6 @@
 """Action tables: what each number changes, for which aircraft, and what can be stacked."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -115,11 +116,15 @@ def test_levels_are_cleared_within_the_sector(cleared_fl, action, expected_fl, p
     assert not bool(table.may_stack(gone, number(action)))
 
 
+def together(scenarios):
+    """Scenarios as one batch; its axis is the last."""
+    return jax.tree.map(lambda *rows: jnp.stack(rows, axis=-1), *scenarios)
+
+
 def test_batched_scenarios_are_instructed_independently():
     table = TurnTable(2, (10, 30))
     alone = [traffic_of([0.0, 0.0], [20.0 * case, 300.0]) for case in range(3)]
-    together = type(alone[0])(*(jnp.stack(rows, axis=-1) for rows in zip(*alone, strict=True)))
-    told = table.instruct(together, jnp.asarray([1, 4, 6], dtype=jnp.int32))
+    told = table.instruct(together(alone), jnp.asarray([1, 4, 6], dtype=jnp.int32))
     assert told.cleared_heading_deg.tolist() == [[350.0, 50.0, 40.0], [300.0, 300.0, 270.0]]
 
 
@@ -131,9 +136,9 @@ def test_scenarios_at_once_may_stack_each_by_itself(table):
         traffic_of([0.0, 0.0], [0.0, 0.0], 300.0, active=[True, False]),
         traffic_of([0.0, 0.0], [0.0, 0.0], 300.0),
     ]
-    together = type(limits[0])(*(jnp.stack(rows, axis=-1) for rows in zip(*limits, strict=True)))
+    scenarios = together(limits)
     for action, expected in enumerate(
         [[False] * 3, [True] * 3, [False, True, True], [True, False, True], [True, False, True]]
     ):
         actions = jnp.full(3, action, dtype=jnp.int32)
-        assert table.may_stack(together, actions).tolist() == expected
+        assert table.may_stack(scenarios, actions).tolist() == expected

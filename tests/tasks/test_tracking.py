@@ -350,8 +350,8 @@ def test_the_next_fix_of_a_long_route_is_found_as_of_a_short_one(fixes, monkeypa
     begun = jnp.asarray(random.integers(1, fixes + 2, count), dtype=jnp.int32)
     begun = jnp.where(traffic.route == 0, begun, 1)
     found = []
-    for written_out in (16, 1000):
-        monkeypatch.setattr(tracking, "WRITTEN_OUT", written_out)
+    for unrolled in (16, 1000):
+        monkeypatch.setattr(tracking, "MOST_UNROLLED", unrolled)
         found.append(np.asarray(Tracker(long)._next_fix(traffic, begun)))
     np.testing.assert_array_equal(found[0], found[1])
     assert len(np.unique(found[0])) > 5

@@ -16,8 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-MOST_WRITTEN_OUT = 64
-"""Edges of an area: those of a larger one are a loop, which computes the same."""
+MOST_UNROLLED = 64
+"""Edges of an area that are unrolled in compiled programs; more are a loop with the same result."""
 
 
 def wrap_180(angle_deg: Float[Array, "*n"]) -> Float[Array, "*n"]:
@@ -111,7 +111,7 @@ def inside_area(
         spans = (y < ay) != (y < by)
         return inside ^ (spans & (x < ax + (y - ay) * slope)), None
 
-    if len(rows) > MOST_WRITTEN_OUT:  # a program of all would take minutes and gigabytes to make
+    if len(rows) > MOST_UNROLLED:  # unrolled, it would take minutes and gigabytes to compile
         columns = tuple(np.array(column, dtype=np.float32) for column in zip(*rows, strict=True))
         looped: Bool[Array, "aircraft *batch"] = jax.lax.scan(crossed, inside, columns)[0]
         return looped

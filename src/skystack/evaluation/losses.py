@@ -69,9 +69,9 @@ def _squared_nm2(plane: MercatorPlane, separation_fl: int) -> Any:
 def _distances_nm(
     sector: Sector, paths: Sequence[FlightPath]
 ) -> Iterator[tuple[int, Float[np.ndarray, "pairs cycles"]]]:
-    """The least in every cycle, and the number of the first cycle; so many cycles at a time.
+    """Blocks of cycles: the number of the first, and the least distance of each pair in each cycle.
 
-    No number where one of the two has no more rows.
+    NaN where one of the two has no more rows.
     """
     rows = max(2, *(len(each.fl) for each in paths))
     rows += (1 - rows) % _CYCLES  # whole blocks, and the row in which the last one ends

@@ -21,7 +21,7 @@ from skystack.tasks.navigation import NavigationState, NavigationTask
 
 SCENARIOS_AT_ONCE = 1000
 ROWS_AT_ONCE = 600_000
-"""Aircraft and cycles of all scenarios that are flown at once: they take about 200 MB."""
+"""Rows (one per aircraft and cycle) flown at once, which take about 200 MB."""
 _POLICY = 0x90_11C7
 """Folded into a scenario's key for a policy that samples."""
 
@@ -126,7 +126,7 @@ def prepare(task: NavigationTask, decide: Decide, stacking: bool) -> Fly:
 
     def fly(weights: Any, seed: int, scenarios: int) -> Iterator[Recording]:
         for numbers in blocks(task, scenarios):
-            # No name here holds a block while the next one is flown.
+            # No variable keeps a block alive while the next one is flown.
             yield _checked(
                 jax.device_get(flown(weights, scenario_keys(seed, numbers), numbers)),
                 len(task.action_names),
@@ -143,12 +143,12 @@ def blocks(task: NavigationTask, scenarios: int) -> Iterator[Int[np.ndarray, " b
 
 
 def scenarios_in_part(task: NavigationTask) -> int:
-    """Of how many scenarios tables are made at once: rows of tables take more than arrays."""
+    """The scenarios whose tables are made at once: tables take more memory than arrays."""
     return _scenarios_of(task, ROWS_AT_ONCE // 4, SCENARIOS_AT_ONCE // 4)
 
 
 def _scenarios_of(task: NavigationTask, rows: int, most: int) -> int:
-    """Fewer where they are longer, or of more aircraft, than usual: memory stays the same."""
+    """As many scenarios as fit into so many rows, to bound the memory."""
     return min(max(rows // (task.settings.cycles * task.scenarios.aircraft), 1), most)
 
 
@@ -173,7 +173,7 @@ def together(parts: Sequence[Recording]) -> Recording:
 
 
 def parts_of(recording: Recording, scenarios: int) -> Iterator[Recording]:
-    """A recording in parts of so many scenarios; nothing is copied."""
+    """Split a recording into parts of at most so many scenarios, without copying."""
     for first in range(0, len(recording.number), scenarios):
         rows = slice(first, first + scenarios)
         part: Recording = jax.tree.map(lambda values, rows=rows: values[rows], recording)

@@ -28,7 +28,7 @@ MEASURES = (
 """Columns of an evaluation's episodes that are reported with an interval."""
 RESAMPLES = 2000
 MOST_AT_ONCE = 20_000_000
-"""Scenarios of all resamples that are counted at a time; of 10,000 scenarios, all."""
+"""Draws (resamples times scenarios) processed at a time, to bound the memory."""
 CONFIDENCE = 0.95
 QUARTER = 0.25
 
@@ -78,7 +78,7 @@ class Bootstrap:
 
     @cached_property
     def _counts(self) -> UInt8[np.ndarray, "resamples scenarios"]:
-        """How often each scenario is drawn; one is drawn twice or thrice, not 256 times."""
+        """How often each scenario is drawn: a few times, far fewer than 256."""
         even = np.full(self.scenarios, 1.0 / self.scenarios)
         drawn = np.empty((self.resamples, self.scenarios), dtype=np.uint8)
         for some in self._some():
@@ -86,7 +86,7 @@ class Bootstrap:
         return drawn
 
     def _some(self) -> Iterator[slice]:
-        """The resamples, so many at a time that their numbers take little memory."""
+        """The resamples in slices of at most `MOST_AT_ONCE` draws."""
         most = max(MOST_AT_ONCE // self.scenarios, 1)
         return (slice(at, at + most) for at in range(0, self.resamples, most))
 

@@ -16,8 +16,8 @@ from skystack.simulator.fleet import AircraftType
 
 SECTOR, PERFORMANCE_MODEL, FLEET = b"sector", b"performance", b"fleet"
 SCENARIOS = b"scenarios"
-"""Of the metadata: the least and the greatest scenario of each row group, JSON. Readers find a
-scenario by it: pyarrow ends the process when it is asked for the statistics of a damaged file."""
+"""Metadata key: the lowest and highest scenario of each row group, as JSON. Readers find scenarios
+by it, because pyarrow aborts the process when asked for the statistics of a damaged file."""
 GROUP_ROWS = 65_536
 """Rows of every row group but the last, whatever the size of the parts appended."""
 
@@ -110,7 +110,7 @@ class _Growing:
         self._writer.close()
 
     def _write(self, least: int) -> None:
-        """The rows that wait, a row group at a time, as long as there are so many."""
+        """Write waiting rows, a row group at a time, while at least so many are left."""
         rows = pa.concat_tables(self._waiting).combine_chunks()
         while rows.num_rows >= least:
             group = rows.slice(0, GROUP_ROWS)

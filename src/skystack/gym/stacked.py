@@ -47,10 +47,10 @@ class StackedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructo
 
     While the action is the cycle's first and may be stacked, it is given: time stands still, the
     reward is 0 and the observation shows what is now cleared. Any other action is not executed; it
-    ends the clearance, and one cycle is flown. It is flown in the same step where the action cannot
-    be given once more: the agent is not asked for what could not be used. `info["clearance"]` of
-    the step that flies says what was issued: `action`, given so many times: `instructions`; 0, and
-    `no_action`, if nothing was.
+    ends the clearance, and one cycle is flown. If the action cannot be given again, the cycle is
+    flown in the same step: the agent is not asked for an action that could not be used. In the
+    step that flies, `info["clearance"]` holds the `action` that was issued and how often, as
+    `instructions`: `no_action` and 0 if none was.
 
     `limit` is the most instructions of one clearance, so that an agent that never changes its mind
     cannot stop time. With a limit of 1 every step flies, as without this wrapper. Actions are
@@ -80,7 +80,7 @@ class StackedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructo
         return super().reset(seed=seed, options=options)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Give the instruction if it is wanted, and fly one cycle unless it may be given again."""
+        """Give the instruction if it continues the stack; fly unless it may be given again."""
         wanted = self._wanted(self._checked(action))
         if wanted:
             self._action, self._instructions = owned(action), self._instructions + 1
@@ -107,14 +107,14 @@ class StackedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructo
         return action
 
     def _wanted(self, action: Any) -> bool:
-        """Whether it is to be given: whether a second one may be was found out after the first."""
+        """Whether to give it. A repetition was found to be allowed when the last one was given."""
         if self._instructions:
             return np.array_equal(action, self._action)
         return not np.array_equal(action, self._no_action) and self._phases.may_stack(action)
 
 
 def _in(space: spaces.Space[Any], action: Any) -> bool:
-    """Whether an action is in a space, as an array of any library and in any precision."""
+    """Whether an action, an array of any library and precision, is in a space."""
     if not isinstance(space, _NUMBERS):
         return space.contains(action)
     whole = np.issubdtype(space.dtype, np.integer)

@@ -24,7 +24,7 @@ TurnRule = Callable[
 """The turn [deg], positive to the right, from actual headings to cleared ones in [0, 360)."""
 
 MIN_LENGTH = 1024
-"""Of arrays of headings in compiled programs, a power of two."""
+"""The shortest array of headings in compiled programs; lengths are powers of two."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def _turn_in_float32(
 ) -> Float[np.ndarray, " n"]:
     """The simulator's own rule in its own precision: what it rounds is rounded here as well."""
     count = len(cleared_deg)
-    # Every length would be compiled anew, and stay in memory: few lengths are.
+    # Each new length would be compiled and stay in memory, so lengths are padded to a few.
     missing = (1 << max(count - 1, MIN_LENGTH - 1).bit_length()) - count
     headings = (
         jnp.asarray(np.pad(each, (0, missing)), dtype=jnp.float32)

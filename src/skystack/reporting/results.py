@@ -293,7 +293,7 @@ def read_run(folder: Path) -> Run:
     results = decode(read_file(path), Results, str(path))
     for table in ("rows", "platforms", "rows_by_seed"):
         rows: list[Row] = getattr(results, table)
-        # Their files would be the same where capitals make no difference.
+        # On file systems that ignore case they would share their files.
         keys = [
             (row.experiment.lower(), row.stacking, row.platform.lower(), row.seed) for row in rows
         ]

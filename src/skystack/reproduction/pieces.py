@@ -30,7 +30,7 @@ def finished(record: Path, key: Key, files: Iterable[str] = ()) -> Any | None:
     """What came of a piece; None when it is not there, was made from something else, or damaged."""
     try:
         kept: _Record = decode(read_whole(record), _Record, str(record))
-        # The files that it must have: those that it names may lie anywhere.
+        # The caller's list of files: those in the record may point anywhere.
         hashes = {name: _hash(record.parent / name) for name in files}
     except (InputError, OSError):
         return None

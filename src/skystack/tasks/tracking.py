@@ -33,8 +33,8 @@ from skystack.tasks.rewards import DAMPING_CYCLES
 
 PASSED_NM = 1.0
 """A fix is passed within this distance."""
-WRITTEN_OUT = 16
-"""Up to so many fixes of a route are written out one after the other in compiled programs."""
+MOST_UNROLLED = 16
+"""Fixes of a route that are unrolled in compiled programs; more are a loop."""
 
 
 class Memory(NamedTuple):
@@ -163,7 +163,7 @@ class Tracker:
         near_nm = PASSED_NM * self.sector.plane.scale(traffic.position_nm[:, 1])
         last = value_of(table.last_fix, traffic.route)
         longest = table.fixes_nm.shape[1]
-        if longest > WRITTEN_OUT:  # a fix after the other: a program of all would take minutes
+        if longest > MOST_UNROLLED:  # unrolled, it would take minutes to compile
 
             def passed(found: Int[Array, "aircraft *batch"]) -> Bool[Array, "aircraft *batch"]:
                 return (found < last) & self._passed(traffic, near_nm, found)
@@ -210,7 +210,7 @@ def _of_route(
     route: Int[Array, "aircraft *batch"],
     fix: int | Int[Array, "aircraft *batch"],
 ) -> Array:
-    """What a table has for a fix of each aircraft's route."""
+    """The table's entry for a fix of each aircraft's route."""
     look_up = value_of if values.ndim == 2 else point_of
     if isinstance(fix, int):
         return look_up(values[:, fix], route)

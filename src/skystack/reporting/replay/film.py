@@ -240,7 +240,7 @@ def _title(replay: Replay, scenario: ReplayScenario, row: int) -> str:
 
 
 def _close(scenario: ReplayScenario, row: int) -> set[int]:
-    """Who is losing separation."""
+    """The aircraft that are losing separation."""
     return {
         number
         for loss in scenario.losses
@@ -250,7 +250,7 @@ def _close(scenario: ReplayScenario, row: int) -> set[int]:
 
 
 def _write_said(axes: Axes, scenario: ReplayScenario, row: int) -> list[Text]:
-    """The last clearances below the panel, the latest first."""
+    """Write the last clearances below the panel, the latest first."""
     said = [each for each in scenario.clearances if each.cycle < row]
     texts = []
     for line, each in enumerate(said[: -SAID - 1 : -1]):

@@ -1,7 +1,7 @@
 """The frames of a film: the background is drawn once, moving parts with few draw calls.
 
-Lines and marks of all aircraft are drawn together, and a label is pasted once it has been drawn:
-drawn one by one, as in a still, 200 aircraft would take seconds a frame.
+Lines and marks of all aircraft are drawn together, and a label is rendered once and then pasted.
+Drawn one by one, as in a still, 200 aircraft would take seconds a frame.
 """
 
 from collections.abc import Sequence
@@ -51,7 +51,7 @@ class Texts:
         self._known: dict[tuple[str, str, str, str], Sprite] = {}
 
     def sprite(self, text: str, colour: str, ha: str, va: str) -> Sprite:
-        """A text that stands in a corner of its place."""
+        """The pixels of a text with the given alignment."""
         key = (text, colour, ha, va)
         if key not in self._known:
             self._known[key] = self._drawn(*key)
@@ -104,7 +104,7 @@ class TrafficPicture:
     def draw_aircraft(
         self, blips: Sequence[Blip], colours: Sequence[str], rings_nm: Sequence[float]
     ) -> None:
-        """Of each aircraft that is to be seen, with a ring where its radius is not 0."""
+        """Draw the visible aircraft, each with a ring unless its radius is 0."""
         if not blips:
             return
         place = np.array([blip.position_nm for blip in blips])

@@ -97,9 +97,9 @@ class Replay:
 def read_replay(path: Path, scenarios: int = 100, only: int | None = None) -> Replay:
     """The first scenarios of an evaluation, or the flight in a `.parquet` file of `simulate`.
 
-    `only` is the number of the one scenario to be read in place of the first. `path` may also be a
-    folder that holds just one evaluation. Raises InputError that names a missing or damaged table,
-    the scenario that is not there, or the evaluations among which one is to be chosen.
+    `only` selects a single scenario by its number instead. `path` may also be a folder that holds
+    just one evaluation. Raises InputError that names a missing or damaged table, a missing
+    scenario, or the evaluations to choose from.
     """
     if path.is_dir():
         return _evaluation(_evaluation_in(path), scenarios, only)
