@@ -11,7 +11,8 @@ so that it surely lived when the signal came. Then:
   `python -m` itself is interrupted while it starts, Python ends with 1; counted with these);
 - standard error has no traceback, but where Python itself is interrupted before our first line;
 - no file is half-written, nothing is left beside the output, in the folder for temporary files or
-  in the cache of programs;
+  in the cache of programs (where killed workers of `reproduce` leave folders, the next command that
+  comes a minute later must delete them: this is checked once, at the end);
 - no process is left.
 
 A training is resumed after each signal and must come to the end of one that nobody disturbed.
@@ -38,6 +39,7 @@ import pyarrow.parquet as pq
 from safetensors.numpy import load
 
 from benchmarks.killed_trainings import SUBJECTS, finish, outcome, train_command
+from skystack.programs import IDLE_S, RUNNING
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SKYSTACK = (sys.executable, "-m", "skystack")
@@ -83,6 +85,8 @@ class Subject(NamedTuple):
     """Its share of the signals."""
     compiles: bool = False
     """Whether it takes less time once its programs are kept."""
+    has_workers: bool = False
+    """Whether it kills processes of its own, which cannot delete their folders then."""
 
 
 def _train(place: Place) -> list[str]:
@@ -131,7 +135,7 @@ SIGNALLED = {
     "evaluate": Subject(_evaluate, 4),
     "evaluate --platform": Subject(_elsewhere, 2, compiles=True),
     "train": Subject(_train, 4),
-    "reproduce": Subject(_reproduce, 3, compiles=True),
+    "reproduce": Subject(_reproduce, 3, compiles=True, has_workers=True),
     "replay, a page": Subject(lambda place: _replay(place, ".html"), 2),
     "replay, a film": Subject(lambda place: _replay(place, ".gif"), 2),
     "report": Subject(_report, 2),
@@ -158,6 +162,7 @@ def signalled(
     number: signal.Signals,
     to_group: bool,
     due: Callable[[], bool],
+    has_workers: bool = False,
 ) -> Ended:
     """Start a command, signal it as soon as it is due and look at what is left."""
     scratch = place.folder.parent / "scratch"
@@ -184,7 +189,8 @@ def signalled(
             return Ended("code", (f"went on for {LIMIT_S:.0f} s",))
         err.seek(0)
         said = err.read().decode(errors="replace")
-    left = tuple(_left_behind(place.folder, scratch)) + tuple(_orphans(mark))
+    left = (*_left_behind(place.folder, scratch), *_orphans(mark))
+    left += () if has_workers else tuple(_left_in_cache())
     if not came:
         return Ended("before", (*_failed(code, said), *left))
     how, wrong = _judge_exit(code, number, said)
@@ -228,12 +234,16 @@ def _judge_exit(code: int, number: signal.Signals, said: str) -> tuple[str, tupl
 
 def _left_behind(folder: Path, scratch: Path) -> Iterator[str]:
     """What should not be there after a command has ended."""
-    caches = Path(os.environ["SKYSTACK_CACHE"])
-    for path in (*folder.rglob("*.aside"), *scratch.iterdir(), *caches.rglob("running-*")):
+    for path in (*folder.rglob("*.aside"), *scratch.iterdir()):
         yield f"left behind: {path}"
     for path in sorted(folder.rglob("*")):
         if path.is_file() and not _whole(path):
             yield f"half-written: {path}"
+
+
+def _left_in_cache() -> Iterator[str]:
+    for path in Path(os.environ["SKYSTACK_CACHE"]).rglob(f"{RUNNING}*"):
+        yield f"left behind: {path}"
 
 
 def _whole(path: Path) -> bool:
@@ -323,6 +333,8 @@ class Study:
                 sys.stderr.write(f"{number + 1} signals, {len(self.wrong)} wrong\n")
         if "train" in names:
             self._finish_training()
+        if any(SIGNALLED[name].has_workers for name in names):
+            self._clean_cache()
 
     def _once(self, name: str, number: int) -> bool:
         """One command; False when it had ended before the signal came."""
@@ -337,8 +349,9 @@ class Study:
             to_group = which == signal.SIGINT and self._chance.random() < 0.5
             begun = time.monotonic()
             moment = begun + self._chance.uniform(0.0, self._took[name])
-            command = SIGNALLED[name].command(place)
-            ended = signalled(command, place, which, to_group, at(moment))
+            subject = SIGNALLED[name]
+            command = subject.command(place)
+            ended = signalled(command, place, which, to_group, at(moment), subject.has_workers)
         self.counts.setdefault(name, Counter())[ended.how] += 1
         if ended.wrong:
             self.counts[name]["wrong"] += 1
@@ -350,6 +363,15 @@ class Study:
             if name == "train":
                 self._finish_training()
         return ended.how != "before"
+
+    def _clean_cache(self) -> None:
+        """A later command deletes what killed workers left in the cache."""
+        for path in Path(os.environ["SKYSTACK_CACHE"]).rglob(f"{RUNNING}*"):
+            os.utime(path, (time.time() - 2 * IDLE_S,) * 2)
+        place = self._known._replace(folder=self._folder / "later")
+        place.folder.mkdir()
+        finish(SIGNALLED["simulate"].command(place), LIMIT_S)
+        self.wrong += _left_in_cache()
 
     def _finish_training(self) -> None:
         place = self._known._replace(folder=self._folder / "resumed")

@@ -1,6 +1,10 @@
 """Messages stay one printable line, whatever names a stranger's file holds."""
 
-from skystack.errors import LONGEST_LINE, InputError, unknown_name
+import numpy as np
+import pytest
+import torch
+
+from skystack.errors import LONGEST_LINE, InputError, checked_whole, unknown_name
 
 
 def test_a_message_is_one_printable_line():
@@ -20,3 +24,21 @@ def test_a_name_too_long_for_a_file_is_unknown_like_any_other():
     for name in ("x" * 300, "\u00e9" * 190):
         error = unknown_name("sector", name, ["merge"], [f"{name}.json"])
         assert str(error).endswith("(allowed: merge)")
+
+
+@pytest.mark.parametrize("kind", [int, np.int8, np.uint64, np.array, torch.tensor])
+def test_a_whole_number_of_any_library_is_a_plain_one(kind):
+    number = checked_whole("it", kind(3), 3, 3)
+    assert (number, type(number)) == (3, int)
+
+
+@pytest.mark.parametrize("flag", [True, np.True_, np.array(True), torch.tensor(True)])
+def test_a_truth_value_is_no_number(flag):
+    with pytest.raises(InputError, match=r"^it is .*\(allowed: whole numbers from 0\)$"):
+        checked_whole("it", flag, 0)
+
+
+@pytest.mark.parametrize("value", [-1, 6, 1.0, "1", None, np.array([1, 2]), np.float32(1)])
+def test_what_is_no_whole_number_in_the_range_is_refused(value):
+    with pytest.raises(InputError, match=r"\(allowed: whole numbers from 0 to 5\)$"):
+        checked_whole("it", value, 0, 5)

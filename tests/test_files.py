@@ -144,3 +144,34 @@ def test_no_pipe_or_device_is_replaced_by_a_file(tmp_path):
         write_aside(pipe, b"x")
     assert pipe.is_fifo()
     assert list(tmp_path.iterdir()) == [pipe]
+
+
+@pytest.fixture
+def umask():
+    """Sets the permissions that new files are not given; the old ones are restored."""
+    before = os.umask(0o022)
+    yield os.umask
+    os.umask(before)
+
+
+@pytest.mark.parametrize("mask", [0o022, 0o077, 0o002])
+def test_new_files_have_the_permissions_that_the_user_wants(mask, umask, tmp_path):
+    umask(mask)
+    write_aside(tmp_path / "file", b"")
+    assert (tmp_path / "file").stat().st_mode & 0o777 == 0o666 & ~mask
+
+
+def test_a_name_may_be_as_long_as_the_system_allows(tmp_path):
+    path = tmp_path / ("é" * 127)  # 254 bytes of 255
+    write_aside(path, b"data")
+    assert path.read_bytes() == b"data"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_symbolic_link_is_replaced_and_not_followed(tmp_path):
+    """A run folder may come from anybody: a link in it must not lead to the user's files."""
+    (tmp_path / "mine").write_bytes(b"mine")
+    (tmp_path / "link").symlink_to(tmp_path / "mine")
+    write_aside(tmp_path / "link", b"new")
+    assert not (tmp_path / "link").is_symlink()
+    assert (tmp_path / "mine").read_bytes() == b"mine"

@@ -1,9 +1,11 @@
 """What goes wrong in one clear line: a user's mistake (exit code 2), or a failure (1)."""
 
 import difflib
+import operator
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 LONGEST_LINE = 2000
 """Characters of a message; files from strangers may hold names of any length."""
@@ -27,6 +29,22 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
+
+
+def checked_whole(name: str, value: Any, least: int, most: int | None = None) -> int:
+    """A whole number of any library, in a range. Raises InputError for anything else.
+
+    True and False are refused, although Python counts them as numbers.
+    """
+    kind = str(getattr(value, "dtype", type(value).__name__))
+    try:
+        number = None if kind.endswith("bool") else operator.index(value)
+    except TypeError:
+        number = None
+    if number is None or number < least or (most is not None and number > most):
+        allowed = f"from {least}" if most is None else f"from {least} to {most}"
+        raise InputError(f"{name} is {value!r} (allowed: whole numbers {allowed})")
+    return number
 
 
 LONGEST_NAME, MOST_NAMES = 200, 2000

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from itertools import takewhile
 from pathlib import Path
+from secrets import token_hex
 from typing import IO
 
 from skystack.errors import InputError
@@ -80,10 +81,7 @@ def _open_aside(path: Path) -> Iterator[IO[bytes]]:
     file: IO[bytes] | None = None
     try:
         with held(), writing(path):
-            file = tempfile.NamedTemporaryFile(  # noqa: SIM115  (closed below)
-                prefix=f".{path.name}.", suffix=_ASIDE, dir=path.parent, delete=False
-            )
-            Path(file.name).chmod(0o644)
+            file = _unused(path).open("xb")
         yield file
     finally:
         if file is not None:
@@ -91,6 +89,11 @@ def _open_aside(path: Path) -> Iterator[IO[bytes]]:
                 with suppress(OSError):  # a full disk has been reported by then
                     file.close()
                 Path(file.name).unlink(missing_ok=True)
+
+
+def _unused(path: Path) -> Path:
+    """A name beside a file that no other has, and not too long however long the file's own is."""
+    return path.with_name(f".{path.name[:40]}.{token_hex(8)}{_ASIDE}")
 
 
 @contextmanager

@@ -52,8 +52,10 @@ def read_json(path: Path) -> Any:
         raise InputError(f"is not UTF-8 (byte {error.start})") from None
     except InputError:
         raise
-    except (ValueError, RecursionError) as error:
+    except json.JSONDecodeError as error:
         raise InputError(f"is not JSON ({error})") from None
+    except (ValueError, RecursionError) as error:
+        raise beyond_python(error) from None
     check_plain(raw)
     return with_whole_numbers(raw)
 
@@ -76,7 +78,7 @@ def check_plain(value: Any, where: str = "", depth: int = 0) -> None:
     """
     if isinstance(value, dict | list):
         if depth == MAX_DEPTH:
-            raise InputError(f"{where} is nested too deep (allowed: {MAX_DEPTH} levels)")
+            raise InputError(f"{where} {_TOO_DEEP}")
         inner = value.items() if isinstance(value, dict) else enumerate(value)
         for key, each in inner:
             step = f".{key}" if isinstance(value, dict) else f"[{key}]"
@@ -89,6 +91,16 @@ def check_plain(value: Any, where: str = "", depth: int = 0) -> None:
             raise not_allowed(where, value, "finite number")
     elif value is not None:
         raise InputError(f"{where} is {value} (allowed: no dates or times)")
+
+
+_TOO_DEEP = f"is nested too deep (allowed: {MAX_DEPTH} levels)"
+
+
+def beyond_python(error: ValueError | RecursionError) -> InputError:
+    """The error for a valid file that Python's parsers cannot read."""
+    if isinstance(error, RecursionError):
+        return InputError(_TOO_DEEP)
+    return InputError("has a number of too many digits (allowed: finite numbers)")
 
 
 def decode(data: bytes, kind: Any, where: str) -> Any:

@@ -22,7 +22,7 @@ CACHE_VARIABLE = "SKYSTACK_CACHE"
 """Names the folder for compiled programs; `off` keeps none."""
 IDLE_S = 60.0
 """An unlocked folder older than this belongs to a process that was killed."""
-_RUNNING = "running-"
+RUNNING = "running-"
 """Prefix of the folders that JAX works in."""
 MOST_BYTES = 512 * 1024**2
 """Beyond this the oldest are deleted."""
@@ -92,7 +92,7 @@ def _folder() -> Path | None:
 def _own_folder(folder: Path, stack: ExitStack) -> Path | None:
     """A folder for JAX with links to the intact programs; damaged ones are deleted."""
     try:
-        mine = stack.enter_context(scratch_folder(_RUNNING, folder))
+        mine = stack.enter_context(scratch_folder(RUNNING, folder))
         stack.enter_context(alone_in(mine))
         kept = _files(folder)
     except (OSError, InputError):
@@ -148,7 +148,7 @@ def _clean(folder: Path, mine: Path) -> None:
         left -= size
         if left < 0:
             path.unlink(missing_ok=True)
-    for path in folder.glob(f"{_RUNNING}*"):
+    for path in folder.glob(f"{RUNNING}*"):
         if path != mine and is_abandoned(path, IDLE_S):
             shutil.rmtree(path, ignore_errors=True)
 

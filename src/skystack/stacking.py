@@ -14,12 +14,11 @@ that computes; `stack_traced` does the same inside `jax.jit`, and `stack_many` f
 whose policy runs outside it.
 """
 
-import operator
 from collections.abc import Callable
 from copy import deepcopy
 from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
-from skystack.errors import InputError
+from skystack.errors import InputError, checked_whole
 
 State = TypeVar("State")
 Carry = TypeVar("Carry")
@@ -71,13 +70,7 @@ def owned(answer: Any) -> Any:
 
 def checked_limit(limit: Any) -> int:
     """The most instructions of one clearance. Raises InputError for anything but 1, 2, ..."""
-    try:
-        number = 0 if isinstance(limit, bool) else operator.index(limit)
-    except TypeError:
-        number = 0
-    if number < 1:
-        raise InputError(f"limit is {limit!r} (allowed: whole numbers from 1)")
-    return number
+    return checked_whole("limit", limit, 1)
 
 
 def stack(

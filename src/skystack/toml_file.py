@@ -4,7 +4,7 @@ import tomllib
 from typing import Any
 
 from skystack.errors import InputError
-from skystack.json_file import check_plain, with_whole_numbers
+from skystack.json_file import beyond_python, check_plain, with_whole_numbers
 
 
 def parse_toml(data: bytes) -> dict[str, Any]:
@@ -16,8 +16,10 @@ def parse_toml(data: bytes) -> dict[str, Any]:
         values = tomllib.loads(data.decode())
     except UnicodeDecodeError:
         raise InputError("not TOML: it is not UTF-8") from None
-    except (ValueError, RecursionError) as error:  # a ValueError for numbers of 4,300 digits
+    except tomllib.TOMLDecodeError as error:
         raise InputError(f"not TOML: {error}") from None
+    except (ValueError, RecursionError) as error:  # a ValueError for numbers of 4,300 digits
+        raise beyond_python(error) from None
     check_plain(values)
     whole: dict[str, Any] = with_whole_numbers(values)
     return whole

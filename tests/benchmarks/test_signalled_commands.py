@@ -14,7 +14,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")
 
 READY = """
 import os, pathlib, signal, subprocess, sys, time
-folder = pathlib.Path(sys.argv[1])
+folder, cache = pathlib.Path(sys.argv[1]), pathlib.Path(os.environ["SKYSTACK_CACHE"])
 signal.signal(signal.SIGTERM, lambda *_: {then})
 (folder / "ready.jsonl").touch()
 while True:
@@ -26,6 +26,7 @@ WRONG = {
     "1 / 0": "exit code 1 after SIGTERM",
     "(print('Traceback', file=sys.stderr, flush=True), os._exit(143))": "a traceback",
     "((folder / '.a.b.aside').touch(), os._exit(143))": "left behind",
+    "((cache / 'running-1').mkdir(parents=True), os._exit(143))": "left behind",
     "((folder / 'a.json').write_text('{'), os._exit(143))": "half-written",
     "(subprocess.Popen([sys.executable, '-c', 'input()'], stdin=-1), os._exit(143))": "running",
 }

@@ -1,10 +1,12 @@
 """What is judged, on which task, under which name; nothing but a row of nobody is flown."""
 
+import math
 import threading
 from dataclasses import replace
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 
 from skystack.agents.agent import Agent
@@ -171,3 +173,27 @@ def test_conditions_out_of_range_are_refused(name, value):
     """As on the command line. Seeds beyond 32 bits would repeat the scenarios of smaller ones."""
     with pytest.raises(InputError, match=rf"^{name} is .* \(allowed: whole numbers from "):
         judge(lambda _: 0, Conditions(**{"episodes": 1, name: value}), experiment="vertical")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "allowed"),
+    [
+        *(("stacking", value, "True, False") for value in ("no", 0, None, np.array(1))),
+        ("greedy", "yes", "True, False"),
+        *(
+            ("time_limit_s", value, "seconds above 0, up to 10000000")
+            for value in (0, -1.0, math.nan, math.inf, "120", None, True)
+        ),
+    ],
+)
+def test_conditions_of_another_kind_are_refused(name, value, allowed):
+    with pytest.raises(InputError, match=rf"^{name} is .* \(allowed: {allowed}\)$"):
+        judge(lambda _: 0, Conditions(**{"episodes": 1, name: value}), experiment="vertical")
+
+
+def test_conditions_may_be_numpy_s():
+    given = Conditions(
+        np.int64(3), np.int32(1), np.bool_(False), np.True_, "skystack", np.float32(1)
+    )
+    judged = judge(lambda _: 0, given, experiment="vertical")
+    assert (judged.row["stacking"], judged.episodes.num_rows) == (False, 1)

@@ -273,6 +273,7 @@ def test_the_last_cycle_and_the_greatest_values_can_be_given(folder, values, giv
 def test_a_scenario_has_some_cycles_and_not_too_many(folder, cycles):
     replaced(folder, "episodes", cycles=cycles)
     pq.write_table(pq.read_table(folder / "clearances.parquet")[:0], folder / "clearances.parquet")
+    replaced(folder, "episodes", clearances=0)
     if 1 <= cycles <= MOST_CYCLES:
         assert stored_scenario(folder, 9).cycles == cycles
         return
@@ -284,6 +285,9 @@ def test_tables_that_do_not_agree_are_refused(folder):
     with pytest.raises(InputError, match="has no scenario 5"):
         stored_scenario(folder, 5)
     replaced(folder, "episodes", 4, scenario=9)
+    with pytest.raises(InputError, match="its tables do not agree on scenario 9"):
+        stored_scenario(folder, 9)
+    replaced(folder, "episodes", clearances=1)  # clearances.parquet holds two
     with pytest.raises(InputError, match="its tables do not agree on scenario 9"):
         stored_scenario(folder, 9)
     replaced(folder, "episodes", scenario=4)

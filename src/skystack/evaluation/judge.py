@@ -4,16 +4,16 @@ import pickle
 from collections.abc import Callable, Generator
 from contextlib import ExitStack, closing
 from functools import partial
-from numbers import Integral
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
+import numpy as np
 import pyarrow as pa
 
 from skystack.agents.agent import Agent, agent_of
 from skystack.airspace.sector_file import SectorEntry
-from skystack.errors import InputError
+from skystack.errors import InputError, checked_whole
 from skystack.evaluation.elsewhere import Job, fly_elsewhere
 from skystack.evaluation.hosted import HostedController, fly_hosted
 from skystack.evaluation.rollout import NOBODY, Controller, Recording, network_controller, prepare
@@ -29,7 +29,7 @@ from skystack.learning.experiment import (
 )
 from skystack.learning.policy import Policy, PolicyDescription
 from skystack.names import as_name, check_name
-from skystack.platforms.processes import TIME_LIMIT_S
+from skystack.platforms.processes import TIME_LIMIT_S, checked_time_limit
 from skystack.platforms.registry import (
     OWN,
     adoption_of,
@@ -154,16 +154,23 @@ MOST_NUMBER = 2**31 - 1
 """Of seeds and episodes. JAX keeps 32 bits of a seed, so greater ones would repeat scenarios."""
 
 
-def _check_conditions(conditions: Conditions) -> None:
-    """Raise InputError for what the command line refuses as well."""
-    numbers = [("seed", conditions.seed, 0, MOST_NUMBER)]
-    numbers += [("episodes", conditions.episodes, 1, MOST_NUMBER)]
-    if conditions.cycles is not None:
-        numbers += [("cycles", conditions.cycles, 1, MOST_CYCLES)]
-    for name, value, least, most in numbers:
-        whole = isinstance(value, Integral) and not isinstance(value, bool)
-        if not (whole and least <= value <= most):
-            raise InputError(f"{name} is {value!r} (allowed: whole numbers from {least} to {most})")
+def _checked(conditions: Conditions) -> Conditions:
+    """The conditions as plain values. Raises InputError for what the command line refuses too."""
+    cycles = conditions.cycles
+    return conditions._replace(
+        seed=checked_whole("seed", conditions.seed, 0, MOST_NUMBER),
+        episodes=checked_whole("episodes", conditions.episodes, 1, MOST_NUMBER),
+        cycles=None if cycles is None else checked_whole("cycles", cycles, 1, MOST_CYCLES),
+        stacking=_flag("stacking", conditions.stacking),
+        greedy=_flag("greedy", conditions.greedy),
+        time_limit_s=checked_time_limit(conditions.time_limit_s),
+    )
+
+
+def _flag(name: str, value: Any) -> bool:
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(f"{name} is {value!r} (allowed: True, False)")
+    return bool(value)
 
 
 def judge(
@@ -189,7 +196,7 @@ def judge(
     scenario is finished.
     """
     check_platform(conditions.platform)
-    _check_conditions(conditions)
+    conditions = _checked(conditions)
     if isinstance(policy, Policy):
         return _judge_own(policy, conditions, out, on_scenario, experiment, name)
     agent = agent_of(policy, name)

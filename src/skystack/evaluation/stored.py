@@ -235,11 +235,13 @@ def stored_scenario(folder: Path, number: int) -> Scenario:
     columns = ("callsign", "type", "route", "exit_fl", "own_navigation")
     aircraft = read_table(folder / "aircraft.parquet", columns, only)
     issued = read_table(folder / "clearances.parquet", ("cycle", "callsign", "kind", "value"), only)
-    episodes = read_table(folder / "episodes.parquet", ("cycles",), only)
+    episodes = read_table(folder / "episodes.parquet", ("cycles", "clearances"), only)
     performance, types = _performance_of(path, start)
     flown = {row.pop("callsign"): row for row in start.to_pylist()}
     if episodes.num_rows != 1 or set(flown) != set(aircraft["callsign"].to_pylist()):
-        raise InputError(f"{folder}: its tables do not agree on scenario {number}")
+        raise not_agreeing(folder, number)
+    if episodes["clearances"][0].as_py() != issued.num_rows:
+        raise not_agreeing(folder, number)
     sector, who, said = sector_of(path, start), aircraft.to_pylist(), issued.to_pylist()
     check_who(folder / "aircraft.parquet", sector, who)
     cycles = episodes["cycles"][0].as_py()
@@ -255,6 +257,11 @@ def stored_scenario(folder: Path, number: int) -> Scenario:
         tuple(_given(row) for row in said),
         types,
     )
+
+
+def not_agreeing(folder: Path, number: int) -> InputError:
+    """The error for tables that were not all written by the same evaluation."""
+    return InputError(f"{folder}: its tables do not agree on scenario {number}")
 
 
 def _performance_of(path: Path, table: pa.Table) -> tuple[str, tuple[AircraftType, ...]]:

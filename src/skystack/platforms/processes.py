@@ -9,6 +9,7 @@ from concurrent.futures import CancelledError, Future
 from concurrent.futures import TimeoutError as OutOfTime
 from concurrent.futures.process import BrokenProcessPool
 from itertools import repeat
+from numbers import Real
 from pathlib import Path
 from threading import Timer
 from typing import Any, NamedTuple, TypeVar
@@ -19,6 +20,8 @@ from skystack.signals import starting_processes, wait_for
 
 TIME_LIMIT_S = 120.0
 """For an item, unless told otherwise."""
+LONGEST_LIMIT_S = 10_000_000
+"""Longer waits overflow the system's timers."""
 START_LIMIT_S = 1200.0
 """For a process to start: imports, the simulator, and compilation, which takes minutes on a busy
 machine."""
@@ -47,8 +50,10 @@ def in_processes(
     """Do every item in one process a core, in order; `make` and the items must be picklable.
 
     An item that takes longer than its time limit, raises PlatformError, or whose process dies, has
-    failed; the others are done. Raises InputError as soon as an item does.
+    failed; the others are done. Raises InputError for a time limit out of range, and as soon as an
+    item does.
     """
+    checked_time_limit(time_limit_s)
     with of_extra("another platform", "bluebird] or [bluesky"):
         from pebble import ProcessPool  # noqa: PLC0415
 
@@ -71,6 +76,16 @@ def in_processes(
                 futures += _scheduled(pool, items[index + ahead :][:1], time_limit_s)
         finally:
             pool.stop()
+
+
+def checked_time_limit(time_limit_s: Any) -> float:
+    """The limit as a plain number. Raises InputError for anything but seconds above 0."""
+    number = isinstance(time_limit_s, Real) and not isinstance(time_limit_s, bool)
+    if not (number and 0.0 < time_limit_s <= LONGEST_LIMIT_S):
+        raise InputError(
+            f"time_limit_s is {time_limit_s!r} (allowed: seconds above 0, up to {LONGEST_LIMIT_S})"
+        )
+    return float(time_limit_s)
 
 
 def _scheduled(pool: Any, items: Sequence[Item], time_limit_s: float) -> list[Future[Any]]:

@@ -5,7 +5,6 @@ has told somebody something asks three things next (the new state, what is seen 
 said now), so one program answers them all.
 """
 
-import operator
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -14,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from skystack.errors import InputError
+from skystack.errors import checked_whole
 from skystack.forks import refuse_forked
 from skystack.tasks.compiled import TaskPrograms, compiled
 from skystack.tasks.contract import Outcome, Task, TaskState
@@ -38,13 +37,7 @@ class Seen(NamedTuple):
 
 def checked_action(action: Any, actions: int) -> int:
     """An action as a plain number. Raises InputError for one that is not in the table."""
-    try:
-        number = operator.index(action)
-    except TypeError:
-        number = -1
-    if not 0 <= number < actions:
-        raise InputError(f"action is {action!r} (allowed: whole numbers from 0 to {actions - 1})")
-    return number
+    return checked_whole("action", action, 0, actions - 1)
 
 
 class PlainTask(TaskPrograms):

@@ -132,10 +132,13 @@ def rewrite(folder, table, change):
         ("trajectories", lambda t: t.drop_columns("fl"), "no column 'fl'"),
         ("trajectories", lambda t: t.slice(1), "the rows of AC1 are not complete"),
         ("trajectories", lambda t: t.filter(t["scenario"].to_numpy() != 1), "agree on scenario 1"),
+        ("trajectories", lambda t: t.filter(t["cycle"].to_numpy() < 2), "agree on scenario 0"),
+        ("clearances", lambda t: t.slice(1), "agree on scenario 0"),
+        ("clearances", lambda t: t.slice(0, 0), "agree on scenario 0"),
         ("aircraft", lambda t: t.slice(1), "is for 'AC1', who does not fly"),
         ("episodes", lambda t: t.slice(0, 0), "holds no scenario"),
     ],
-    ids=["column", "row", "scenario", "aircraft", "empty"],
+    ids=["column", "row", "scenario", "cycles", "clearance", "silent", "aircraft", "empty"],
 )
 def test_tables_that_do_not_belong_together(copied, table, change, message):
     rewrite(copied, table, change)

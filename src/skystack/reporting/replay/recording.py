@@ -21,6 +21,7 @@ from skystack.evaluation.stored import (
     check_who,
     has_column,
     metadata_of,
+    not_agreeing,
     read_table,
     rows_of,
     sector_of,
@@ -153,7 +154,7 @@ def _evaluation(folder: Path, count: int, number: int | None) -> Replay:
 
 def _episodes(folder: Path, count: int, number: int | None) -> pa.Table:
     """Those of the first scenarios, or of one."""
-    path, columns = folder / "episodes.parquet", ("scenario", "cycles", "success")
+    path, columns = folder / "episodes.parquet", ("scenario", "cycles", "success", "clearances")
     one = None if number is None else [("scenario", "=", number)]
     episodes = read_table(path, columns, one).sort_by("scenario").slice(0, count)
     if not episodes.num_rows:
@@ -185,12 +186,17 @@ def _scenario(
 ) -> ReplayScenario:
     number = episode["scenario"]
     if number not in rows or number not in aircraft:
-        raise InputError(f"{path.parent}: its tables do not agree on scenario {number}")
+        raise not_agreeing(path.parent, number)
     who = aircraft[number].to_pylist()
     check_who(path.parent / "aircraft.parquet", sector, who)
     said = clearances[number].to_pylist() if number in clearances else []
     flying = tuple(_aircraft(sector, path, rows[number], each) for each in who)
-    return _assembled(sector, number, episode["cycles"], episode["success"], flying, said, path)
+    cycles = episode["cycles"]
+    flown = _assembled(sector, number, cycles, episode["success"], flying, said, path)
+    found = len(said), len(rows[number])
+    if found != (episode["clearances"], len(who) * (cycles + 1)):
+        raise not_agreeing(path.parent, number)
+    return flown
 
 
 def _simulated(path: Path) -> Replay:
