@@ -11,8 +11,8 @@ so that it surely lived when the signal came. Then:
   `python -m` itself is interrupted while it starts, Python ends with 1; counted with these);
 - standard error has no traceback, but where Python itself is interrupted before our first line;
 - no file is half-written, nothing is left beside the output, in the folder for temporary files or
-  in the cache of programs (where killed workers of `reproduce` leave folders, the next command that
-  comes a minute later must delete them: this is checked once, at the end);
+  in the cache of programs (where killed workers leave folders, a command that comes a minute later
+  must delete them: this is checked once, at the end);
 - no process is left.
 
 A training is resumed after each signal and must come to the end of one that nobody disturbed.
@@ -131,9 +131,9 @@ def _export(place: Place) -> list[str]:
 
 
 SIGNALLED = {
-    "simulate": Subject(_simulate, 3, compiles=True),
-    "evaluate": Subject(_evaluate, 4),
-    "evaluate --platform": Subject(_elsewhere, 2, compiles=True),
+    "simulate": Subject(_simulate, 3),
+    "evaluate": Subject(_evaluate, 4, compiles=True),
+    "evaluate --platform": Subject(_elsewhere, 2, compiles=True, has_workers=True),
     "train": Subject(_train, 4),
     "reproduce": Subject(_reproduce, 3, compiles=True, has_workers=True),
     "replay, a page": Subject(lambda place: _replay(place, ".html"), 2),
@@ -167,6 +167,7 @@ def signalled(
     """Start a command, signal it as soon as it is due and look at what is left."""
     scratch = place.folder.parent / "scratch"
     scratch.mkdir(exist_ok=True)
+    running = _running()
     mark = f"{os.getpid()}-{time.monotonic_ns()}"
     with (scratch.parent / "stderr").open("w+b") as err:
         process = subprocess.Popen(
@@ -190,7 +191,8 @@ def signalled(
         err.seek(0)
         said = err.read().decode(errors="replace")
     left = (*_left_behind(place.folder, scratch), *_orphans(mark))
-    left += () if has_workers else tuple(_left_in_cache())
+    if not has_workers:
+        left += tuple(f"left behind: {path}" for path in _running() - running)
     if not came:
         return Ended("before", (*_failed(code, said), *left))
     how, wrong = _judge_exit(code, number, said)
@@ -241,9 +243,9 @@ def _left_behind(folder: Path, scratch: Path) -> Iterator[str]:
             yield f"half-written: {path}"
 
 
-def _left_in_cache() -> Iterator[str]:
-    for path in Path(os.environ["SKYSTACK_CACHE"]).rglob(f"{RUNNING}*"):
-        yield f"left behind: {path}"
+def _running() -> set[Path]:
+    """The folders in the cache that belong to running processes, or did."""
+    return set(Path(os.environ["SKYSTACK_CACHE"]).rglob(f"{RUNNING}*"))
 
 
 def _whole(path: Path) -> bool:
@@ -366,12 +368,12 @@ class Study:
 
     def _clean_cache(self) -> None:
         """A later command deletes what killed workers left in the cache."""
-        for path in Path(os.environ["SKYSTACK_CACHE"]).rglob(f"{RUNNING}*"):
+        for path in _running():
             os.utime(path, (time.time() - 2 * IDLE_S,) * 2)
         place = self._known._replace(folder=self._folder / "later")
         place.folder.mkdir()
-        finish(SIGNALLED["simulate"].command(place), LIMIT_S)
-        self.wrong += _left_in_cache()
+        finish(SIGNALLED["evaluate"].command(place), LIMIT_S)
+        self.wrong += (f"never deleted: {path}" for path in _running())
 
     def _finish_training(self) -> None:
         place = self._known._replace(folder=self._folder / "resumed")

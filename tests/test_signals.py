@@ -15,6 +15,15 @@ from skystack.signals import ended_by_signals, exit_code, held
 
 CODES = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
+
+@pytest.fixture(autouse=True)
+def as_at_a_terminal():
+    """A process in the background of a script ignores SIGINT, and so would the tests in it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 COMMAND = """
 import os, signal, sys
 from skystack import signals

@@ -128,7 +128,7 @@ def test_only_those_who_still_ask_are_asked():
     def once(observations):
         asked.append(len(observations))
         first = asked[-1] > asked[-2] if len(asked) > 1 else True
-        return np.arange(len(observations)) == 0 if first else np.zeros(len(observations), int)
+        return ((np.arange(len(observations)) == 0) & first).astype(int)
 
     asked[:] = [0]
     recording = flown(Batched(once), 6)

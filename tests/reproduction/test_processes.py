@@ -4,10 +4,15 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
+from skystack.learning.experiment import load_experiment
+from skystack.reproduction.jobs import Job
+from skystack.reproduction.plan import Plan
+from skystack.reproduction.processes import _delete_half_written, _listen
 from tests.waiting import HANGS_S, wait_until
 
 PARENT = """
@@ -18,6 +23,14 @@ if __name__ == "__main__":
     worker = multiprocessing.get_context("spawn").Process(target=wait)
     worker.start()
     worker.join()
+"""
+HOLDER = """
+import sys
+from pathlib import Path
+from skystack.files import _open_locked
+handle = _open_locked(Path(sys.argv[1]))
+print(1, flush=True)
+sys.stdin.read()
 """
 
 
@@ -41,3 +54,43 @@ def test_a_worker_ends_when_its_parent_is_killed():
         assert worker.exists()
         parent.send_signal(signal.SIGKILL)
     wait_until(lambda: not worker.exists())
+
+
+def test_what_stopped_workers_were_writing_is_deleted_unless_others_work_there(tmp_path):
+    lateral = load_experiment("lateral")
+    plan = Plan((lateral,), 2, 3, tmp_path, True, "")
+    ours, theirs = (Job(plan, lateral, seed) for seed in range(2))
+    half = [".policy.json.abc.aside", "checkpoint/.learner.safetensors.abc.aside"]
+    for job in (ours, theirs):
+        for path in (job.folders[0] / name for name in half):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text("half")
+    with locked_elsewhere(theirs.folders[0]):
+        _delete_half_written([ours, theirs])
+    assert not list(ours.folders[0].rglob("*.aside"))
+    assert len(list(theirs.folders[0].rglob("*.aside"))) == 2
+
+
+@contextmanager
+def locked_elsewhere(folder):
+    """Another process works there, without deleting anything."""
+    with subprocess.Popen([sys.executable, "-c", HOLDER, folder], stdin=-1, stdout=-1) as other:
+        assert other.stdout.readline() == b"1\n"
+        yield
+        other.stdin.close()
+
+
+@pytest.mark.parametrize("error", [EOFError, BrokenPipeError, ConnectionResetError])
+def test_messages_end_quietly_when_an_interrupted_command_has_ended_their_queue(error):
+    class Messages:
+        def __init__(self):
+            self.left = [("lateral-s0", 1)]
+
+        def get(self):
+            if self.left:
+                return self.left.pop()
+            raise error
+
+    heard = []
+    _listen(Messages(), lambda *message: heard.append(message))
+    assert heard == [("lateral-s0", 1)]

@@ -2,14 +2,17 @@
 
 import multiprocessing
 import os
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from multiprocessing.managers import SyncManager
 from threading import Thread
 from typing import Any
 
 from skystack.cores import cores
-from skystack.errors import TrainingError
+from skystack.errors import InputError, TrainingError
+from skystack.files import alone_in
 from skystack.reproduction.jobs import Done, Job, Report, jobs_of, longest_first, run_job
 from skystack.reproduction.plan import Plan
 from skystack.signals import starting_processes, wait_for
@@ -48,6 +51,8 @@ def run_in_processes(plan: Plan, report: Report) -> list[Done]:
             ) from None
         except BaseException:
             _stop_workers()
+            pool.shutdown(wait=True, cancel_futures=True)
+            _delete_half_written(jobs)
             raise
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
@@ -60,6 +65,13 @@ def _stop_workers() -> None:
     for child in multiprocessing.active_children():
         if not child.name.startswith("SyncManager"):
             child.terminate()
+
+
+def _delete_half_written(jobs: Sequence[Job]) -> None:
+    """Delete what workers that were stopped were writing; whoever locks a folder does that."""
+    for folder in (each for job in jobs for each in job.folders if each.exists()):
+        with suppress(InputError), alone_in(folder, below=("checkpoint",)):
+            pass
 
 
 def _pin(free_cores: Any) -> None:
@@ -83,8 +95,9 @@ def _outlive(parent: Any) -> None:
 
 
 def _listen(messages: Messages, report: Report) -> None:
-    while (message := messages.get()) is not None:
-        report(*message)
+    with suppress(EOFError, OSError):  # an interrupted command ended the manager first
+        while (message := messages.get()) is not None:
+            report(*message)
 
 
 def _run(job: Job, messages: Messages) -> Done:
