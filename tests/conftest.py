@@ -64,6 +64,7 @@ QUICKLY = (
     "test_cli.py",
     "test_distribution.py",
     "test_examples.py",
+    "test_names.py",
 )
 """Where tests are of what is said and written, not of what is computed: what they run need not be
 fast, and is compiled in a third of the time. All others compile as users do."""

@@ -441,7 +441,7 @@ def clearances(recording, number):
     return [(int(c), int(recording.action[number, c]), int(given[c])) for c in np.nonzero(given)[0]]
 
 
-SCENARIOS = 30
+SCENARIOS = 100
 
 
 def test_python_and_jit_issue_the_same_clearances_with_a_table_policy(lateral, phases):

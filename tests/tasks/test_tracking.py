@@ -68,11 +68,11 @@ def traffic_at(sector, points_deg, route=0, heading_deg=90.0):
 def progress(sector, points_deg):
     """The next fix of one aircraft that is seen at each of the points, one cycle after another."""
     tracker, found = Tracker(sector), []
-    memory = None
+    track, memory = jax.jit(tracker.track), None
     for point in points_deg:
         traffic = traffic_at(sector, [point])
         memory = tracker.begin(traffic, traffic.level) if memory is None else memory
-        memory = tracker.track(memory, traffic)
+        memory = track(memory, traffic)
         found.append(int(memory.next_fix[0]))
     return found
 

@@ -1,6 +1,7 @@
 """Parquet tables that carry their sector: read and checked; a flown scenario from them."""
 
 from collections.abc import Collection, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO
 
@@ -147,20 +148,26 @@ def sector_of(path: Path, table: pa.Table) -> Sector:
     if data is None:
         raise InputError(f"{path}: has no sector in its metadata")
     with inside(f"{path}: the sector in its metadata"):
-        stored = decode(data, Sector, "it")
-        ring = [[lon, lat] for lat, lon in stored.area]
-        return make_sector(
-            SectorEntry(
-                name=stored.name,
-                levels_fl=stored.levels_fl,
-                area={"type": "Polygon", "coordinates": [ring]},
-                fixes={name: _point(f"fixes.{name}", at) for name, at in stored.fixes.items()},
-                routes=stored.routes,
-                origin=_point("origin", stored.origin),
-                separation_nm=stored.separation_nm,
-                separation_fl=stored.separation_fl,
-            )
+        return _stored_sector(data)
+
+
+@lru_cache(maxsize=16)
+def _stored_sector(data: bytes) -> Sector:
+    """Checking a sector takes longer than reading its table, and many tables share one."""
+    stored = decode(data, Sector, "it")
+    ring = [[lon, lat] for lat, lon in stored.area]
+    return make_sector(
+        SectorEntry(
+            name=stored.name,
+            levels_fl=stored.levels_fl,
+            area={"type": "Polygon", "coordinates": [ring]},
+            fixes={name: _point(f"fixes.{name}", at) for name, at in stored.fixes.items()},
+            routes=stored.routes,
+            origin=_point("origin", stored.origin),
+            separation_nm=stored.separation_nm,
+            separation_fl=stored.separation_fl,
         )
+    )
 
 
 def _point(where: str, at: LatLon) -> Point:
