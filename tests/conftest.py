@@ -13,6 +13,7 @@ import tests.typecheck  # noqa: F401  (the hook looks it up by name)
 install_import_hook("skystack", "tests.typecheck.typecheck")
 
 import jax  # noqa: E402
+import jaxtyping  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import HealthCheck, settings  # noqa: E402
 from jax._src import compiler  # noqa: E402  (no other way to set XLA's options for some tests)
@@ -38,6 +39,12 @@ def compile_once(tmp_path_factory):
     os.environ["SKYSTACK_CACHE"] = str(common / "programs")  # for commands in their own processes
     jax.config.update("jax_compilation_cache_dir", str(tmp_path_factory.mktemp("compiled")))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+
+
+@pytest.fixture
+def types_unchecked(monkeypatch):
+    """As for users: what is of another type than annotated reaches the code."""
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
 
 
 MEASURED = ("learning", "simulator", "tasks", "test_stacking.py")

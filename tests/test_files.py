@@ -6,12 +6,13 @@ import signal
 import subprocess
 import sys
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
 from skystack import files
 from skystack.errors import InputError
-from skystack.files import alone_in, append_line, is_scratch, write_aside
+from skystack.files import alone_in, append_line, check_output, is_scratch, write_aside
 
 HOLDER = """
 import sys, time
@@ -175,3 +176,27 @@ def test_a_symbolic_link_is_replaced_and_not_followed(tmp_path):
     write_aside(tmp_path / "link", b"new")
     assert not (tmp_path / "link").is_symlink()
     assert (tmp_path / "mine").read_bytes() == b"mine"
+
+
+@pytest.mark.parametrize("output", ["", ".", "..", "folder", "folder/.", "folder/.."])
+def test_a_folder_is_no_output(output, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    for check in (check_output, lambda path: write_aside(path, b"")):
+        with pytest.raises(InputError, match=r"cannot be written: it is a folder$"):
+            check(Path(output))
+    assert sorted(tmp_path.rglob("*")) == [tmp_path / "folder"]
+
+
+def test_an_output_may_not_replace_what_is_read_for_it(tmp_path):
+    source, other, link = (tmp_path / name for name in ("source", "other", "link"))
+    source.touch()
+    other.touch()
+    link.symlink_to(source)
+    for output in (source, tmp_path / "." / "source", link):
+        with pytest.raises(InputError, match=r": is read for this \(allowed: another name\)$"):
+            check_output(output, other, source)
+    for output in (other, tmp_path / "new"):
+        check_output(output, source, tmp_path / "nowhere")
+    with pytest.raises(InputError, match=r"the folder .*nowhere does not exist$"):
+        check_output(tmp_path / "nowhere" / "new", source)

@@ -1,6 +1,7 @@
 """What there is: experiments, tasks, sectors, and the policies that come with the package."""
 
 from importlib.resources import files
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from skystack.airspace.sectors import sector_names
-from skystack.errors import InputError, unknown_name
+from skystack.errors import InputError, exists, unknown_name
 from skystack.evaluation.paper import paper_row
 from skystack.learning.experiment import experiment_names, load_experiment
 from skystack.learning.policy import Policy, load_policy
@@ -27,18 +28,19 @@ def shipped_policies() -> list[str]:
     return sorted(path.parent.name for path in SHIPPED.glob("*/policy.json"))
 
 
-def find_policy(name: str) -> Policy:
+def find_policy(name: str | PathLike[str]) -> Policy:
     """A shipped policy by name, or the one in a run folder.
 
     Raises InputError when there is neither, or the policy cannot be used.
     """
+    name = fspath(name)
     if name in shipped_policies():
         return load_policy(SHIPPED / name)
     folder = Path(name)
     if folder.name == "policy.json":
         folder = folder.parent
-    if not (folder / "policy.json").exists():
-        if (folder / "metrics.jsonl").exists():
+    if not exists(folder / "policy.json"):
+        if exists(folder / "metrics.jsonl"):
             raise InputError(f"{folder}: its training is not finished (go on with train --resume)")
         kind = "policy (no shipped one, no folder with a policy.json)"
         raise unknown_name(kind, name, shipped_policies(), [f"runs/{name}"])

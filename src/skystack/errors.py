@@ -71,17 +71,18 @@ def unknown_name(
     `paths` are files or folders that may have been meant: one that is there is the nearest.
     """
     names = sorted(allowed)
-    near = [path for path in paths if _exists(path)]
+    near = [path for path in paths if exists(path)]
     if len(name) <= LONGEST_NAME and len(names) <= MOST_NAMES:  # else it takes minutes
         near += difflib.get_close_matches(name, names, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     return InputError(f"unknown {kind} {name!r}{hint} (allowed: {', '.join(names)})")
 
 
-def _exists(path: str) -> bool:
+def exists(path: str | Path) -> bool:
+    """Whether there is a file or folder; a name too long for any is no error."""
     try:
         return Path(path).exists()
-    except OSError:  # a name that is too long for any file
+    except OSError:
         return False
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from secrets import token_hex
 from typing import IO
 
-from skystack.errors import InputError
+from skystack.errors import InputError, exists
 from skystack.signals import held
 
 try:
@@ -27,7 +27,7 @@ MOST_BYTES = 64_000_000
 def read_whole(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     """A whole file. Raises InputError when it is no file, cannot be read or is too large."""
     try:
-        if path.exists() and not (path.is_file() or path.is_dir()):
+        if exists(path) and not (path.is_file() or path.is_dir()):
             raise InputError("cannot be read (it is no plain file)")  # a pipe would be waited for
         with path.open("rb") as file:
             data = file.read(most_bytes + 1)
@@ -75,7 +75,8 @@ def aside(paths: Sequence[Path]) -> Iterator[list[IO[bytes]]]:
 def _open_aside(path: Path) -> Iterator[IO[bytes]]:
     if "\0" in str(path):
         raise _not_written(path, ValueError("a null byte in the name"))
-    if path.exists() and not (path.is_file() or path.is_dir()):
+    check_not_folder(path)
+    if exists(path) and not path.is_file():
         # A rename would replace the device or pipe with a regular file.
         raise InputError(f"{path}: cannot be written: it is no plain file")
     file: IO[bytes] | None = None
@@ -115,10 +116,25 @@ def append_line(file: int, path: Path, line: str) -> None:
         raise _not_written(path, error) from None
 
 
-def check_folder_of(output: Path) -> None:
-    """Raise InputError unless the folder of a file to be written is there (`-o` makes none)."""
+def check_output(output: Path, *sources: Path) -> None:
+    """Check a file to be written, before the work that it takes to make it.
+
+    Raises InputError where its folder does not exist (`-o` makes none), it is a folder itself, or
+    one of the files that are read for it.
+    """
+    check_not_folder(output)
     if not output.parent.is_dir():
         raise InputError(f"{output}: the folder {output.parent} does not exist")
+    for source in sources:
+        with suppress(OSError):  # the source, or most often the output, does not exist
+            if output.samefile(source):
+                raise InputError(f"{output}: is read for this (allowed: another name)")
+
+
+def check_not_folder(output: Path) -> None:
+    """Raise InputError where a file is to be written and the path is that of a folder."""
+    if output.name in ("", "..") or (exists(output) and output.is_dir()):
+        raise InputError(f"{output}: cannot be written: it is a folder")
 
 
 def make_folder(path: Path) -> Path:

@@ -12,7 +12,7 @@ import pyarrow as pa
 from skystack.errors import InputError, PlatformError
 from skystack.evaluation.followed import STATUS, follow
 from skystack.evaluation.writing import write_table
-from skystack.files import check_folder_of, scratch_folder
+from skystack.files import check_output, scratch_folder
 from skystack.platforms.flight import Flight, flight_rows, fly_scenario
 from skystack.platforms.phraseology import written
 from skystack.platforms.processes import TIME_LIMIT_S, in_processes
@@ -39,7 +39,7 @@ def simulate_file(
     check_platform(platform)
     scenario = load_scenario(path)
     if output is not None:
-        check_folder_of(output)
+        check_output(output, path)
     flight = _fly(path, scenario, platform, time_limit_s)
     followed = follow(scenario, flight.reports)
     status = np.array(STATUS)[followed.status].reshape(-1)

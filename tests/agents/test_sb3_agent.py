@@ -145,6 +145,16 @@ def saved(tensors):
     return data.getvalue()
 
 
+def test_weights_may_be_saved_as_parameters(path, tmp_path):
+    """Their values are the same; only PyTorch's own training knows a difference."""
+    with zipfile.ZipFile(path) as file:
+        tensors = torch.load(io.BytesIO(file.read("policy.pth")), weights_only=True)
+    parameters = {name: torch.nn.Parameter(tensor) for name, tensor in tensors.items()}
+    other = read_sb3(changed(path, tmp_path / "other.zip", policy=saved(parameters)))
+    seen = np.random.default_rng(0).uniform(size=(500, SEEN)).astype(np.float32)
+    np.testing.assert_array_equal(other.scores(seen), read_sb3(path).scores(seen))
+
+
 class Evil:
     """Leaves a file where it is unpickled."""
 

@@ -191,6 +191,20 @@ def test_conditions_of_another_kind_are_refused(name, value, allowed):
         judge(lambda _: 0, Conditions(**{"episodes": 1, name: value}), experiment="vertical")
 
 
+def test_paths_may_be_text_or_paths(tmp_path):
+    """A name, a file and a folder are taken in either form, wherever one is asked for."""
+    own = Path(__file__).parents[2] / "examples" / "own-sector"
+    for kind in (str, Path):
+        conditions = Conditions(episodes=1, sector=kind(own / "valley.json"))
+        out, experiment = kind(tmp_path / kind.__name__), kind(own / "valley.toml")
+        judged = judge(lambda _: 0, conditions, out, experiment=experiment, name="nobody")
+        assert judged.episodes.num_rows == 1
+        (folder,) = Path(out).iterdir()
+        assert folder.name == "nobody-s0-skystack-stacked"
+    with pytest.raises(InputError, match="unknown sector 'nowhere'"):
+        judge(lambda _: 0, Conditions(sector=Path("nowhere")), experiment="lateral")
+
+
 def test_conditions_may_be_numpy_s():
     given = Conditions(
         np.int64(3), np.int32(1), np.bool_(False), np.True_, "skystack", np.float32(1)

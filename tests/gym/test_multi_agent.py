@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from gymnasium.error import ResetNeeded
 
 from skystack.errors import InputError
 from skystack.gym.registration import make_environment
@@ -194,12 +195,20 @@ def test_all_instruct_in_one_cycle(environment):
     assert memory.cycles == 1.0
 
 
-def test_what_does_not_exist_is_refused(environment):
+def test_what_does_not_exist_is_refused(environment, types_unchecked):
     environment.reset(seed=0)
-    with pytest.raises(InputError, match="unknown agent 'AC3'"):
-        environment.step({"AC3": 0})
+    for agent in ("AC3", 0):
+        with pytest.raises(InputError, match=f"unknown agent '{agent}'"):
+            environment.step({agent: 0})
     with pytest.raises(InputError, match="allowed: whole numbers from 0 to 2"):
         environment.step({AC1: 3})
+
+
+def test_before_the_first_reset_there_is_nothing_to_see():
+    environment = MultiAgentEnvironment(build_task(TaskSettings("avoidance")))
+    for look in (environment.state, lambda: environment.step({})):
+        with pytest.raises(ResetNeeded, match="reset"):
+            look()
 
 
 def test_it_is_drawn(environment):

@@ -7,6 +7,8 @@ import pytest
 from skystack.errors import InputError
 from skystack.gym.environment import TaskEnvironment
 from skystack.gym.vector import VectorTaskEnvironment
+from skystack.tasks.build import build_task
+from skystack.tasks.settings import TaskSettings
 from tests.gym.counting import Counting, Visible, length_of
 
 pytest.importorskip("stable_baselines3")
@@ -147,6 +149,8 @@ def test_without_a_render_mode_there_is_no_picture():
     assert environment.get_images() == [None] * SCENARIOS
 
 
-def test_another_autoreset_mode_is_refused():
+def test_another_environment_or_autoreset_mode_is_refused(types_unchecked):
+    with pytest.raises(InputError, match=r"environment is a TaskEnvironment .allowed: Vector"):
+        StableBaselines3Environment(TaskEnvironment(build_task(TaskSettings("lateral"))))
     with pytest.raises(InputError, match=r"NextStep .allowed for Stable-Baselines3: SameStep"):
         StableBaselines3Environment(VectorTaskEnvironment(Counting(), 2))

@@ -5,6 +5,7 @@ import json
 import subprocess
 import sys
 from importlib.metadata import PackageNotFoundError
+from pathlib import Path
 
 import jax
 import msgspec
@@ -204,3 +205,28 @@ def test_versions_of_packages_are_noted(monkeypatch):
 def test_a_policy_that_is_not_there():
     with pytest.raises(InputError, match="did you mean 'lateral'"):
         find_policy("laterla")
+    for name in ("x" * 300, Path("nowhere")):
+        with pytest.raises(InputError, match="unknown policy"):
+            find_policy(name)
+
+
+def test_a_folder_may_be_a_path(folder):
+    assert find_policy(folder).description == find_policy(str(folder)).description
+
+
+@pytest.mark.parametrize(
+    ("observation", "shown"),
+    [
+        (np.zeros((1, 8)), r"has shape \(1, 8\)"),
+        (np.zeros(7), r"has shape \(7,\)"),
+        (0.0, r"has shape \(\)"),
+        (None, r"has shape \(\)"),
+        ([0.0] * 7 + [np.nan], r"is \[.* nan\]"),
+        ([np.inf] * 8, r"is \[inf .*\]"),
+    ],
+)
+def test_an_observation_of_another_shape_or_not_finite_is_refused(
+    observation, shown, types_unchecked
+):
+    with pytest.raises(InputError, match=rf"^the observation {shown} \(allowed: 8 finite numbers"):
+        find_policy("lateral")(observation)

@@ -1,5 +1,6 @@
 """Policies by name or file: ours, and those of other libraries."""
 
+from os import PathLike
 from pathlib import Path
 
 from skystack.agents.agent import Agent
@@ -12,7 +13,7 @@ READERS = {".onnx": read_onnx, ".zip": read_sb3}
 """By the end of the file's name."""
 
 
-def find_agent(name: str) -> Policy | Agent:
+def find_agent(name: str | PathLike[str]) -> Policy | Agent:
     """A policy as `find_policy` finds it, or that in an ONNX (.onnx) or SB3 (.zip) file.
 
     Raises InputError when there is none, or it cannot be used.

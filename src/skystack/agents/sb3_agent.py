@@ -195,7 +195,7 @@ def _tensors(torch: Any, data: bytes) -> dict[str, np.ndarray]:
         plain = tensor.layout is torch.strided and tensor.is_contiguous()
         if not plain or tensor.dtype is not torch.float32 or tensor.device.type != "cpu":
             raise InputError(f"tensor {name!r} is {tensor.dtype} (allowed: dense float32)")
-        tensors[name] = tensor.numpy()
+        tensors[name] = tensor.detach().resolve_neg().numpy()
         if not np.all(np.isfinite(tensors[name])):
             raise InputError(f"tensor {name!r} holds a non-finite number")
     return tensors

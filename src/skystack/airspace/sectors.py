@@ -6,6 +6,7 @@
 from functools import cache
 from importlib import import_module
 from importlib.resources import as_file, files
+from os import PathLike, fspath
 from pathlib import Path
 
 from skystack.airspace.sector import Sector
@@ -13,6 +14,8 @@ from skystack.airspace.sector_file import SectorEntry, file_beside, make_sector,
 from skystack.airspace.xplus import x_plus
 from skystack.errors import of_extra, unknown_name
 
+AnySector = str | PathLike[str] | SectorEntry
+"""A name, a file (.json) or the sector itself."""
 _FOLDER = files("skystack").joinpath("sectors")
 _ELSEWHERE = {"bluebird": "skystack.platforms.bluebird"}
 """By name, not by import: adapters stand at the edge, and their packages are extras."""
@@ -45,11 +48,12 @@ def _from_elsewhere(platform: str, name: str) -> Sector:
     return found
 
 
-def find_sector(name: str, folder: Path) -> Sector:
+def find_sector(name: str | PathLike[str], folder: Path) -> Sector:
     """The sector of a name, or of a `.json` file beside the one that names it.
 
     Raises InputError for an unknown name or a file that is no sector.
     """
+    name = fspath(name)
     if name.endswith(".json"):
         return make_sector(read_sector(file_beside(folder, name, ".json")))
     return sector_named(name)
@@ -60,13 +64,16 @@ def sector_from(given: str | SectorEntry) -> Sector:
     return sector_named(given) if isinstance(given, str) else make_sector(given)
 
 
-def named_or_read(given: str, folder: Path | None = None) -> str | SectorEntry:
+def named_or_read(given: AnySector, folder: Path | None = None) -> str | SectorEntry:
     """What settings say, for a task: a name as it is, the name of a `.json` file as its sector.
 
     Where a file in `folder` says it, the sector's file lies beside that one or below it; what a
     user says (no folder) may lie anywhere. Raises InputError for an unknown name or a file that is
     no sector.
     """
+    if isinstance(given, SectorEntry):
+        return given
+    given = fspath(given)
     if given.endswith(".json"):
         path = Path(given) if folder is None else file_beside(folder, given, ".json")
         return read_sector(path)

@@ -264,7 +264,6 @@ def _replay_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--scenarios",
         type=_positive,
-        default=100,
         metavar="N",
         help="page: the first N (default 100)",
     )

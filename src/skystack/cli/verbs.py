@@ -156,7 +156,6 @@ def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
 
 def evaluate(options: argparse.Namespace) -> int:
     from skystack.agents.files import find_agent
-    from skystack.airspace.sectors import named_or_read
     from skystack.console import count_scenarios, output
     from skystack.evaluation.judge import Conditions, judge
     from skystack.evaluation.summary import aggregate
@@ -171,7 +170,7 @@ def evaluate(options: argparse.Namespace) -> int:
         greedy=not options.sample,
         platform=options.platform,
         time_limit_s=options.time_limit,
-        sector=named_or_read(options.sector) if options.sector else None,
+        sector=options.sector,
         cycles=options.cycles,
     )
     policy = find_agent(options.policy)
@@ -259,6 +258,8 @@ def replay(options: argparse.Namespace) -> int:
     runs = [options.recorded] + [options.other] * (options.other is not None)
     of_one = {"--scenario": options.scenario, "--from": options.from_s, "--to": options.to_s}
     if options.output.suffix in SUFFIXES:
+        if options.scenarios is not None:
+            raise InputError("replay: --scenarios is for pages (.html)")
         return _picture(options, runs)
     if options.output.suffix not in (".html", ".htm"):
         allowed = ", ".join((".html", *SUFFIXES))
@@ -266,7 +267,7 @@ def replay(options: argparse.Namespace) -> int:
     for name, value in of_one.items():
         if value is not None:
             raise InputError(f"replay: {name} is for pictures ({', '.join(SUFFIXES)})")
-    written = write_replay(runs, options.output, options.scenarios)
+    written = write_replay(runs, options.output, options.scenarios or 100)
     if options.json:
         print_json(written)
     say(f"scenarios: {written['scenarios']}; {written['bytes'] / 1e6:.1f} MB: {options.output}")

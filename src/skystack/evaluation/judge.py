@@ -4,6 +4,7 @@ import pickle
 from collections.abc import Callable, Generator
 from contextlib import ExitStack, closing
 from functools import partial
+from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from skystack.agents.agent import Agent, agent_of
-from skystack.airspace.sector_file import SectorEntry
+from skystack.airspace.sectors import AnySector, named_or_read
 from skystack.errors import InputError, checked_whole
 from skystack.evaluation.elsewhere import Job, fly_elsewhere
 from skystack.evaluation.hosted import HostedController, fly_hosted
@@ -43,6 +44,8 @@ from skystack.tasks.navigation import NavigationTask
 from skystack.tasks.settings import MOST_CYCLES
 
 DO_NOTHING = "do-nothing"
+AnyExperiment = str | PathLike[str] | Experiment
+"""A name, a file (.toml) or the experiment itself."""
 
 
 class Conditions(NamedTuple):
@@ -56,7 +59,7 @@ class Conditions(NamedTuple):
     platform: str = OWN
     time_limit_s: float = TIME_LIMIT_S
     """For one scenario on another platform."""
-    sector: str | SectorEntry | None = None
+    sector: AnySector | None = None
     """Another sector than the one that it was trained in."""
     cycles: int | None = None
     """The most cycles of a scenario; those of its training where none is given."""
@@ -77,7 +80,7 @@ class Judged(NamedTuple):
 
 
 def task_of(
-    policy: Policy, sector: str | SectorEntry | None = None, cycles: int | None = None
+    policy: Policy, sector: AnySector | None = None, cycles: int | None = None
 ) -> NavigationTask:
     """The task that a policy was trained for, as it is flown; in another sector if one is given,
     and for another number of cycles.
@@ -94,8 +97,8 @@ def task_of(
 
 def task_of_agent(
     agent: Agent,
-    experiment: str | Experiment | None,
-    sector: str | SectorEntry | None = None,
+    experiment: AnyExperiment | None,
+    sector: AnySector | None = None,
     cycles: int | None = None,
 ) -> NavigationTask:
     """The task that an agent is judged on: its experiment's, in another sector if one is given.
@@ -113,7 +116,7 @@ def task_of_agent(
             f"{agent.name} does not say which experiment it is for{known} (allowed: --experiment "
             "NAME or FILE.toml; in Python experiment=...)"
         )
-    if isinstance(experiment, str):
+    if not isinstance(experiment, Experiment):
         experiment = load_experiment(experiment)
     task = _task(experiment, sector, cycles)
     if facts is not None:
@@ -126,12 +129,10 @@ def task_of_agent(
     return task
 
 
-def _task(
-    experiment: Experiment, sector: str | SectorEntry | None, cycles: int | None
-) -> NavigationTask:
+def _task(experiment: Experiment, sector: AnySector | None, cycles: int | None) -> NavigationTask:
     settings = experiment.task
     if sector is not None:
-        settings = msgspec.structs.replace(settings, sector=sector)
+        settings = msgspec.structs.replace(settings, sector=named_or_read(sector))
     if cycles is not None:
         settings = msgspec.structs.replace(settings, cycles=cycles)
     return build_task(settings)
@@ -176,10 +177,10 @@ def _flag(name: str, value: Any) -> bool:
 def judge(
     policy: Any,
     conditions: Conditions = _USUAL,
-    out: Path | None = None,
+    out: str | PathLike[str] | None = None,
     on_scenario: Callable[[int], None] = lambda done: None,
     *,
-    experiment: str | Experiment | None = None,
+    experiment: AnyExperiment | None = None,
     name: str | None = None,
 ) -> Judged:
     """Fly a policy on the scenarios of an evaluation seed; `out` is the folder for evaluations.
@@ -197,6 +198,7 @@ def judge(
     """
     check_platform(conditions.platform)
     conditions = _checked(conditions)
+    out = None if out is None else Path(out)
     if isinstance(policy, Policy):
         return _judge_own(policy, conditions, out, on_scenario, experiment, name)
     agent = agent_of(policy, name)
@@ -215,7 +217,7 @@ def _judge_own(
     conditions: Conditions,
     out: Path | None,
     on_scenario: Callable[[int], None],
-    experiment: str | Experiment | None,
+    experiment: AnyExperiment | None,
     name: str | None,
 ) -> Judged:
     described, task = policy.description, task_of(policy, conditions.sector, conditions.cycles)

@@ -4,11 +4,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from skystack.catalogue import find_policy, shipped_policies
-from skystack.errors import InputError
+from skystack.errors import InputError, exists
 from skystack.export.numpy_file import export_numpy
 from skystack.export.onnx_file import export_onnx
 from skystack.export.scenario import export_scenario
-from skystack.files import check_folder_of
+from skystack.files import check_output
 from skystack.learning.policy import Policy
 
 POLICY_FORMATS: Mapping[str, Callable[[Policy, Path], None]] = {
@@ -26,7 +26,7 @@ def export(source: str, kind: str, scenario: int | None, output: Path) -> list[s
     must be said. Raises InputError for a source that is missing, damaged or not of the format, and
     for an output that cannot be written.
     """
-    check_folder_of(output)
+    check_output(output, Path(source))
     if kind not in POLICY_FORMATS:
         _refuse_policy(source)
         return export_scenario(Path(source), scenario, output)
@@ -39,8 +39,8 @@ def export(source: str, kind: str, scenario: int | None, output: Path) -> list[s
 
 def _refuse_policy(source: str) -> None:
     path = Path(source)
-    named = source in shipped_policies() and not path.exists()
-    if named or path.name == "policy.json" or (path / "policy.json").exists():
+    named = source in shipped_policies() and not exists(path)
+    if named or path.name == "policy.json" or exists(path / "policy.json"):
         raise InputError(
             f"--format scn is for flown scenarios, and {source} is a policy "
             f"(allowed: {', '.join(f'--format {kind}' for kind in POLICY_FORMATS)})"
@@ -50,7 +50,7 @@ def _refuse_policy(source: str) -> None:
 def _refuse_scenario(source: str, kind: str) -> None:
     path = Path(source)
     scenario = path.is_file() and path.name != "policy.json"
-    if scenario or (path / "trajectories.parquet").exists():
+    if scenario or exists(path / "trajectories.parquet"):
         raise InputError(
             f"--format {kind} is for policies, and {source} holds flown scenarios "
             "(allowed: --format scn)"

@@ -122,8 +122,11 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
         return result
 
     def state(self) -> Observation:
-        """The task's own observation: what one controller of all aircraft would see."""
-        refuse_forked()
+        """The task's own observation: what one controller of all aircraft would see.
+
+        Raises ResetNeeded before the first reset.
+        """
+        _ = self._scenario  # raises before the first reset
         return np.array(self._views[0])
 
     def render(self) -> UInt8[np.ndarray, "height width 3"] | None:
@@ -146,7 +149,7 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
         told = np.full(len(self.possible_agents), NO_ACTION, dtype=np.int32)
         for agent, action in actions.items():
             if agent not in self.possible_agents:
-                raise unknown_name("agent", agent, self.possible_agents)
+                raise unknown_name("agent", str(agent), self.possible_agents)
             number = self.possible_agents.index(agent)
             own = self._own_actions[number]
             told[number] = own[checked_action(action, len(own))]

@@ -21,9 +21,16 @@ Infos = list[dict[str, Any]]
 
 
 class StableBaselines3Environment(VecEnv):  # type: ignore[misc]
-    """What `DummyVecEnv` of single environments would be. Raises InputError for another mode."""
+    """What `DummyVecEnv` of single environments would be.
+
+    Raises InputError for another environment or autoreset mode.
+    """
 
     def __init__(self, environment: VectorTaskEnvironment) -> None:
+        if not isinstance(environment, VectorTaskEnvironment):
+            raise InputError(
+                f"environment is a {type(environment).__name__} (allowed: VectorTaskEnvironment)"
+            )
         mode = environment.metadata["autoreset_mode"]
         if mode is not AutoresetMode.SAME_STEP:
             raise InputError(

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from importlib.resources import files
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
@@ -53,11 +54,12 @@ def experiment_names() -> list[str]:
     return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
-def load_experiment(name: str, changes: Iterable[str] = ()) -> Experiment:
+def load_experiment(name: str | PathLike[str], changes: Iterable[str] = ()) -> Experiment:
     """The experiment of a name or in a `.toml` file, with `key=value` changes.
 
     Raises InputError for an unknown name or key, or a value of the wrong type or range.
     """
+    name = fspath(name)
     if name.endswith(".toml"):
         where = name
         with inside(name):

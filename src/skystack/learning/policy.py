@@ -69,7 +69,13 @@ class Policy:
         return result
 
     def __call__(self, observation: Float[np.ndarray, " observation"]) -> int:
-        return int(np.argmax(self.logits(np.asarray(observation, dtype=np.float32))))
+        """The action. Raises InputError for an observation of another shape, or not finite."""
+        seen = np.asarray(observation, dtype=np.float32)
+        size = len(self.description.observation)
+        if seen.shape != (size,) or not np.isfinite(seen).all():
+            shown = f"has shape {seen.shape}" if seen.shape != (size,) else f"is {seen}"
+            raise InputError(f"the observation {shown} (allowed: {size} finite numbers)")
+        return int(np.argmax(self.logits(seen)))
 
 
 def save_policy(folder: Path, policy: Policy) -> None:

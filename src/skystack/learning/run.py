@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from contextlib import closing
 from functools import partial
+from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -71,7 +72,7 @@ class Trained(NamedTuple):
 def train_experiment(
     experiment: Experiment,
     seed: int,
-    folder: Path,
+    folder: str | PathLike[str],
     resume: bool = False,
     on_update: Callable[[Progress], None] = lambda progress: None,
     checkpoint_every_s: float = CHECKPOINT_EVERY_S,
@@ -85,8 +86,8 @@ def train_experiment(
     that cannot be written to or in which another process trains; on KeyboardInterrupt the
     checkpoint is written first.
     """
-    with alone_in(folder, below=("checkpoint",)):
-        return _train(experiment, seed, folder, resume, on_update, checkpoint_every_s)
+    with alone_in(path := Path(folder), below=("checkpoint",)):
+        return _train(experiment, seed, path, resume, on_update, checkpoint_every_s)
 
 
 def _train(

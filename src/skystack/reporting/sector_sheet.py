@@ -8,7 +8,7 @@ from typing import Any
 from skystack.airspace.projection import geodesic_leg
 from skystack.airspace.sector import Sector, turns_deg
 from skystack.errors import InputError
-from skystack.files import check_folder_of, write_aside
+from skystack.files import check_output, write_aside
 from skystack.reporting.maps import sector_map
 from skystack.reporting.style import as_png, as_svg, house_style
 from skystack.reporting.tables import Table
@@ -96,7 +96,7 @@ def write_map(sector: Sector, output: Path) -> None:
     """The sector as a picture, `.png` or `.svg`. Raises InputError for another ending."""
     if output.suffix not in (".png", ".svg"):
         raise InputError(f"{output}: cannot be drawn (allowed: .png, .svg)")
-    check_folder_of(output)
+    check_output(output)
     with house_style():
         figure = sector_map(sector)
         data = as_png(figure) if output.suffix == ".png" else as_svg(figure).encode()

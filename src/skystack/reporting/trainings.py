@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from skystack.errors import InputError
+from skystack.errors import InputError, exists
 from skystack.json_file import MAX_BYTES, convert, decode, inside
 from skystack.names import Name, Seed
 from skystack.reporting.learning_curves import at_the_end
@@ -74,7 +74,7 @@ class Runs(NamedTuple):
 
 def is_reproduction(folder: Path) -> bool:
     """Whether `skystack reproduce` has made it."""
-    return (folder / "results.json").exists()
+    return exists(folder / "results.json")
 
 
 def read_runs(folders: Sequence[Path]) -> Runs:
@@ -90,7 +90,7 @@ def read_runs(folders: Sequence[Path]) -> Runs:
                 curve = f"{name}, {each.experiment}" if several else name
                 learned = _read_training(run.training(each), name)
                 trainings.append(learned._replace(curve=curve, seed=each.seed))
-        elif (folder / "metrics.jsonl").exists():
+        elif exists(folder / "metrics.jsonl"):
             trainings.append(_read_training(folder, name))
         else:
             raise InputError(

@@ -103,6 +103,7 @@ def test_pictures_of_a_part_of_a_scenario(capsys, evaluation, tmp_path, name):
         (["-o", "still.png", "--scenario", 99], "has no scenario 99 (found: 0 to 19)"),
         (["-o", "still.png", "--to", 60000], "--from 0 --to 60000 (allowed: times from 0 to"),
         (["-o", "nowhere/still.png"], "the folder nowhere does not exist"),
+        (["-o", "still.png", "--scenarios", 3], "replay: --scenarios is for pages (.html)"),
     ],
 )
 def test_what_cannot_be_drawn(capsys, evaluation, tmp_path, monkeypatch, words, message):

@@ -18,7 +18,7 @@ from PIL import Image
 
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
-from skystack.files import check_folder_of, write_aside
+from skystack.files import check_output, write_aside
 from skystack.reporting.maps import draw_sector, name_fixes
 from skystack.reporting.radar import Blip, colour_of, draw_aircraft, draw_route, draw_way
 from skystack.reporting.replay.frames import Picture, Texts, TrafficPicture, lowest_row_first
@@ -79,7 +79,7 @@ def write_picture(
     Returns what was written: `output`, `bytes`, `runs` (their titles), `from_s` and `to_s`. Raises
     InputError as `read_together` and `span_of` do; nothing is written then.
     """
-    check_folder_of(output)
+    check_output(output, *runs)
     replays = read_together(runs, only=number)
     span = span_of(replays, number, from_s, to_s)
     kind = output.suffix[1:]

@@ -20,7 +20,7 @@ from jaxtyping import Float
 import skystack
 from skystack.airspace.projection import SCALE_RANGE_NM
 from skystack.airspace.sector import Sector
-from skystack.files import check_folder_of, write_aside
+from skystack.files import check_output, write_aside
 from skystack.reporting.replay.recording import Flown, Replay, ReplayScenario, as_json
 from skystack.reporting.replay.together import read_together
 from skystack.simulator.performance import TICKS_PER_FL
@@ -44,7 +44,7 @@ def write_replay(runs: Sequence[Path], output: Path, scenarios: int = 100) -> di
     Raises InputError for runs that cannot be read or do not belong together, and for a file that
     cannot be written; nothing is written then.
     """
-    check_folder_of(output)
+    check_output(output, *runs)
     data = page_data(read_together(runs, scenarios))
     text = _page(data).encode()
     write_aside(output, text)

@@ -15,7 +15,7 @@ import pyarrow as pa
 from jaxtyping import Float
 
 from skystack.airspace.sector import Sector
-from skystack.errors import InputError
+from skystack.errors import InputError, exists
 from skystack.evaluation.losses import FlightPath, Loss, losses
 from skystack.evaluation.stored import (
     check_who,
@@ -104,7 +104,7 @@ def read_replay(path: Path, scenarios: int = 100, only: int | None = None) -> Re
     """
     if path.is_dir():
         return _evaluation(_evaluation_in(path), scenarios, only)
-    if not path.exists():
+    if not exists(path):
         raise InputError(
             f"{path}: does not exist (allowed: the folder of an evaluation, or a .parquet file "
             "of simulate)"
@@ -113,7 +113,7 @@ def read_replay(path: Path, scenarios: int = 100, only: int | None = None) -> Re
 
 
 def _evaluation_in(path: Path) -> Path:
-    if (path / "trajectories.parquet").exists() or (path / "episodes.parquet").exists():
+    if exists(path / "trajectories.parquet") or exists(path / "episodes.parquet"):
         return path
     found = sorted(
         {
