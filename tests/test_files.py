@@ -141,7 +141,7 @@ def test_a_lock_that_is_deleted_before_it_is_held_is_made_again(tmp_path, monkey
 def test_no_pipe_or_device_is_replaced_by_a_file(tmp_path):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    with pytest.raises(InputError, match="pipe: cannot be written: it is no plain file"):
+    with pytest.raises(InputError, match="pipe: cannot be written: it is not a regular file"):
         write_aside(pipe, b"x")
     assert pipe.is_fifo()
     assert list(tmp_path.iterdir()) == [pipe]

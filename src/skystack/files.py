@@ -28,7 +28,9 @@ def read_whole(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     """A whole file. Raises InputError when it is no file, cannot be read or is too large."""
     try:
         if exists(path) and not (path.is_file() or path.is_dir()):
-            raise InputError("cannot be read (it is no plain file)")  # a pipe would be waited for
+            raise InputError(
+                "cannot be read (it is not a regular file)"
+            )  # a pipe would be waited for
         with path.open("rb") as file:
             data = file.read(most_bytes + 1)
     except InputError:
@@ -78,7 +80,7 @@ def _open_aside(path: Path) -> Iterator[IO[bytes]]:
     check_not_folder(path)
     if exists(path) and not path.is_file():
         # A rename would replace the device or pipe with a regular file.
-        raise InputError(f"{path}: cannot be written: it is no plain file")
+        raise InputError(f"{path}: cannot be written: it is not a regular file")
     file: IO[bytes] | None = None
     try:
         with held(), writing(path):

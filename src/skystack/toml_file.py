@@ -13,7 +13,7 @@ def parse_toml(data: bytes) -> dict[str, Any]:
     Raises InputError for what is no TOML, or nested too deep.
     """
     try:
-        values = tomllib.loads(data.decode())
+        values = tomllib.loads(data.decode("utf-8-sig"))
     except UnicodeDecodeError:
         raise InputError("not TOML: it is not UTF-8") from None
     except tomllib.TOMLDecodeError as error:

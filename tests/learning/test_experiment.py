@@ -256,3 +256,10 @@ def test_toml_that_a_parser_lets_through_or_breaks_on(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         load_experiment(str(path))
+
+
+def test_a_byte_order_mark_is_passed_over_as_in_json(tmp_path):
+    """Editors of other systems write one."""
+    path = tmp_path / "marked.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + to_toml(LATERAL))
+    assert load_experiment(path) == LATERAL

@@ -1,5 +1,6 @@
 """Maps of the sector: what is named, how wide, which routes, and lines beside each other."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -11,7 +12,7 @@ from skystack.airspace.projection import METRES_PER_NM, WGS84, geodesic_leg
 from skystack.airspace.sector_file import Point, SectorEntry, make_sector
 from skystack.airspace.xplus import XPlus, x_plus
 from skystack.reporting.maps import along, beside, route_maps, sector_map
-from skystack.reporting.style import house_style
+from skystack.reporting.style import as_png, house_style
 
 
 def named(axes):
@@ -101,3 +102,9 @@ def test_points_along_a_line_are_near_to_each_other_and_keep_its_corners():
     assert steps.max() < 2.0
     assert steps.sum() == pytest.approx(7.7)
     assert all((points == corner).all(axis=1).any() for corner in path)
+
+
+def test_a_name_that_the_font_cannot_show_is_drawn_without_a_warning():
+    """A warning would fail this test, and stand on the terminal of a user."""
+    with house_style():
+        assert as_png(sector_map(replace(x_plus(), name="空域"))).startswith(b"\x89PNG")
