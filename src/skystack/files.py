@@ -28,9 +28,8 @@ def read_whole(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     """A whole file. Raises InputError when it is no file, cannot be read or is too large."""
     try:
         if exists(path) and not (path.is_file() or path.is_dir()):
-            raise InputError(
-                "cannot be read (it is not a regular file)"
-            )  # a pipe would be waited for
+            # A pipe would be waited for.
+            raise InputError("cannot be read (it is not a regular file)")
         with path.open("rb") as file:
             data = file.read(most_bytes + 1)
     except InputError:

@@ -263,3 +263,12 @@ def test_a_byte_order_mark_is_passed_over_as_in_json(tmp_path):
     path = tmp_path / "marked.toml"
     path.write_bytes(b"\xef\xbb\xbf" + to_toml(LATERAL))
     assert load_experiment(path) == LATERAL
+
+
+@pytest.mark.parametrize("text", ["a\nppo.steps = 3", "\udcff", "a\x1b[31m"])
+def test_a_change_is_one_printable_line(text):
+    """Of several lines all but the first would be lost; bytes that are not UTF-8 are no text."""
+    with pytest.raises(
+        InputError, match=r"^--set .* \(allowed: printable characters on one line\)"
+    ):
+        load_experiment("lateral", [f"description={text}"])
