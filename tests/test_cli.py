@@ -454,7 +454,7 @@ MISTAKES = [
     (["report", "nowhere"], "nowhere: not a run folder"),
     (["report", "nowhere", "neither", "-o", "page.html"], "nowhere: not a run folder"),
     (["replay", "x" * 300], "File name too long"),
-    (["evaluate", "x" * 300], "File name too long"),
+    (["evaluate", "x" * 300], "unknown policy"),
     ([], "VERB"),
     (["reproduce", "lateral", "--engine", "rya"], "invalid choice: 'rya'"),
     (["reproduce", "lateral", "--ray-address", "127.0.0.1:9"], "--ray-address is for --engine ray"),
