@@ -34,6 +34,11 @@ def changed(where, value, of=MINIMAL):
     return scenario
 
 
+def renamed(callsign, of=MINIMAL):
+    """The minimal scenario (or another) with another callsign for AC1."""
+    return json.loads(json.dumps(of).replace('"AC1"', json.dumps(callsign)))
+
+
 def load(scenario, folder):
     path = folder / "scenario.json"
     path.write_text(scenario if isinstance(scenario, str) else json.dumps(scenario))

@@ -5,14 +5,21 @@ import resource
 import signal
 import subprocess
 import sys
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
 
 from skystack import files
 from skystack.errors import InputError
-from skystack.files import alone_in, append_line, check_output, is_scratch, write_aside
+from skystack.files import (
+    alone_in,
+    append_line,
+    check_output,
+    is_scratch,
+    no_empty_folders,
+    write_aside,
+)
 
 HOLDER = """
 import sys, time
@@ -97,6 +104,38 @@ def fail_in(folder, error, write):
     with alone_in(folder):
         write(folder)
         raise error
+
+
+@pytest.mark.parametrize("inner", ["", "inner"])
+def test_a_failure_deletes_nothing_where_another_process_is_at_work(tmp_path, inner):
+    """Two commands begin at once: the refused one leaves the other's empty folders there."""
+    new = tmp_path / "new"
+
+    def both(stack):
+        with no_empty_folders(new):
+            stack.enter_context(alone_in(new / inner))
+            (new / inner / "checkpoint").mkdir()
+            stack.enter_context(alone_in(new / inner))
+
+    with ExitStack() as stack:
+        with pytest.raises(InputError, match="at work"):
+            both(stack)
+        assert (new / inner / "checkpoint").is_dir()
+
+
+def test_a_folder_that_another_process_deletes_before_it_is_locked_is_made_again(
+    tmp_path, monkeypatch
+):
+    opened = os.open
+
+    def deleted(path, *arguments):
+        monkeypatch.setattr(files.os, "open", opened)
+        (tmp_path / "new").rmdir()
+        return opened(path, *arguments)
+
+    monkeypatch.setattr(files.os, "open", deleted)
+    with alone_in(tmp_path / "new"):
+        assert (tmp_path / "new" / ".lock").exists()
 
 
 def write_new(folder):

@@ -175,16 +175,27 @@ def alone_in(folder: Path, below: Iterable[str] = ()) -> Iterator[None]:
 
 @contextmanager
 def no_empty_folders(folder: Path) -> Iterator[None]:
-    """On failure inside the context, delete folders that were created in it and hold no file."""
+    """On failure inside the context, delete folders that were created in it and hold no file.
+
+    A folder that another process has locked stays as it is, and all that is in it.
+    """
     missing = list(takewhile(lambda each: not each.exists(), (folder, *folder.parents)))
     try:
         yield
     except BaseException:
         for each in missing:
-            for inner, _, _ in os.walk(each, topdown=False):
-                with suppress(OSError):  # it is not empty
-                    Path(inner).rmdir()
+            _delete_empty(each)
         raise
+
+
+def _delete_empty(folder: Path) -> None:
+    with suppress(OSError, InputError), ExitStack() as stack:
+        if (folder / LOCK).exists():
+            stack.callback(os.close, _open_locked(folder))
+        for inner in folder.iterdir():
+            if inner.is_dir() and not inner.is_symlink():
+                _delete_empty(inner)
+        folder.rmdir()  # an OSError where it is not empty
 
 
 @contextmanager
@@ -219,10 +230,13 @@ def is_scratch(path: Path) -> bool:
 
 def _open_locked(folder: Path) -> int:
     """The lock file of a folder, open and locked."""
-    path = make_folder(folder) / LOCK
+    path = folder / LOCK
     while True:
+        make_folder(folder)
         try:
             handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        except FileNotFoundError:
+            continue  # another process failed and deleted the folder, which was empty
         except OSError as error:
             raise _not_written(path, error) from None
         try:

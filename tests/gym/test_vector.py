@@ -323,7 +323,7 @@ def test_actions_that_are_not_in_the_table_are_refused(vector, actions):
         environment.step(np.array(actions))
 
 
-def test_what_cannot_be_is_refused(task, vector):
+def test_what_cannot_be_is_refused(task, vector, types_unchecked):
     with pytest.raises(InputError, match="allowed: NextStep, SameStep, Disabled"):
         VectorTaskEnvironment(task, SCENARIOS, "Never")
     assert VectorTaskEnvironment(task, 1, max_episode_steps=1).num_envs == 1
@@ -333,5 +333,10 @@ def test_what_cannot_be_is_refused(task, vector):
         make_vector_environment("lateral", 0)
     with pytest.raises(InputError, match=r"a list of 2 \(allowed: 3\)"):
         vector().reset(seed=[1, 2])
+    for seed in (1.5, np.array(1)):
+        with pytest.raises(InputError, match=r"^seed is .* \(allowed: a whole number, or a list"):
+            vector().reset(seed=seed)
+    with pytest.raises(InputError, match=r"^max_episode_steps is 2.5 \(allowed: whole "):
+        VectorTaskEnvironment(task, SCENARIOS, max_episode_steps=2.5)
     with pytest.raises(gymnasium.error.ResetNeeded):
         vector().step(np.zeros(SCENARIOS, dtype=int))

@@ -16,7 +16,7 @@ from skystack.platforms.flight import fly_scenario
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.protocol import Platform
 from skystack.simulator.scenario_file import load_scenario
-from tests.scenarios import EXAMPLES, MINIMAL, changed, load
+from tests.scenarios import EXAMPLES, MINIMAL, changed, load, renamed
 
 
 @pytest.fixture(scope="module")
@@ -68,9 +68,19 @@ def test_a_scenario_is_flown_the_same_after_another(platform, tmp_path):
 def test_what_it_does_not_know_is_refused(platform, tmp_path):
     with pytest.raises(InputError, match=r"AC1: type 'X123' is unknown to BluebirdDT .*B753"):
         platform.reset(load(changed(("aircraft", 0, "type"), "X123"), tmp_path))
+    for callsign in ("A B", "é", "点", "<b>", "*", "-1", "A_B"):
+        with pytest.raises(InputError, match=r"^callsign is .* \(allowed in BluebirdDT: letters A"):
+            platform.reset(load(renamed(callsign), tmp_path))
     platform.reset(load(MINIMAL, tmp_path))
     with pytest.raises(PlatformError, match="refused"):
         platform.issue(Instruction("AC1", level_fl=10**400))
+
+
+@pytest.mark.parametrize("callsign", ["AC1", "a", "9", "A.1", "X" * 40])
+def test_a_callsign_that_is_allowed_can_be_cleared(callsign, platform, tmp_path):
+    """BluebirdDT would refuse the clearance, not the aircraft."""
+    platform.reset(load(renamed(callsign), tmp_path))
+    platform.issue(Instruction(callsign, heading_deg=60, level_fl=340))
 
 
 PROGRAM = """

@@ -107,6 +107,13 @@ def test_a_page_that_cannot_be_written_is_an_error(tmp_path):
         write_comparison(Runs([], []), tmp_path / "no" / "comparison.html")
 
 
+def test_a_run_folder_may_have_a_name_that_is_no_text(tmp_path):
+    """On Linux a name is bytes; those that are not UTF-8 are shown escaped."""
+    runs = read_runs([write_training(tmp_path / name) for name in ("n\udcff", "m")])
+    write_comparison(runs, tmp_path / "page.html")
+    assert "n\\udcff" in (tmp_path / "page.html").read_text()
+
+
 def learned(curve, experiment="lateral", seed=0, **settings):
     """A training of 101 updates; success rises by a point with each, to 100 %."""
     updates = [

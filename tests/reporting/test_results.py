@@ -21,6 +21,7 @@ from skystack.reporting.results import (
     family_of,
     in_order,
     read_run,
+    read_updates,
 )
 from tests.reporting.rows import results, row, training
 
@@ -207,6 +208,15 @@ def test_a_damaged_line_is_named_by_its_number(run):
     whole = read_run(run)
     with pytest.raises(InputError, match=r"metrics\.jsonl: line 3: damaged"):
         whole.updates(whole.results.train[0])
+
+
+@pytest.mark.parametrize(("end", "kept"), [("", 1), ("\n", 1), ('\n{"upd', 1), ("\nx", 1)])
+def test_a_last_line_that_was_half_written_does_not_count(end, kept, run):
+    """As while a training goes on, or after it was killed."""
+    path = run / "train" / "lateral-s0" / "metrics.jsonl"
+    first = path.read_text().splitlines()[0]
+    path.write_text(first + end)
+    assert len(read_updates(path.parent)) == kept
 
 
 def test_everything_is_sorted_as_it_is_read(run):

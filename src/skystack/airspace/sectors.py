@@ -48,14 +48,14 @@ def _from_elsewhere(platform: str, name: str) -> Sector:
     return found
 
 
-def find_sector(name: str | PathLike[str], folder: Path) -> Sector:
+def find_sector(name: str | PathLike[str], folder: str | PathLike[str]) -> Sector:
     """The sector of a name, or of a `.json` file beside the one that names it.
 
     Raises InputError for an unknown name or a file that is no sector.
     """
     name = fspath(name)
     if name.endswith(".json"):
-        return make_sector(read_sector(file_beside(folder, name, ".json")))
+        return make_sector(read_sector(file_beside(Path(folder), name, ".json")))
     return sector_named(name)
 
 

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import shlex
 import time
 from collections.abc import Mapping
 from contextlib import nullcontext
@@ -139,14 +140,13 @@ def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
                 experiment, options.seed, out, options.resume, on_update, every_s
             )
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(
-            f"interrupted; to go on: skystack train {options.experiment} --seed {options.seed} "
-            f"--out {out} --resume"
-            + " --tensorboard" * options.tensorboard
-            + f" --checkpoint-every {every_s}" * (every_s != CHECKPOINT_EVERY_S)
-            + f" --cycles {options.cycles}" * (options.cycles is not None)
-            + "".join(f" --set {change}" for change in options.changes)
-        ) from None
+        words = ["skystack", "train", options.experiment, "--seed", str(options.seed)]
+        words += ["--out", str(out), "--resume"]
+        words += ["--tensorboard"] * options.tensorboard
+        words += ["--checkpoint-every", str(every_s)] * (every_s != CHECKPOINT_EVERY_S)
+        words += ["--cycles", str(options.cycles)] * (options.cycles is not None)
+        words += [word for change in options.changes for word in ("--set", change)]
+        raise KeyboardInterrupt(f"interrupted; to go on: {shlex.join(words)}") from None
     say(f"{trained.wall_s:.0f} s; policy: {out / 'policy.json'}")
     if options.json:
         summary = [trained.summary]
@@ -213,6 +213,8 @@ def _compare(options: argparse.Namespace) -> int:
     from skystack.reporting.trainings import read_runs
 
     path = options.output or Path("comparison.html")
+    if path.suffix not in (".html", ".htm"):
+        raise InputError(f"report: -o {path} (allowed: .html)")
     runs = read_runs(options.runs)
     write_comparison(runs, path)
     if options.json:

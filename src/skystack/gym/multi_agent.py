@@ -1,6 +1,7 @@
 """A task with each aircraft an agent of its own, for PettingZoo (extra `[pettingzoo]`)."""
 
 from collections.abc import Mapping
+from os import PathLike
 from typing import Any
 
 import jax
@@ -195,7 +196,7 @@ class MultiAgentPrograms(TaskPrograms):
 
 
 def parallel_env(
-    experiment: str = "lateral",
+    experiment: str | PathLike[str] = "lateral",
     settings: TaskSettings | None = None,
     render_mode: str | None = None,
 ) -> MultiAgentEnvironment:

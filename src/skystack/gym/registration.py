@@ -1,6 +1,7 @@
 """Environments from the name of an experiment, a file, or settings: what Gymnasium calls."""
 
 from functools import lru_cache
+from os import PathLike
 
 import msgspec
 from gymnasium.vector import AutoresetMode
@@ -14,7 +15,9 @@ from skystack.tasks.plain import PlainTask
 from skystack.tasks.settings import TaskSettings
 
 
-def settings_of(experiment: str, settings: TaskSettings | None = None) -> TaskSettings:
+def settings_of(
+    experiment: str | PathLike[str], settings: TaskSettings | None = None
+) -> TaskSettings:
     """The settings where given, else those of an experiment.
 
     `experiment` is a name that `skystack list` shows, or the path of a `.toml` file. Environments
@@ -25,7 +28,9 @@ def settings_of(experiment: str, settings: TaskSettings | None = None) -> TaskSe
 
 
 def make_environment(
-    experiment: str, settings: TaskSettings | None = None, render_mode: str | None = None
+    experiment: str | PathLike[str],
+    settings: TaskSettings | None = None,
+    render_mode: str | None = None,
 ) -> TaskEnvironment:
     """One scenario at a time; arguments as of `settings_of`.
 
@@ -36,7 +41,7 @@ def make_environment(
 
 
 def make_vector_environment(
-    experiment: str,
+    experiment: str | PathLike[str],
     num_envs: int = 1,
     settings: TaskSettings | None = None,
     autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,

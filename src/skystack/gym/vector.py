@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from jaxtyping import Array, Bool, Float, Int, UInt8, UInt32
 
-from skystack.errors import InputError
+from skystack.errors import InputError, checked_whole
 from skystack.forks import refuse_forked
 from skystack.gym.environment import (
     FRAMES_PER_S,
@@ -57,10 +57,9 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
         max_episode_steps: int | None = None,
         render_mode: str | None = None,
     ) -> None:
-        if num_envs < 1:
-            raise InputError(f"num_envs is {num_envs} (allowed: 1 or more)")
-        if max_episode_steps is not None and max_episode_steps < 1:
-            raise InputError(f"max_episode_steps is {max_episode_steps} (allowed: 1 or more)")
+        num_envs = checked_whole("num_envs", num_envs, 1)
+        if max_episode_steps is not None:
+            max_episode_steps = checked_whole("max_episode_steps", max_episode_steps, 1)
         self.task, self.num_envs, self._mode = task, num_envs, _checked_mode(autoreset_mode)
         self.render_mode = render_mode
         self.metadata = {
@@ -152,8 +151,14 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
             return [None] * self.num_envs
         if isinstance(seed, int | np.integer):
             return [int(seed) + number for number in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise InputError(f"seed is a list of {len(seed)} (allowed: {self.num_envs})")
+        try:
+            count = len(seed)
+        except TypeError:
+            raise InputError(
+                f"seed is {seed!r} (allowed: a whole number, or a list of them)"
+            ) from None
+        if count != self.num_envs:
+            raise InputError(f"seed is a list of {count} (allowed: {self.num_envs})")
         return seed
 
     def _numbers(self, anew: Flags) -> UInt32[np.ndarray, " scenarios"]:

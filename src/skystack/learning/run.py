@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from skystack.errors import InputError
+from skystack.errors import InputError, checked_whole
 from skystack.files import alone_in, make_folder, write_aside
 from skystack.learning import ppo
 from skystack.learning.checkpoint import load_checkpoint, save_checkpoint
@@ -86,6 +86,7 @@ def train_experiment(
     that cannot be written to or in which another process trains; on KeyboardInterrupt the
     checkpoint is written first.
     """
+    seed = checked_whole("seed", seed, 0, 2**31 - 1)
     with alone_in(path := Path(folder), below=("checkpoint",)):
         return _train(experiment, seed, path, resume, on_update, checkpoint_every_s)
 

@@ -11,6 +11,7 @@ which changes nothing else: the ellipsoid is one of revolution.
 
 import json
 import logging
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ from skystack.json_file import inside
 from skystack.platforms.adoption import BLUEBIRD
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.languages import bluebird_actions
-from skystack.platforms.protocol import Report, check_types
+from skystack.platforms.protocol import Report, check_callsigns, check_types
 from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import TablePerformance
 from skystack.simulator.scenario_file import Aircraft, Scenario
@@ -39,6 +40,8 @@ with of_extra(__name__, "bluebird"):
     from bluebird_dt.scenario_manager.custom import Custom
     from bluebird_dt.utility.paths import AIRCRAFT_WEIGHT_MAPPING_FILE
 
+_CALLSIGN = re.compile(r"[A-Za-z0-9.]+")
+"""BluebirdDT spells a callsign out when it says a clearance, and has no words for the rest."""
 _FAR_NM = 10_000.0
 """How far from its sector BluebirdDT keeps an aircraft; by default it removes it 20 NM outside."""
 
@@ -63,6 +66,7 @@ class Bluebird:
         known = {*self._types, *(member.type for member in scenario.fleet)}
         allowed = f"one of the {len(self._types)} types of its weight map, as B753, or of the fleet"
         check_types(scenario, known, "BluebirdDT", allowed)
+        check_callsigns(scenario, _CALLSIGN, "BluebirdDT", "letters A to Z, digits and full stops")
         self._origin_lon_deg = scenario.sector.origin[1]
         self._simulator = _simulator(scenario)
         manager = self._simulator.manager

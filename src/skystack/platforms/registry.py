@@ -26,7 +26,7 @@ _ADOPTIONS = {OWN: SKYSTACK, "bluebird": BLUEBIRD, "bluesky": BLUESKY}
 def check_platform(name: str) -> None:
     """Raise InputError for a platform that does not exist or whose extra is not installed."""
     if name not in PLATFORMS:
-        raise unknown_name("platform", name, PLATFORMS)
+        raise unknown_name("platform", str(name), PLATFORMS)
     # By distribution: other packages go by the name of BlueSky's module.
     missing = [each for each in _NEEDS.get(name, ()) if not _installed(each)]
     if missing:

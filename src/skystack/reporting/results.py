@@ -1,6 +1,7 @@
 """What a run folder says about itself: `results.json`, `bound.json` and the curves of training."""
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -279,9 +280,12 @@ class Run:
 def read_updates(folder: Path) -> list[Update]:
     """The learning curve in a training's folder. Raises InputError: missing or damaged file."""
     path = folder / "metrics.jsonl"
-    lines = read_file(path).splitlines()
+    *lines, last = read_file(path).split(b"\n")
+    with suppress(InputError):  # a training that goes on, or was killed, may have written a part
+        decode(last, Update, "the last line, which nothing ends")
+        lines.append(last)
     if not lines:
-        raise InputError(f"{path}: empty (allowed: one JSON object a line)")
+        raise InputError(f"{path}: holds no whole line (allowed: one JSON object a line)")
     return [
         decode(line, Update, f"{path}: line {number}") for number, line in enumerate(lines, start=1)
     ]

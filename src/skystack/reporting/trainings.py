@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from skystack.errors import InputError, exists
+from skystack.errors import InputError, exists, printable
 from skystack.json_file import MAX_BYTES, convert, decode, inside
 from skystack.names import Name, Seed
 from skystack.reporting.learning_curves import at_the_end
@@ -112,7 +112,7 @@ def short_names(folders: Sequence[Path]) -> list[str]:
             for count in range(1, len(own) + 1)
             if sum(each[-count:] == own[-count:] for each in parts) == 1
         )
-        names.append("/".join(next(alone)))
+        names.append(printable("/".join(next(alone))))
     return names
 
 

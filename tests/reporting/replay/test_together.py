@@ -26,7 +26,10 @@ def test_only_the_same_scenarios_are_shown_side_by_side(one_by_one, at_once, alo
     with pytest.raises(InputError, match="no scenario in common"):
         in_common((first, dataclasses.replace(other, scenarios=(later,))))
     sector = dataclasses.replace(other.sector, name="another")
-    with pytest.raises(InputError, match="is of sector another"):
+    with pytest.raises(InputError, match=r"is of sector another, .* of sector [\w-]+ \(allowed"):
+        in_common((first, dataclasses.replace(other, sector=sector)))
+    sector = dataclasses.replace(other.sector, separation_nm=4.0)
+    with pytest.raises(InputError, match=r"sector ([\w-]+), .* sector \1, which is not the same"):
         in_common((first, dataclasses.replace(other, sector=sector)))
 
 
@@ -34,6 +37,15 @@ def test_runs_of_one_name_are_told_apart_by_their_place(evaluation, tmp_path):
     again = shutil.copytree(evaluation, tmp_path / evaluation.name)
     together = read_together((evaluation, again), scenarios=1)
     assert [replay.title for replay in together] == [str(evaluation), str(again)]
+
+
+def test_a_folder_may_have_a_name_that_is_no_text(evaluation, tmp_path):
+    """On Linux a name is bytes; those that are not UTF-8 are shown escaped."""
+    odd = shutil.copytree(evaluation, tmp_path / "e\udcff")
+    again = shutil.copytree(odd, tmp_path / "again" / odd.name)
+    assert read_replay(odd, 1).title == r"e\udcff"
+    titles = [replay.title for replay in read_together((odd, again), scenarios=1)]
+    assert titles == [rf"{tmp_path}/e\udcff", rf"{tmp_path}/again/e\udcff"]
 
 
 def test_scenarios_that_only_one_holds_are_left_out(evaluation):

@@ -15,7 +15,7 @@ import pyarrow as pa
 from jaxtyping import Float
 
 from skystack.airspace.sector import Sector
-from skystack.errors import InputError, exists
+from skystack.errors import InputError, exists, printable
 from skystack.evaluation.losses import FlightPath, Loss, losses
 from skystack.evaluation.stored import (
     check_who,
@@ -168,9 +168,10 @@ def _episodes(folder: Path, count: int, number: int | None) -> pa.Table:
 
 def _title(folder: Path) -> str:
     """`lateral-tuned, stacked` of `lateral-tuned-s0-skystack-stacked`; others keep their name."""
-    found = re.fullmatch(r"(.+)-s\d+-(\w+)-(stacked|plain)", folder.name)
+    name = printable(folder.name)
+    found = re.fullmatch(r"(.+)-s\d+-(\w+)-(stacked|plain)", name)
     if found is None:
-        return folder.name
+        return name
     experiment, platform, kind = found.groups()
     how = "stacked" if kind == "stacked" else "one at a time"
     return f"{experiment}, {how}" + (f", {platform}" if platform != OWN else "")
@@ -211,7 +212,8 @@ def _simulated(path: Path) -> Replay:
         flown = flown.append_column("status", pa.array([FLYING] * flown.num_rows))
     flying = tuple(_aircraft(sector, path, flown, each) for each in who)
     cycles = int(flown["cycle"].to_numpy().max())
-    return Replay(path.stem, sector, (_assembled(sector, 0, cycles, None, flying, said, path),))
+    scenario = _assembled(sector, 0, cycles, None, flying, said, path)
+    return Replay(printable(path.stem), sector, (scenario,))
 
 
 def _aircraft(sector: Sector, path: Path, rows: pa.Table, entry: Mapping[str, Any]) -> Flown:

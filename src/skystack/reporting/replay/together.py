@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skystack.errors import InputError
+from skystack.errors import InputError, printable
 from skystack.reporting.replay.recording import Replay, ReplayScenario, read_replay
 
 SAME_START_NM = 0.1
@@ -24,7 +24,8 @@ def read_together(
     if len({replay.title for replay in replays}) < len(replays):
         # Of the same name, in different places.
         replays = tuple(
-            replace(replay, title=str(path)) for replay, path in zip(replays, runs, strict=True)
+            replace(replay, title=printable(str(path)))
+            for replay, path in zip(replays, runs, strict=True)
         )
     return in_common(replays)
 
@@ -49,10 +50,9 @@ def in_common(replays: tuple[Replay, ...]) -> tuple[Replay, ...]:
 def _comparable(first: Replay, other: Replay) -> set[int]:
     """The numbers of the scenarios that both hold, the same in both."""
     if other.sector != first.sector:
-        raise InputError(
-            f"{other.title} is of sector {other.sector.name}, {first.title} of "
-            f"{first.sector.name} (allowed: side by side in one sector)"
-        )
+        of = [f"{each.title} is of sector {each.sector.name}" for each in (other, first)]
+        same = ", which is not the same" * (other.sector.name == first.sector.name)
+        raise InputError(f"{', '.join(of)}{same} (allowed: side by side in one sector)")
     known = {scenario.number: scenario for scenario in first.scenarios}
     common = [scenario for scenario in other.scenarios if scenario.number in known]
     if not common:
