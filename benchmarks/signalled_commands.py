@@ -11,8 +11,8 @@ so that it surely lived when the signal came. Then:
   `python -m` itself is interrupted while it starts, Python ends with 1; counted with these);
 - standard error has no traceback, but where Python itself is interrupted before our first line;
 - no file is half-written, nothing is left beside the output, in the folder for temporary files or
-  in the cache of programs (where killed workers leave folders, a command that comes a minute later
-  must delete them: this is checked once, at the end);
+  in the cache of programs (folders of killed workers must be deleted by a command a minute later;
+  checked once, at the end);
 - no process is left.
 
 A training is resumed after each signal and must come to the end of one that nobody disturbed.
@@ -86,7 +86,7 @@ class Subject(NamedTuple):
     compiles: bool = False
     """Whether it takes less time once its programs are kept."""
     has_workers: bool = False
-    """Whether it kills processes of its own, which cannot delete their folders then."""
+    """Whether it kills its own workers, which then leave folders in the cache."""
 
 
 def _train(place: Place) -> list[str]:
@@ -244,7 +244,7 @@ def _left_behind(folder: Path, scratch: Path) -> Iterator[str]:
 
 
 def _running() -> set[Path]:
-    """The folders in the cache that belong to running processes, or did."""
+    """The cache folders of running processes, and of processes that were killed."""
     return set(Path(os.environ["SKYSTACK_CACHE"]).rglob(f"{RUNNING}*"))
 
 
@@ -367,7 +367,7 @@ class Study:
         return ended.how != "before"
 
     def _clean_cache(self) -> None:
-        """A later command deletes what killed workers left in the cache."""
+        """Check that a later command deletes what killed workers left in the cache."""
         for path in _running():
             os.utime(path, (time.time() - 2 * IDLE_S,) * 2)
         place = self._known._replace(folder=self._folder / "later")

@@ -43,7 +43,7 @@ def compile_once(tmp_path_factory):
 
 @pytest.fixture
 def types_unchecked(monkeypatch):
-    """As for users: what is of another type than annotated reaches the code."""
+    """Turn type checks off, as for users: values of a wrong type reach the code."""
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
 
 

@@ -183,7 +183,7 @@ def test_a_reproduction_is_alone_in_its_folder(capsys, tmp_path):
     with alone_in(tmp_path):
         code, out, err = run(capsys, "reproduce", "lateral", "--quick", "--out", str(tmp_path))
     assert (code, out, err.count("\n")) == (2, "", 1)
-    assert err.startswith(f"skystack: {tmp_path}: another skystack is at work in this folder")
+    assert err.startswith(f"skystack: {tmp_path}: is in use by another process")
     assert [path.name for path in tmp_path.iterdir()] == [".lock"]
 
 

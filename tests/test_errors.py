@@ -27,18 +27,18 @@ def test_a_name_too_long_for_a_file_is_unknown_like_any_other():
 
 
 @pytest.mark.parametrize("kind", [int, np.int8, np.uint64, np.array, torch.tensor])
-def test_a_whole_number_of_any_library_is_a_plain_one(kind):
+def test_a_whole_number_of_any_library_becomes_an_int(kind):
     number = checked_whole("it", kind(3), 3, 3)
     assert (number, type(number)) == (3, int)
 
 
 @pytest.mark.parametrize("flag", [True, np.True_, np.array(True), torch.tensor(True)])
-def test_a_truth_value_is_no_number(flag):
+def test_booleans_are_refused(flag):
     with pytest.raises(InputError, match=r"^it is .*\(allowed: whole numbers from 0\)$"):
         checked_whole("it", flag, 0)
 
 
 @pytest.mark.parametrize("value", [-1, 6, 1.0, "1", None, np.array([1, 2]), np.float32(1)])
-def test_what_is_no_whole_number_in_the_range_is_refused(value):
+def test_other_values_are_refused(value):
     with pytest.raises(InputError, match=r"\(allowed: whole numbers from 0 to 5\)$"):
         checked_whole("it", value, 0, 5)

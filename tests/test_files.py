@@ -1,4 +1,4 @@
-"""Files are whole or not there, and folders have one at work in them, whatever is killed."""
+"""Files are whole or not there, and one process at a time works in a folder, whatever is killed."""
 
 import os
 import resource
@@ -71,7 +71,7 @@ def test_a_folder_has_one_at_work_until_that_one_is_killed(tmp_path):
     with held:
         assert held.stdout.readline() == "held\n"
         with (
-            pytest.raises(InputError, match=f"^{tmp_path}: another skystack is at work"),
+            pytest.raises(InputError, match=f"^{tmp_path}: is in use by another process"),
             alone_in(tmp_path),
         ):
             pass
@@ -118,7 +118,7 @@ def test_a_failure_deletes_nothing_where_another_process_is_at_work(tmp_path, in
             stack.enter_context(alone_in(new / inner))
 
     with ExitStack() as stack:
-        with pytest.raises(InputError, match="at work"):
+        with pytest.raises(InputError, match="is in use"):
             both(stack)
         assert (new / inner / "checkpoint").is_dir()
 
@@ -173,7 +173,7 @@ def test_a_lock_that_is_deleted_before_it_is_held_is_made_again(tmp_path, monkey
         (folder / ".lock").unlink()
 
     monkeypatch.setattr(files, "_lock", deleted)
-    with alone_in(tmp_path), pytest.raises(InputError, match="at work"), alone_in(tmp_path):
+    with alone_in(tmp_path), pytest.raises(InputError, match="is in use"), alone_in(tmp_path):
         pass
 
 
@@ -188,14 +188,14 @@ def test_no_pipe_or_device_is_replaced_by_a_file(tmp_path):
 
 @pytest.fixture
 def umask():
-    """Sets the permissions that new files are not given; the old ones are restored."""
+    """Sets the umask; the previous one is restored."""
     before = os.umask(0o022)
     yield os.umask
     os.umask(before)
 
 
 @pytest.mark.parametrize("mask", [0o022, 0o077, 0o002])
-def test_new_files_have_the_permissions_that_the_user_wants(mask, umask, tmp_path):
+def test_new_files_follow_the_umask(mask, umask, tmp_path):
     umask(mask)
     write_aside(tmp_path / "file", b"")
     assert (tmp_path / "file").stat().st_mode & 0o777 == 0o666 & ~mask
@@ -209,7 +209,7 @@ def test_a_name_may_be_as_long_as_the_system_allows(tmp_path):
 
 
 def test_a_symbolic_link_is_replaced_and_not_followed(tmp_path):
-    """A run folder may come from anybody: a link in it must not lead to the user's files."""
+    """A run folder may be untrusted: its links must not lead to the user's files."""
     (tmp_path / "mine").write_bytes(b"mine")
     (tmp_path / "link").symlink_to(tmp_path / "mine")
     write_aside(tmp_path / "link", b"new")
@@ -218,7 +218,7 @@ def test_a_symbolic_link_is_replaced_and_not_followed(tmp_path):
 
 
 @pytest.mark.parametrize("output", ["", ".", "..", "folder", "folder/.", "folder/.."])
-def test_a_folder_is_no_output(output, tmp_path, monkeypatch):
+def test_a_folder_is_refused_as_output(output, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()
     for check in (check_output, lambda path: write_aside(path, b"")):
@@ -227,13 +227,13 @@ def test_a_folder_is_no_output(output, tmp_path, monkeypatch):
     assert sorted(tmp_path.rglob("*")) == [tmp_path / "folder"]
 
 
-def test_an_output_may_not_replace_what_is_read_for_it(tmp_path):
+def test_an_output_may_not_overwrite_its_input(tmp_path):
     source, other, link = (tmp_path / name for name in ("source", "other", "link"))
     source.touch()
     other.touch()
     link.symlink_to(source)
     for output in (source, tmp_path / "." / "source", link):
-        with pytest.raises(InputError, match=r": is read for this \(allowed: another name\)$"):
+        with pytest.raises(InputError, match=r": is also an input \(allowed"):
             check_output(output, other, source)
     for output in (other, tmp_path / "new"):
         check_output(output, source, tmp_path / "nowhere")

@@ -18,7 +18,7 @@ CODES = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
 @pytest.fixture(autouse=True)
 def as_at_a_terminal():
-    """A process in the background of a script ignores SIGINT, and so would the tests in it."""
+    """A background process of a script ignores SIGINT, and so would tests run in it."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)

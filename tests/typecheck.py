@@ -1,20 +1,19 @@
 """The type checker of the tests: beartype, with int where float is asked for, as PEP 484 has it.
 
-A nested function is created at every call of the outer one, and wrapping it takes a millisecond. In
-loops over cycles that was most of the time of the tests, so a nested function is only checked if
-its annotations hold a shape.
+Wrapping a nested function at each call of the outer one takes a millisecond, most of the time of
+tests that loop over cycles. A nested function is therefore checked only if it contains a shape.
 """
 
 import ast
 
 from beartype import BeartypeConf, beartype
-from jaxtyping._import_hook import JaxtypingTransformer  # private: nothing public can do it
+from jaxtyping._import_hook import JaxtypingTransformer  # private: there is no public hook
 
 typecheck = beartype(conf=BeartypeConf(is_pep484_tower=True))
 
 
 def states_shape(function):
-    """Whether an annotation in a function holds a shape, as in `Float[Array, "n"]`."""
+    """Whether a function contains a shape, such as `Float[Array, "n"]`, in any subscript."""
     return any(
         isinstance(each, ast.Subscript)
         and isinstance(each.slice, ast.Tuple)

@@ -32,7 +32,7 @@ def printable(text: str) -> str:
 
 
 def checked_whole(name: str, value: Any, least: int, most: int | None = None) -> int:
-    """A whole number of any library, in a range. Raises InputError for anything else.
+    """An integer of any library as an int. Raises InputError for anything else, or out of range.
 
     True and False are refused, although Python counts them as numbers.
     """
@@ -79,7 +79,7 @@ def unknown_name(
 
 
 def exists(path: str | Path) -> bool:
-    """Whether there is a file or folder; a name too long for any is no error."""
+    """Whether a file or folder exists; False if the name is too long."""
     try:
         return Path(path).exists()
     except OSError:

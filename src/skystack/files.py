@@ -28,7 +28,7 @@ def read_whole(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     """A whole file. Raises InputError when it is no file, cannot be read or is too large."""
     try:
         if exists(path) and not (path.is_file() or path.is_dir()):
-            # A pipe would be waited for.
+            # Reading a pipe could block forever.
             raise InputError("cannot be read (it is not a regular file)")
         with path.open("rb") as file:
             data = file.read(most_bytes + 1)
@@ -94,7 +94,7 @@ def _open_aside(path: Path) -> Iterator[IO[bytes]]:
 
 
 def _unused(path: Path) -> Path:
-    """A name beside a file that no other has, and not too long however long the file's own is."""
+    """A random temporary name in the same folder, short even if the file's name is long."""
     return path.with_name(f".{path.name[:40]}.{token_hex(8)}{_ASIDE}")
 
 
@@ -118,22 +118,22 @@ def append_line(file: int, path: Path, line: str) -> None:
 
 
 def check_output(output: Path, *sources: Path) -> None:
-    """Check a file to be written, before the work that it takes to make it.
+    """Check an output path before the work starts.
 
-    Raises InputError where its folder does not exist (`-o` makes none), it is a folder itself, or
-    one of the files that are read for it.
+    Raises InputError if its folder does not exist (`-o` creates none), or if it is a folder or one
+    of `sources`.
     """
     check_not_folder(output)
     if not output.parent.is_dir():
         raise InputError(f"{output}: the folder {output.parent} does not exist")
     for source in sources:
-        with suppress(OSError):  # the source, or most often the output, does not exist
+        with suppress(OSError):  # usually the output does not exist yet
             if output.samefile(source):
-                raise InputError(f"{output}: is read for this (allowed: another name)")
+                raise InputError(f"{output}: is also an input (allowed: another name)")
 
 
 def check_not_folder(output: Path) -> None:
-    """Raise InputError where a file is to be written and the path is that of a folder."""
+    """Raise InputError if an output path is a folder."""
     if output.name in ("", "..") or (exists(output) and output.is_dir()):
         raise InputError(f"{output}: cannot be written: it is a folder")
 
@@ -256,8 +256,8 @@ def _lock(handle: int, folder: Path) -> None:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         raise InputError(
-            f"{folder}: another skystack is at work in this folder (allowed: another one by "
-            "--out, or to wait for it)"
+            f"{folder}: is in use by another process (allowed: another folder by --out, or to wait "
+            "for it)"
         ) from None
     except OSError:
         pass  # a file system without locks

@@ -97,10 +97,10 @@ _TOO_DEEP = f"is nested too deep (allowed: {MAX_DEPTH} levels)"
 
 
 def beyond_python(error: ValueError | RecursionError) -> InputError:
-    """The error for a valid file that Python's parsers cannot read."""
+    """The error for nesting too deep, or a number too long, for Python's parsers."""
     if isinstance(error, RecursionError):
         return InputError(_TOO_DEEP)
-    return InputError("has a number of too many digits (allowed: finite numbers)")
+    return InputError("has a whole number with too many digits (allowed: 4300)")
 
 
 def decode(data: bytes, kind: Any, where: str) -> Any:

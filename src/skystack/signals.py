@@ -1,11 +1,11 @@
 """SIGINT and SIGTERM end a command: each is recorded, then raised as KeyboardInterrupt, never lost.
 
-C++ libraries do not expect an exception wherever they call Python: JAX discards one raised in its
+C++ libraries do not handle exceptions in every call to Python: JAX discards one raised in its
 garbage-collection callback, and aborts the process if one is raised while it is imported. The
-exception is therefore not raised during imports or inside JAX; it is retried every 10 ms until it
-can be. If it is discarded all the same it is raised again, and code between compiled programs calls
-`check`. In any case the recorded signal decides the exit code. Inside `held` nothing is raised, so
-that work which must not be interrupted is completed first.
+exception is therefore not raised during imports or inside JAX; raising is retried every 10 ms. If
+it is still discarded, it is raised again, and code between compiled programs calls `check`. The
+recorded signal decides the exit code. Inside `held` nothing is raised, so that work which must not
+be interrupted is completed first.
 """
 
 import os
@@ -41,7 +41,7 @@ class _Note:
         self.number: int | None = None
         self.at_s = 0.0
         self.raised = False
-        """Whether KeyboardInterrupt was raised and has not been dropped."""
+        """Whether KeyboardInterrupt was raised and has not been discarded."""
         self.held = 0
         """Number of nested `held` blocks that the main thread is in."""
 
@@ -51,7 +51,7 @@ _note = _Note()
 
 @contextmanager
 def ended_by_signals(last: bool = False) -> Iterator[None]:
-    """Record and raise signals inside the context; with `last`, restore the default afterwards.
+    """Record and raise signals inside the context; with `last`, default handlers follow.
 
     Signals that are ignored stay ignored. Does nothing in other threads, or if already active.
     """
@@ -84,12 +84,12 @@ def exit_code() -> int | None:
 
 
 def settle() -> None:
-    """Only note further signals, without raising them, until `ended_by_signals` ends."""
+    """Only record further signals, without raising them, until `ended_by_signals` ends."""
     _note.held += 1
 
 
 def check() -> None:
-    """Raise KeyboardInterrupt if a signal was received but its exception was dropped."""
+    """Raise KeyboardInterrupt if a signal was received but its exception was discarded."""
     main = threading.current_thread() is threading.main_thread()
     if main and _note.watched and _note.number is not None and not _note.held:
         _raise()
@@ -120,7 +120,7 @@ def wait_for(future: Future[Result]) -> Result:
 
 @contextmanager
 def starting_processes() -> Iterator[None]:
-    """`held`, with SIGINT blocked in the threads and processes started inside: only we handle it.
+    """`held`, with SIGINT blocked in the threads and processes started inside.
 
     A half-started process would be left behind and print a traceback.
     """
@@ -192,7 +192,7 @@ _OURS = _folder_of("skystack")
 
 
 def _on_unraisable(what: Any) -> None:
-    """Python discards an exception that no code can catch; raise it again later."""
+    """Retry a KeyboardInterrupt that Python has to discard."""
     if _note.number is not None and issubclass(what.exc_type, KeyboardInterrupt):
         _note.raised = False
         _try_again(AGAIN_S)

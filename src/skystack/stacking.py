@@ -5,9 +5,9 @@ value that its last instruction led to, for as long as it answers with the same 
 asked for is issued as one clearance; then one cycle is flown. (Section "Online Action-Stacking" of
 the paper.) Not to be confused with stacking past actions into an observation.
 
-A policy is not queried when its answer could not be used: at the limit, or when the instruction
-cannot be given again. With a limit of one a policy is therefore queried once a cycle, as without
-stacking, even if it has memory.
+A policy is asked only if its answer can be used: not at the limit, nor when the instruction cannot
+be given again. So with a limit of one, even a policy with memory is asked once a cycle, as without
+stacking.
 
 This module knows policies and two-phase environments and nothing else. `stack` works with anything
 that computes; `stack_traced` does the same inside `jax.jit`, and `stack_many` for many scenarios
@@ -59,7 +59,7 @@ class Stack(NamedTuple):
 
 
 Both = Callable[[Any, Callable[[Any], Any]], Any]
-"""Logical and. The second operand is a function of the first, called only where that is true."""
+"""Logical and. The second operand is a function of the first, called only if the first is true."""
 
 
 def owned(answer: Any) -> Any:

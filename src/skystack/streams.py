@@ -1,6 +1,6 @@
 """Standard output and standard error: everything that a command prints goes through here.
 
-Results go to standard output; if they cannot be written, the command fails. Prose goes to standard
+Results go to standard output; if they cannot be written, the command fails. Messages go to standard
 error; write errors there are ignored. Characters that a stream's encoding lacks are escaped.
 """
 
@@ -82,7 +82,7 @@ def escaping() -> Iterator[None]:
 def open_standard_files() -> None:
     """Open the null device in place of standard files that are closed.
 
-    Otherwise the next file opened would get the number of a standard file, and whatever a library
+    Otherwise the next file opened would get a standard file descriptor, and whatever a library
     writes there would end up in it. Python's streams exist by now: `sys.stdout` stays None.
     """
     for number in range(3):

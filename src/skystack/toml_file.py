@@ -10,7 +10,7 @@ from skystack.json_file import beyond_python, check_plain, with_whole_numbers
 def parse_toml(data: bytes) -> dict[str, Any]:
     """The values of a TOML file: tables, lists, text, finite numbers, true and false.
 
-    Raises InputError for what is no TOML, or nested too deep.
+    Raises InputError for invalid TOML, nesting too deep, or a number too long.
     """
     try:
         values = tomllib.loads(data.decode("utf-8-sig"))
@@ -18,7 +18,7 @@ def parse_toml(data: bytes) -> dict[str, Any]:
         raise InputError("not TOML: it is not UTF-8") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"not TOML: {error}") from None
-    except (ValueError, RecursionError) as error:  # a ValueError for numbers of 4,300 digits
+    except (ValueError, RecursionError) as error:  # numbers of over 4,300 digits
         raise beyond_python(error) from None
     check_plain(values)
     whole: dict[str, Any] = with_whole_numbers(values)

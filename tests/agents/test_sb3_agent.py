@@ -146,7 +146,7 @@ def saved(tensors):
 
 
 def test_weights_may_be_saved_as_parameters(path, tmp_path):
-    """Their values are the same; only PyTorch's own training knows a difference."""
+    """The values are the same; the difference matters only to PyTorch's training."""
     with zipfile.ZipFile(path) as file:
         tensors = torch.load(io.BytesIO(file.read("policy.pth")), weights_only=True)
     parameters = {name: torch.nn.Parameter(tensor) for name, tensor in tensors.items()}

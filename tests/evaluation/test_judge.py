@@ -181,18 +181,18 @@ def test_conditions_out_of_range_are_refused(name, value):
         *(("stacking", value, "True, False") for value in ("no", 0, None, np.array(1))),
         ("greedy", "yes", "True, False"),
         *(
-            ("time_limit_s", value, "seconds above 0, up to 10000000")
+            ("time_limit_s", value, "seconds above 0, up to 10,000,000")
             for value in (0, -1.0, math.nan, math.inf, "120", None, True)
         ),
     ],
 )
-def test_conditions_of_another_kind_are_refused(name, value, allowed):
+def test_conditions_of_a_wrong_type_are_refused(name, value, allowed):
     with pytest.raises(InputError, match=rf"^{name} is .* \(allowed: {allowed}\)$"):
         judge(lambda _: 0, Conditions(**{"episodes": 1, name: value}), experiment="vertical")
 
 
-def test_paths_may_be_text_or_paths(tmp_path):
-    """A name, a file and a folder are taken in either form, wherever one is asked for."""
+def test_paths_may_be_str_or_path(tmp_path):
+    """Names, files and folders may be given in either form."""
     own = Path(__file__).parents[2] / "examples" / "own-sector"
     for kind in (str, Path):
         conditions = Conditions(episodes=1, sector=kind(own / "valley.json"))
@@ -205,7 +205,7 @@ def test_paths_may_be_text_or_paths(tmp_path):
         judge(lambda _: 0, Conditions(sector=Path("nowhere")), experiment="lateral")
 
 
-def test_conditions_may_be_numpy_s():
+def test_conditions_may_be_numpy_scalars():
     given = Conditions(
         np.int64(3), np.int32(1), np.bool_(False), np.True_, "skystack", np.float32(1)
     )

@@ -204,7 +204,7 @@ def test_what_does_not_exist_is_refused(environment, types_unchecked):
         environment.step({AC1: 3})
 
 
-def test_before_the_first_reset_there_is_nothing_to_see():
+def test_use_before_the_first_reset_is_refused():
     environment = MultiAgentEnvironment(build_task(TaskSettings("avoidance")))
     for look in (environment.state, lambda: environment.step({})):
         with pytest.raises(ResetNeeded, match="reset"):

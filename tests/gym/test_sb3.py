@@ -149,7 +149,7 @@ def test_without_a_render_mode_there_is_no_picture():
     assert environment.get_images() == [None] * SCENARIOS
 
 
-def test_another_environment_or_autoreset_mode_is_refused(types_unchecked):
+def test_a_wrong_environment_or_autoreset_mode_is_refused(types_unchecked):
     with pytest.raises(InputError, match=r"environment is a TaskEnvironment .allowed: Vector"):
         StableBaselines3Environment(TaskEnvironment(build_task(TaskSettings("lateral"))))
     with pytest.raises(InputError, match=r"NextStep .allowed for Stable-Baselines3: SameStep"):

@@ -210,7 +210,7 @@ def test_a_policy_that_is_not_there():
             find_policy(name)
 
 
-def test_a_folder_may_be_a_path(folder):
+def test_a_policy_folder_may_be_a_path(folder):
     assert find_policy(folder).description == find_policy(str(folder)).description
 
 
@@ -225,8 +225,6 @@ def test_a_folder_may_be_a_path(folder):
         ([np.inf] * 8, r"is \[inf .*\]"),
     ],
 )
-def test_an_observation_of_another_shape_or_not_finite_is_refused(
-    observation, shown, types_unchecked
-):
+def test_a_wrong_shape_or_non_finite_observation_is_refused(observation, shown, types_unchecked):
     with pytest.raises(InputError, match=rf"^the observation {shown} \(allowed: 8 finite numbers"):
         find_policy("lateral")(observation)

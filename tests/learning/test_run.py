@@ -145,7 +145,7 @@ def test_a_training_begun_anew_leaves_nothing_of_the_old_one(trained, tmp_path):
 def test_a_folder_takes_one_training_at_a_time(tmp_path):
     with (
         alone_in(tmp_path),
-        pytest.raises(InputError, match=f"^{tmp_path}: another skystack is at work"),
+        pytest.raises(InputError, match=f"^{tmp_path}: is in use by another process"),
     ):
         train_experiment(small(), 3, tmp_path)
     assert not (tmp_path / "metrics.jsonl").exists()

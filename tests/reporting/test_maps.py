@@ -105,6 +105,6 @@ def test_points_along_a_line_are_near_to_each_other_and_keep_its_corners():
 
 
 def test_a_name_that_the_font_cannot_show_is_drawn_without_a_warning():
-    """A warning would fail this test, and stand on the terminal of a user."""
+    """A warning would fail this test, and appear on the user's terminal."""
     with house_style():
         assert as_png(sector_map(replace(x_plus(), name="空域"))).startswith(b"\x89PNG")

@@ -73,7 +73,7 @@ def test_what_stopped_workers_were_writing_is_deleted_unless_others_work_there(t
 
 @contextmanager
 def locked_elsewhere(folder):
-    """Another process works there, without deleting anything."""
+    """Another process holds the folder's lock and deletes nothing."""
     with subprocess.Popen([sys.executable, "-c", HOLDER, folder], stdin=-1, stdout=-1) as other:
         assert other.stdout.readline() == b"1\n"
         yield

@@ -119,7 +119,7 @@ def test_a_bad_value_is_refused_in_one_line(where, value, message, tmp_path):
         ),
         (
             b'{"cycles": 1' + b"0" * 5000 + b"}",
-            "has a number of too many digits (allowed: finite numbers)",
+            "has a whole number with too many digits",
         ),
         (b" " * (MAX_BYTES + 1), "is too large (allowed: 10 MB)"),
     ],

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 MOST_UNROLLED = 64
-"""Edges of an area that are unrolled in compiled programs; more are a loop with the same result."""
+"""Most edges of an area to unroll in compiled programs; longer ones become a loop, same result."""
 
 
 def wrap_180(angle_deg: Float[Array, "*n"]) -> Float[Array, "*n"]:

@@ -65,7 +65,7 @@ def sector_from(given: str | SectorEntry) -> Sector:
 
 
 def named_or_read(given: AnySector, folder: Path | None = None) -> str | SectorEntry:
-    """What settings say, for a task: a name as it is, the name of a `.json` file as its sector.
+    """A sector for task settings: names and entries as given; `.json` files are read.
 
     Where a file in `folder` says it, the sector's file lies beside that one or below it; what a
     user says (no folder) may lie anywhere. Raises InputError for an unknown name or a file that is

@@ -269,7 +269,8 @@ def replay(options: argparse.Namespace) -> int:
     for name, value in of_one.items():
         if value is not None:
             raise InputError(f"replay: {name} is for pictures ({', '.join(SUFFIXES)})")
-    written = write_replay(runs, options.output, options.scenarios or 100)
+    count = {} if options.scenarios is None else {"scenarios": options.scenarios}
+    written = write_replay(runs, options.output, **count)
     if options.json:
         print_json(written)
     say(f"scenarios: {written['scenarios']}; {written['bytes'] / 1e6:.1f} MB: {options.output}")

@@ -156,7 +156,7 @@ MOST_NUMBER = 2**31 - 1
 
 
 def _checked(conditions: Conditions) -> Conditions:
-    """The conditions as plain values. Raises InputError for what the command line refuses too."""
+    """The conditions as plain values. Raises InputError for invalid ones."""
     cycles = conditions.cycles
     return conditions._replace(
         seed=checked_whole("seed", conditions.seed, 0, MOST_NUMBER),
@@ -192,7 +192,7 @@ def judge(
     `experiment` that they are for, its name, its file (.toml) or itself, unless they say which.
 
     `name` is that of the row and of the folder. `on_scenario` hears how many scenarios are done.
-    Raises InputError for conditions out of range, a platform that is not there, an experiment that
+    Raises InputError for invalid conditions, a platform that is not there, an experiment that
     does not fit and a policy that fails or answers with what is no action; PlatformError when no
     scenario is finished.
     """

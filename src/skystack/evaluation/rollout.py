@@ -143,12 +143,12 @@ def blocks(task: NavigationTask, scenarios: int) -> Iterator[Int[np.ndarray, " b
 
 
 def scenarios_in_part(task: NavigationTask) -> int:
-    """The scenarios whose tables are made at once: tables take more memory than arrays."""
+    """The number of scenarios whose tables are made at once: they need more memory than arrays."""
     return _scenarios_of(task, ROWS_AT_ONCE // 4, SCENARIOS_AT_ONCE // 4)
 
 
 def _scenarios_of(task: NavigationTask, rows: int, most: int) -> int:
-    """As many scenarios as fit into so many rows, to bound the memory."""
+    """The number of scenarios that fit into `rows` rows; at least 1 and at most `most`."""
     return min(max(rows // (task.settings.cycles * task.scenarios.aircraft), 1), most)
 
 
@@ -173,7 +173,7 @@ def together(parts: Sequence[Recording]) -> Recording:
 
 
 def parts_of(recording: Recording, scenarios: int) -> Iterator[Recording]:
-    """Split a recording into parts of at most so many scenarios, without copying."""
+    """Split a recording into parts of at most `scenarios` scenarios, without copying."""
     for first in range(0, len(recording.number), scenarios):
         rows = slice(first, first + scenarios)
         part: Recording = jax.tree.map(lambda values, rows=rows: values[rows], recording)

@@ -153,7 +153,7 @@ def sector_of(path: Path, table: pa.Table) -> Sector:
 
 @lru_cache(maxsize=16)
 def _stored_sector(data: bytes) -> Sector:
-    """Checking a sector takes longer than reading its table, and many tables share one."""
+    """Cached, because checking a sector takes longer than reading its table."""
     stored = decode(data, Sector, "it")
     ring = [[lon, lat] for lat, lon in stored.area]
     return make_sector(

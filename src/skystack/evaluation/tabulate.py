@@ -1,4 +1,4 @@
-"""Turn blocks of flown scenarios into tables, written to disk block by block."""
+"""Turn blocks of flown scenarios into tables; write them block by block if a folder is given."""
 
 import time
 from collections.abc import Callable, Iterator

@@ -110,7 +110,7 @@ class _Growing:
         self._writer.close()
 
     def _write(self, least: int) -> None:
-        """Write waiting rows, a row group at a time, while at least so many are left."""
+        """Write waiting rows, a row group at a time, while at least `least` are left."""
         rows = pa.concat_tables(self._waiting).combine_chunks()
         while rows.num_rows >= least:
             group = rows.slice(0, GROUP_ROWS)

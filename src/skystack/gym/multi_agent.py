@@ -127,7 +127,7 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
 
         Raises ResetNeeded before the first reset.
         """
-        _ = self._scenario  # raises before the first reset
+        _ = self._scenario  # which raises
         return np.array(self._views[0])
 
     def render(self) -> UInt8[np.ndarray, "height width 3"] | None:

@@ -21,9 +21,9 @@ Infos = list[dict[str, Any]]
 
 
 class StableBaselines3Environment(VecEnv):  # type: ignore[misc]
-    """What `DummyVecEnv` of single environments would be.
+    """Behaves like a `DummyVecEnv` of single environments.
 
-    Raises InputError for another environment or autoreset mode.
+    Raises InputError unless given a VectorTaskEnvironment in same-step autoreset mode.
     """
 
     def __init__(self, environment: VectorTaskEnvironment) -> None:

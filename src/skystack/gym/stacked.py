@@ -45,12 +45,12 @@ class TwoPhaseEnvironment(Protocol):
 class StackedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """Steps that take no time while a clearance is being compiled.
 
-    While the action is the cycle's first and may be stacked, it is given: time stands still, the
-    reward is 0 and the observation shows what is now cleared. Any other action is not executed; it
-    ends the clearance, and one cycle is flown. If the action cannot be given again, the cycle is
-    flown in the same step: the agent is not asked for an action that could not be used. In the
-    step that flies, `info["clearance"]` holds the `action` that was issued and how often, as
-    `instructions`: `no_action` and 0 if none was.
+    While the action equals the cycle's first and may be stacked, it is given: time stands still,
+    the reward is 0 and the observation shows what is now cleared. Any other action is not executed;
+    it ends the clearance, and one cycle is flown. If the action cannot be given again, the cycle is
+    flown in the same step: the agent is not asked for an action that could not be used.
+    `info["clearance"]` of the step that flies holds the `action` issued and the number of
+    `instructions`, or `no_action` and 0.
 
     `limit` is the most instructions of one clearance, so that an agent that never changes its mind
     cannot stop time. With a limit of 1 every step flies, as without this wrapper. Actions are
@@ -80,7 +80,7 @@ class StackedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructo
         return super().reset(seed=seed, options=options)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Give the instruction if it continues the stack; fly unless it may be given again."""
+        """Give an instruction that starts or continues the stack; fly a cycle once it has ended."""
         wanted = self._wanted(self._checked(action))
         if wanted:
             self._action, self._instructions = owned(action), self._instructions + 1
@@ -107,7 +107,7 @@ class StackedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructo
         return action
 
     def _wanted(self, action: Any) -> bool:
-        """Whether to give it. A repetition was found to be allowed when the last one was given."""
+        """Whether to give the action. `may_stack` was already asked about a repetition."""
         if self._instructions:
             return np.array_equal(action, self._action)
         return not np.array_equal(action, self._no_action) and self._phases.may_stack(action)

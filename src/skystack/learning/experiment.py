@@ -138,7 +138,7 @@ def _set(values: dict[str, Any], change: str) -> None:
     """Apply one `table.key=value`; the value is TOML, or a bare word."""
     key, equals, text = change.partition("=")
     if not change.isprintable():
-        raise InputError(f"--set {change!r} (allowed: printable characters on one line)")
+        raise InputError(f"--set {change!r} is not one printable line")
     if not equals or not key.strip():
         raise InputError(
             f"--set {change!r} is not of the form key=value (as ppo.total_steps=500000)"

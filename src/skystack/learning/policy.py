@@ -69,7 +69,7 @@ class Policy:
         return result
 
     def __call__(self, observation: Float[np.ndarray, " observation"]) -> int:
-        """The action. Raises InputError for an observation of another shape, or not finite."""
+        """The greedy action. Raises InputError for a wrong shape or non-finite numbers."""
         seen = np.asarray(observation, dtype=np.float32)
         size = len(self.description.observation)
         if seen.shape != (size,) or not np.isfinite(seen).all():

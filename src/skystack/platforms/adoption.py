@@ -44,7 +44,7 @@ def _turn_in_float32(
 ) -> Float[np.ndarray, " n"]:
     """The simulator's own rule in its own precision: what it rounds is rounded here as well."""
     count = len(cleared_deg)
-    # Each new length would be compiled and stay in memory, so lengths are padded to a few.
+    # Each new length would be compiled and stay in memory, so arrays are padded to a few lengths.
     missing = (1 << max(count - 1, MIN_LENGTH - 1).bit_length()) - count
     headings = (
         jnp.asarray(np.pad(each, (0, missing)), dtype=jnp.float32)

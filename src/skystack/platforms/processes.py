@@ -21,7 +21,7 @@ from skystack.signals import starting_processes, wait_for
 TIME_LIMIT_S = 120.0
 """For an item, unless told otherwise."""
 LONGEST_LIMIT_S = 10_000_000
-"""Longer waits overflow the system's timers."""
+"""Much longer limits overflow timers."""
 START_LIMIT_S = 1200.0
 """For a process to start: imports, the simulator, and compilation, which takes minutes on a busy
 machine."""
@@ -79,11 +79,12 @@ def in_processes(
 
 
 def checked_time_limit(time_limit_s: Any) -> float:
-    """The limit as a plain number. Raises InputError for anything but seconds above 0."""
+    """The limit as a float. Raises InputError unless it is above 0 and at most LONGEST_LIMIT_S."""
     number = isinstance(time_limit_s, Real) and not isinstance(time_limit_s, bool)
     if not (number and 0.0 < time_limit_s <= LONGEST_LIMIT_S):
         raise InputError(
-            f"time_limit_s is {time_limit_s!r} (allowed: seconds above 0, up to {LONGEST_LIMIT_S})"
+            f"time_limit_s is {time_limit_s!r} "
+            f"(allowed: seconds above 0, up to {LONGEST_LIMIT_S:,})"
         )
     return float(time_limit_s)
 

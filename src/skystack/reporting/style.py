@@ -74,7 +74,7 @@ def house_style() -> Iterator[None]:
     with mpl.rc_context(), warnings.catch_warnings():
         mpl.rcdefaults()
         mpl.rcParams.update(_SETTINGS)
-        # Names from files may be in any script; what the font lacks is drawn as a box.
+        # Names from files may be in any script; glyphs that it lacks become boxes.
         warnings.filterwarnings("ignore", "Glyph .* missing from font")
         yield
 

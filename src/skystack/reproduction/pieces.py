@@ -30,7 +30,7 @@ def finished(record: Path, key: Key, files: Iterable[str] = ()) -> Any | None:
     """What came of a piece; None when it is not there, was made from something else, or damaged."""
     try:
         kept: _Record = decode(read_whole(record), _Record, str(record))
-        # The caller's list of files: those in the record may point anywhere.
+        # Hash the caller's list of files: names in the record may point anywhere.
         hashes = {name: _hash(record.parent / name) for name in files}
     except (InputError, OSError):
         return None

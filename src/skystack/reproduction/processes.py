@@ -51,7 +51,7 @@ def run_in_processes(plan: Plan, report: Report) -> list[Done]:
             ) from None
         except BaseException:
             _stop_workers()
-            pool.shutdown(wait=True, cancel_futures=True)
+            pool.shutdown(wait=True, cancel_futures=True)  # they hold the locks until they end
             _delete_half_written(jobs)
             raise
         finally:
@@ -61,14 +61,14 @@ def run_in_processes(plan: Plan, report: Report) -> list[Done]:
 
 
 def _stop_workers() -> None:
-    """Do not wait for trainings whose results nobody will read."""
+    """Terminate the workers: nobody will read their results."""
     for child in multiprocessing.active_children():
         if not child.name.startswith("SyncManager"):
             child.terminate()
 
 
 def _delete_half_written(jobs: Sequence[Job]) -> None:
-    """Delete what workers that were stopped were writing; whoever locks a folder does that."""
+    """Delete temporary files of stopped workers: `alone_in` does so when it locks a folder."""
     for folder in (each for job in jobs for each in job.folders if each.exists()):
         with suppress(InputError), alone_in(folder, below=("checkpoint",)):
             pass
@@ -95,7 +95,7 @@ def _outlive(parent: Any) -> None:
 
 
 def _listen(messages: Messages, report: Report) -> None:
-    with suppress(EOFError, OSError):  # an interrupted command ended the manager first
+    with suppress(EOFError, OSError):  # after an interruption the manager may be gone
         while (message := messages.get()) is not None:
             report(*message)
 

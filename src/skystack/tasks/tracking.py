@@ -34,7 +34,7 @@ from skystack.tasks.rewards import DAMPING_CYCLES
 PASSED_NM = 1.0
 """A fix is passed within this distance."""
 MOST_UNROLLED = 16
-"""Fixes of a route that are unrolled in compiled programs; more are a loop."""
+"""Most fixes of a route to unroll in compiled programs; longer ones become a loop."""
 
 
 class Memory(NamedTuple):

@@ -240,7 +240,7 @@ def _title(replay: Replay, scenario: ReplayScenario, row: int) -> str:
 
 
 def _close(scenario: ReplayScenario, row: int) -> set[int]:
-    """The aircraft that are losing separation."""
+    """Numbers of the aircraft that have lost separation."""
     return {
         number
         for loss in scenario.losses
