@@ -68,19 +68,17 @@ def test_a_scenario_is_flown_the_same_after_another(platform, tmp_path):
 def test_what_it_does_not_know_is_refused(platform, tmp_path):
     with pytest.raises(InputError, match=r"AC1: type 'X123' is unknown to BluebirdDT .*B753"):
         platform.reset(load(changed(("aircraft", 0, "type"), "X123"), tmp_path))
-    for callsign in ("A B", "é", "点", "<b>", "*", "-1", "A_B"):
-        with pytest.raises(InputError, match=r"^callsign is .* \(allowed in BluebirdDT: letters A"):
-            platform.reset(load(renamed(callsign), tmp_path))
     platform.reset(load(MINIMAL, tmp_path))
     with pytest.raises(PlatformError, match="refused"):
         platform.issue(Instruction("AC1", level_fl=10**400))
 
 
-@pytest.mark.parametrize("callsign", ["AC1", "a", "9", "A.1", "X" * 40])
-def test_a_callsign_that_is_allowed_can_be_cleared(callsign, platform, tmp_path):
-    """BluebirdDT would refuse the clearance, not the aircraft."""
-    platform.reset(load(renamed(callsign), tmp_path))
-    platform.issue(Instruction(callsign, heading_deg=60, level_fl=340))
+@pytest.mark.parametrize("callsign", ["A B", "é", "点", "<b>", "*", "-1", "Z9", "X" * 40])
+def test_every_callsign_can_be_cleared_and_flies_the_same(callsign, platform, tmp_path):
+    """By itself BluebirdDT refuses clearances for most of these."""
+    known, other = (fly_scenario(platform, load(renamed(c), tmp_path)) for c in ("AC1", callsign))
+    np.testing.assert_array_equal(known.reports, other.reports)
+    assert [instruction.callsign for _, instruction in other.issued] == [callsign]
 
 
 PROGRAM = """
@@ -150,6 +148,6 @@ def test_a_level_that_it_would_round_is_refused(platform, tmp_path):
 
 def test_a_lost_aircraft_is_noticed(platform, tmp_path):
     platform.reset(load(MINIMAL, tmp_path))
-    del platform._simulator.manager.environment.aircraft["AC2"]
+    del platform._simulator.manager.environment.aircraft["AC0001"]
     with pytest.raises(PlatformError, match=r"^BluebirdDT has lost AC2$"):
         platform.advance()

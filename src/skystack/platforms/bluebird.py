@@ -11,8 +11,8 @@ which changes nothing else: the ellipsoid is one of revolution.
 
 import json
 import logging
-import re
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ from skystack.json_file import inside
 from skystack.platforms.adoption import BLUEBIRD
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.languages import bluebird_actions
-from skystack.platforms.protocol import Report, check_callsigns, check_types
+from skystack.platforms.protocol import Report, check_types
 from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import TablePerformance
 from skystack.simulator.scenario_file import Aircraft, Scenario
@@ -40,8 +40,6 @@ with of_extra(__name__, "bluebird"):
     from bluebird_dt.scenario_manager.custom import Custom
     from bluebird_dt.utility.paths import AIRCRAFT_WEIGHT_MAPPING_FILE
 
-_CALLSIGN = re.compile(r"[A-Za-z0-9.]+")
-"""BluebirdDT spells a callsign out when it says a clearance, and has no words for the rest."""
 _FAR_NM = 10_000.0
 """How far from its sector BluebirdDT keeps an aircraft; by default it removes it 20 NM outside."""
 
@@ -59,6 +57,8 @@ class Bluebird:
         self._types = json.loads(Path(AIRCRAFT_WEIGHT_MAPPING_FILE).read_bytes())
         self._simulator: Any = None
         self._aircraft: list[Any] = []
+        self._names: dict[str, str] = {}
+        """In BluebirdDT, by callsign: it spells names out and has no words for most characters."""
         self._origin_lon_deg = 0.0
 
     def reset(self, scenario: Scenario) -> Report:
@@ -66,12 +66,14 @@ class Bluebird:
         known = {*self._types, *(member.type for member in scenario.fleet)}
         allowed = f"one of the {len(self._types)} types of its weight map, as B753, or of the fleet"
         check_types(scenario, known, "BluebirdDT", allowed)
-        check_callsigns(scenario, _CALLSIGN, "BluebirdDT", "letters A to Z, digits and full stops")
         self._origin_lon_deg = scenario.sector.origin[1]
-        self._simulator = _simulator(scenario)
+        self._names = {
+            one.callsign: f"AC{index:04d}" for index, one in enumerate(scenario.aircraft)
+        }
+        self._simulator = _simulator(scenario, self._names)
         manager = self._simulator.manager
         flying = manager.environment.aircraft
-        self._aircraft = [flying[aircraft.callsign] for aircraft in scenario.aircraft]
+        self._aircraft = [flying[name] for name in self._names.values()]
         for twin, aircraft in zip(self._aircraft, scenario.aircraft, strict=True):
             twin.aircraft_type = aircraft.type
             twin.fl = twin.cleared_fl = twin.selected_fl = aircraft.fl  # which it may have rounded
@@ -89,7 +91,7 @@ class Bluebird:
         accepted = self._simulator.action(
             [
                 {
-                    "callsign": instruction.callsign,
+                    "callsign": self._names[instruction.callsign],
                     "kind": kind,
                     "value": value,
                     "agent": "skystack",
@@ -103,7 +105,7 @@ class Bluebird:
     def advance(self) -> Report:
         self._simulator.evolve(float(CYCLE_S))
         flying = self._simulator.manager.environment.aircraft
-        lost = [twin.callsign for twin in self._aircraft if twin.callsign not in flying]
+        lost = [callsign for callsign, name in self._names.items() if name not in flying]
         if lost:
             raise PlatformError(f"BluebirdDT has lost {', '.join(lost)}")
         self._aircraft = [flying[twin.callsign] for twin in self._aircraft]
@@ -141,7 +143,7 @@ class Bluebird:
         )
 
 
-def _simulator(scenario: Scenario) -> Any:
+def _simulator(scenario: Scenario, names: Mapping[str, str]) -> Any:
     """BluebirdDT's simulator with a scenario's sector and aircraft, at its start."""
     manager = Custom(
         num_aircraft=0,
@@ -152,7 +154,7 @@ def _simulator(scenario: Scenario) -> Any:
     )
     start = scenario.initial_traffic(scenario.simulator())
     for aircraft, speed_kt in zip(scenario.aircraft, start.ground_speed_kt.tolist(), strict=True):
-        _add(manager, aircraft, scenario.sector, speed_kt)
+        _add(manager, names[aircraft.callsign], aircraft, scenario.sector, speed_kt)
     return manager.to_simulator(
         scenario_name="skystack",
         predictor=_predictor(scenario),
@@ -198,10 +200,10 @@ def _place(sector: OurSector, lat: float, lon: float) -> tuple[float, float]:
     return lat, float(wrap_longitude(lon - sector.origin[1]))
 
 
-def _add(manager: Any, aircraft: Aircraft, sector: OurSector, speed_kt: float) -> None:
+def _add(manager: Any, name: str, aircraft: Aircraft, sector: OurSector, speed_kt: float) -> None:
     manager.add_aircraft_with_coordinations(
         aircraft_start_time=0.0,
-        callsign=aircraft.callsign,
+        callsign=name,
         pos=Pos3D(*_place(sector, aircraft.lat, aircraft.lon), aircraft.fl),
         heading=aircraft.heading_deg,
         speed=speed_kt,

@@ -18,7 +18,7 @@ import numpy as np
 from skystack.errors import InputError
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.languages import bluesky_commands
-from skystack.platforms.protocol import check_callsigns, check_types
+from skystack.platforms.protocol import check_types
 from skystack.simulator.performance import (
     ConstantPerformance,
     TablePerformance,
@@ -148,7 +148,12 @@ def scenario_text(scenario: Scenario) -> str:
     file cannot know how high BlueSky lets a type climb.
     """
     check_flown_types(scenario)
-    check_callsigns(scenario, _CALLSIGN, "a BlueSky scenario file", "capital letters and digits")
+    for aircraft in scenario.aircraft:
+        if not _CALLSIGN.fullmatch(aircraft.callsign):
+            raise InputError(
+                f"callsign is {aircraft.callsign!r} "
+                "(allowed in a BlueSky scenario file: capital letters and digits)"
+            )
     model_of = {one.callsign: scenario.performance_of(one.type) for one in scenario.aircraft}
     timed = [(0, command) for command in start_commands(scenario, model_of)]
     for cycle, given_then in scenario.transmissions().items():

@@ -8,7 +8,6 @@
 Reports are in the units of the tables, so an adapter needs to know nothing of our simulator.
 """
 
-import re
 from collections.abc import Container
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -69,15 +68,6 @@ class Platform(Protocol):
 
     def close(self) -> None:
         """Give back what is held."""
-
-
-def check_callsigns(
-    scenario: Scenario, allowed: re.Pattern[str], where: str, in_words: str
-) -> None:
-    """Raise InputError for a callsign that a platform, or a file for it, cannot name."""
-    for aircraft in scenario.aircraft:
-        if not allowed.fullmatch(aircraft.callsign):
-            raise InputError(f"callsign is {aircraft.callsign!r} (allowed in {where}: {in_words})")
 
 
 def check_types(scenario: Scenario, known: Container[str], who: str, allowed: str) -> None:
