@@ -212,6 +212,12 @@ def scratch_folder(prefix: str, within: Path | None = None) -> Iterator[Path]:
                 made.cleanup()
 
 
+def check_unused(folder: Path) -> None:
+    """Raise InputError if another process has locked a folder."""
+    if exists(folder / LOCK):
+        os.close(_open_locked(folder))
+
+
 def is_abandoned(folder: Path, idle_s: float) -> bool:
     """Whether a folder has been idle for a while and no process holds its lock."""
     if time.time() - folder.stat().st_mtime <= idle_s:

@@ -20,6 +20,7 @@ from skystack.evaluation.rollout import (
 )
 from skystack.evaluation.tables import make_tables
 from skystack.evaluation.tabulate import TABLES, tabulate
+from skystack.evaluation.writing import EVALUATION
 from skystack.files import LOCK
 from skystack.tasks.build import build_task
 from skystack.tasks.settings import TaskSettings
@@ -127,3 +128,15 @@ def test_without_instructions_the_clearances_table_is_empty(tmp_path):
     stored = pq.read_table(tmp_path / "clearances.parquet")
     assert (stored.num_rows, stored.schema.names) == (0, kept.clearances.schema.names)
     np.testing.assert_array_equal(kept.episodes["scenario"], [0, 1, 2])
+
+
+def test_tables_that_were_written_together_carry_the_same_digest(tmp_path):
+    """Of this evaluation alone, whatever the size of its blocks."""
+    task = build_task(TaskSettings("lateral"))
+    found = []
+    for name, seed, size in (("one", 0, 3), ("parts", 0, 2), ("other", 1, 3)):
+        tabulate(task, blocks_of(fly(task, NOBODY, seed, 3, False), size), tmp_path / name)
+        tables = [pq.read_metadata(tmp_path / name / f"{table}.parquet") for table in TABLES]
+        (digest,) = {table.metadata[EVALUATION] for table in tables}
+        found.append(digest)
+    assert found[0] == found[1] != found[2]

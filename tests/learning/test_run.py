@@ -143,11 +143,15 @@ def test_a_training_begun_anew_leaves_nothing_of_the_old_one(trained, tmp_path):
 
 
 def test_a_folder_takes_one_training_at_a_time(tmp_path):
-    with (
-        alone_in(tmp_path),
-        pytest.raises(InputError, match=f"^{tmp_path}: is in use by another process"),
+    for attempt in (
+        lambda: train_experiment(small(), 3, tmp_path),
+        lambda: begun_with(small(), tmp_path, resume=False),  # though it is not finished either
     ):
-        train_experiment(small(), 3, tmp_path)
+        with (
+            alone_in(tmp_path),
+            pytest.raises(InputError, match=f"^{tmp_path}: is in use by another process"),
+        ):
+            attempt()
     assert not (tmp_path / "metrics.jsonl").exists()
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
+from skystack.learning.experiment import load_experiment
 from skystack.simulator.fleet import AircraftType
 from skystack.tasks.actions import LevelTable, large_turns, small_turns
 from skystack.tasks.build import build_task, build_training_task, check_cycles
@@ -176,3 +177,9 @@ def test_the_lengths_of_lists_in_settings(name, entry, least, most):
 def test_unknown_settings_are_refused(kind):
     with pytest.raises(msgspec.ValidationError, match="unknown field"):
         msgspec.convert({"surprise": 1}, kind)
+
+
+@pytest.mark.parametrize("settings", ["lateral", load_experiment("lateral")])
+def test_what_is_no_settings_is_refused(settings, types_unchecked):
+    with pytest.raises(InputError, match=r"^settings is of type \w+ \(allowed: TaskSettings"):
+        build_task(settings)

@@ -1,6 +1,6 @@
 """Parquet tables that carry their sector: read and checked; a flown scenario from them."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO
@@ -21,7 +21,7 @@ from skystack.evaluation.columns import (
     TEXT,
     check_columns,
 )
-from skystack.evaluation.writing import FLEET, PERFORMANCE_MODEL, SCENARIOS, SECTOR
+from skystack.evaluation.writing import EVALUATION, FLEET, PERFORMANCE_MODEL, SCENARIOS, SECTOR
 from skystack.json_file import decode, inside
 from skystack.platforms.registry import PLATFORMS, flown_type
 from skystack.simulator.fleet import MOST_TYPES, AircraftType, fleet
@@ -84,7 +84,9 @@ def _read(path: Path, file: BinaryIO, columns: Sequence[str], filters: Any) -> p
                     f"{path}: is too large to be read at once (allowed: {MOST_KEPT_ROWS} rows of "
                     "what is asked)"
                 )
-    return pa.concat_tables(kept).select(list(columns))
+    table = pa.concat_tables(kept).select(list(columns))
+    # The schema lacks what was added to the file's own metadata when it was complete.
+    return table.replace_schema_metadata({**(head.metadata or {}), **(empty.schema.metadata or {})})
 
 
 def _groups(path: Path, head: Any, filters: Sequence[tuple[str, str, Any]]) -> list[int]:
@@ -243,6 +245,7 @@ def stored_scenario(folder: Path, number: int) -> Scenario:
     aircraft = read_table(folder / "aircraft.parquet", columns, only)
     issued = read_table(folder / "clearances.parquet", ("cycle", "callsign", "kind", "value"), only)
     episodes = read_table(folder / "episodes.parquet", ("cycles", "clearances"), only)
+    check_together(folder, (start, aircraft, issued, episodes))
     performance, types = _performance_of(path, start)
     flown = {row.pop("callsign"): row for row in start.to_pylist()}
     if episodes.num_rows != 1 or set(flown) != set(aircraft["callsign"].to_pylist()):
@@ -264,6 +267,13 @@ def stored_scenario(folder: Path, number: int) -> Scenario:
         tuple(_given(row) for row in said),
         types,
     )
+
+
+def check_together(folder: Path, tables: Iterable[pa.Table]) -> None:
+    """Raise InputError for tables of different evaluations, as far as their metadata says so."""
+    known = {(table.schema.metadata or {}).get(EVALUATION) for table in tables} - {None}
+    if len(known) > 1:
+        raise InputError(f"{folder}: its tables are of different evaluations")
 
 
 def not_agreeing(folder: Path, number: int) -> InputError:

@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
+from hashlib import sha256
 from pathlib import Path
+from types import MappingProxyType
 from typing import IO, Any
 
 import msgspec
@@ -18,6 +20,8 @@ SECTOR, PERFORMANCE_MODEL, FLEET = b"sector", b"performance", b"fleet"
 SCENARIOS = b"scenarios"
 """Metadata key: the lowest and highest scenario of each row group, as JSON. Readers find scenarios
 by it, because pyarrow aborts the process when asked for the statistics of a damaged file."""
+EVALUATION = b"evaluation"
+"""Metadata key: a digest that is the same in all tables written together, and in no others."""
 GROUP_ROWS = 65_536
 """Rows of every row group but the last, whatever the size of the parts appended."""
 
@@ -66,8 +70,10 @@ def growing_tables(
     paths = [folder / f"{name}.parquet" for name in names]
     with aside(paths) as files, ExitStack() as stack:
         growing = [stack.enter_context(closing(_Growing(file, metadata))) for file in files]
+        digest = _Digest()
 
         def append(tables: Mapping[str, pa.Table]) -> None:
+            digest.update(tables[names[0]])
             for name, path, table in zip(names, paths, growing, strict=True):
                 with writing(path):
                     table.append(tables[name])
@@ -75,7 +81,24 @@ def growing_tables(
         yield append
         for path, table in zip(paths, growing, strict=True):
             with writing(path):
-                table.end()
+                table.end({EVALUATION: digest.hex().encode()})
+
+
+class _Digest:
+    """Of a table's numbers, however it is divided into parts."""
+
+    def __init__(self) -> None:
+        self._columns: dict[str, Any] = {}
+
+    def update(self, table: pa.Table) -> None:
+        for field in table.schema:
+            if pa.types.is_primitive(field.type):
+                column = self._columns.setdefault(field.name, sha256())
+                column.update(table[field.name].to_numpy().tobytes())
+
+    def hex(self) -> str:
+        columns = (f"{name} {column.hexdigest()}\n" for name, column in self._columns.items())
+        return sha256("".join(columns).encode()).hexdigest()[:32]
 
 
 class _Growing:
@@ -102,11 +125,12 @@ class _Growing:
         if sum(each.num_rows for each in self._waiting) >= GROUP_ROWS:
             self._write(GROUP_ROWS)
 
-    def end(self) -> None:
-        """Write what is left, and the index."""
+    def end(self, metadata: Mapping[bytes, bytes] = MappingProxyType({})) -> None:
+        """Write what is left, the index, and metadata that is known only now."""
         self._write(1)
-        if self._scenarios:
-            self._writer.add_key_value_metadata({SCENARIOS: msgspec.json.encode(self._scenarios)})
+        index = {SCENARIOS: msgspec.json.encode(self._scenarios)} if self._scenarios else {}
+        if index or metadata:
+            self._writer.add_key_value_metadata({**index, **metadata})
         self._writer.close()
 
     def _write(self, least: int) -> None:

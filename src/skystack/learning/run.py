@@ -15,7 +15,7 @@ import jax
 import numpy as np
 
 from skystack.errors import InputError, checked_whole
-from skystack.files import alone_in, make_folder, write_aside
+from skystack.files import alone_in, check_unused, make_folder, write_aside
 from skystack.learning import ppo
 from skystack.learning.checkpoint import load_checkpoint, save_checkpoint
 from skystack.learning.experiment import Experiment, resolved, to_toml
@@ -146,8 +146,10 @@ def _train(
 def begun_with(experiment: Experiment, folder: Path, resume: bool) -> list[str]:
     """What must be said before a training begins in a folder.
 
-    Raises InputError where a finished training would be lost or nothing can be written.
+    Raises InputError where a training would be lost, another process is at work or nothing can be
+    written.
     """
+    check_unused(folder)
     beyond = check_cycles(build_task(experiment.task))
     make_folder(folder / "checkpoint")
     said = [*([] if beyond is None else [beyond]), "compiling ..."]

@@ -24,6 +24,11 @@ TASKS = ("lateral", "vertical", "avoidance")
 
 def build_task(settings: TaskSettings) -> NavigationTask:
     """The task as it is flown and judged. Raises InputError for settings that cannot be."""
+    if not isinstance(settings, TaskSettings):  # an experiment, most likely
+        raise InputError(
+            f"settings is of type {type(settings).__name__} (allowed: TaskSettings, as "
+            "load_experiment(NAME).task)"
+        )
     sector = sector_from(settings.sector)
     if settings.levels_fl is not None:
         sector = replace(sector, levels_fl=_checked_levels(settings.levels_fl))

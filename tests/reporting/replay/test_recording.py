@@ -10,6 +10,7 @@ import pytest
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
 from skystack.evaluation.losses import FlightPath, losses
+from skystack.evaluation.stored import stored_scenario
 from skystack.evaluation.writing import write_table
 from skystack.reporting.replay.recording import as_json, read_replay
 
@@ -144,6 +145,20 @@ def test_tables_that_do_not_belong_together(copied, table, change, message):
     rewrite(copied, table, change)
     with pytest.raises(InputError, match=message):
         read_replay(copied)
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_a_table_of_another_evaluation_is_refused(copied, table, tmp_path):
+    """Even where the numbers of rows and clearances are the same."""
+    read_replay(copied)
+    path = copied / f"{table}.parquet"
+    read = pq.read_table(path)
+    metadata = read.schema.metadata | {b"evaluation": b"another"}
+    pq.write_table(read.replace_schema_metadata(metadata), path)
+    with pytest.raises(InputError, match="its tables are of different evaluations"):
+        read_replay(copied)
+    with pytest.raises(InputError, match="its tables are of different evaluations"):
+        stored_scenario(copied, 0)
 
 
 def test_what_holds_nothing_to_replay(tmp_path):

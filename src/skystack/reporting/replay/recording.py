@@ -18,6 +18,7 @@ from skystack.airspace.sector import Sector
 from skystack.errors import InputError, exists, printable
 from skystack.evaluation.losses import FlightPath, Loss, losses
 from skystack.evaluation.stored import (
+    check_together,
     check_who,
     has_column,
     metadata_of,
@@ -141,6 +142,7 @@ def _evaluation(folder: Path, count: int, number: int | None) -> Replay:
         only,
     )
     said = read_table(folder / "clearances.parquet", ("scenario", *CLEARANCE), only)
+    check_together(folder, (episodes, flown, who, said))
     sector = sector_of(path, flown)
     rows, aircraft, clearances = (_by_scenario(table) for table in (flown, who, said))
     return Replay(
