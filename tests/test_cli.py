@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -419,6 +420,19 @@ def test_reproduce_quick_from_end_to_end(capsys, tmp_path, monkeypatch):
     assert len(compared["train"]) == len(names) + 1
     assert {each["run"] for each in compared["rows"]} == {"run"}
     assert "Runs side by side" in page.read_text()
+
+
+def test_the_command_to_go_on_can_be_pasted(capsys, tmp_path, monkeypatch):
+    def interrupted(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("skystack.learning.run.train_experiment", interrupted)
+    out, change = str(tmp_path / "a b"), 'description=it\'s "x" $HOME'
+    code, _, err = run(capsys, "train", "vertical", "--out", out, "--set", change)
+    assert code == 130
+    _, _, command = err.splitlines()[-1].partition("to go on: ")
+    words = ["train", "vertical", "--seed", "0", "--out", out, "--resume", "--set", change]
+    assert shlex.split(command) == ["skystack", *words]
 
 
 MISTAKES = [

@@ -155,6 +155,15 @@ def test_a_folder_takes_one_training_at_a_time(tmp_path):
     assert not (tmp_path / "metrics.jsonl").exists()
 
 
+def test_a_seed_that_no_reader_takes_is_refused(tmp_path):
+    for seed in (-1, 2**31):
+        with pytest.raises(
+            InputError, match=r"^seed is .* \(allowed: whole numbers from 0 to 2147"
+        ):
+            train_experiment(small(), seed, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
 def test_pretraining_changes_what_is_learned_first(trained, tmp_path):
     """The same rewards before and after are no pre-training at all; others are."""
     same = small("pretraining.steps=512")

@@ -7,6 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 from rich.console import Console
 
+from skystack.cli import main
 from skystack.errors import InputError
 from skystack.reporting import comparison
 from skystack.reporting.comparison import comparison_json, comparison_tables, write_comparison
@@ -105,6 +106,13 @@ def test_long_values_are_cut_in_the_terminal_and_absent_ones_a_dash(tmp_path):
 def test_a_page_that_cannot_be_written_is_an_error(tmp_path):
     with pytest.raises(InputError, match="cannot be written"):
         write_comparison(Runs([], []), tmp_path / "no" / "comparison.html")
+
+
+def test_a_comparison_is_a_page(tmp_path, capsys):
+    runs = [str(write_training(tmp_path / name)) for name in "ab"]
+    assert main(["report", *runs, "-o", str(tmp_path / "page.pdf")]) == 2
+    assert "page.pdf (allowed: .html)" in capsys.readouterr().err
+    assert not (tmp_path / "page.pdf").exists()
 
 
 def test_a_run_folder_may_have_a_name_that_is_no_text(tmp_path):
