@@ -108,7 +108,7 @@ def fail_in(folder, error, write):
 
 @pytest.mark.parametrize("inner", ["", "inner"])
 def test_a_failure_deletes_nothing_where_another_process_is_at_work(tmp_path, inner):
-    """Two commands begin at once: the refused one leaves the other's empty folders there."""
+    """Two commands start at once: the refused one must not delete the other's empty folders."""
     new = tmp_path / "new"
 
     def both(stack):
@@ -136,6 +136,17 @@ def test_a_folder_that_another_process_deletes_before_it_is_locked_is_made_again
     monkeypatch.setattr(files.os, "open", deleted)
     with alone_in(tmp_path / "new"):
         assert (tmp_path / "new" / ".lock").exists()
+
+
+def test_a_lock_that_is_a_link_is_refused(tmp_path):
+    """A run folder may be untrusted: no file is made where the link leads."""
+    (tmp_path / "run").mkdir()
+    for target in (tmp_path / "elsewhere", tmp_path / "nowhere" / "file"):
+        (tmp_path / "run" / ".lock").symlink_to(target)
+        with pytest.raises(InputError, match="cannot be written"), alone_in(tmp_path / "run"):
+            pass
+        assert [path.name for path in tmp_path.iterdir()] == ["run"]
+        (tmp_path / "run" / ".lock").unlink()
 
 
 def write_new(folder):

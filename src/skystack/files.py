@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from itertools import takewhile
+from os import PathLike
 from pathlib import Path
 from secrets import token_hex
 from typing import IO
@@ -18,9 +19,12 @@ try:
 except ImportError:  # not a POSIX system: nobody is locked out there
     fcntl = None  # type: ignore[assignment]
 
+AnyPath = str | PathLike[str]
 LOCK = ".lock"
 """The file in a run folder that whoever works there holds locked; it stays, the lock does not."""
 _ASIDE = ".aside"
+_NO_LINK = getattr(os, "O_NOFOLLOW", 0)
+"""A run folder may be untrusted: its lock must not be a link to a file elsewhere."""
 MOST_BYTES = 64_000_000
 
 
@@ -240,7 +244,7 @@ def _open_locked(folder: Path) -> int:
     while True:
         make_folder(folder)
         try:
-            handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | _NO_LINK, 0o644)
         except FileNotFoundError:
             continue  # another process failed and deleted the folder, which was empty
         except OSError as error:
