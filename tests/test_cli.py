@@ -407,7 +407,7 @@ def test_reproduce_quick_from_end_to_end(capsys, tmp_path, monkeypatch):
     assert len(list((out_folder / "figures").glob("*.svg"))) > 5
     assert json.loads((out_folder / "results.json").read_text())["quick"] is True
     monkeypatch.setattr("skystack.reporting.report.write_report", lambda run: run / "report.html")
-    code, again, err = run(capsys, *command)  # the same report is not drawn again: it takes long
+    code, again, err = run(capsys, *command)  # drawing the report again would take long
     assert code == 0, err
     assert "10 finished pieces kept from an earlier run" in err  # 3 trainings, 7 evaluations
     same = ("rows", "rows_by_seed", "comparisons", "train")

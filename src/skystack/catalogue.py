@@ -1,7 +1,7 @@
 """What there is: experiments, tasks, sectors, and the policies that come with the package."""
 
 from importlib.resources import files
-from os import PathLike, fspath
+from os import fspath
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from rich.text import Text
 from skystack.airspace.sectors import sector_names
 from skystack.errors import InputError, exists, unknown_name
 from skystack.evaluation.paper import paper_row
+from skystack.files import AnyPath
 from skystack.learning.experiment import experiment_names, load_experiment
 from skystack.learning.policy import Policy, load_policy
 from skystack.measured import read_measured
@@ -28,7 +29,7 @@ def shipped_policies() -> list[str]:
     return sorted(path.parent.name for path in SHIPPED.glob("*/policy.json"))
 
 
-def find_policy(name: str | PathLike[str]) -> Policy:
+def find_policy(name: AnyPath) -> Policy:
     """A shipped policy by name, or the one in a run folder.
 
     Raises InputError when there is neither, or the policy cannot be used.

@@ -31,8 +31,12 @@ def printable(text: str) -> str:
     return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
 
 
+MOST_NUMBER = 2**31 - 1
+"""The greatest seed or count. JAX keeps 32 bits of a seed; greater ones would repeat scenarios."""
+
+
 def checked_whole(name: str, value: Any, least: int, most: int | None = None) -> int:
-    """An integer of any library as an int. Raises InputError for anything else, or out of range.
+    """An integer of any library as an int. Raises InputError for other values or out of range.
 
     True and False are refused, although Python counts them as numbers.
     """

@@ -16,6 +16,7 @@ from skystack.names import in_words
 
 MAX_BYTES = 10_000_000
 MAX_DEPTH = 32
+_TOO_DEEP = f"is nested too deep (allowed: {MAX_DEPTH} levels)"
 MAX_NUMBER = sys.float_info.max
 MOST_EXACT = 2.0**53
 """Up to here a double holds every whole number."""
@@ -91,9 +92,6 @@ def check_plain(value: Any, where: str = "", depth: int = 0) -> None:
             raise not_allowed(where, value, "finite number")
     elif value is not None:
         raise InputError(f"{where} is {value} (allowed: no dates or times)")
-
-
-_TOO_DEEP = f"is nested too deep (allowed: {MAX_DEPTH} levels)"
 
 
 def beyond_python(error: ValueError | RecursionError) -> InputError:

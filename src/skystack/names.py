@@ -9,7 +9,7 @@ from typing import Annotated
 
 import msgspec
 
-from skystack.errors import InputError
+from skystack.errors import MOST_NUMBER, InputError
 
 MOST_NAME = 80
 """Characters: short enough for a file name even with a seed, a platform and a suffix added."""
@@ -19,7 +19,7 @@ _ALLOWED = f"1 to {MOST_NAME} of A-Z, a-z, 0-9, '.', '_' and '-', the first not 
 
 Name = Annotated[str, msgspec.Meta(pattern=_PATTERN)]
 """A field of a decoded file that must be valid as the name of one file or folder."""
-Seed = Annotated[int, msgspec.Meta(ge=0, le=2**31 - 1)]
+Seed = Annotated[int, msgspec.Meta(ge=0, le=MOST_NUMBER)]
 """A seed becomes part of a folder name; the same range as on the command line."""
 
 

@@ -51,9 +51,10 @@ _note = _Note()
 
 @contextmanager
 def ended_by_signals(last: bool = False) -> Iterator[None]:
-    """Record and raise signals inside the context; with `last`, default handlers follow.
+    """Record and raise signals inside the context.
 
-    Signals that are ignored stay ignored. Does nothing in other threads, or if already active.
+    Afterwards the handlers are as before or, with `last`, those of the system. Signals that are
+    ignored stay ignored. Does nothing in other threads, or if already active.
     """
     if _note.watched or threading.current_thread() is not threading.main_thread():
         yield

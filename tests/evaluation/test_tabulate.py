@@ -131,7 +131,7 @@ def test_without_instructions_the_clearances_table_is_empty(tmp_path):
 
 
 def test_tables_that_were_written_together_carry_the_same_digest(tmp_path):
-    """Of this evaluation alone, whatever the size of its blocks."""
+    """The digest depends on the evaluation, not on the size of its blocks."""
     task = build_task(TaskSettings("lateral"))
     found = []
     for name, seed, size in (("one", 0, 3), ("parts", 0, 2), ("other", 1, 3)):

@@ -143,9 +143,11 @@ def test_a_training_begun_anew_leaves_nothing_of_the_old_one(trained, tmp_path):
 
 
 def test_a_folder_takes_one_training_at_a_time(tmp_path):
+    (tmp_path / "checkpoint").mkdir()
+    (tmp_path / "checkpoint" / "learner.safetensors").touch()
     for attempt in (
         lambda: train_experiment(small(), 3, tmp_path),
-        lambda: begun_with(small(), tmp_path, resume=False),  # though it is not finished either
+        lambda: begun_with(small(), tmp_path, resume=False),  # though it holds an unfinished one
     ):
         with (
             alone_in(tmp_path),
@@ -155,7 +157,7 @@ def test_a_folder_takes_one_training_at_a_time(tmp_path):
     assert not (tmp_path / "metrics.jsonl").exists()
 
 
-def test_a_seed_that_no_reader_takes_is_refused(tmp_path):
+def test_a_seed_out_of_range_is_refused(tmp_path):
     for seed in (-1, 2**31):
         with pytest.raises(
             InputError, match=r"^seed is .* \(allowed: whole numbers from 0 to 2147"

@@ -108,14 +108,14 @@ def test_a_page_that_cannot_be_written_is_an_error(tmp_path):
         write_comparison(Runs([], []), tmp_path / "no" / "comparison.html")
 
 
-def test_a_comparison_is_a_page(tmp_path, capsys):
+def test_a_comparison_is_written_as_html_only(tmp_path, capsys):
     runs = [str(write_training(tmp_path / name)) for name in "ab"]
     assert main(["report", *runs, "-o", str(tmp_path / "page.pdf")]) == 2
     assert "page.pdf (allowed: .html)" in capsys.readouterr().err
     assert not (tmp_path / "page.pdf").exists()
 
 
-def test_a_run_folder_may_have_a_name_that_is_no_text(tmp_path):
+def test_a_run_folder_name_that_is_not_utf_8_is_escaped(tmp_path):
     """On Linux a name is bytes; those that are not UTF-8 are shown escaped."""
     runs = read_runs([write_training(tmp_path / name) for name in ("n\udcff", "m")])
     write_comparison(runs, tmp_path / "page.html")

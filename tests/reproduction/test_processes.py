@@ -12,7 +12,7 @@ import pytest
 from skystack.learning.experiment import load_experiment
 from skystack.reproduction.jobs import Job
 from skystack.reproduction.plan import Plan
-from skystack.reproduction.processes import _delete_half_written, _listen
+from skystack.reproduction.processes import _listen, _no_half_written
 from tests.waiting import HANGS_S, wait_until
 
 PARENT = """
@@ -56,7 +56,7 @@ def test_a_worker_ends_when_its_parent_is_killed():
     wait_until(lambda: not worker.exists())
 
 
-def test_what_stopped_workers_were_writing_is_deleted_unless_others_work_there(tmp_path):
+def test_temporary_files_of_stopped_workers_are_deleted_unless_the_folder_is_locked(tmp_path):
     lateral = load_experiment("lateral")
     plan = Plan((lateral,), 2, 3, tmp_path, True, "")
     ours, theirs = (Job(plan, lateral, seed) for seed in range(2))
@@ -65,8 +65,12 @@ def test_what_stopped_workers_were_writing_is_deleted_unless_others_work_there(t
         for path in (job.folders[0] / name for name in half):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text("half")
-    with locked_elsewhere(theirs.folders[0]):
-        _delete_half_written([ours, theirs])
+    with (
+        locked_elsewhere(theirs.folders[0]),
+        pytest.raises(KeyboardInterrupt),
+        _no_half_written([ours, theirs]),
+    ):
+        raise KeyboardInterrupt
     assert not list(ours.folders[0].rglob("*.aside"))
     assert len(list(theirs.folders[0].rglob("*.aside"))) == 2
 
@@ -81,7 +85,7 @@ def locked_elsewhere(folder):
 
 
 @pytest.mark.parametrize("error", [EOFError, BrokenPipeError, ConnectionResetError])
-def test_messages_end_quietly_when_an_interrupted_command_has_ended_their_queue(error):
+def test_listening_ends_quietly_when_the_queue_has_gone(error):
     class Messages:
         def __init__(self):
             self.left = [("lateral-s0", 1)]

@@ -180,6 +180,6 @@ def test_unknown_settings_are_refused(kind):
 
 
 @pytest.mark.parametrize("settings", ["lateral", load_experiment("lateral")])
-def test_what_is_no_settings_is_refused(settings, types_unchecked):
+def test_settings_of_a_wrong_type_are_refused(settings, types_unchecked):
     with pytest.raises(InputError, match=r"^settings is of type \w+ \(allowed: TaskSettings"):
         build_task(settings)

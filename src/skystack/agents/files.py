@@ -1,19 +1,19 @@
 """Policies by name or file: ours, and those of other libraries."""
 
-from os import PathLike
 from pathlib import Path
 
 from skystack.agents.agent import Agent
 from skystack.agents.onnx_agent import read_onnx
 from skystack.agents.sb3_agent import read_sb3
 from skystack.catalogue import find_policy
+from skystack.files import AnyPath
 from skystack.learning.policy import Policy
 
 READERS = {".onnx": read_onnx, ".zip": read_sb3}
 """By the end of the file's name."""
 
 
-def find_agent(name: str | PathLike[str]) -> Policy | Agent:
+def find_agent(name: AnyPath) -> Policy | Agent:
     """A policy as `find_policy` finds it, or that in an ONNX (.onnx) or SB3 (.zip) file.
 
     Raises InputError when there is none, or it cannot be used.

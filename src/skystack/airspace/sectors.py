@@ -6,15 +6,16 @@
 from functools import cache
 from importlib import import_module
 from importlib.resources import as_file, files
-from os import PathLike, fspath
+from os import fspath
 from pathlib import Path
 
 from skystack.airspace.sector import Sector
 from skystack.airspace.sector_file import SectorEntry, file_beside, make_sector, read_sector
 from skystack.airspace.xplus import x_plus
 from skystack.errors import of_extra, unknown_name
+from skystack.files import AnyPath
 
-AnySector = str | PathLike[str] | SectorEntry
+AnySector = AnyPath | SectorEntry
 """A name, a file (.json) or the sector itself."""
 _FOLDER = files("skystack").joinpath("sectors")
 _ELSEWHERE = {"bluebird": "skystack.platforms.bluebird"}
@@ -48,7 +49,7 @@ def _from_elsewhere(platform: str, name: str) -> Sector:
     return found
 
 
-def find_sector(name: str | PathLike[str], folder: str | PathLike[str]) -> Sector:
+def find_sector(name: AnyPath, folder: AnyPath) -> Sector:
     """The sector of a name, or of a `.json` file beside the one that names it.
 
     Raises InputError for an unknown name or a file that is no sector.

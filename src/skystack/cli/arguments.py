@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 import skystack
 from skystack.cli import verbs
-from skystack.errors import InputError
+from skystack.errors import MOST_NUMBER, InputError
 from skystack.streams import Results
 
 
@@ -278,13 +278,13 @@ def _replay_arguments(sub: argparse.ArgumentParser) -> None:
         )
 
 
-def _integer(text: str, least: int, most: int = 2**31 - 1) -> int:
+def _integer(text: str, least: int, most: int = MOST_NUMBER) -> int:
     try:
         number = int(text)
     except ValueError:
         number = least - 1
     if not least <= number <= most:
-        limit = f" to {most}" if most < 2**31 - 1 else ""
+        limit = f" to {most}" if most < MOST_NUMBER else ""
         raise argparse.ArgumentTypeError(f"{text!r} (allowed: whole numbers from {least}{limit})")
     return number
 

@@ -4,7 +4,6 @@ import pickle
 from collections.abc import Callable, Generator
 from contextlib import ExitStack, closing
 from functools import partial
-from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,14 +13,14 @@ import pyarrow as pa
 
 from skystack.agents.agent import Agent, agent_of
 from skystack.airspace.sectors import AnySector, named_or_read
-from skystack.errors import InputError, checked_whole
+from skystack.errors import MOST_NUMBER, InputError, checked_whole
 from skystack.evaluation.elsewhere import Job, fly_elsewhere
 from skystack.evaluation.hosted import HostedController, fly_hosted
 from skystack.evaluation.rollout import NOBODY, Controller, Recording, network_controller, prepare
 from skystack.evaluation.summary import Row, summarise
 from skystack.evaluation.tabulate import tabulate
 from skystack.export.facts import Facts
-from skystack.files import make_folder, no_empty_folders, scratch_folder
+from skystack.files import AnyPath, make_folder, no_empty_folders, scratch_folder
 from skystack.learning.experiment import (
     Experiment,
     experiment_from,
@@ -44,7 +43,7 @@ from skystack.tasks.navigation import NavigationTask
 from skystack.tasks.settings import MOST_CYCLES
 
 DO_NOTHING = "do-nothing"
-AnyExperiment = str | PathLike[str] | Experiment
+AnyExperiment = AnyPath | Experiment
 """A name, a file (.toml) or the experiment itself."""
 
 
@@ -151,8 +150,6 @@ def _check_trained_for(
 
 
 _USUAL = Conditions()
-MOST_NUMBER = 2**31 - 1
-"""Of seeds and episodes. JAX keeps 32 bits of a seed, so greater ones would repeat scenarios."""
 
 
 def _checked(conditions: Conditions) -> Conditions:
@@ -177,7 +174,7 @@ def _flag(name: str, value: Any) -> bool:
 def judge(
     policy: Any,
     conditions: Conditions = _USUAL,
-    out: str | PathLike[str] | None = None,
+    out: AnyPath | None = None,
     on_scenario: Callable[[int], None] = lambda done: None,
     *,
     experiment: AnyExperiment | None = None,

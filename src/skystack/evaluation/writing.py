@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
-from types import MappingProxyType
 from typing import IO, Any
 
 import msgspec
@@ -54,7 +53,7 @@ def write_table(
     metadata |= {key.encode(): msgspec.json.encode(rows) for key, rows in (beside or {}).items()}
     with aside([path]) as [file], writing(path), closing(_Growing(file, metadata)) as growing:
         growing.append(table)
-        growing.end()
+        growing.end({})
 
 
 @contextmanager
@@ -85,7 +84,7 @@ def growing_tables(
 
 
 class _Digest:
-    """Of a table's numbers, however it is divided into parts."""
+    """A digest of a table's numbers that does not depend on how it is divided into parts."""
 
     def __init__(self) -> None:
         self._columns: dict[str, Any] = {}
@@ -125,7 +124,7 @@ class _Growing:
         if sum(each.num_rows for each in self._waiting) >= GROUP_ROWS:
             self._write(GROUP_ROWS)
 
-    def end(self, metadata: Mapping[bytes, bytes] = MappingProxyType({})) -> None:
+    def end(self, metadata: Mapping[bytes, bytes]) -> None:
         """Write what is left, the index, and metadata that is known only now."""
         self._write(1)
         index = {SCENARIOS: msgspec.json.encode(self._scenarios)} if self._scenarios else {}

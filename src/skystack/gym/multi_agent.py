@@ -1,7 +1,6 @@
 """A task with each aircraft an agent of its own, for PettingZoo (extra `[pettingzoo]`)."""
 
 from collections.abc import Mapping
-from os import PathLike
 from typing import Any
 
 import jax
@@ -13,6 +12,7 @@ from gymnasium.utils import seeding
 from jaxtyping import Array, Float, Int, PRNGKeyArray, UInt8
 
 from skystack.errors import of_extra, unknown_name
+from skystack.files import AnyPath
 from skystack.forks import refuse_forked
 from skystack.gym.environment import (
     FRAMES_PER_S,
@@ -196,7 +196,7 @@ class MultiAgentPrograms(TaskPrograms):
 
 
 def parallel_env(
-    experiment: str | PathLike[str] = "lateral",
+    experiment: AnyPath = "lateral",
     settings: TaskSettings | None = None,
     render_mode: str | None = None,
 ) -> MultiAgentEnvironment:

@@ -1,11 +1,11 @@
 """Environments from the name of an experiment, a file, or settings: what Gymnasium calls."""
 
 from functools import lru_cache
-from os import PathLike
 
 import msgspec
 from gymnasium.vector import AutoresetMode
 
+from skystack.files import AnyPath
 from skystack.gym.environment import TaskEnvironment
 from skystack.gym.vector import VectorTaskEnvironment
 from skystack.learning.experiment import load_experiment
@@ -15,9 +15,7 @@ from skystack.tasks.plain import PlainTask
 from skystack.tasks.settings import TaskSettings
 
 
-def settings_of(
-    experiment: str | PathLike[str], settings: TaskSettings | None = None
-) -> TaskSettings:
+def settings_of(experiment: AnyPath, settings: TaskSettings | None = None) -> TaskSettings:
     """The settings where given, else those of an experiment.
 
     `experiment` is a name that `skystack list` shows, or the path of a `.toml` file. Environments
@@ -28,7 +26,7 @@ def settings_of(
 
 
 def make_environment(
-    experiment: str | PathLike[str],
+    experiment: AnyPath,
     settings: TaskSettings | None = None,
     render_mode: str | None = None,
 ) -> TaskEnvironment:
@@ -41,7 +39,7 @@ def make_environment(
 
 
 def make_vector_environment(
-    experiment: str | PathLike[str],
+    experiment: AnyPath,
     num_envs: int = 1,
     settings: TaskSettings | None = None,
     autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from importlib.resources import files
-from os import PathLike, fspath
+from os import fspath
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import tomli_w
 from skystack.airspace.sector_file import Point, SectorEntry
 from skystack.airspace.sectors import named_or_read
 from skystack.errors import InputError, unknown_name
-from skystack.files import read_whole
+from skystack.files import AnyPath, read_whole
 from skystack.json_file import MAX_BYTES, convert, inside
 from skystack.learning.settings import PPOSettings, Pretraining
 from skystack.names import Name
@@ -54,7 +54,7 @@ def experiment_names() -> list[str]:
     return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
-def load_experiment(name: str | PathLike[str], changes: Iterable[str] = ()) -> Experiment:
+def load_experiment(name: AnyPath, changes: Iterable[str] = ()) -> Experiment:
     """The experiment of a name or in a `.toml` file, with `key=value` changes.
 
     Raises InputError for an unknown name or key, or a value of the wrong type or range.

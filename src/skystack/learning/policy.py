@@ -72,9 +72,11 @@ class Policy:
         """The greedy action. Raises InputError for a wrong shape or non-finite numbers."""
         seen = np.asarray(observation, dtype=np.float32)
         size = len(self.description.observation)
-        if seen.shape != (size,) or not np.isfinite(seen).all():
-            shown = f"has shape {seen.shape}" if seen.shape != (size,) else f"is {seen}"
-            raise InputError(f"the observation {shown} (allowed: {size} finite numbers)")
+        allowed = f"(allowed: {size} finite numbers)"
+        if seen.shape != (size,):
+            raise InputError(f"the observation has shape {seen.shape} {allowed}")
+        if not np.isfinite(seen).all():
+            raise InputError(f"the observation is {seen} {allowed}")
         return int(np.argmax(self.logits(seen)))
 
 

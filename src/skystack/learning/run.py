@@ -7,15 +7,14 @@ import time
 from collections.abc import Callable
 from contextlib import closing
 from functools import partial
-from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from skystack.errors import InputError, checked_whole
-from skystack.files import alone_in, check_unused, make_folder, write_aside
+from skystack.errors import MOST_NUMBER, InputError, checked_whole
+from skystack.files import AnyPath, alone_in, check_unused, make_folder, write_aside
 from skystack.learning import ppo
 from skystack.learning.checkpoint import load_checkpoint, save_checkpoint
 from skystack.learning.experiment import Experiment, resolved, to_toml
@@ -72,7 +71,7 @@ class Trained(NamedTuple):
 def train_experiment(
     experiment: Experiment,
     seed: int,
-    folder: str | PathLike[str],
+    folder: AnyPath,
     resume: bool = False,
     on_update: Callable[[Progress], None] = lambda progress: None,
     checkpoint_every_s: float = CHECKPOINT_EVERY_S,
@@ -86,7 +85,7 @@ def train_experiment(
     that cannot be written to or in which another process trains; on KeyboardInterrupt the
     checkpoint is written first.
     """
-    seed = checked_whole("seed", seed, 0, 2**31 - 1)
+    seed = checked_whole("seed", seed, 0, MOST_NUMBER)
     with alone_in(path := Path(folder), below=("checkpoint",)):
         return _train(experiment, seed, path, resume, on_update, checkpoint_every_s)
 

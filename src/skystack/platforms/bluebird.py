@@ -26,7 +26,7 @@ from skystack.json_file import inside
 from skystack.platforms.adoption import BLUEBIRD
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.languages import bluebird_actions
-from skystack.platforms.protocol import Report, check_types
+from skystack.platforms.protocol import Report, check_types, names_of_ours
 from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import TablePerformance
 from skystack.simulator.scenario_file import Aircraft, Scenario
@@ -67,9 +67,7 @@ class Bluebird:
         allowed = f"one of the {len(self._types)} types of its weight map, as B753, or of the fleet"
         check_types(scenario, known, "BluebirdDT", allowed)
         self._origin_lon_deg = scenario.sector.origin[1]
-        self._names = {
-            one.callsign: f"AC{index:04d}" for index, one in enumerate(scenario.aircraft)
-        }
+        self._names = names_of_ours(scenario)
         self._simulator = _simulator(scenario, self._names)
         manager = self._simulator.manager
         flying = manager.environment.aircraft

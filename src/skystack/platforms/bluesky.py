@@ -32,7 +32,7 @@ from skystack.platforms.bluesky_scenario import (
     start_commands,
 )
 from skystack.platforms.instruction import Instruction
-from skystack.platforms.protocol import Report
+from skystack.platforms.protocol import Report, names_of_ours
 from skystack.simulator.performance import ConstantPerformance, TablePerformance
 from skystack.simulator.scenario_file import Scenario
 from skystack.simulator.simulator import CYCLE_S
@@ -82,8 +82,7 @@ class BlueSky:
         check_flown_types(scenario)
         self._scenario, self._cycle = scenario, 0
         self._index = {one.callsign: index for index, one in enumerate(scenario.aircraft)}
-        # Names of our own: BlueSky's commands cannot say every callsign.
-        self._callsigns = [f"AC{index:04d}" for index in self._index.values()]
+        self._callsigns = list(names_of_ours(scenario).values())
         self._cleared_heading_deg = np.full(len(self._index), np.nan)
         with _silent():
             bluesky.sim.reset()

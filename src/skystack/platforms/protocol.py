@@ -70,6 +70,11 @@ class Platform(Protocol):
         """Give back what is held."""
 
 
+def names_of_ours(scenario: Scenario) -> dict[str, str]:
+    """Names by callsign, in order, for platforms that cannot name every callsign."""
+    return {one.callsign: f"AC{index:04d}" for index, one in enumerate(scenario.aircraft)}
+
+
 def check_types(scenario: Scenario, known: Container[str], who: str, allowed: str) -> None:
     """Raise InputError for an aircraft type that a platform does not know."""
     for aircraft in scenario.aircraft:

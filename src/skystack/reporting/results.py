@@ -281,8 +281,8 @@ def read_updates(folder: Path) -> list[Update]:
     """The learning curve in a training's folder. Raises InputError: missing or damaged file."""
     path = folder / "metrics.jsonl"
     *lines, last = read_file(path).split(b"\n")
-    with suppress(InputError):  # a training that goes on, or was killed, may have written a part
-        decode(last, Update, "the last line, which nothing ends")
+    with suppress(InputError):  # a running or killed training may have written part of a line
+        decode(last, Update, str(path))
         lines.append(last)
     if not lines:
         raise InputError(f"{path}: holds no whole line (allowed: one JSON object a line)")

@@ -74,7 +74,7 @@ def house_style() -> Iterator[None]:
     with mpl.rc_context(), warnings.catch_warnings():
         mpl.rcdefaults()
         mpl.rcParams.update(_SETTINGS)
-        # Names from files may be in any script; glyphs that it lacks become boxes.
+        # Names may be in any script; glyphs missing from the font become boxes.
         warnings.filterwarnings("ignore", "Glyph .* missing from font")
         yield
 

@@ -2,10 +2,10 @@
 
 import multiprocessing
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from multiprocessing.managers import SyncManager
 from threading import Thread
 from typing import Any
@@ -28,7 +28,7 @@ def run_in_processes(plan: Plan, report: Report) -> list[Done]:
     manager = SyncManager(ctx=context)
     with starting_processes():
         manager.start(_end_with_parent)
-    with manager:
+    with _no_half_written(jobs), manager:
         messages: Messages = manager.Queue()
         free_cores = manager.Queue()
         for core in cores():
@@ -51,8 +51,6 @@ def run_in_processes(plan: Plan, report: Report) -> list[Done]:
             ) from None
         except BaseException:
             _stop_workers()
-            pool.shutdown(wait=True, cancel_futures=True)  # they hold the locks until they end
-            _delete_half_written(jobs)
             raise
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
@@ -67,11 +65,19 @@ def _stop_workers() -> None:
             child.terminate()
 
 
-def _delete_half_written(jobs: Sequence[Job]) -> None:
-    """Delete temporary files of stopped workers: `alone_in` does so when it locks a folder."""
-    for folder in (each for job in jobs for each in job.folders if each.exists()):
-        with suppress(InputError), alone_in(folder, below=("checkpoint",)):
-            pass
+@contextmanager
+def _no_half_written(jobs: Sequence[Job]) -> Iterator[None]:
+    """On failure inside the context, delete temporary files of its workers, which have ended then.
+
+    `alone_in` does so when it locks a folder; one that another process has locked is left alone.
+    """
+    try:
+        yield
+    except BaseException:
+        for folder in (each for job in jobs for each in job.folders if each.exists()):
+            with suppress(InputError), alone_in(folder, below=("checkpoint",)):
+                pass
+        raise
 
 
 def _pin(free_cores: Any) -> None:
@@ -95,9 +101,16 @@ def _outlive(parent: Any) -> None:
 
 
 def _listen(messages: Messages, report: Report) -> None:
-    with suppress(EOFError, OSError):  # after an interruption the manager may be gone
-        while (message := messages.get()) is not None:
-            report(*message)
+    while (message := _next(messages)) is not None:
+        report(*message)
+
+
+def _next(messages: Messages) -> Any:
+    """The next message; None after the last."""
+    try:
+        return messages.get()
+    except (EOFError, OSError):  # after an interruption the queue's process may have ended
+        return None
 
 
 def _run(job: Job, messages: Messages) -> Done:

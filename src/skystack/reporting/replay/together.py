@@ -50,9 +50,13 @@ def in_common(replays: tuple[Replay, ...]) -> tuple[Replay, ...]:
 def _comparable(first: Replay, other: Replay) -> set[int]:
     """The numbers of the scenarios that both hold, the same in both."""
     if other.sector != first.sector:
-        of = [f"{each.title} is of sector {each.sector.name}" for each in (other, first)]
-        same = ", which is not the same" * (other.sector.name == first.sector.name)
-        raise InputError(f"{', '.join(of)}{same} (allowed: side by side in one sector)")
+        name, of = first.sector.name, f"{other.title} is of sector {other.sector.name}"
+        if other.sector.name == name:
+            raise InputError(
+                f"{other.title} and {first.title} are of different sectors with the name {name} "
+                "(allowed: side by side in one sector)"
+            )
+        raise InputError(f"{of}, {first.title} of {name} (allowed: side by side in one sector)")
     known = {scenario.number: scenario for scenario in first.scenarios}
     common = [scenario for scenario in other.scenarios if scenario.number in known]
     if not common:
