@@ -9,6 +9,7 @@ from concurrent.futures import CancelledError, Future
 from concurrent.futures import TimeoutError as OutOfTime
 from concurrent.futures.process import BrokenProcessPool
 from itertools import repeat
+from multiprocessing.process import BaseProcess
 from numbers import Real
 from pathlib import Path
 from threading import Timer
@@ -57,7 +58,7 @@ def in_processes(
     with of_extra("another platform", "bluebird] or [bluesky"):
         from pebble import ProcessPool  # noqa: PLC0415
 
-    ahead = AHEAD * len(cores())
+    ahead, others = AHEAD * len(cores()), multiprocessing.active_children()
     with ProcessPool(
         max_workers=min(len(cores()), len(items)),
         initializer=_begin,
@@ -76,6 +77,14 @@ def in_processes(
                 futures += _scheduled(pool, items[index + ahead :][:1], time_limit_s)
         finally:
             pool.stop()
+            _terminate_workers(others)
+
+
+def _terminate_workers(others: Sequence[BaseProcess]) -> None:
+    """Before pebble deletes its locks: a worker that is still starting would print a traceback."""
+    for child in multiprocessing.active_children():
+        if child not in others and child.name.startswith("pebble"):
+            child.terminate()
 
 
 def checked_time_limit(time_limit_s: Any) -> float:
