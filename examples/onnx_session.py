@@ -15,13 +15,13 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import onnxruntime
 
-from skystack.catalogue import find_policy
-from skystack.evaluation.judge import task_of
+from skystack.evaluation.evaluate import task_of
 from skystack.export.onnx_file import export_onnx
+from skystack.learning.seeds import scenario_key
 from skystack.platforms.adoption import SKYSTACK, in_words
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.phraseology import written
-from skystack.seeds import scenario_key
+from skystack.policies.shipped import find_policy
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.stacking import stack
 from skystack.tasks.plain import PlainTask

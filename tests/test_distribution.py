@@ -9,16 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.empty_environment import (
+from tests.conftest import QUICK
+from verification.robustness.empty_environment import (
     BrokenError,
     build,
     make_environment,
     run_clean,
     without_network,
 )
-from benchmarks.killed_trainings import reproduce_command
-from benchmarks.same_result import contents
-from tests.conftest import QUICK
+from verification.robustness.killed_trainings import reproduce_command
+from verification.robustness.same_result import contents
 
 ROOT = Path(__file__).parents[1]
 

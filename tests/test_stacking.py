@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skystack.catalogue import find_policy
 from skystack.errors import InputError
 from skystack.evaluation.rollout import Controller, fly, network_controller
-from skystack.seeds import scenario_key
+from skystack.learning.seeds import scenario_key
+from skystack.policies.shipped import find_policy
 from skystack.stacking import (
     ENDLESS,
     TwoPhase,

@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from skystack.agents.agent import Batched
-    from skystack.agents.files import find_agent
+    from skystack.agents.find import find_agent
     from skystack.airspace.sectors import find_sector
-    from skystack.catalogue import find_policy
     from skystack.errors import InputError
-    from skystack.evaluation.judge import Conditions, judge
+    from skystack.evaluation.evaluate import Conditions, judge
     from skystack.learning.experiment import load_experiment
     from skystack.learning.run import train_experiment
+    from skystack.policies.shipped import find_policy
     from skystack.stacking import Stack, TwoPhase, stack
     from skystack.tasks.build import build_task
     from skystack.tasks.plain import PlainTask
@@ -53,16 +53,16 @@ __all__ = [
 
 _MODULES = {
     "Batched": "agents.agent",
-    "Conditions": "evaluation.judge",
+    "Conditions": "evaluation.evaluate",
     "InputError": "errors",
     "PlainTask": "tasks.plain",
     "Stack": "stacking",
     "TwoPhase": "stacking",
     "build_task": "tasks.build",
-    "find_agent": "agents.files",
-    "find_policy": "catalogue",
+    "find_agent": "agents.find",
+    "find_policy": "policies.shipped",
     "find_sector": "airspace.sectors",
-    "judge": "evaluation.judge",
+    "judge": "evaluation.evaluate",
     "load_experiment": "learning.experiment",
     "stack": "stacking",
     "train_experiment": "learning.run",

@@ -5,9 +5,9 @@ import os
 import sys
 from typing import NoReturn
 
-from skystack import signals
 from skystack.cli import main
-from skystack.streams import Prose, open_standard_files
+from skystack.io import signals
+from skystack.io.streams import Prose, open_standard_files
 
 
 def run() -> NoReturn:

@@ -8,7 +8,7 @@ import pytest
 import skystack
 from skystack.agents.agent import Agent, Batched, agent_of
 from skystack.errors import InputError
-from skystack.evaluation.judge import Conditions, task_of_agent
+from skystack.evaluation.evaluate import Conditions, task_of_agent
 
 FEW = Conditions(episodes=2)
 

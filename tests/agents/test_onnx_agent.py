@@ -14,12 +14,12 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 import skystack
-from skystack.agents.files import find_agent
+from skystack.agents.find import find_agent
 from skystack.agents.onnx_agent import read_onnx
-from skystack.catalogue import find_policy
 from skystack.errors import InputError
-from skystack.evaluation.judge import Conditions, task_of_agent
+from skystack.evaluation.evaluate import Conditions, task_of_agent
 from skystack.export.onnx_file import export_onnx
+from skystack.policies.shipped import find_policy
 
 FLOAT, INT64 = TensorProto.FLOAT, TensorProto.INT64
 SEEN, ACTIONS = 14, 5

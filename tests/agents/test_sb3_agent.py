@@ -20,7 +20,7 @@ from stable_baselines3.common.torch_layers import FlattenExtractor
 
 import skystack
 from skystack.agents.agent import agent_of
-from skystack.agents.files import find_agent
+from skystack.agents.find import find_agent
 from skystack.agents.sb3_agent import read_sb3
 from skystack.errors import InputError
 

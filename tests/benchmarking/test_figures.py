@@ -3,9 +3,9 @@
 from types import SimpleNamespace
 
 from skystack.benchmarking import figures
+from skystack.benchmarking.display import figures_table
 from skystack.benchmarking.figures import Figure, rates
 from skystack.benchmarking.peers import PEERS, ratios
-from skystack.benchmarking.shown import figures_table
 
 
 def test_a_figure_has_a_median_and_extremes():

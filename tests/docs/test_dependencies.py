@@ -9,8 +9,8 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from benchmarks.licences import CORE, PAGE, needed, requirements
 from tests.docs.blocks import ROOT
+from tools.licences import CORE, PAGE, needed, requirements
 
 DECLARED = {
     extra: {canonicalize_name(Requirement(line).name) for line in lines}

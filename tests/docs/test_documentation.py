@@ -32,7 +32,7 @@ QUICK = {
 }
 """What makes a command of a page short enough for a test."""
 ELSEWHERE = {"reproduce", "bench"}
-"""Too long whatever is said: tests/test_cli.py runs these verbs, here they are only understood."""
+"""Always too slow: tests/cli/test_cli.py runs these verbs; here they are only parsed."""
 
 
 @pytest.fixture
@@ -106,12 +106,15 @@ def test_every_link_leads_somewhere(page):
         assert not anchor or anchor in anchors(file), target
 
 
-def test_every_benchmark_is_told_of():
+def test_every_study_and_verification_is_documented():
     text = "\n".join(page.read_text() for page in PAGES)
     commands = {
-        path.stem for path in (ROOT / "benchmarks").glob("*.py") if "__main__" in path.read_text()
+        ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        for folder in ("verification", "studies", "tools")
+        for path in (ROOT / folder).rglob("*.py")
+        if "__main__" in path.read_text()
     }
-    assert {name for name in commands if not re.search(rf"benchmarks[./]{name}\b", text)} == set()
+    assert {name for name in commands if not re.search(rf"python -m {name}\b", text)} == set()
 
 
 def test_the_site_is_built_without_a_warning(tmp_path):

@@ -8,9 +8,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from skystack.catalogue import find_policy
 from skystack.errors import InputError
-from skystack.evaluation.judge import (
+from skystack.evaluation.evaluate import (
     Conditions,
     evaluation_folder,
     judge,
@@ -23,7 +22,8 @@ from skystack.evaluation.summary import aggregate
 from skystack.evaluation.tables import make_tables
 from skystack.learning.experiment import load_experiment
 from skystack.learning.policy import Policy
-from skystack.seeds import scenario_key, training_key
+from skystack.learning.seeds import scenario_key, training_key
+from skystack.policies.shipped import find_policy
 from skystack.tasks.build import build_task
 from skystack.tasks.settings import TaskSettings
 

@@ -6,14 +6,14 @@ import pytest
 
 import skystack
 from skystack.agents.agent import Agent, Batched, agent_of
-from skystack.catalogue import find_policy
 from skystack.errors import InputError
+from skystack.evaluation.evaluate import Conditions, judge, judge_nobody, task_of
 from skystack.evaluation.hosted import HostedController, fly_hosted
-from skystack.evaluation.judge import Conditions, judge, judge_nobody, task_of
 from skystack.evaluation.rollout import fly, network_controller, together
 from skystack.evaluation.tables import make_tables
 from skystack.learning.experiment import Experiment
-from skystack.seeds import scenario_key
+from skystack.learning.seeds import scenario_key
+from skystack.policies.shipped import find_policy
 from skystack.stacking import stack
 from skystack.tasks.build import build_task
 from skystack.tasks.plain import PlainTask

@@ -8,10 +8,10 @@ import pytest
 from skystack.agents.agent import Agent
 from skystack.errors import InputError
 from skystack.evaluation import rollout
-from skystack.evaluation.elsewhere import Job, Pilot
 from skystack.evaluation.hosted import HostedController, fly_hosted
+from skystack.evaluation.platform_rollout import Job, Pilot
 from skystack.evaluation.rollout import Controller, prepare, recording_of, together
-from skystack.seeds import scenario_key
+from skystack.learning.seeds import scenario_key
 from skystack.tasks.build import build_task
 from skystack.tasks.settings import TaskSettings
 

@@ -6,10 +6,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from skystack.catalogue import find_policy
 from skystack.errors import InputError
 from skystack.evaluation import judge, rollout, writing
-from skystack.evaluation.judge import Conditions, evaluation_folder, task_of
+from skystack.evaluation.evaluate import Conditions, evaluation_folder, task_of
 from skystack.evaluation.rollout import (
     NOBODY,
     fly,
@@ -21,7 +20,8 @@ from skystack.evaluation.rollout import (
 from skystack.evaluation.tables import make_tables
 from skystack.evaluation.tabulate import TABLES, tabulate
 from skystack.evaluation.writing import EVALUATION
-from skystack.files import LOCK
+from skystack.io.locks import LOCK
+from skystack.policies.shipped import find_policy
 from skystack.tasks.build import build_task
 from skystack.tasks.settings import TaskSettings
 

@@ -5,15 +5,15 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from skystack.catalogue import find_policy
+from skystack.evaluation.evaluate import Conditions, evaluation_folder, judge, task_of
 from skystack.evaluation.followed import STATUS, follow
-from skystack.evaluation.judge import Conditions, evaluation_folder, judge, task_of
 from skystack.evaluation.rollout import fly, network_controller
 from skystack.evaluation.stored import stored_scenario
 from skystack.evaluation.tables import make_tables
 from skystack.evaluation.tabulate import tabulate
 from skystack.platforms.flight import fly_scenario
 from skystack.platforms.own import Skystack
+from skystack.policies.shipped import find_policy
 from skystack.simulator.fleet import AircraftType
 from skystack.tasks.build import build_task
 

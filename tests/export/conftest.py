@@ -4,8 +4,8 @@ from functools import cache
 
 import pytest
 
-from skystack.catalogue import find_policy
-from skystack.evaluation.judge import Conditions, evaluation_folder, judge
+from skystack.evaluation.evaluate import Conditions, evaluation_folder, judge
+from skystack.policies.shipped import find_policy
 
 EPISODES = 3
 

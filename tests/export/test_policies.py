@@ -10,10 +10,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from skystack.catalogue import SHIPPED, find_policy
 from skystack.errors import InputError
 from skystack.export import onnx_file
 from skystack.export.formats import export
+from skystack.policies.shipped import SHIPPED, find_policy
 from tests.scenarios import EXAMPLES
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -12,7 +12,7 @@ import pytest
 import skystack.gym  # noqa: F401  (registers)
 from skystack.gym.registration import make_vector_environment
 from skystack.gym.stacked import StackedEnvironment
-from skystack.seeds import scenario_key
+from skystack.learning.seeds import scenario_key
 from skystack.tasks import compiled
 from skystack.tasks.build import build_task
 from skystack.tasks.plain import PlainTask

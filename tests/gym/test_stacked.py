@@ -8,12 +8,12 @@ from gymnasium import spaces
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skystack.catalogue import find_policy
 from skystack.errors import InputError
-from skystack.evaluation.judge import task_of
+from skystack.evaluation.evaluate import task_of
 from skystack.gym.environment import TaskEnvironment
 from skystack.gym.registration import make_environment
 from skystack.gym.stacked import StackedEnvironment, TwoPhaseEnvironment
+from skystack.policies.shipped import find_policy
 from skystack.stacking import stack
 from skystack.tasks.settings import RewardSettings, TaskSettings
 from skystack.tasks.stacked_steps import StackedSteps

@@ -9,7 +9,7 @@ from safetensors.numpy import save_file
 
 from skystack.errors import CheckpointError
 from skystack.learning.checkpoint import load_checkpoint, save_checkpoint
-from skystack.learning.watch import PARTS
+from skystack.learning.monitor import PARTS
 
 
 @pytest.mark.parametrize("value", [jnp.nan, jnp.inf])

@@ -15,10 +15,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from safetensors.numpy import load, save
 
-from skystack.catalogue import SHIPPED, find_policy, shipped_policies
 from skystack.errors import InputError
 from skystack.learning.inference import Normaliser
 from skystack.learning.policy import Policy, load_policy, package_versions, save_policy
+from skystack.policies.shipped import SHIPPED, find_policy, shipped_policies
 
 
 @pytest.fixture
@@ -53,12 +53,12 @@ def test_shipped_policies_are_small():
 def test_a_policy_needs_numpy_alone():
     """Loading and asking a policy imports no JAX."""
     program = (
-        "import sys; from skystack.catalogue import SHIPPED; "
+        "import sys; from skystack.policies.shipped import SHIPPED; "
         "from skystack.learning.policy import load_policy; import numpy as np; "
         "print(load_policy(SHIPPED / 'lateral')(np.full(8, 0.5)), 'jax' in sys.modules)"
     )
     program = program.replace(
-        "from skystack.catalogue import SHIPPED",
+        "from skystack.policies.shipped import SHIPPED",
         f"from pathlib import Path; SHIPPED = Path({str(SHIPPED)!r})",
     )
     found = subprocess.run(

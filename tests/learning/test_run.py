@@ -10,7 +10,7 @@ import pytest
 from safetensors import safe_open
 
 from skystack.errors import InputError, TrainingError
-from skystack.files import alone_in
+from skystack.io.locks import locked_folder
 from skystack.learning import run
 from skystack.learning.experiment import load_experiment
 from skystack.learning.phases import learners
@@ -150,7 +150,7 @@ def test_a_folder_takes_one_training_at_a_time(tmp_path):
         lambda: begun_with(small(), tmp_path, resume=False),  # though it holds an unfinished one
     ):
         with (
-            alone_in(tmp_path),
+            locked_folder(tmp_path),
             pytest.raises(InputError, match=f"^{tmp_path}: is in use by another process"),
         ):
             attempt()

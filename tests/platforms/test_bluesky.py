@@ -15,15 +15,15 @@ bluesky = pytest.importorskip("bluesky")
 
 from skystack.airspace.sector import turns_deg  # noqa: E402
 from skystack.airspace.xplus import x_plus  # noqa: E402
-from skystack.catalogue import find_policy  # noqa: E402
 from skystack.errors import InputError, PlatformError  # noqa: E402
-from skystack.evaluation.judge import Conditions, evaluation_folder, judge  # noqa: E402
+from skystack.evaluation.evaluate import Conditions, evaluation_folder, judge  # noqa: E402
 from skystack.export.scenario import export_scenario  # noqa: E402
 from skystack.platforms.bluesky import BlueSky  # noqa: E402
 from skystack.platforms.bluesky_scenario import TYPES, levels_fl, scenario_text  # noqa: E402
 from skystack.platforms.flight import fly_scenario  # noqa: E402
 from skystack.platforms.instruction import Instruction  # noqa: E402
 from skystack.platforms.protocol import Platform, Report  # noqa: E402
+from skystack.policies.shipped import find_policy  # noqa: E402
 from skystack.simulator.fleet import AircraftType  # noqa: E402
 from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario  # noqa: E402
 

@@ -5,10 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from skystack.learning.seeds import scenario_key
 from skystack.platforms.conversion import scenario_of, traffic_of
 from skystack.platforms.own import Skystack
 from skystack.platforms.protocol import Report
-from skystack.seeds import scenario_key
 from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import NO_TURN, RIGHT

@@ -27,7 +27,7 @@ if __name__ == "__main__":
 HOLDER = """
 import sys
 from pathlib import Path
-from skystack.files import _open_locked
+from skystack.io.files import _open_locked
 handle = _open_locked(Path(sys.argv[1]))
 print(1, flush=True)
 sys.stdin.read()

@@ -6,7 +6,7 @@ from contextlib import nullcontext
 
 import pytest
 
-from skystack.catalogue import SHIPPED
+from skystack.policies.shipped import SHIPPED
 from skystack.reproduction.plan import plan_families
 from skystack.reproduction.run import run_platforms
 

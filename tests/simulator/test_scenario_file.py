@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
-from skystack.json_file import MAX_BYTES
+from skystack.io.json_file import MAX_BYTES
 from skystack.simulator.scenario_file import GivenClearance, load_scenario
 from tests.scenarios import MINIMAL, changed, load
 

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from skystack.compilation.subroutine import subroutine
 from skystack.learning.experiment import experiment_names, load_experiment
-from skystack.subroutine import subroutine
 from skystack.tasks.batch import OneByOne, choose, reset_many
 from skystack.tasks.build import build_training_task
 

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from skystack.catalogue import find_policy
 from skystack.errors import InputError
-from skystack.evaluation.judge import task_of
+from skystack.evaluation.evaluate import task_of
 from skystack.learning.inference import forward, normalise
-from skystack.seeds import scenario_key
+from skystack.learning.seeds import scenario_key
+from skystack.policies.shipped import find_policy
 from skystack.stacking import TwoPhase, stack, stack_traced
 from skystack.tasks.build import build_task
 from skystack.tasks.plain import PlainTask

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from skystack.errors import InputError
-from skystack.export.facts import Facts
-from skystack.names import as_name
+from skystack.io.names import as_name
+from skystack.policies.facts import Facts
 
 Decide = Callable[[Float[np.ndarray, "*scenarios observation"]], Any]
 

@@ -13,9 +13,9 @@ from jaxtyping import Float
 
 from skystack.agents.agent import Agent, file_name
 from skystack.errors import InputError, missing_extra
-from skystack.export.facts import facts_from_texts
-from skystack.files import read_whole
-from skystack.json_file import inside
+from skystack.io.files import read_whole
+from skystack.io.json_file import inside
+from skystack.policies.facts import facts_from_texts
 
 MOST_VALUES = 100_000
 """Of one observation."""

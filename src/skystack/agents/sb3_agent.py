@@ -19,8 +19,8 @@ from jaxtyping import Float
 
 from skystack.agents.agent import Agent, file_name
 from skystack.errors import InputError, missing_extra
-from skystack.files import MOST_BYTES, read_whole
-from skystack.json_file import inside
+from skystack.io.files import MOST_BYTES, read_whole
+from skystack.io.json_file import inside
 
 ALLOWED = "allowed: PPO, A2C, DQN of Stable-Baselines3 with MlpPolicy and Discrete actions"
 MOST_DESCRIPTION = 16_000_000

@@ -18,7 +18,7 @@ from skystack.airspace.projection import (
 )
 from skystack.airspace.sector import STRAIGHT_WITHIN_NM, LatLon
 from skystack.errors import InputError
-from skystack.json_file import not_allowed
+from skystack.io.json_file import not_allowed
 
 MAX_LONGITUDE_DEG = 360.0
 """Some tools write areas across the antimeridian as 179, 181; longitudes are wrapped."""

@@ -29,7 +29,7 @@ from skystack.airspace.projection import (
 )
 from skystack.airspace.sector import MAX_DISTANCE_NM, LatLon, Sector
 from skystack.errors import InputError, unknown_name
-from skystack.json_file import convert, inside, is_name, not_allowed, read_json
+from skystack.io.json_file import convert, inside, is_name, not_allowed, read_json
 
 MOST_FIXES, MOST_ROUTES, MOST_FIXES_OF_ROUTE = 1000, 200, 100
 """Limits that keep compilation and flight to seconds; real sectors have a few tens of each."""

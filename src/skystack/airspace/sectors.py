@@ -13,7 +13,7 @@ from skystack.airspace.sector import Sector
 from skystack.airspace.sector_file import SectorEntry, file_beside, make_sector, read_sector
 from skystack.airspace.xplus import x_plus
 from skystack.errors import of_extra, unknown_name
-from skystack.files import AnyPath
+from skystack.io.files import AnyPath
 
 AnySector = AnyPath | SectorEntry
 """A name, a file (.json) or the sector itself."""

@@ -5,9 +5,9 @@ import time
 import jax
 
 from skystack.benchmarking.figures import Figure
-from skystack.catalogue import find_policy
-from skystack.evaluation.judge import task_of
-from skystack.seeds import scenario_key
+from skystack.evaluation.evaluate import task_of
+from skystack.learning.seeds import scenario_key
+from skystack.policies.shipped import find_policy
 from skystack.stacking import stack
 from skystack.tasks.plain import PlainTask
 

@@ -14,12 +14,12 @@ import jax
 from skystack.benchmarking import plain_ppo
 from skystack.benchmarking.figures import Figure, rates
 from skystack.benchmarking.run import Effort, alone
+from skystack.compilation.programs import compile_for_one_core
 from skystack.errors import InputError, PlatformError
 from skystack.learning.experiment import load_experiment
+from skystack.learning.seeds import scenario_key
 from skystack.platforms.conversion import scenario_of
 from skystack.platforms.registry import open_platform
-from skystack.programs import compile_for_one_core
-from skystack.seeds import scenario_key
 from skystack.simulator.traffic import callsigns
 from skystack.tasks.build import build_task
 

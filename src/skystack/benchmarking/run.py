@@ -20,7 +20,7 @@ from skystack.benchmarking.training import (
     reaches_success,
     training_figures,
 )
-from skystack.cores import cores, processor_lines
+from skystack.compilation.cores import cores, processor_lines
 from skystack.learning.policy import package_versions
 
 SOONEST = "lateral-best"

@@ -12,8 +12,8 @@ import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
 from skystack.benchmarking.figures import Figure, rates
+from skystack.compilation.programs import compile_for_one_core
 from skystack.learning.experiment import load_experiment
-from skystack.programs import compile_for_one_core
 from skystack.simulator.generator import Crowd
 from skystack.tasks.actions import small_turns
 from skystack.tasks.batch import choose, reset_many

@@ -8,8 +8,8 @@ import time
 from pathlib import Path
 
 from skystack.benchmarking.figures import Figure
+from skystack.compilation.programs import CACHE_VARIABLE
 from skystack.errors import TrainingError
-from skystack.programs import CACHE_VARIABLE
 
 FIRST_UPDATE = ("train", "lateral", "--set", "ppo.total_steps=8192", "--out")
 

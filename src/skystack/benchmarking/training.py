@@ -9,12 +9,12 @@ import jax
 import jax.numpy as jnp
 
 from skystack.benchmarking.figures import Figure, rates
+from skystack.compilation.programs import compile_for_one_core
 from skystack.evaluation.rollout import most_probable, prepare, together
 from skystack.learning import ppo
 from skystack.learning.experiment import load_experiment
 from skystack.learning.phases import compiled_updates, learners, phases
-from skystack.programs import compile_for_one_core
-from skystack.seeds import training_key
+from skystack.learning.seeds import training_key
 from skystack.tasks.build import build_task, build_training_task
 
 STEPS = 150_000

@@ -7,12 +7,12 @@ while running; 2: wrong usage or input, told in one line. Heavy imports wait unt
 import sys
 from collections.abc import Sequence
 
-from skystack import signals
 from skystack.cli.arguments import parse
-from skystack.cli.shown import FAILED, INTERRUPTED, PIPE_CLOSED, TERMINATED, WRONG, complain
+from skystack.cli.output import FAILED, INTERRUPTED, PIPE_CLOSED, TERMINATED, WRONG, complain
 from skystack.errors import InputError, PlatformError, TrainingError
-from skystack.signals import ended_by_signals
-from skystack.streams import ClosedPipeError, Prose, Results, escaping
+from skystack.io import signals
+from skystack.io.signals import ended_by_signals
+from skystack.io.streams import ClosedPipeError, Prose, Results, escaping
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -9,7 +9,7 @@ from typing import Any, NoReturn
 import skystack
 from skystack.cli import verbs
 from skystack.errors import MOST_NUMBER, InputError
-from skystack.streams import Results
+from skystack.io.streams import Results
 
 
 class _Parser(argparse.ArgumentParser):

@@ -10,13 +10,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from skystack.cli.shown import DONE, FAILED, complain, print_json, print_line, say
+from skystack.cli.output import DONE, FAILED, complain, print_json, print_line, say
 from skystack.errors import InputError
 
 
 def list_all(options: argparse.Namespace) -> int:
-    from skystack.catalogue import catalogue, catalogue_table
-    from skystack.console import output
+    from skystack.cli.catalogue import catalogue, catalogue_table
+    from skystack.cli.console import output
 
     found = catalogue()
     if options.json:
@@ -28,11 +28,11 @@ def list_all(options: argparse.Namespace) -> int:
 
 
 def reproduce(options: argparse.Namespace) -> int:
-    from skystack.files import alone_in
+    from skystack.io.locks import locked_folder
     from skystack.reproduction.plan import OWN_FOLDERS
 
     plan, engine = _plan(options), _engine(options)
-    with alone_in(plan.out, OWN_FOLDERS):
+    with locked_folder(plan.out, OWN_FOLDERS):
         return _reproduce(plan, engine, options.json)
 
 
@@ -54,9 +54,9 @@ def _plan(options: argparse.Namespace) -> Any:
 
 
 def _reproduce(plan: Any, engine: Any, as_json: bool) -> int:
-    from skystack.console import count_scenarios, show_progress
+    from skystack.cli.console import count_scenarios, show_progress
+    from skystack.compilation.programs import compile_for_one_core, kept_programs
     from skystack.platforms.registry import said_of
-    from skystack.programs import compile_for_one_core, kept_programs
     from skystack.reporting.report import write_report
     from skystack.reproduction.run import run_plan, run_platforms
 
@@ -82,7 +82,7 @@ def _reproduce(plan: Any, engine: Any, as_json: bool) -> int:
 
 def _show_results(results: Mapping[str, Any], as_json: bool) -> None:
     """The contents of a `results.json`."""
-    from skystack.console import output
+    from skystack.cli.console import output
     from skystack.reporting.tables import comparison_of, platforms_of
 
     elsewhere = results.get("platforms", [])
@@ -108,7 +108,7 @@ def _engine(options: argparse.Namespace) -> Any:
 
 
 def train(options: argparse.Namespace) -> int:
-    from skystack.files import no_empty_folders
+    from skystack.io.locks import no_empty_folders
     from skystack.learning.experiment import load_experiment
 
     cycles = [] if options.cycles is None else [f"task.cycles={options.cycles}"]
@@ -119,10 +119,10 @@ def train(options: argparse.Namespace) -> int:
 
 
 def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
-    from skystack.console import show_progress
+    from skystack.cli.console import show_progress
+    from skystack.compilation.programs import compile_for_one_core, kept_programs
     from skystack.learning.event_files import event_files
     from skystack.learning.run import CHECKPOINT_EVERY_S, Progress, begun_with, train_experiment
-    from skystack.programs import compile_for_one_core, kept_programs
 
     name, every_s = f"{experiment.name}-s{options.seed}", options.checkpoint_every
     events = event_files(out) if options.tensorboard else nullcontext(lambda: None)
@@ -155,11 +155,11 @@ def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
 
 
 def evaluate(options: argparse.Namespace) -> int:
-    from skystack.agents.files import find_agent
-    from skystack.console import count_scenarios, output
-    from skystack.evaluation.judge import Conditions, judge
+    from skystack.agents.find import find_agent
+    from skystack.cli.console import count_scenarios, output
+    from skystack.compilation.programs import compile_for_one_core, kept_programs
+    from skystack.evaluation.evaluate import Conditions, judge
     from skystack.evaluation.summary import aggregate
-    from skystack.programs import compile_for_one_core, kept_programs
     from skystack.reporting.tables import comparison_of
 
     begun = time.monotonic()
@@ -208,7 +208,7 @@ def report(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from skystack.console import output
+    from skystack.cli.console import output
     from skystack.reporting.comparison import comparison_json, comparison_tables, write_comparison
     from skystack.reporting.trainings import read_runs
 
@@ -228,7 +228,7 @@ def _compare(options: argparse.Namespace) -> int:
 
 def sector(options: argparse.Namespace) -> int:
     from skystack.airspace.sectors import named_or_read, sector_from
-    from skystack.console import output
+    from skystack.cli.console import output
     from skystack.reporting.sector_sheet import (
         beyond_cycles,
         facts_table,
@@ -278,7 +278,7 @@ def replay(options: argparse.Namespace) -> int:
 
 
 def _picture(options: argparse.Namespace, runs: list[Path]) -> int:
-    from skystack.console import prose
+    from skystack.cli.console import prose
     from skystack.reporting.replay.film import write_picture
 
     number, begin = options.scenario or 0, options.from_s or 0
@@ -291,8 +291,9 @@ def _picture(options: argparse.Namespace, runs: list[Path]) -> int:
 
 
 def simulate(options: argparse.Namespace) -> int:
-    from skystack.console import output
-    from skystack.simulate import headline, losses_line, simulate_file, summary_table
+    from skystack.cli.console import output
+    from skystack.cli.simulated import headline, losses_line, summary_table
+    from skystack.evaluation.simulate import simulate_file
 
     summary = simulate_file(options.scenario, options.output, options.platform, options.time_limit)
     for line in summary["notes"]:
@@ -322,9 +323,9 @@ def export(options: argparse.Namespace) -> int:
 
 
 def bench(options: argparse.Namespace) -> int:
+    from skystack.benchmarking.display import figures_table, machine_line, number
     from skystack.benchmarking.run import QUICK, Effort, machine, measure_ourselves
-    from skystack.benchmarking.shown import figures_table, machine_line, number
-    from skystack.console import output
+    from skystack.cli.console import output
 
     begun = time.monotonic()
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from skystack.agents.agent import Agent
-from skystack.agents.asking import ask_actions, ask_scores
+from skystack.agents.queries import ask_actions, ask_scores
 from skystack.evaluation.rollout import (
     Recording,
     blocks,
@@ -22,7 +22,7 @@ from skystack.evaluation.rollout import (
     query_keys,
     recording_of,
 )
-from skystack.seeds import scenario_keys
+from skystack.learning.seeds import scenario_keys
 from skystack.stacking import Stack, stack_many
 from skystack.tasks.batch import choose
 from skystack.tasks.contract import NO_ACTION
@@ -68,7 +68,7 @@ class Decisions:
     ) -> tuple[NavigationState, Stack]:
         """Instruct as the agent asks, in the scenarios of a mask; no time passes.
 
-        Raises InputError as `skystack.agents.asking.ask_actions` does.
+        Raises InputError as `skystack.agents.queries.ask_actions` does.
         """
 
         def policy(observations: Any, asking: Any, query: Any) -> Int[np.ndarray, " scenarios"]:

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from skystack.errors import InputError
+from skystack.io.signals import check
 from skystack.learning.inference import Layers, Normaliser, forward, normalise
-from skystack.seeds import scenario_keys
-from skystack.signals import check
+from skystack.learning.seeds import scenario_keys
 from skystack.simulator.traffic import Traffic
 from skystack.stacking import Stack, stack_traced
 from skystack.tasks.batch import choose

@@ -22,7 +22,7 @@ from skystack.evaluation.columns import (
     check_columns,
 )
 from skystack.evaluation.writing import EVALUATION, FLEET, PERFORMANCE_MODEL, SCENARIOS, SECTOR
-from skystack.json_file import decode, inside
+from skystack.io.json_file import decode, inside
 from skystack.platforms.registry import PLATFORMS, flown_type
 from skystack.simulator.fleet import MOST_TYPES, AircraftType, fleet
 from skystack.simulator.performance import DEFAULT_TYPE, PERFORMANCE

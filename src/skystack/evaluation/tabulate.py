@@ -13,7 +13,7 @@ import pyarrow as pa
 from skystack.evaluation.rollout import Recording, parts_of, scenarios_in_part
 from skystack.evaluation.tables import Tables, clearance_table, episode_table, make_tables
 from skystack.evaluation.writing import Append, growing_tables, table_metadata
-from skystack.files import alone_in
+from skystack.io.locks import locked_folder
 from skystack.platforms.adoption import SKYSTACK, Adoption
 from skystack.tasks.navigation import NavigationTask
 
@@ -68,7 +68,7 @@ def tabulate(
 def _tables_in(folder: Path, task: NavigationTask) -> Iterator[Append]:
     settings = task.settings
     metadata = table_metadata(task.simulator.sector, settings.performance, settings.fleet)
-    with alone_in(folder), growing_tables(folder, TABLES, metadata) as append:
+    with locked_folder(folder), growing_tables(folder, TABLES, metadata) as append:
         yield append
 
 

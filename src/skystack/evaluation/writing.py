@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from skystack.airspace.sector import Sector
-from skystack.files import aside, writing
+from skystack.io.files import aside, writing
 from skystack.simulator.fleet import AircraftType
 
 SECTOR, PERFORMANCE_MODEL, FLEET = b"sector", b"performance", b"fleet"

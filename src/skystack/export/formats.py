@@ -3,13 +3,13 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from skystack.catalogue import find_policy, shipped_policies
 from skystack.errors import InputError, exists
 from skystack.export.numpy_file import export_numpy
 from skystack.export.onnx_file import export_onnx
 from skystack.export.scenario import export_scenario
-from skystack.files import check_output
+from skystack.io.files import check_output
 from skystack.learning.policy import Policy
+from skystack.policies.shipped import find_policy, shipped_policies
 
 POLICY_FORMATS: Mapping[str, Callable[[Policy, Path], None]] = {
     "onnx": export_onnx,

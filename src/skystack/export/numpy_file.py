@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from skystack.export.facts import facts
-from skystack.files import write_aside
+from skystack.io.files import write_aside
 from skystack.learning.policy import Policy
+from skystack.policies.facts import facts
 
 
 def export_numpy(policy: Policy, output: Path) -> None:

@@ -10,10 +10,10 @@ import numpy as np
 
 import skystack
 from skystack.errors import missing_extra
-from skystack.export.facts import facts, facts_as_texts
-from skystack.files import write_aside
+from skystack.io.files import write_aside
 from skystack.learning.inference import CLIP, SMALLEST_VARIANCE
 from skystack.learning.policy import Policy
+from skystack.policies.facts import facts, facts_as_texts
 
 OPSET, IR_VERSION = 17, 8
 """Of 2022, so that runtimes need not be new."""

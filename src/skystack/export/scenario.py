@@ -4,7 +4,7 @@ from pathlib import Path
 
 from skystack.errors import InputError
 from skystack.evaluation.stored import stored_scenario
-from skystack.files import write_aside
+from skystack.io.files import write_aside
 from skystack.platforms.bluesky_scenario import scenario_text
 from skystack.platforms.registry import notes_of
 from skystack.simulator.scenario_file import Scenario, load_scenario

@@ -8,7 +8,7 @@ and started by its first reset.
 
 from gymnasium import register
 
-import skystack.forks  # noqa: F401  (notes every fork from now on)
+import skystack.compilation.forks  # noqa: F401  (notes every fork from now on)
 
 REGISTERED = {
     "skystack/Lateral-v0": "lateral",

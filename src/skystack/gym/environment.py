@@ -9,8 +9,8 @@ from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from jaxtyping import Float, PRNGKeyArray, UInt8
 
+from skystack.compilation.forks import refuse_forked
 from skystack.errors import InputError
-from skystack.forks import refuse_forked
 from skystack.gym.radar import Radar
 from skystack.tasks.contract import Metrics, Outcome, Task
 from skystack.tasks.plain import PlainTask, Seen

@@ -11,9 +11,8 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 from jaxtyping import Array, Float, Int, PRNGKeyArray, UInt8
 
+from skystack.compilation.forks import refuse_forked
 from skystack.errors import of_extra, unknown_name
-from skystack.files import AnyPath
-from skystack.forks import refuse_forked
 from skystack.gym.environment import (
     FRAMES_PER_S,
     RENDER_MODES,
@@ -24,12 +23,13 @@ from skystack.gym.environment import (
     radar_of,
 )
 from skystack.gym.registration import settings_of
+from skystack.io.files import AnyPath
 from skystack.simulator.traffic import callsigns
 from skystack.tasks.build import build_task
-from skystack.tasks.compiled import TaskPrograms, compiled
 from skystack.tasks.contract import NO_ACTION, Outcome
 from skystack.tasks.navigation import NavigationState, NavigationTask
 from skystack.tasks.plain import checked_action
+from skystack.tasks.programs import TaskPrograms, compiled
 from skystack.tasks.settings import TaskSettings
 
 with of_extra(__name__, "pettingzoo"):

@@ -5,9 +5,9 @@ from functools import lru_cache
 import msgspec
 from gymnasium.vector import AutoresetMode
 
-from skystack.files import AnyPath
 from skystack.gym.environment import TaskEnvironment
 from skystack.gym.vector import VectorTaskEnvironment
+from skystack.io.files import AnyPath
 from skystack.learning.experiment import load_experiment
 from skystack.tasks.build import build_training_task
 from skystack.tasks.contract import Task

@@ -11,8 +11,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from jaxtyping import Array, Bool, Float, Int, UInt8, UInt32
 
+from skystack.compilation.forks import refuse_forked
 from skystack.errors import InputError, checked_whole
-from skystack.forks import refuse_forked
 from skystack.gym.environment import (
     FRAMES_PER_S,
     RENDER_MODES,
@@ -24,8 +24,8 @@ from skystack.gym.environment import (
 )
 from skystack.gym.radar import Radar
 from skystack.tasks.batch import choose
-from skystack.tasks.compiled import TaskPrograms, compiled
 from skystack.tasks.contract import Outcome, Task, TaskState
+from skystack.tasks.programs import TaskPrograms, compiled
 
 Observations = Float[np.ndarray, "scenarios observation"]
 Flags = Bool[np.ndarray, " scenarios"]

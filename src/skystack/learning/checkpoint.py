@@ -10,9 +10,9 @@ from safetensors import safe_open
 from safetensors.numpy import save
 
 from skystack.errors import CheckpointError, InputError
-from skystack.files import write_aside
+from skystack.io.files import write_aside
+from skystack.learning.monitor import part_not_finite
 from skystack.learning.ppo import Learner
-from skystack.learning.watch import part_not_finite
 
 Leaf = jax.Array | jax.ShapeDtypeStruct
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from skystack.errors import missing_extra
-from skystack.files import make_folder
+from skystack.io.files import make_folder
 
 FOLDER = "tensorboard"
 """Inside the run folder."""

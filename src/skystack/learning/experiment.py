@@ -13,14 +13,14 @@ import tomli_w
 from skystack.airspace.sector_file import Point, SectorEntry
 from skystack.airspace.sectors import named_or_read
 from skystack.errors import InputError, unknown_name
-from skystack.files import AnyPath, read_whole
-from skystack.json_file import MAX_BYTES, convert, inside
+from skystack.io.files import AnyPath, read_whole
+from skystack.io.json_file import MAX_BYTES, convert, inside
+from skystack.io.names import Name
+from skystack.io.toml_file import parse_toml
 from skystack.learning.settings import PPOSettings, Pretraining
-from skystack.names import Name
 from skystack.simulator.fleet import AircraftType
 from skystack.tasks.build import build_task
 from skystack.tasks.settings import RewardSettings, TaskSettings
-from skystack.toml_file import parse_toml
 
 _FOLDER = files("skystack").joinpath("experiments")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from skystack.errors import CheckpointError
-from skystack.files import append_line, write_aside
+from skystack.io.files import append_line, write_aside
 
 
 class MetricsFile:

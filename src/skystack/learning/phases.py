@@ -8,10 +8,10 @@ from functools import partial
 import jax
 import msgspec
 
+from skystack.io.signals import wait_for
 from skystack.learning import ppo
 from skystack.learning.experiment import Experiment
 from skystack.learning.settings import PPOSettings
-from skystack.signals import wait_for
 from skystack.tasks.build import build_training_task
 from skystack.tasks.contract import Task
 

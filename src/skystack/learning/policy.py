@@ -14,10 +14,10 @@ from jaxtyping import Float
 from safetensors.numpy import load, save
 
 from skystack.errors import InputError
-from skystack.files import read_whole, write_aside
-from skystack.json_file import MAX_BYTES, check_plain, decode, inside
+from skystack.io.files import read_whole, write_aside
+from skystack.io.json_file import MAX_BYTES, check_plain, decode, inside
+from skystack.io.names import Name, Seed
 from skystack.learning.inference import CLIP, Layers, Normaliser, forward, normalise
-from skystack.names import Name, Seed
 
 FORMAT = 1
 MOST_ANSWER = 1e30

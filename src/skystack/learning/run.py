@@ -14,11 +14,14 @@ import jax
 import numpy as np
 
 from skystack.errors import MOST_NUMBER, InputError, checked_whole
-from skystack.files import AnyPath, alone_in, check_unused, make_folder, write_aside
+from skystack.io.files import AnyPath, make_folder, write_aside
+from skystack.io.locks import check_unlocked, locked_folder
+from skystack.io.signals import check
 from skystack.learning import ppo
 from skystack.learning.checkpoint import load_checkpoint, save_checkpoint
 from skystack.learning.experiment import Experiment, resolved, to_toml
 from skystack.learning.metrics_file import MetricsFile
+from skystack.learning.monitor import Watch, finite
 from skystack.learning.phases import compiled_updates, learners, phases
 from skystack.learning.policy import (
     FORMAT,
@@ -27,10 +30,8 @@ from skystack.learning.policy import (
     package_versions,
     save_policy,
 )
+from skystack.learning.seeds import training_key
 from skystack.learning.settings import PPOSettings
-from skystack.learning.watch import Watch, finite
-from skystack.seeds import training_key
-from skystack.signals import check
 from skystack.tasks.build import build_task, build_training_task, check_cycles
 from skystack.tasks.contract import Task
 
@@ -86,7 +87,7 @@ def train_experiment(
     checkpoint is written first.
     """
     seed = checked_whole("seed", seed, 0, MOST_NUMBER)
-    with alone_in(path := Path(folder), below=("checkpoint",)):
+    with locked_folder(path := Path(folder), below=("checkpoint",)):
         return _train(experiment, seed, path, resume, on_update, checkpoint_every_s)
 
 
@@ -148,7 +149,7 @@ def begun_with(experiment: Experiment, folder: Path, resume: bool) -> list[str]:
     Raises InputError where a training would be lost, another process is at work or nothing can be
     written.
     """
-    check_unused(folder)
+    check_unlocked(folder)
     beyond = check_cycles(build_task(experiment.task))
     make_folder(folder / "checkpoint")
     said = [*([] if beyond is None else [beyond]), "compiling ..."]

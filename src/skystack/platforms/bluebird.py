@@ -22,7 +22,7 @@ from skystack.airspace.projection import wrap_longitude
 from skystack.airspace.sector import Sector as OurSector
 from skystack.airspace.sector_file import Point, SectorEntry, make_sector
 from skystack.errors import InputError, PlatformError, of_extra, unknown_name
-from skystack.json_file import inside
+from skystack.io.json_file import inside
 from skystack.platforms.adoption import BLUEBIRD
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.languages import bluebird_actions

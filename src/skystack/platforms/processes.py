@@ -15,9 +15,9 @@ from pathlib import Path
 from threading import Timer
 from typing import Any, NamedTuple, TypeVar
 
-from skystack.cores import cores
+from skystack.compilation.cores import cores
 from skystack.errors import InputError, PlatformError, of_extra
-from skystack.signals import starting_processes, wait_for
+from skystack.io.signals import starting_processes, wait_for
 
 TIME_LIMIT_S = 120.0
 """For an item, unless told otherwise."""

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 import skystack
-from skystack.files import write_aside
+from skystack.io.files import write_aside
 from skystack.reporting import tables
 from skystack.reporting.learning_curves import overlaid_curves
 from skystack.reporting.page import Picture, picture_of, render

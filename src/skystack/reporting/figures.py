@@ -6,7 +6,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from skystack.files import make_folder
+from skystack.io.files import make_folder
 from skystack.reporting.flights import Scenario, read_outcomes, read_scenario, read_sector
 from skystack.reporting.histograms import (
     SCENARIOS,

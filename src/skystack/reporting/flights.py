@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
 from skystack.evaluation.stored import check_who, read_table, rows_of, sector_of
-from skystack.json_file import inside
+from skystack.io.json_file import inside
 
 BURST_GAP_CYCLES = 2
 """Two aircraft under one policy take turns: a burst for either may skip every other cycle."""

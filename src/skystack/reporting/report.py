@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from skystack.files import write_aside
+from skystack.io.files import write_aside
 from skystack.reporting import tables
 from skystack.reporting.claims import Claim, claims_table, judge_claims
 from skystack.reporting.figures import (

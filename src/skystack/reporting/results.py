@@ -10,9 +10,9 @@ import msgspec
 
 from skystack.errors import InputError
 from skystack.evaluation.statistics import Estimate
-from skystack.files import MOST_BYTES, read_whole
-from skystack.json_file import decode, inside
-from skystack.names import Name
+from skystack.io.files import MOST_BYTES, read_whole
+from skystack.io.json_file import decode, inside
+from skystack.io.names import Name
 from skystack.platforms.registry import OWN
 
 Figure = Annotated[float, msgspec.Meta(ge=-1e15, le=1e15)]

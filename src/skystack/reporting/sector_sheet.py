@@ -8,7 +8,7 @@ from typing import Any
 from skystack.airspace.projection import geodesic_leg
 from skystack.airspace.sector import Sector, turns_deg
 from skystack.errors import InputError
-from skystack.files import check_output, write_aside
+from skystack.io.files import check_output, write_aside
 from skystack.reporting.maps import sector_map
 from skystack.reporting.style import as_png, as_svg, house_style
 from skystack.reporting.tables import Table

@@ -12,7 +12,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from skystack.files import write_aside
+from skystack.io.files import write_aside
 
 INK, MUTED, FAINT = "#1b2026", "#5b6670", "#c3cad1"
 AREA, PAPER = "#eef2f5", "#ffffff"

@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 import msgspec
 
 from skystack.errors import InputError, exists, printable
-from skystack.json_file import MAX_BYTES, convert, decode, inside
-from skystack.names import Name, Seed
+from skystack.io.json_file import MAX_BYTES, convert, decode, inside
+from skystack.io.names import Name, Seed
+from skystack.io.toml_file import parse_toml
 from skystack.reporting.learning_curves import at_the_end
 from skystack.reporting.results import (
     Row,
@@ -19,7 +20,6 @@ from skystack.reporting.results import (
     read_updates,
     row_order,
 )
-from skystack.toml_file import parse_toml
 
 NOT_COMPARED = ("name", "description")
 """Settings that change nothing."""

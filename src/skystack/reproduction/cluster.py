@@ -20,9 +20,10 @@ from pathlib import Path
 from typing import Any
 
 import skystack
+from skystack.compilation.programs import compile_for_one_core
 from skystack.errors import InputError, TrainingError, missing_extra
-from skystack.files import is_scratch, make_folder, write_aside
-from skystack.programs import compile_for_one_core
+from skystack.io.files import make_folder, write_aside
+from skystack.io.locks import is_scratch
 from skystack.reproduction.jobs import Done, Job, Message, Report, jobs_of, longest_first, run_job
 from skystack.reproduction.plan import Plan
 

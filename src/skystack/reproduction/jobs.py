@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 
 import skystack
+from skystack.compilation.programs import kept_programs
 from skystack.errors import CheckpointError
-from skystack.evaluation.judge import (
+from skystack.evaluation.evaluate import (
     DO_NOTHING,
     Conditions,
     Judged,
@@ -26,7 +27,6 @@ from skystack.evaluation.summary import Row
 from skystack.learning.experiment import Experiment, to_toml
 from skystack.learning.policy import Policy, load_policy
 from skystack.learning.run import Progress, train_experiment
-from skystack.programs import kept_programs
 from skystack.reproduction.pieces import once
 from skystack.reproduction.plan import Plan
 

@@ -13,8 +13,8 @@ from typing import Any
 import msgspec
 
 from skystack.errors import InputError
-from skystack.files import read_whole, write_aside
-from skystack.json_file import decode
+from skystack.io.files import read_whole, write_aside
+from skystack.io.json_file import decode
 
 Key = dict[str, Any]
 """Everything that the result depends on, as JSON."""

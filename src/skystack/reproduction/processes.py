@@ -10,12 +10,12 @@ from multiprocessing.managers import SyncManager
 from threading import Thread
 from typing import Any
 
-from skystack.cores import cores
+from skystack.compilation.cores import cores
 from skystack.errors import InputError, TrainingError
-from skystack.files import alone_in
+from skystack.io.locks import locked_folder
+from skystack.io.signals import starting_processes, wait_for
 from skystack.reproduction.jobs import Done, Job, Report, jobs_of, longest_first, run_job
 from skystack.reproduction.plan import Plan
-from skystack.signals import starting_processes, wait_for
 
 Messages = Any
 """A queue of `multiprocessing.Manager` (its proxy is no `Queue`) for messages."""
@@ -69,13 +69,14 @@ def _stop_workers() -> None:
 def _no_half_written(jobs: Sequence[Job]) -> Iterator[None]:
     """On failure inside the context, delete temporary files of its workers, which have ended then.
 
-    `alone_in` does so when it locks a folder; one that another process has locked is left alone.
+    `locked_folder` does so when it locks a folder. A folder that another process has locked is left
+    alone.
     """
     try:
         yield
     except BaseException:
         for folder in (each for job in jobs for each in job.folders if each.exists()):
-            with suppress(InputError), alone_in(folder, below=("checkpoint",)):
+            with suppress(InputError), locked_folder(folder, below=("checkpoint",)):
                 pass
         raise
 

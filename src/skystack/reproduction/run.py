@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import skystack
-from skystack.cores import cores
-from skystack.evaluation.everywhere import Count, judge_everywhere
+from skystack.compilation.cores import cores
+from skystack.evaluation.cross_platform import Count, judge_everywhere
 from skystack.evaluation.statistics import MEASURES, comparison, row_statistics
 from skystack.evaluation.summary import Row, aggregate
-from skystack.files import make_folder, write_aside
+from skystack.io.files import make_folder, write_aside
 from skystack.learning.policy import Policy, load_policy
 from skystack.reproduction.jobs import Done, Flown, Report, nobody_once
 from skystack.reproduction.pieces import once
@@ -115,7 +115,7 @@ def _everywhere_once(plan: Plan, policy: Policy, record: Path, count: Count) -> 
 
 
 def fewest_clearances() -> bytes:
-    """What `benchmarks/fewest_clearances.py` found for the evaluation scenarios, as JSON."""
+    """What `studies/fewest_clearances.py` found for the evaluation scenarios, as JSON."""
     return files("skystack").joinpath("evaluation", "fewest_clearances.json").read_bytes()
 
 

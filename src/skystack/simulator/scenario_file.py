@@ -15,7 +15,7 @@ from skystack.airspace.projection import geodesic_leg
 from skystack.airspace.sector import MAX_DISTANCE_NM, Sector
 from skystack.airspace.sectors import find_sector
 from skystack.errors import InputError, unknown_name
-from skystack.json_file import convert, inside, is_name, not_allowed, read_json
+from skystack.io.json_file import convert, inside, is_name, not_allowed, read_json
 from skystack.simulator.fleet import MOST_TYPES, AircraftType, fleet
 from skystack.simulator.performance import (
     DEFAULT_TYPE,

@@ -14,10 +14,10 @@ from jaxtyping import Array, Float, Int
 from skystack.airspace.geometry import direction, wrap_180, wrap_360
 from skystack.airspace.projection import LocalScale
 from skystack.airspace.sector import Sector
+from skystack.compilation.subroutine import subroutine
 from skystack.simulator.own_navigation import steer
 from skystack.simulator.performance import Performance
 from skystack.simulator.traffic import LEFT, NO_TURN, RIGHT, Clearance, Traffic
-from skystack.subroutine import subroutine
 
 CYCLE_S = 6
 """Seconds of a radar cycle, flown in sub-steps of one second."""

@@ -26,11 +26,11 @@ from skystack.airspace.geometry import (
     wrap_180,
 )
 from skystack.airspace.sector import STRAIGHT_WITHIN_NM, Sector
+from skystack.compilation.subroutine import subroutine
 from skystack.simulator.own_navigation import fix_of
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
 from skystack.simulator.traffic import Traffic
-from skystack.subroutine import subroutine
 from skystack.tasks.tracking import Memory
 
 LEVELS_PER_MIN = 20.0

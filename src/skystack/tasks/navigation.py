@@ -12,11 +12,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skystack.airspace.sector import Sector
+from skystack.compilation.subroutine import subroutine
 from skystack.simulator.generator import Scenarios
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import Traffic
-from skystack.subroutine import subroutine
 from skystack.tasks import features, rewards
 from skystack.tasks.actions import ActionTable, addressed
 from skystack.tasks.contract import Metrics, Outcome

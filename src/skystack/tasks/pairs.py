@@ -22,8 +22,8 @@ from skystack.airspace.geometry import (
     wrap_180,
 )
 from skystack.airspace.projection import MercatorPlane
+from skystack.compilation.subroutine import subroutine
 from skystack.simulator.traffic import Traffic
-from skystack.subroutine import subroutine
 
 RANGE_NM = 150.0
 """d_max: how far the faster of a pair is flown ahead; pairs farther apart are no matter."""

@@ -13,10 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from skystack.compilation.forks import refuse_forked
 from skystack.errors import checked_whole
-from skystack.forks import refuse_forked
-from skystack.tasks.compiled import TaskPrograms, compiled
 from skystack.tasks.contract import Outcome, Task, TaskState
+from skystack.tasks.programs import TaskPrograms, compiled
 
 
 class View(NamedTuple):

@@ -26,8 +26,8 @@ from skystack.airspace.geometry import (
 )
 from skystack.airspace.projection import MercatorPlane
 from skystack.airspace.sector import Sector
+from skystack.compilation.subroutine import subroutine
 from skystack.simulator.traffic import Traffic, ticks
-from skystack.subroutine import subroutine
 from skystack.tasks.contract import NO_ACTION
 from skystack.tasks.rewards import DAMPING_CYCLES
 

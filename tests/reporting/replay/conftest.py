@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from pyproj import Geod
 
-from skystack.catalogue import find_policy
-from skystack.evaluation.judge import Conditions, judge
-from skystack.simulate import simulate_file
+from skystack.evaluation.evaluate import Conditions, judge
+from skystack.evaluation.simulate import simulate_file
+from skystack.policies.shipped import find_policy
 from tests.conftest import NO_BROWSER
 from tests.docs.blocks import ROOT
 from tests.scenarios import NORTHBOUND
@@ -50,7 +50,7 @@ def fly(tmp_path_factory):
 
     def flown(name: str, scenario) -> Path:
         folder = tmp_path_factory.mktemp("simulated")
-        for sector in (ROOT / "benchmarks" / "sectors").glob("*.json"):
+        for sector in (ROOT / "verification" / "simulator" / "sectors").glob("*.json"):
             shutil.copy(sector, folder)
         (folder / "scenario.json").write_text(json.dumps(scenario))
         simulate_file(folder / "scenario.json", folder / f"{name}.parquet")

@@ -46,7 +46,7 @@ def source(*names):
 
 
 def north():
-    return make_sector(read_sector(ROOT / "benchmarks" / "sectors" / "north.json"))
+    return make_sector(read_sector(ROOT / "verification" / "simulator" / "sectors" / "north.json"))
 
 
 @pytest.mark.parametrize(("sector", "half_nm"), [(x_plus(), 60.0), (north(), 200.0)])

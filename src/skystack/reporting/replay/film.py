@@ -18,12 +18,12 @@ from PIL import Image
 
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
-from skystack.files import check_output, write_aside
+from skystack.io.files import check_output, write_aside
 from skystack.reporting.maps import draw_sector, name_fixes
 from skystack.reporting.radar import Blip, colour_of, draw_aircraft, draw_route, draw_way
 from skystack.reporting.replay.frames import Picture, Texts, TrafficPicture, lowest_row_first
 from skystack.reporting.replay.recording import Flown, Replay, ReplayScenario
-from skystack.reporting.replay.together import read_together
+from skystack.reporting.replay.side_by_side import read_together
 from skystack.reporting.style import (
     MUTED,
     VERMILION,

@@ -20,9 +20,9 @@ from jaxtyping import Float
 import skystack
 from skystack.airspace.projection import SCALE_RANGE_NM
 from skystack.airspace.sector import Sector
-from skystack.files import check_output, write_aside
+from skystack.io.files import check_output, write_aside
 from skystack.reporting.replay.recording import Flown, Replay, ReplayScenario, as_json
-from skystack.reporting.replay.together import read_together
+from skystack.reporting.replay.side_by_side import read_together
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
 

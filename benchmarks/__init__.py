@@ -1,1 +1,0 @@
-"""Measurements and trials; run from the root of the repository."""

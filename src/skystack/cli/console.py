@@ -1,0 +1,145 @@
+"""Tables on standard output and progress on standard error, for people at a terminal.
+
+Names in them come from files: nothing in a text is markup, and what is not printable is escaped.
+"""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskID, TextColumn
+from rich.text import Text
+
+from skystack.errors import printable
+from skystack.io.streams import Prose, Results
+from skystack.learning.run import Progress as Step
+
+PLAIN_EVERY_S = 10.0
+"""Without a terminal, a line this often in place of a moving bar."""
+VISIBLE_AFTER_S = 2.0
+"""Shorter work shows no progress."""
+
+
+class PlainConsole(Console):
+    """Prints every text literally, in tables and titles too."""
+
+    def render_str(self, text: str, **how: Any) -> Text:
+        plain = {"markup": False, "emoji": False, "highlight": False}
+        return super().render_str(printable(text), **(how | plain))
+
+    def on_broken_pipe(self) -> None:
+        """Raise it to the caller: rich would end the process."""
+        raise BrokenPipeError
+
+
+def output() -> Console:
+    """For results. Wide enough for the tables when it is no terminal."""
+    file: Any = Results()
+    console = PlainConsole(file=file)
+    return console if console.is_terminal else PlainConsole(file=file, width=160)
+
+
+def prose() -> Console:
+    """For everything else."""
+    file: Any = Prose()
+    return PlainConsole(file=file)
+
+
+class _Description(ProgressColumn):
+    """The label of a progress bar."""
+
+    def render(self, task: Task) -> Text:
+        return Text(printable(task.description))
+
+
+@contextmanager
+def show_progress() -> Iterator[Callable[[str, Step], None]]:
+    """Show the progress of named trainings: steps, speed, time left, return and success."""
+    console = prose()
+    if not console.is_terminal:
+        yield _PlainProgress(console).report
+        return
+    columns = (
+        _Description(),
+        BarColumn(bar_width=12),
+        TextColumn("{task.completed:,.0f}/{task.total:,.0f}"),
+        TextColumn("{task.fields[speed]}"),
+        TextColumn("{task.fields[score]}"),
+    )
+    with Progress(*columns, console=console) as bars:
+        tasks: dict[str, TaskID] = {}
+
+        def report(name: str, step: Step) -> None:
+            if name not in tasks:
+                tasks[name] = bars.add_task(name, total=step.total_steps, speed="", score="")
+            bars.update(tasks[name], completed=step.steps, speed=_speed(step), score=_score(step))
+
+        yield report
+
+
+@contextmanager
+def count_scenarios(name: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Show how many scenarios are done, the speed and the time left, if it takes long enough."""
+    begun = time.monotonic()
+    shown = begun
+
+    def line(done: int) -> str:
+        rate = done / max(time.monotonic() - begun, 1e-9)
+        return f"{done}/{total} scenarios {rate:.2f}/s, {(total - done) / rate:.0f} s left"
+
+    console = prose()
+    if console.is_terminal:
+        with Progress(_Description(), BarColumn(), console=console) as bars:
+            task = bars.add_task(name, total=total, visible=False)
+            yield lambda done: bars.update(
+                task,
+                completed=done,
+                description=f"{name} {line(done)}",
+                visible=time.monotonic() - begun >= VISIBLE_AFTER_S,
+            )
+        return
+
+    def report(done: int) -> None:
+        nonlocal shown
+        if time.monotonic() - shown >= PLAIN_EVERY_S:
+            shown = time.monotonic()
+            _print_plain(console, f"{name} {line(done)}")
+
+    yield report
+
+
+class _PlainProgress:
+    """Lines for a log file."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._shown: dict[str, float] = {}
+
+    def report(self, name: str, step: Step) -> None:
+        now = time.monotonic()
+        due = now - self._shown.get(name, -PLAIN_EVERY_S) >= PLAIN_EVERY_S
+        if due or step.steps >= step.total_steps:
+            self._shown[name] = now
+            done = f"{step.steps:,}/{step.total_steps:,} steps"
+            _print_plain(self._console, f"{name} {done} {_speed(step)} {_score(step)}")
+
+
+def _print_plain(console: Console, line: str) -> None:
+    console.print(line, soft_wrap=True)
+
+
+def _speed(step: Step) -> str:
+    if math.isnan(step.steps_per_s):
+        return "compiled"
+    left = (step.total_steps - step.steps) / step.steps_per_s
+    return f"{step.steps_per_s:,.0f} steps/s, {left:.0f} s left"
+
+
+def _score(step: Step) -> str:
+    success, earned = step.measured.get("success"), step.measured.get("return")
+    if success is None or earned is None:
+        return ""
+    return f"success {success:.2f} return {earned:.1f}"

@@ -1,0 +1,1 @@
+"""How JAX's programs are compiled: cache, subroutines, cores, forked processes."""

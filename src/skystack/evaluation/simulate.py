@@ -1,0 +1,112 @@
+"""Fly a scenario file on a platform and keep the trajectories."""
+
+import math
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from skystack.errors import InputError, PlatformError
+from skystack.evaluation.followed import STATUS, follow
+from skystack.evaluation.writing import write_table
+from skystack.io.files import check_output, scratch_folder
+from skystack.platforms.flight import Flight, flight_rows, fly_scenario
+from skystack.platforms.phraseology import written
+from skystack.platforms.processes import TIME_LIMIT_S, in_processes
+from skystack.platforms.registry import (
+    OWN,
+    check_platform,
+    flown_type,
+    notes_of,
+    open_platform,
+)
+from skystack.simulator.scenario_file import Scenario, load_scenario
+
+
+def simulate_file(
+    path: Path, output: Path | None, platform: str = OWN, time_limit_s: float = TIME_LIMIT_S
+) -> dict[str, Any]:
+    """Fly a scenario file; returns the last row of every aircraft, clearances and losses.
+
+    Writes all rows as Parquet where `output` is given (its folder must exist). Raises InputError
+    for a scenario that cannot be flown, a platform that is not there or a file that cannot be
+    written; PlatformError when the platform fails.
+    """
+    check_platform(platform)
+    scenario = load_scenario(path)
+    if output is not None:
+        check_output(output, path)
+    flight = _fly(path, scenario, platform, time_limit_s)
+    followed = follow(scenario, flight.reports)
+    status = np.array(STATUS)[followed.status].reshape(-1)
+    table = pa.table(flight_rows(scenario, flight) | {"status": status})
+    if output is not None:
+        beside = {"aircraft": _aircraft(scenario), "clearances": _clearances(flight)}
+        performance, types = scenario.performance, scenario.fleet
+        write_table(output, table, scenario.sector, performance, types, beside)
+    least_nm = followed.min_separation_nm
+    return {
+        "scenario": str(path),
+        "platform": platform,
+        "types": {one.callsign: flown_type(platform, one.type) for one in scenario.aircraft},
+        "notes": notes_of(platform, scenario),
+        "rows": table.num_rows,
+        "output": None if output is None else str(output),
+        "clearances": [
+            {"cycle": cycle, "callsign": instruction.callsign, "text": written(instruction)}
+            for cycle, instruction in flight.issued
+        ],
+        "losses_of_separation": followed.losses,
+        "min_separation_nm": least_nm if math.isfinite(least_nm) else None,
+        "final": table.slice(table.num_rows - len(scenario.aircraft)).to_pylist(),
+    }
+
+
+def _aircraft(scenario: Scenario) -> list[dict[str, Any]]:
+    """Who flies, with the columns of an evaluation's table of the same name."""
+    return [
+        {
+            "callsign": one.callsign,
+            "type": one.type,
+            "route": " ".join(one.route),
+            "entry_fl": one.fl,
+            "exit_fl": one.exit_fl,
+        }
+        for one in scenario.aircraft
+    ]
+
+
+def _clearances(flight: Flight) -> list[dict[str, Any]]:
+    """The clearances, with the columns of an evaluation's table; a heading and a level are two."""
+    rows = []
+    for cycle, each in flight.issued:
+        parts = (("heading", each.heading_deg, each.turn), ("level", each.level_fl, each.vertical))
+        for kind, value, direction in parts:
+            if value is not None:
+                row = {"cycle": cycle, "callsign": each.callsign, "kind": kind, "value": value}
+                rows.append(row | {"direction": direction, "instructions": 1})
+                rows[-1]["text"] = written(each)
+    return rows
+
+
+def _fly(path: Path, scenario: Scenario, platform: str, time_limit_s: float) -> Flight:
+    """The flight: ours in this process, another simulator's in one of its own."""
+    with scratch_folder("skystack-") as folder:
+        try:
+            if platform == OWN:
+                return fly_scenario(open_platform(platform, folder), scenario)
+            work = partial(_flyer, platform)
+            (outcome,) = in_processes(work, [scenario], folder, time_limit_s)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+    if outcome.failed is not None:
+        raise PlatformError(f"{path}: {platform}: {outcome.failed}")
+    flight: Flight = outcome.result
+    return flight
+
+
+def _flyer(platform: str, folder: Path) -> Callable[[Scenario], Flight]:
+    return partial(fly_scenario, open_platform(platform, folder))

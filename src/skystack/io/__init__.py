@@ -1,0 +1,1 @@
+"""Files, JSON, TOML, locks, names, standard streams and signals."""

@@ -1,0 +1,107 @@
+"""Run folders are locked while a process works in them, and deleted if it leaves no file."""
+
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from itertools import takewhile
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from skystack.errors import InputError, exists
+from skystack.io.files import TEMPORARY_SUFFIX, make_folder, not_written
+
+LOCK = ".lock"
+"""The lock file of a run folder. The file stays; the lock ends with the process."""
+_PATIENCE_S, _RETRY_S = 0.1, 0.02
+"""A process that fails deletes its lock file: the lock is then tried again."""
+
+
+@contextmanager
+def locked_folder(folder: Path, below: Iterable[str] = ()) -> Iterator[None]:
+    """Lock a run folder, which is created if it does not exist.
+
+    The operating system releases the lock when the process ends, however it ends. Temporary files
+    that killed processes left in the folder are deleted, also in those `below` it (glob patterns)
+    that belong to the same run. On failure, a folder that holds only the lock is deleted. Raises
+    InputError when another process holds the lock.
+    """
+    with no_empty_folders(folder):
+        lock = _acquire(folder)
+        try:
+            for each in (folder, *(found for name in below for found in folder.glob(name))):
+                for left in each.glob(f".*{TEMPORARY_SUFFIX}"):
+                    left.unlink(missing_ok=True)
+            yield
+        except BaseException:
+            if not any(path.is_file() for path in folder.rglob("*") if path != folder / LOCK):
+                (folder / LOCK).unlink(missing_ok=True)  # while it is held
+            raise
+        finally:
+            lock.release()
+
+
+@contextmanager
+def no_empty_folders(folder: Path) -> Iterator[None]:
+    """On failure inside the context, delete folders that were created in it and hold no file.
+
+    A folder that another process has locked is left alone, with everything in it.
+    """
+    missing = list(takewhile(lambda each: not each.exists(), (folder, *folder.parents)))
+    try:
+        yield
+    except BaseException:
+        for each in missing:
+            _delete_empty(each)
+        raise
+
+
+def _delete_empty(folder: Path) -> None:
+    with suppress(OSError, InputError), ExitStack() as stack:
+        if (folder / LOCK).exists():
+            stack.callback(_acquire(folder).release)
+        for inner in folder.iterdir():
+            if inner.is_dir() and not inner.is_symlink():
+                _delete_empty(inner)
+        folder.rmdir()  # an OSError where it is not empty
+
+
+def check_unlocked(folder: Path) -> None:
+    """Raise InputError if another process has locked a folder."""
+    if exists(folder / LOCK):
+        _acquire(folder).release()
+
+
+def is_abandoned(folder: Path, idle_s: float) -> bool:
+    """Whether a folder has been idle for a while and no process holds its lock."""
+    if time.time() - folder.stat().st_mtime <= idle_s:
+        return False
+    try:
+        _acquire(folder).release()
+    except InputError:
+        return False
+    return True
+
+
+def is_scratch(path: Path) -> bool:
+    """Whether a file in a run folder is a lock, or temporary and left by a killed process."""
+    return path.name == LOCK or path.suffix == TEMPORARY_SUFFIX
+
+
+def _acquire(folder: Path) -> FileLock:
+    """The lock of a folder, held. Raises InputError when another process holds it."""
+    lock = FileLock(folder / LOCK, timeout=_PATIENCE_S, thread_local=False)
+    while True:
+        make_folder(folder)
+        try:
+            lock.acquire(poll_interval=_RETRY_S)
+        except FileNotFoundError:
+            continue  # another process failed and deleted the folder, which was empty
+        except Timeout:
+            raise InputError(
+                f"{folder}: is in use by another process (allowed: another folder by --out, or to "
+                "wait for it)"
+            ) from None
+        except OSError as error:
+            raise not_written(folder / LOCK, error) from None
+        return lock

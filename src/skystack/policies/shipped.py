@@ -1,0 +1,35 @@
+"""Shipped policies by name, and policies in run folders."""
+
+from importlib.resources import files
+from os import fspath
+from pathlib import Path
+
+from skystack.errors import InputError, exists, unknown_name
+from skystack.io.files import AnyPath
+from skystack.learning.policy import Policy, load_policy
+
+SHIPPED = Path(str(files("skystack").joinpath("policies")))
+
+
+def shipped_policies() -> list[str]:
+    """Names of the policies in the package."""
+    return sorted(path.parent.name for path in SHIPPED.glob("*/policy.json"))
+
+
+def find_policy(name: AnyPath) -> Policy:
+    """A shipped policy by name, or the one in a run folder.
+
+    Raises InputError when there is neither, or the policy cannot be used.
+    """
+    name = fspath(name)
+    if name in shipped_policies():
+        return load_policy(SHIPPED / name)
+    folder = Path(name)
+    if folder.name == "policy.json":
+        folder = folder.parent
+    if not exists(folder / "policy.json"):
+        if exists(folder / "metrics.jsonl"):
+            raise InputError(f"{folder}: its training is not finished (go on with train --resume)")
+        kind = "policy (no shipped one, no folder with a policy.json)"
+        raise unknown_name(kind, name, shipped_policies(), [f"runs/{name}"])
+    return load_policy(folder)

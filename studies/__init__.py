@@ -1,0 +1,1 @@
+"""Experiments behind the numbers in the documentation; `python -m studies.MODULE`."""

@@ -1,0 +1,176 @@
+"""Where BlueSky's flights differ from ours: our simulator with BlueSky's habits, one by one.
+
+Flies a policy with online action-stacking on the evaluation scenarios in our simulator, in our
+simulator with turns at BlueSky's rate, with clearances obeyed at once, on BlueSky's sphere, with
+several of them, and in BlueSky. Needs the extra `[bluesky]`.
+
+    python -m studies.bluesky_difference [POLICY [SCENARIOS]]     default: lateral-tuned 100
+
+Prints a JSON object a variant: clearances and success, the part of the scenarios with the same
+clearances as in BlueSky, and how far from BlueSky's the aircraft are, on average and at the 95th
+percentile of those scenarios' rows.
+"""
+
+import json
+import math
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from skystack.airspace.projection import geodesic_leg
+from skystack.airspace.sector import LatLon
+from skystack.errors import InputError
+from skystack.evaluation.agreement import same_clearances
+from skystack.evaluation.evaluate import task_of
+from skystack.evaluation.platform_rollout import Job, Pilot
+from skystack.evaluation.rollout import Recording, network_controller, together
+from skystack.evaluation.tables import Tables, make_tables
+from skystack.platforms.instruction import Instruction
+from skystack.platforms.own import Skystack
+from skystack.platforms.protocol import Platform, Report
+from skystack.platforms.registry import open_platform
+from skystack.policies.shipped import find_policy
+from skystack.simulator.scenario_file import Scenario
+from skystack.simulator.simulator import adopt
+from skystack.simulator.traffic import Traffic
+
+STANDARD_GRAVITY_M_S2, BANK_DEG = 9.80665, 25.0
+CRUISE_KT = 465.94
+BANKED_DEG_S = math.degrees(
+    STANDARD_GRAVITY_M_S2 * math.tan(math.radians(BANK_DEG)) / (CRUISE_KT * 1852.0 / 3600.0)
+)
+"""1.09 degrees a second: what 25 degrees of bank turn at cruising speed."""
+SPHERE_M = 6_371_000.0
+SPHERE_NM_PER_DEG = math.radians(SPHERE_M) / 1852.0
+
+
+class Habits(NamedTuple):
+    """What is taken over from BlueSky."""
+
+    turn_rate: bool = False
+    at_once: bool = False
+    sphere: bool = False
+
+
+VARIANTS = {
+    "skystack": Habits(),
+    "turns at 25 degrees of bank": Habits(turn_rate=True),
+    "clearances obeyed at once": Habits(at_once=True),
+    "BlueSky's sphere": Habits(sphere=True),
+    "turns and obeyed at once": Habits(turn_rate=True, at_once=True),
+    "all three": Habits(True, True, True),
+}
+
+
+def _degree_nm(at: LatLon) -> Float[np.ndarray, "2"]:
+    """A degree on the ellipsoid to the east, divided by the cosine of the latitude, and north."""
+    lat, lon = at
+    east = geodesic_leg((lat, lon - 0.5), (lat, lon + 0.5))[1] / math.cos(math.radians(lat))
+    return np.array([east, geodesic_leg((lat - 0.5, lon), (lat + 0.5, lon))[1]])
+
+
+class WithHabits(Skystack):
+    """Our simulator with some of BlueSky's habits."""
+
+    def __init__(self, habits: Habits) -> None:
+        super().__init__()
+        self._habits = habits
+
+    def reset(self, scenario: Scenario) -> Report:
+        """As ours, with another rate of turn and scale of the earth compiled in."""
+        if self._advance is None:
+            simulator = scenario.simulator()
+            if self._habits.turn_rate:
+                simulator = replace(simulator, turn_rate_deg_s=BANKED_DEG_S)
+            scale = _degree_nm(scenario.sector.origin) / SPHERE_NM_PER_DEG
+            scale_nm = jnp.asarray(scale if self._habits.sphere else np.ones(2), jnp.float32)
+            self._simulator = scenario.simulator()
+
+            def advance(traffic: Traffic) -> Traffic:
+                flown = simulator.advance(traffic)
+                moved = (flown.position_nm - traffic.position_nm) * scale_nm
+                return flown._replace(position_nm=traffic.position_nm + moved)
+
+            self._advance = jax.jit(advance)
+        return super().reset(scenario)
+
+    def issue(self, instruction: Instruction) -> None:
+        """As ours, or adopted before the cycle is flown."""
+        super().issue(instruction)
+        if self._habits.at_once:
+            self._traffic = adopt(self._traffic)
+
+
+def _with_habits(habits: Habits, folder: Path) -> Platform:
+    return WithHabits(habits)
+
+
+def flights(job: Job, scenarios: int) -> Iterator[Recording]:
+    """The scenarios, one after another in this process."""
+    with tempfile.TemporaryDirectory() as folder:
+        pilot = Pilot(job, Path(folder))
+        for number in range(scenarios):
+            yield pilot.fly(number)
+
+
+def apart_nm(ours: Tables, theirs: Tables, same: list[bool]) -> tuple[float, float]:
+    """Mean and 95th percentile of the distance between the flights of the same clearances."""
+    keys = ["scenario", "cycle", "callsign"]
+    columns = [*keys, "lat", "lon", "status"]
+    joined = ours.trajectories.select(columns).join(
+        theirs.trajectories.select(columns), keys, right_suffix="_theirs", join_type="inner"
+    )
+    rows = {name: joined[name].to_numpy() for name in joined.column_names}
+    counts = np.array(same)[rows["scenario"]]
+    counts &= (rows["status"] != "exited") & (rows["status_theirs"] != "exited")
+    distance = 60.0 * np.hypot(rows["lat"] - rows["lat_theirs"], rows["lon"] - rows["lon_theirs"])
+    if not counts.any():
+        return math.nan, math.nan
+    return float(distance[counts].mean()), float(np.percentile(distance[counts], 95))
+
+
+def main(arguments: list[str]) -> int:
+    """Measure and print; returns the exit code."""
+    name, scenarios = [*arguments, *["lateral-tuned", "100"][len(arguments) :]]
+    try:
+        policy = find_policy(name)
+    except InputError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    task = task_of(policy)
+    controller = partial(network_controller, policy.actor, policy.normaliser, True)
+
+    def flown(open_one: Callable[[Path], Platform]) -> Tables:
+        job = Job(task, controller, True, 0, open_one)
+        return make_tables(task, together(list(flights(job, int(scenarios)))))
+
+    theirs = flown(partial(open_platform, "bluesky"))
+    found = {"BlueSky": theirs}
+    for variant, habits in VARIANTS.items():
+        found[variant] = flown(partial(_with_habits, habits))
+    for variant, tables in found.items():
+        same = same_clearances(tables.clearances, theirs.clearances, range(int(scenarios)))
+        mean, most = apart_nm(tables, theirs, same)
+        line = {
+            "variant": variant,
+            "clearances": float(np.mean(tables.episodes["clearances"])),
+            "success": float(np.mean(tables.episodes["success"])),
+            "same_clearances": sum(same) / len(same),
+            "apart_nm_mean": round(mean, 3),
+            "apart_nm_95": round(most, 3),
+        }
+        sys.stdout.write(json.dumps(line) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,235 @@
+"""The fewest clearances with which any controller could finish the lateral scenarios.
+
+    python -m studies.fewest_clearances [--scenarios 100] [--seed 0] [--json] [-o FILE]
+
+The floor under every figure of clearances per scenario: two aircraft on the scenarios that
+policies are evaluated on, flown and judged by the lateral task itself. Aircraft do not interact in
+it, so the fewest of each aircraft is found by itself and a scenario's is their sum.
+
+Exhaustive: no clearance at all is tried first, then every one clearance, then every two. A
+clearance may be given at every cycle for as long as the aircraft is neither out nor strayed, and
+may be every heading that a stack of 10-degree instructions can reach from the cleared one; each
+choice is flown to its end with the simulator's own turns and its delay of one cycle.
+
+Not searched: headings between those steps, clearances between radar cycles, turns the longer way.
+Exits are judged on the straight chords between radar positions, as in the task. Both aircraft may
+be told something in the same cycle, which a policy of one action a cycle may not.
+"""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Int
+from rich.console import Console
+from rich.progress import track
+
+from skystack.errors import InputError
+from skystack.io.files import write_aside
+from skystack.learning.seeds import scenario_key
+from skystack.simulator.traffic import Traffic
+from skystack.tasks.actions import STEP_DEG, TurnTable
+from skystack.tasks.build import build_task
+from skystack.tasks.navigation import NavigationState, NavigationTask
+from skystack.tasks.settings import TaskSettings
+
+MOST = 2
+"""Clearances for one aircraft beyond which the search gives up."""
+BATCH_CYCLES = 20
+"""How many cycles' alternatives are flown at once; the search stops at the first success."""
+TURNS = TurnTable(aircraft=1, sizes_deg=tuple(range(STEP_DEG, 181, STEP_DEG)))
+"""Every stack of 10-degree instructions for one aircraft, each as one action."""
+
+
+class Turn(NamedTuple):
+    """One heading clearance."""
+
+    cycle: int
+    turn_deg: int
+    """Change of the cleared heading, positive to the right; a multiple of ten."""
+
+
+Plan = tuple[Turn, ...]
+"""Clearances in the order in which they are given."""
+
+_compiled = partial(jax.jit, static_argnums=0)
+
+
+class Search:
+    """Searches for the clearances that one aircraft needs in a lateral task."""
+
+    def __init__(self, task: NavigationTask) -> None:
+        """Raises ValueError for a task of more than one aircraft."""
+        if task.scenarios.aircraft != 1:
+            raise ValueError(f"a task of {task.scenarios.aircraft} aircraft (allowed: 1)")
+        self.task = replace(task, actions=TURNS)
+
+    def fewest(self, traffic: Traffic, most: int) -> Plan | None:
+        """A plan with as few clearances as possible; None if `most` are not enough."""
+        state = self.begin(traffic)
+        plans = (self.find(state, clearances) for clearances in range(most + 1))
+        return next((plan for plan in plans if plan is not None), None)
+
+    def find(self, state: NavigationState, clearances: int) -> Plan | None:
+        """The first plan of so many clearances that succeeds from here on; None if none does."""
+        if clearances == 0:
+            return () if self.succeeds(state) else None
+        path, flying = self.fly(state)
+        if clearances == 1:
+            return self._find_one(path, int(flying))
+        for row in range(int(flying)):
+            for action in range(1, len(TURNS.changes) + 1):
+                rest = self.find(self.instruct(path, row, action), clearances - 1)
+                if rest is not None:
+                    return (_turn(path, row, action), *rest)
+        return None
+
+    def _find_one(self, path: NavigationState, flying: int) -> Plan | None:
+        for first in range(0, flying, BATCH_CYCLES):
+            found = np.argwhere(self.one_clearance(path, first))
+            if found.size:
+                row, turn = found[0].tolist()
+                return (_turn(path, first + row, turn + 1),)
+        return None
+
+    @_compiled
+    def begin(self, traffic: Traffic) -> NavigationState:
+        """The state at cycle 0."""
+        return self.task.begin(traffic)
+
+    @_compiled
+    def succeeds(self, state: NavigationState) -> Bool[Array, ""]:
+        """Whether the flight goes on to a success without another word."""
+        memory = jax.lax.while_loop(self._in_play, self._advance, state).memory
+        return jnp.all(memory.exited_correctly & ~memory.strayed)
+
+    @_compiled
+    def fly(self, state: NavigationState) -> tuple[NavigationState, Int[Array, ""]]:
+        """The states `[rows]` before every cycle flown without another word, the present one first.
+
+        Also how many of them are in play. There are as many rows as the task has cycles, rounded
+        up to full batches.
+        """
+        rows = -(-self.task.settings.cycles // BATCH_CYCLES) * BATCH_CYCLES
+        _, path = jax.lax.scan(lambda now, _: (self._advance(now), now), state, length=rows)
+        return path, jnp.sum(jax.vmap(self._in_play)(path))
+
+    @_compiled
+    def instruct(self, path: NavigationState, row: int, action: int) -> NavigationState:
+        """One state of a path with an action of `TURNS` given."""
+        return self.task.instruct(jax.tree.map(lambda rows: rows[row], path), jnp.asarray(action))
+
+    @_compiled
+    def one_clearance(self, path: NavigationState, first: int) -> Bool[Array, "cycles turns"]:
+        """Which single clearances succeed, in the batch of states that begins at row `first`.
+
+        Column k is action k + 1 of `TURNS`.
+        """
+
+        def by_turn(state: NavigationState) -> Bool[Array, " turns"]:
+            told = jax.vmap(self.task.instruct, (None, 0))(state, actions)
+            succeeds: Array = jax.vmap(self.succeeds)(told)
+            return self._in_play(state) & succeeds
+
+        actions = jnp.arange(len(TURNS.changes)) + 1
+        batch = jax.tree.map(
+            lambda rows: jax.lax.dynamic_slice_in_dim(rows, first, BATCH_CYCLES), path
+        )
+        return jax.vmap(by_turn)(batch)
+
+    def _in_play(self, state: NavigationState) -> Bool[Array, ""]:
+        """Whether a success is still possible: neither out, nor strayed, nor out of time."""
+        flying = jnp.all(state.traffic.active & ~state.memory.strayed)
+        return flying & (state.memory.cycles < self.task.settings.cycles)
+
+    def _advance(self, state: NavigationState) -> NavigationState:
+        return self.task.advance(state)[0]
+
+
+def _turn(path: NavigationState, row: int, action: int) -> Turn:
+    _, turn_deg = TURNS.changes[action - 1]
+    return Turn(int(path.memory.cycles[row]), turn_deg)
+
+
+def draw(task: NavigationTask, seed: int, scenarios: int) -> list[list[Traffic]]:
+    """The scenarios of an evaluation seed; each is one traffic of its own per aircraft."""
+    keys = jnp.stack([scenario_key(seed, number) for number in range(scenarios)])
+    drawn = jax.tree.map(np.asarray, jax.jit(jax.vmap(task.scenarios.draw))(keys).traffic)
+
+    def alone(scenario: int, aircraft: int) -> Traffic:
+        rows: Traffic = jax.tree.map(lambda x: x[scenario, aircraft : aircraft + 1], drawn)
+        return rows
+
+    return [[alone(s, a) for a in range(task.scenarios.aircraft)] for s in range(scenarios)]
+
+
+def measure(scenarios: int, seed: int, console: Console) -> dict[str, Any]:
+    """The result as it is written to JSON. Raises RuntimeError where `MOST` are not enough."""
+    began = time.perf_counter()
+    search = Search(build_task(TaskSettings(aircraft=1)))
+    traffic = draw(build_task(TaskSettings()), seed, scenarios)
+    fewest = []
+    for index, aircraft in enumerate(track(traffic, "searching", console=console)):
+        plans = [search.fewest(alone, MOST) for alone in aircraft]
+        if None in plans:
+            raise RuntimeError(
+                f"scenario {index} of seed {seed}: aircraft {plans.index(None) + 1} needs more "
+                f"than {MOST} clearances"
+            )
+        fewest.append(sum(len(plan) for plan in plans if plan is not None))
+    return {
+        "clearances_mean": float(np.mean(fewest)),
+        "per_scenario": fewest,
+        "scenarios": scenarios,
+        "seed": seed,
+        "wall_s": time.perf_counter() - began,
+    }
+
+
+def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--scenarios", type=int, default=100, help="how many (default 100)")
+    parser.add_argument("--seed", type=int, default=0, help="evaluation seed (default 0)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("-o", dest="file", type=Path, help="also write the JSON object to a file")
+    options = parser.parse_args(arguments)
+    if options.scenarios < 1:
+        raise InputError(f"--scenarios is {options.scenarios} (allowed: 1 or more)")
+    if not 0 <= options.seed < 2**32:
+        raise InputError(f"--seed is {options.seed} (allowed: 0 to {2**32 - 1})")
+    if options.file and not options.file.parent.is_dir():
+        raise InputError(f"-o {options.file}: there is no folder {options.file.parent}")
+    return options
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command line; returns the exit code: 0 done, 1 failed, 2 wrong input."""
+    console = Console(stderr=True)
+    try:
+        options = _options(arguments)
+        result = measure(options.scenarios, options.seed, console)
+        text = json.dumps(result) + "\n"
+        if options.file:
+            write_aside(options.file, text.encode())
+    except (InputError, RuntimeError) as error:
+        console.print(f"error: {error}", soft_wrap=True, markup=False, highlight=False)
+        return 2 if isinstance(error, InputError) else 1
+    prose = (
+        f"fewest clearances per scenario: {result['clearances_mean']:.2f} on average of "
+        f"{result['scenarios']} (seed {result['seed']}, {result['wall_s']:.0f} s)\n"
+    )
+    sys.stdout.write(text if options.json else prose)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,128 @@
+"""What ships: every policy with its card and what was measured of it, and how `list` shows it."""
+
+import json
+import shutil
+
+import pytest
+from rich.console import Console
+
+from skystack.cli import catalogue
+from skystack.errors import InputError
+from skystack.evaluation.evaluate import Conditions, judge
+from skystack.policies import measured, shipped
+from skystack.policies.measured import read_measured
+from skystack.policies.shipped import SHIPPED, find_policy, shipped_policies
+from skystack.reporting import model_card
+from skystack.reporting.tables import NOTHING
+
+KEYS = ("stacking", "episodes")
+
+
+@pytest.fixture
+def lateral_alone(tmp_path, monkeypatch):
+    """A package that ships one policy, which may be damaged."""
+    shutil.copytree(SHIPPED / "lateral", tmp_path / "lateral")
+    monkeypatch.setattr(shipped, "SHIPPED", tmp_path)
+    return tmp_path / "lateral"
+
+
+def shown(width):
+    """The tables of `list` in a terminal of a width."""
+    console = Console(width=width)
+    with console.capture() as capture:
+        for table in catalogue.catalogue_table(catalogue.catalogue()):
+            console.print(table)
+    return capture.get().splitlines()
+
+
+def line_of(name, width=120):
+    """The line of a policy in the last table."""
+    return next(line for line in reversed(shown(width)) if line.split()[:1] == [name])
+
+
+@pytest.mark.parametrize("name", shipped_policies())
+def test_what_was_measured_is_of_the_policy_that_ships(name):
+    found = read_measured(SHIPPED / name)
+    assert found.sha256 == find_policy(name).description.sha256
+    conditions = [tuple(row[key] for key in KEYS) for row in found.rows]
+    assert conditions == [(False, 1000), (True, 1000), (True, 10_000)]
+    assert {row["experiment"] for row in found.rows} == {name}
+    assert all(row["platform"] == "skystack" and row["greedy"] for row in found.rows)
+
+
+@pytest.mark.parametrize("name", shipped_policies())
+def test_the_card_is_what_the_template_makes(name):
+    """After a change: `python -m tools.ship_policies --cards`."""
+    made = model_card.card(name, find_policy(name), read_measured(SHIPPED / name))
+    assert (SHIPPED / name / model_card.FILE).read_text("utf-8") == made
+
+
+def test_flown_again_a_policy_does_what_was_measured():
+    """The numbers are of flights: other processors may decide a tie of logits the other way."""
+    stated = read_measured(SHIPPED / "vertical").stacked
+    flown = judge(find_policy("vertical"), Conditions(episodes=stated["episodes"]), None).row
+    for key in ("clearances_mean", "clearances_std", "instructions_mean"):
+        assert flown[key] == pytest.approx(stated[key], rel=2e-3), key
+    for key in ("success_rate", "correct_exit_rate", "excursion_rate", "few_clearances_rate"):
+        assert flown[key] == pytest.approx(stated[key], abs=2e-3), key
+
+
+def test_list_holds_stacked_rows_and_the_paper():
+    policies = catalogue.catalogue()["policies"]
+    assert list(policies) == shipped_policies()
+    for name, policy in policies.items():
+        assert policy["stacked"] == read_measured(SHIPPED / name).rows[1]
+    assert policies["lateral"]["paper"] == {
+        "clearances_mean": 7.2,
+        "clearances_std": 3.5,
+        "stacking": True,
+    }
+    assert policies["lateral-undamped"]["paper"]["stacking"] is False
+    assert policies["lateral-best"]["paper"] is None
+    assert json.loads(json.dumps(policies)) == policies
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_list_fits_the_terminal(width):
+    lines = shown(width)
+    assert max(map(len, lines)) <= width
+    stated = read_measured(SHIPPED / "lateral-undamped").stacked
+    line = line_of("lateral-undamped", width)
+    for text in (
+        f"{stated['clearances_mean']:.1f} ± {stated['clearances_std']:.1f}",
+        f"{stated['loss_of_separation_count']} of 1000",
+        "113.0 ± 15.9 unstacked",
+    ):
+        assert text in line
+
+
+def test_a_policy_without_numbers_shows_dashes(lateral_alone):
+    (lateral_alone / measured.FILE).unlink()
+    assert catalogue.catalogue()["policies"]["lateral"]["stacked"] is None
+    assert line_of("lateral").split() == ["lateral", *[NOTHING] * 3, "7.2", "±", "3.5"]
+
+
+def test_numbers_of_another_policy_are_not_shown(lateral_alone):
+    shutil.copy(SHIPPED / "vertical" / measured.FILE, lateral_alone)
+    assert catalogue.catalogue()["policies"]["lateral"]["stacked"] is None
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "cannot be read"),
+        ('{"format": 1}', "required field"),
+        (
+            '{"format": 2, "sha256": "", "machine": "", "version": "", "git_revision": null, '
+            '"rows": []}',
+            "format 2 (allowed: 1)",
+        ),
+    ],
+)
+def test_damaged_numbers_are_told(lateral_alone, text, message):
+    path = lateral_alone / measured.FILE
+    path.write_text(text)
+    with pytest.raises(InputError) as error:
+        catalogue.catalogue()
+    assert str(path) in str(error.value)
+    assert message in str(error.value)

@@ -1,0 +1,78 @@
+"""Rows of several simulators: which stands beside which, and what did not finish."""
+
+from contextlib import contextmanager
+from pathlib import Path
+
+import pyarrow as pa
+import pytest
+
+from skystack.errors import PlatformError
+from skystack.evaluation import everywhere
+from skystack.evaluation.cross_platform import judge_everywhere
+from skystack.evaluation.evaluate import Judged
+from skystack.policies.shipped import find_policy
+
+POLICY, FOLDER = find_policy("lateral"), Path("folder")
+
+
+def clearances(values):
+    """One clearance a scenario, of the value that is given for it."""
+    return pa.table(
+        {
+            "scenario": list(values),
+            "cycle": [3] * len(values),
+            "callsign": ["AC1"] * len(values),
+            "kind": ["heading"] * len(values),
+            "value": list(values.values()),
+        }
+    )
+
+
+def judged(conditions, values, failed=None):
+    row = {"platform": conditions.platform, "stacking": conditions.stacking}
+    return Judged(row, pa.table({"scenario": list(values)}), clearances(values), failed or {})
+
+
+def fake(policy, conditions, out, on_scenario=None):
+    """Bluebird clears one scenario of four otherwise and does not finish another; BlueSky does not
+    start where instructions are stacked."""
+    assert policy is POLICY
+    assert conditions.episodes == 4
+    same = {0: 10, 1: 20, 2: 30, 3: 40}
+    if conditions.platform == "skystack":
+        assert out is None
+        return judged(conditions, same)
+    on_scenario(4)
+    assert out == FOLDER
+    if conditions.platform == "bluesky" and conditions.stacking:
+        raise PlatformError("it does not start")
+    if conditions.platform == "bluesky":
+        return judged(conditions, same)
+    return judged(conditions, {0: 10, 2: 30, 3: 50}, {1: "took more than 2 s"})
+
+
+def test_every_platform_stands_beside_ours(monkeypatch):
+    monkeypatch.setattr(everywhere, "judge", fake)
+    counted = []
+
+    @contextmanager
+    def count(name, episodes):
+        yield lambda done: counted.append((name, episodes, done))
+
+    found = judge_everywhere(POLICY, ["bluebird", "bluesky"], 4, FOLDER, count)
+    rows = [(row["stacking"], row["platform"], row.get("same_clearances_rate")) for row in found[0]]
+    third = pytest.approx(2 / 3)
+    assert rows == [
+        (False, "skystack", None),
+        (False, "bluebird", third),
+        (False, "bluesky", 1.0),
+        (True, "skystack", None),
+        (True, "bluebird", third),
+    ]
+    assert found.failed == [
+        "lateral bluebird: scenario 1 took more than 2 s",
+        "lateral bluebird: scenario 1 took more than 2 s",
+        "lateral bluesky: it does not start",
+    ]
+    names = ["lateral bluebird", "lateral bluesky"] * 2
+    assert counted == [(name, 4, 4) for name in names]

@@ -1,0 +1,136 @@
+"""Scenarios flown through the platform protocol: as in one program, and when a platform fails."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pebble")
+
+from skystack.errors import PlatformError
+from skystack.evaluation.agreement import same_clearances
+from skystack.evaluation.evaluate import Conditions, judge, task_of
+from skystack.evaluation.platform_rollout import Job, fly_elsewhere
+from skystack.evaluation.rollout import NOBODY, fly, network_controller, together
+from skystack.evaluation.tables import make_tables
+from skystack.policies.shipped import find_policy
+from skystack.tasks.build import build_task
+from skystack.tasks.settings import TaskSettings
+from tests.waiting import HANGS_S
+
+from .faulty import (
+    BREAKS,
+    DIES,
+    LEAVES,
+    LOSES,
+    NONSENSE,
+    open_and_die,
+    open_badly,
+    open_faulty,
+    open_nothing,
+    open_own,
+)
+
+
+def nobody():
+    return NOBODY
+
+
+SHORT = build_task(TaskSettings(cycles=12))
+
+
+def test_our_simulator_flies_the_same_through_the_protocol(tmp_path):
+    """Another loop, in other processes, cycle by cycle: the same clearances and metrics."""
+    policy = find_policy("lateral-tuned")
+    task = task_of(policy)
+    controller = partial(network_controller, policy.actor, policy.normaliser, True)
+    job = Job(task, controller, True, 0, open_own)
+    heard = []
+    failed = {}
+    elsewhere = together(list(fly_elsewhere(job, 8, tmp_path, failed, on_scenario=heard.append)))
+    here = fly(task, controller(), 0, 8, True)
+    assert (failed, heard) == ({}, list(range(1, 9)))
+    ours, theirs = make_tables(task, here), make_tables(task, elsewhere)
+    assert all(same_clearances(ours.clearances, theirs.clearances, range(8), cycles=0))
+    assert ours.episodes["success"].equals(theirs.episodes["success"])
+    assert ours.episodes["cycles"].equals(theirs.episodes["cycles"])
+    for name in ("min_separation_nm", "return"):
+        np.testing.assert_allclose(ours.episodes[name], theirs.episodes[name], rtol=1e-3)
+    assert ours.trajectories.num_rows == theirs.trajectories.num_rows
+    for name in ("lat", "lon"):
+        np.testing.assert_allclose(ours.trajectories[name], theirs.trajectories[name], atol=1e-5)
+
+
+def test_what_fails_is_named_and_the_others_are_finished(tmp_path):
+    failed = {}
+    flown = together(list(fly_elsewhere(faulty(9), 9, tmp_path, failed, time_limit_s=HANGS_S)))
+    assert flown.number.tolist() == [0, 2, 3, 8]
+    assert failed == {
+        DIES: "the simulator's process died (exit code 7)",
+        LOSES: "Faulty has lost AC1",
+        BREAKS: "failed: KeyError: 'AC1'",
+        NONSENSE: "reported a lat of AC1 that is not finite",
+        LEAVES: "failed: SystemExit: 0",
+    }
+    numbers = make_tables(SHORT, flown).episodes["scenario"]
+    assert numbers.to_pylist() == [0, 2, 3, 8]
+
+
+def test_a_simulator_that_hangs_is_given_up(tmp_path):
+    """All scenarios hang: no time limit could be too short for one on a busy machine."""
+    with pytest.raises(PlatformError, match="no scenario was finished: scenario 0 took more than"):
+        list(fly_elsewhere(faulty(2, hangs=(0, 1)), 2, tmp_path, {}, time_limit_s=1.0))
+
+
+def faulty(scenarios, hangs=()):
+    starts = tuple(start[0] for start in starting_latitudes(scenarios))
+    return Job(SHORT, nobody, False, 0, partial(open_faulty, starts, hangs))
+
+
+def starting_latitudes(count):
+    here = fly(SHORT, NOBODY, 0, count, False).start
+    plane = SHORT.simulator.sector.plane
+    return plane.to_degrees(np.asarray(here.position_nm, dtype=np.float64))[..., 0].round(6)
+
+
+@pytest.mark.parametrize(
+    ("opened", "why"),
+    [
+        (open_nothing, "it does not start"),
+        (open_badly, "did not start: ImportError: no such library"),
+        (open_and_die, "its process died, or took too long, while starting"),
+    ],
+)
+def test_a_platform_that_does_not_start_is_an_error(tmp_path, opened, why):
+    with pytest.raises(PlatformError, match=f"no scenario was finished: scenario 0 {why}"):
+        list(fly_elsewhere(Job(SHORT, nobody, False, 0, opened), 2, tmp_path, {}))
+
+
+@pytest.mark.parametrize("platform", ["bluebird", "bluesky"])
+def test_other_simulators_are_judged_by_the_same_tables(platform, tmp_path):
+    pytest.importorskip({"bluebird": "bluebird_dt", "bluesky": "bluesky"}[platform])
+    policy, episodes = find_policy("lateral-tuned"), 4
+    ours = judge(policy, Conditions(episodes=episodes), tmp_path)
+    theirs = judge(policy, Conditions(episodes=episodes, platform=platform), tmp_path)
+    assert theirs.row["platform"] == platform
+    assert theirs.row.keys() == ours.row.keys()
+    assert theirs.row["success_rate"] == 1.0
+    assert theirs.episodes.schema == ours.episodes.schema
+    assert theirs.clearances.schema == ours.clearances.schema
+    folders = sorted(path.name for path in tmp_path.iterdir())
+    assert folders == [
+        f"lateral-tuned-s0-{name}-stacked" for name in sorted([platform, "skystack"])
+    ]
+    if platform == "bluebird":
+        assert all(same_clearances(ours.clearances, theirs.clearances, range(episodes)))
+
+
+def test_vertical_control_is_judged_in_bluebird_as_in_ours(tmp_path):
+    """Own navigation and levels: other instructions through the same protocol."""
+    pytest.importorskip("bluebird_dt")
+    policy = find_policy("vertical")
+    ours = judge(policy, Conditions(episodes=4), None)
+    theirs = judge(policy, Conditions(episodes=4, platform="bluebird"), None)
+    assert all(same_clearances(ours.clearances, theirs.clearances, range(4)))
+    assert theirs.row["success_rate"] == ours.row["success_rate"] == 1.0
+    assert theirs.clearances["text"].equals(ours.clearances["text"])

@@ -1,0 +1,151 @@
+"""One process at a time works in a run folder, and a failed one leaves no empty folders."""
+
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+from contextlib import ExitStack
+
+import pytest
+
+from skystack.errors import InputError
+from skystack.io.locks import is_scratch, locked_folder, no_empty_folders
+
+HOLDER = """
+import sys, time
+from pathlib import Path
+from skystack.io.locks import locked_folder
+with locked_folder(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(1e6)
+"""
+
+
+def test_a_folder_has_one_at_work_until_that_one_is_killed(tmp_path):
+    held = subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(tmp_path)], stdout=subprocess.PIPE, text=True
+    )
+    with held:
+        assert held.stdout.readline() == "held\n"
+        with (
+            pytest.raises(InputError, match=f"^{tmp_path}: is in use by another process"),
+            locked_folder(tmp_path),
+        ):
+            pass
+        held.send_signal(signal.SIGKILL)
+    with locked_folder(tmp_path):
+        pass
+    with locked_folder(tmp_path):
+        pass
+
+
+def test_what_was_left_aside_goes_in_the_run_s_own_folders_only(tmp_path):
+    parts = ("", "own", "other")
+    for part in parts:
+        (tmp_path / part).mkdir(exist_ok=True)
+        (tmp_path / part / ".policy.json.abc.aside").write_text("half")
+        (tmp_path / part / "policy.json").write_text("whole")
+    with locked_folder(tmp_path, below=("own",)):
+        pass
+    left = {path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file()}
+    scratch = {str(path) for path in left if is_scratch(path)}
+    assert scratch == {".lock", "other/.policy.json.abc.aside"}
+    assert {str(path) for path in left} - scratch == {
+        "policy.json",
+        "own/policy.json",
+        "other/policy.json",
+    }
+
+
+def fail_in(folder, error, write):
+    with locked_folder(folder):
+        write(folder)
+        raise error
+
+
+@pytest.mark.parametrize("inner", ["", "inner"])
+def test_a_failure_deletes_nothing_where_another_process_is_at_work(tmp_path, inner):
+    """Two commands start at once: the refused one must not delete the other's empty folders."""
+    new = tmp_path / "new"
+
+    def both(stack):
+        with no_empty_folders(new):
+            stack.enter_context(locked_folder(new / inner))
+            (new / inner / "checkpoint").mkdir()
+            stack.enter_context(locked_folder(new / inner))
+
+    with ExitStack() as stack:
+        with pytest.raises(InputError, match="is in use"):
+            both(stack)
+        assert (new / inner / "checkpoint").is_dir()
+
+
+def test_a_folder_that_another_process_deletes_before_it_is_locked_is_made_again(
+    tmp_path, monkeypatch
+):
+    opened = os.open
+
+    def deleted(path, *arguments):
+        monkeypatch.setattr(os, "open", opened)
+        (tmp_path / "new").rmdir()
+        return opened(path, *arguments)
+
+    monkeypatch.setattr(os, "open", deleted)
+    with locked_folder(tmp_path / "new"):
+        assert (tmp_path / "new" / ".lock").exists()
+
+
+def test_a_lock_that_is_a_link_is_refused(tmp_path):
+    """A run folder may be untrusted: no file is made where the link leads."""
+    (tmp_path / "run").mkdir()
+    for target in (tmp_path / "elsewhere", tmp_path / "nowhere" / "file"):
+        (tmp_path / "run" / ".lock").symlink_to(target)
+        with pytest.raises(InputError, match="cannot be written"), locked_folder(tmp_path / "run"):
+            pass
+        assert [path.name for path in tmp_path.iterdir()] == ["run"]
+        (tmp_path / "run" / ".lock").unlink()
+
+
+def write_new(folder):
+    (folder / "inner").mkdir()
+    if folder.name == "new":
+        (folder / "inner" / "config.toml").touch()
+
+
+@pytest.mark.parametrize("error", [InputError("no"), KeyboardInterrupt()])
+def test_a_failure_leaves_no_folder_that_holds_nothing(tmp_path, error):
+    (tmp_path / "there").mkdir()
+    for run in (tmp_path / "runs" / "run", tmp_path / "there" / "run"):
+        with pytest.raises(type(error)):
+            fail_in(run, error, lambda run: (run / "checkpoint").mkdir())
+    assert [path.name for path in tmp_path.iterdir()] == ["there"]
+    assert list((tmp_path / "there").iterdir()) == []
+
+
+def test_a_failure_keeps_what_was_written_and_what_was_there(tmp_path):
+    (tmp_path / "old" / "empty").mkdir(parents=True)
+    for folder in ("old", "new"):
+        with pytest.raises(InputError):
+            fail_in(tmp_path / folder, InputError("no"), write_new)
+    assert (tmp_path / "old" / "empty").is_dir()
+    assert (tmp_path / "new" / "inner" / "config.toml").exists()
+    assert (tmp_path / "new" / ".lock").exists()
+
+
+def test_a_lock_that_is_deleted_before_it_is_held_is_made_again(tmp_path, monkeypatch):
+    """As when another process fails between our opening its lock file and its letting go."""
+    flock = fcntl.flock
+
+    def deleted(handle, operation):
+        monkeypatch.setattr(fcntl, "flock", flock)
+        (tmp_path / ".lock").unlink()
+        flock(handle, operation)
+
+    monkeypatch.setattr(fcntl, "flock", deleted)
+    with (
+        locked_folder(tmp_path),
+        pytest.raises(InputError, match="is in use"),
+        locked_folder(tmp_path),
+    ):
+        pass

@@ -1,0 +1,55 @@
+"""Which recordings are shown side by side, and which of their scenarios."""
+
+import dataclasses
+import shutil
+
+import pytest
+
+from skystack.errors import InputError
+from skystack.reporting.replay.recording import read_replay
+from skystack.reporting.replay.side_by_side import in_common, read_together
+
+
+def test_only_the_same_scenarios_are_shown_side_by_side(one_by_one, at_once, alone):
+    first, other, lonely = map(read_replay, (one_by_one, at_once, alone))
+    assert in_common((first, other)) == (first, other)
+    with pytest.raises(InputError, match="scenario 0 of alone begins otherwise"):
+        in_common((first, lonely))
+    moved = dataclasses.replace(
+        other.scenarios[0].aircraft[0], position_nm=other.scenarios[0].aircraft[0].position_nm + 0.2
+    )
+    aircraft = (moved, other.scenarios[0].aircraft[1])
+    elsewhere = dataclasses.replace(other.scenarios[0], aircraft=aircraft)
+    with pytest.raises(InputError, match="begins otherwise"):
+        in_common((first, dataclasses.replace(other, scenarios=(elsewhere,))))
+    later = dataclasses.replace(other.scenarios[0], number=7)
+    with pytest.raises(InputError, match="no scenario in common"):
+        in_common((first, dataclasses.replace(other, scenarios=(later,))))
+    sector = dataclasses.replace(other.sector, name="another")
+    with pytest.raises(InputError, match=r"is of sector another, .* of [\w-]+ \(allowed"):
+        in_common((first, dataclasses.replace(other, sector=sector)))
+    sector = dataclasses.replace(other.sector, separation_nm=4.0)
+    with pytest.raises(InputError, match=f"are of different sectors with the name {sector.name} "):
+        in_common((first, dataclasses.replace(other, sector=sector)))
+
+
+def test_runs_of_one_name_are_told_apart_by_their_place(evaluation, tmp_path):
+    again = shutil.copytree(evaluation, tmp_path / evaluation.name)
+    together = read_together((evaluation, again), scenarios=1)
+    assert [replay.title for replay in together] == [str(evaluation), str(again)]
+
+
+def test_a_folder_name_that_is_not_utf_8_is_escaped(evaluation, tmp_path):
+    """On Linux a name is bytes; those that are not UTF-8 are shown escaped."""
+    odd = shutil.copytree(evaluation, tmp_path / "e\udcff")
+    again = shutil.copytree(odd, tmp_path / "again" / odd.name)
+    assert read_replay(odd, 1).title == r"e\udcff"
+    titles = [replay.title for replay in read_together((odd, again), scenarios=1)]
+    assert titles == [rf"{tmp_path}/e\udcff", rf"{tmp_path}/again/e\udcff"]
+
+
+def test_scenarios_that_only_one_holds_are_left_out(evaluation):
+    many, few = (read_replay(evaluation, count) for count in (5, 2))
+    for replays in ((many, few), (few, many)):
+        numbers = [[s.number for s in replay.scenarios] for replay in in_common(replays)]
+        assert numbers == [[0, 1], [0, 1]]

@@ -1,0 +1,114 @@
+"""What a model card says, of each kind of policy."""
+
+import json
+import re
+
+import msgspec
+import pytest
+
+from skystack.policies.measured import read_measured, to_json
+from skystack.policies.shipped import SHIPPED, find_policy, shipped_policies
+from skystack.reporting.model_card import PARAMETERS, REWARD_TERMS, card
+from skystack.tasks.settings import RewardSettings
+
+
+def card_of(name):
+    return card(name, find_policy(name), read_measured(SHIPPED / name))
+
+
+def cells(text, first):
+    """The cells of the table's line that begins with a text."""
+    line = next(line for line in text.splitlines() if line.startswith(f"| {first} |"))
+    return [cell.strip() for cell in line.strip("|").split("|")][1:]
+
+
+def test_every_setting_of_the_reward_is_explained():
+    assert {*REWARD_TERMS, "count_criterion"} == set(RewardSettings.__struct_fields__)
+    assert set(PARAMETERS.values()) < set(REWARD_TERMS)
+
+
+@pytest.mark.parametrize("name", shipped_policies())
+def test_a_card_says_what_every_reader_must_know(name):
+    text, described = card_of(name), find_policy(name).description
+    config = described.config
+    assert "Never for operational" in text
+    assert "Licence: Apache-2.0" in text
+    assert f"skystack evaluate {name} " in text
+    assert f"{config['ppo']['total_steps']:,} steps" in text
+    assert f"--seed {described.seed}" in text
+    assert described.sha256[:12] in text
+    for feature in (*config["task"]["features"], *config["task"].get("pair_features", ())):
+        assert f"| `{feature}" in text
+    for term in ("centreline", "damping", "vertical", "burst", "stray", "conflict", "terminal"):
+        paid = bool(config["task"]["reward"].get(term))
+        assert (f"| {term} |" in text) == paid, term
+
+
+@pytest.mark.parametrize("name", shipped_policies())
+def test_tables_are_whole(name):
+    """Every line of a table has as many cells as its head, and follows it without a gap."""
+    widths = set()
+    for block in card_of(name).split("\n\n"):
+        lines = [line for line in block.splitlines() if line.startswith("|")]
+        if lines:
+            assert lines == block.strip().splitlines()
+            assert re.fullmatch(r"\|(-+:?\|)+", lines[1])
+            assert len({line.count("|") for line in lines}) == 1
+            widths.add(lines[0])
+    assert len(widths) == 3
+
+
+def test_numbers_are_those_measured():
+    found = read_measured(SHIPPED / "lateral")
+    rows = [row | {"clearances_mean": 11.04, "clearances_std": 2.0} for row in found.rows]
+    rows[-1] |= {"success_rate": 0.9876, "excursion_rate": 0.0004, "few_clearances_rate": 0.9881}
+    text = card("lateral", find_policy("lateral"), msgspec.structs.replace(found, rows=rows))
+    assert cells(text, "clearances") == ["11.0 ± 2.0"] * 3
+    assert cells(text, "clearances in the paper") == ["14.5 ± 6.6", "7.2 ± 3.5", "7.2 ± 3.5"]
+    assert cells(text, "success")[-1] == "98.8 %"
+    assert "124 of 10,000 scenarios are no success" in text
+    assert "strays in 4," in text
+    assert "an aircraft in 119." in text
+    rows[-1] |= {"success_rate": 1.0}
+    text = card("lateral", find_policy("lateral"), msgspec.structs.replace(found, rows=rows))
+    assert "None of 10,000 scenarios failed" in text
+
+
+def test_both_parts_of_a_training_are_shown():
+    text, config = card_of("avoidance-best"), find_policy("avoidance-best").description.config
+    first, last = config["pretraining"]["reward"], config["task"]["reward"]
+    assert f"the first {config['pretraining']['steps']:,} with other rewards" in text
+    assert first["conflict"] != last["conflict"]
+    for name in ("burst", "conflict", "conflict_nm"):
+        assert cells(text, name)[1:] == [f"{first[name]:g}", f"{last[name]:g}"]
+    assert "band_nm" not in text
+
+
+def test_the_ends_of_the_exit_edge_are_named_by_their_sides():
+    """`theta_xl` is on the left of who leaves, `theta_xr` on the right (see `tests/gym`)."""
+    text = card_of("lateral-best")
+    assert "left end" in cells(text, "`theta_xl`")[0]
+    assert "right end" in cells(text, "`theta_xr`")[0]
+
+
+def test_limits_fit_the_task():
+    assert "does not avoid other traffic" in card_of("lateral-best")
+    assert "does not avoid other traffic" not in card_of("avoidance-best")
+    assert "Separation is still lost" in card_of("avoidance-best")
+    vertical = card_of("vertical")
+    assert "There is no other traffic" in vertical
+    assert "FL100 to FL300" in vertical
+    assert "loss of separation" not in vertical
+
+
+def test_the_count_criterion_is_named_where_it_counts():
+    assert "fewer than 30 instructions" in card_of("lateral")
+    assert "fewer than 30 instructions" not in card_of("lateral-undamped")
+
+
+def test_what_was_measured_is_written_and_read_alike(tmp_path):
+    found = read_measured(SHIPPED / "lateral")
+    (tmp_path / "measured.json").write_bytes(to_json(found))
+    assert read_measured(tmp_path) == found
+    assert json.loads(to_json(found))["rows"][1]["command"].startswith("skystack evaluate lateral")
+    assert read_measured(tmp_path / "nowhere") is None

@@ -1,0 +1,70 @@
+"""The licence report: what distributions state in their several ways, and what leads to them."""
+
+from importlib.metadata import PathDistribution
+
+import pytest
+
+from tools import licences
+
+
+def distribution_of(folder, name, *lines):
+    """A distribution with such metadata, as an installer leaves it."""
+    info = folder / f"{name}-1.dist-info"
+    info.mkdir()
+    head = (f"Name: {name}", "Version: 1+here", *lines)
+    (info / "METADATA").write_text("\n".join(head) + "\n")
+    return PathDistribution(info)
+
+
+@pytest.mark.parametrize(
+    ("stated", "expected"),
+    [
+        (["License-Expression: MIT", "License: other"], "MIT"),
+        (
+            ["License: see file", "Classifier: License :: OSI Approved :: BSD License"],
+            "BSD License",
+        ),
+        (["License: LGPL"], "LGPL"),
+        (["License: Own terms", "        of many lines"], "Own terms ..."),
+        (["License: ", "Classifier: Typing :: Typed"], "not stated"),
+    ],
+)
+def test_the_most_exact_statement_counts(tmp_path, stated, expected):
+    assert licences.licence(distribution_of(tmp_path, "one", *stated)) == expected
+
+
+def test_requirements_are_followed_as_far_as_they_hold_here(tmp_path, monkeypatch):
+    asks = (
+        "Requires-Dist: Two.b[fast]>=1",
+        "Requires-Dist: never; python_version < '3'",
+        "Requires-Dist: unasked; extra == 'all'",
+        "Requires-Dist: nvidia-cublas",
+    )
+    there = {
+        "one": distribution_of(tmp_path, "one", *asks),
+        "Two.b": distribution_of(tmp_path, "two_b", "Requires-Dist: three; extra == 'fast'"),
+    }
+
+    def find(name):
+        try:
+            return there[name]
+        except KeyError:
+            raise licences.PackageNotFoundError(name) from None
+
+    monkeypatch.setattr(licences, "distribution", find)
+    found, missing = licences.needed(["one"])
+    assert (set(found), missing) == ({"one", "two-b"}, {"three"})
+
+
+def test_copyleft_is_marked(tmp_path):
+    terms = {"a": "AGPL-3.0-or-later", "b": "MIT", "c": "MPL-2.0", "d": "LGPL"}
+    found = {
+        name: distribution_of(tmp_path, name, f"License: {said}") for name, said in terms.items()
+    }
+    lines = licences.table(found).splitlines()[2:]
+    assert lines == [
+        "| a | 1 | **AGPL-3.0-or-later** |",
+        "| b | 1 | MIT |",
+        "| c | 1 | **MPL-2.0** |",
+        "| d | 1 | **LGPL** |",
+    ]

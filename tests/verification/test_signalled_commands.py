@@ -1,0 +1,73 @@
+"""One training that is terminated, and what the study must notice; the full count is its own."""
+
+import signal
+import sys
+import time
+
+import pytest
+
+from verification.robustness import signalled_commands
+from verification.robustness.signalled_commands import SIGNALLED, Place, signalled
+
+# Its children run another program at once: nothing of JAX goes on in them after the fork.
+pytestmark = pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")
+
+READY = """
+import os, pathlib, signal, subprocess, sys, time
+folder, cache = pathlib.Path(sys.argv[1]), pathlib.Path(os.environ["SKYSTACK_CACHE"])
+signal.signal(signal.SIGTERM, lambda *_: {then})
+(folder / "ready.jsonl").touch()
+while True:
+    time.sleep(0.01)
+"""
+WRONG = {
+    "os._exit(0)": "exit code 0 after SIGTERM",
+    "os._exit(130)": "exit code 130 after SIGTERM",
+    "1 / 0": "exit code 1 after SIGTERM",
+    "(print('Traceback', file=sys.stderr, flush=True), os._exit(143))": "a traceback",
+    "((folder / '.a.b.aside').touch(), os._exit(143))": "left behind",
+    "((cache / 'running-1').mkdir(parents=True), os._exit(143))": "left behind",
+    "((folder / 'a.json').write_text('{'), os._exit(143))": "half-written",
+    "(subprocess.Popen([sys.executable, '-c', 'input()'], stdin=-1), os._exit(143))": "running",
+}
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    monkeypatch.setenv("SKYSTACK_CACHE", str(tmp_path / "programs"))
+    monkeypatch.setattr(signalled_commands, "ORPHAN_S", 0.0)
+    (tmp_path / "work").mkdir()
+    return Place(tmp_path / "work", tmp_path, tmp_path)
+
+
+def test_a_training_that_is_terminated(place):
+    metrics = place.folder / "run" / "metrics.jsonl"
+    command = SIGNALLED["train"].command(place)
+    ended = signalled(
+        command, place, signal.SIGTERM, False, lambda: metrics.exists() and metrics.read_bytes()
+    )
+    assert ended == ("code", ())
+    assert (place.folder / "run" / "checkpoint" / "learner.safetensors").exists()
+
+
+@pytest.mark.parametrize("then", ["os._exit(143)", *WRONG])
+def test_every_fault_is_detected(place, then):
+    ready = place.folder / "ready.jsonl"
+    program = READY.format(then=then)
+    command = [sys.executable, "-c", program, str(place.folder)]
+    ended = signalled(command, place, signal.SIGTERM, False, ready.exists)
+    assert ended.how == "code"
+    if then in WRONG:
+        assert WRONG[then] in ended.wrong[0]
+    else:
+        assert ended.wrong == ()
+
+
+def test_a_command_that_has_ended_before(place):
+    ended = signalled([sys.executable, "-c", ""], place, signal.SIGTERM, False, never)
+    assert ended == ("before", ())
+
+
+def never():
+    time.sleep(0.01)
+    return False

@@ -1,0 +1,168 @@
+"""A share of the random worlds, 20,000 cycles; the million is the command's."""
+
+import numpy as np
+import pytest
+
+from verification.simulator import simulator_invariants
+from verification.simulator.compared_flights import comparisons, draw_change
+from verification.simulator.invariants import invariants
+from verification.simulator.random_worlds import CYCLES, SETTINGS, Flier, draw, setting_of, together
+from verification.simulator.simulator_invariants import BOUNDS, batches, main, try_worlds
+
+STEERED, NAVIGATING = (range(setting, setting + 12 * 167, 12) for setting in (3, 5))
+"""4 aircraft by the default table, and 6 of a fleet, half of them on own navigation."""
+
+
+@pytest.fixture(scope="module")
+def flier():
+    return Flier(setting_of(STEERED[0]))
+
+
+def test_nothing_is_found_in_20_000_cycles(flier):
+    tallies = {}
+    try_worlds(flier, STEERED, 0, tallies)
+    try_worlds(Flier(setting_of(NAVIGATING[0])), NAVIGATING, 0, tallies)
+    assert CYCLES * (len(STEERED) + len(NAVIGATING)) >= 20_000
+    assert {name: tally.findings for name, tally in tallies.items() if tally.findings} == {}
+    assert tallies.keys() == BOUNDS.keys()
+    assert all(tally.looked_at > 0 for tally in tallies.values())
+
+
+def moved(flown, part, field, add):
+    """The flight with a field changed a little, for aircraft 1 of every world in cycle 7."""
+    rows = getattr(flown, part)
+    values = np.array(getattr(rows, field))
+    values[7, 1] = np.asarray(add(values[7, 1]), dtype=values.dtype)
+    return flown._replace(**{part: rows._replace(**{field: values})})
+
+
+FAULTS = [
+    ("told", "position_nm", 1e-4, "instruct changes nothing physical"),
+    ("told", "cleared_level", 60_000.0, "instruct clears what was said, no more"),
+    ("after", "heading_deg", 0.1, "an inactive aircraft changes in nothing"),
+    ("after", "heading_deg", 360.0, "everything is finite, headings in [0, 360)"),
+    ("after", "ground_speed_kt", np.nan, "everything is finite, headings in [0, 360)"),
+    ("after", "position_nm", 0.5, "moves no further than speed x time"),
+    ("after", "heading_deg", 9.1, "turns no faster than the turn rate"),
+    ("after", "level", 1.0, "no level beyond the one flown to"),
+    ("after", "level", 1.0, "the level, to the tick"),
+    ("after", "vertical_speed_ft_min", 1.0, "the vertical speed"),
+    ("after", "ground_speed_kt", 0.002, "the ground speed"),
+    ("after", "heading_deg", 0.001, "the heading"),
+    ("after", "heading_deg", 0.0001, "a heading is captured exactly"),
+    ("after", "position_nm", 0.0005, "the displacement"),
+    ("after", "flown_level", 60_000.0, "what was told is flown from the next cycle on"),
+    ("after", "turn_deg", 0.001, "a turn begins the way that was told"),
+]
+
+
+@pytest.fixture(scope="module")
+def flight(flier):
+    world = together([draw(1, number) for number in STEERED])
+    change = together([draw_change(1, number, 4) for number in STEERED])
+    return world, flier.fly(world), change
+
+
+def passed(seen):
+    """The invariants whose bound is passed."""
+    tallies = {}
+    simulator_invariants.judge(seen, STEERED, tallies)
+    return {name for name, tally in tallies.items() if tally.findings}
+
+
+@pytest.mark.parametrize(("part", "field", "by", "name"), FAULTS)
+def test_a_fault_of_one_cycle_is_found(flier, flight, part, field, by, name):
+    world, flown, _ = flight
+    faulty = moved(flown, part, field, lambda values: values + by)
+    assert name in passed(
+        invariants(faulty, world.told, flier.limits, flier.simulator.sector.plane)
+    )
+
+
+def test_standing_still_is_found(flier, flight):
+    world, flown, _ = flight
+    after = flown.after._replace(position_nm=flown.told.position_nm)
+    found = passed(
+        invariants(
+            flown._replace(after=after), world.told, flier.limits, flier.simulator.sector.plane
+        )
+    )
+    assert "moves no less than a turn allows" in found
+
+
+@pytest.mark.parametrize(
+    ("field", "by", "names"),
+    [
+        ("position_nm", 0.02, {"told alone it flies as among others", "mirrored: position"}),
+        ("position_nm", 0.02, {"shifted: position", "float64: position"}),
+        ("heading_deg", 0.002, {"mirrored: heading", "float64: heading"}),
+        ("heading_deg", 0.002, {"two exchanged fly exchanged"}),
+        ("level", 1.0, {"mirrored: level, speeds", "float64: level"}),
+        ("level", 1.0, {"shifted: heading, level, speeds"}),
+    ],
+)
+def test_another_flight_that_differs_is_found(flier, flight, field, by, names):
+    world, flown, change = flight
+    faulty = moved(flown, "after", field, lambda values: values + by)
+    assert names <= passed(comparisons(flier, world, faulty, change))
+
+
+def test_a_fly_by_turn_that_is_too_tight_is_found(flier, flight):
+    world, flown, _ = flight
+    faulty = moved(flown, "after", "next_fix", lambda values: values + 1)
+    faulty = moved(faulty, "after", "turn_radius_nm", lambda values: values + 0.1)
+    found = passed(invariants(faulty, world.told, flier.limits, flier.simulator.sector.plane))
+    assert "fly-by turns at 30 degrees of bank at most" in found
+
+
+class Given:
+    """In place of a flier: flights one after another, the last again and again."""
+
+    def __init__(self, *flights):
+        self._flights = list(flights)
+
+    def fly(self, world, dtype="float32"):
+        return self._flights.pop(0) if len(self._flights) > 1 else self._flights[0]
+
+
+@pytest.mark.parametrize(
+    ("field", "by", "name"),
+    [
+        ("level", 1.0, "untold it flies as if nobody was told"),
+        ("position_nm", 0.3, "float64, own navigation: position"),
+        ("heading_deg", 6.0, "float64, own navigation: heading"),
+    ],
+)
+def test_other_flights_that_differ_from_each_other_are_found(flight, field, by, name):
+    world, flown, change = flight
+    navigating = np.ones_like(world.start.own_navigation)
+    world = world._replace(start=world.start._replace(own_navigation=navigating))
+    faulty = moved(flown, "after", field, lambda values: values + by)
+    assert name not in passed(comparisons(Given(flown), world, flown, change))
+    assert name in passed(comparisons(Given(flown, faulty), world, flown, change))
+
+
+def test_a_world_depends_on_the_seed_and_its_number_only():
+    one, again, other = (draw(seed, 17).start.position_nm for seed in (3, 3, 4))
+    assert np.array_equal(one, again)
+    assert not np.array_equal(one, other)
+    assert not np.array_equal(one, draw(3, 17 + len(SETTINGS)).start.position_nm)
+
+
+@pytest.mark.parametrize("count", [1, 20_000, 1_000_000])
+def test_every_world_is_flown_once_with_others_of_its_setting(count):
+    work = batches(count)
+    numbers = sorted(number for each in work for number in each)
+    assert numbers == list(range(len(numbers)))
+    assert 0 <= len(numbers) * CYCLES - count < len(work) * CYCLES * len(SETTINGS)
+    assert len({len(each) for each in work}) == 1
+    assert all(len({setting_of(number) for number in each}) == 1 for each in work)
+
+
+def test_findings_are_printed_with_their_place(monkeypatch, capsys):
+    monkeypatch.setitem(BOUNDS, "the heading", BOUNDS["the heading"]._replace(most=-1.0))
+    assert main(["--world", "1", "--seed", "2"]) == 1
+    printed = capsys.readouterr()
+    assert "the heading: seed 2, world 1, cycle 0, aircraft 0: " in printed.err
+    assert "60 cycles of 1 worlds" in printed.err
+    assert "the displacement" in printed.out

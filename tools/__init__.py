@@ -1,0 +1,1 @@
+"""Maintenance: licences and shipped policies; `python -m tools.MODULE`."""

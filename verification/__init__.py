@@ -1,0 +1,1 @@
+"""Checks of skystack that run for minutes or hours; `python -m verification.PACKAGE.MODULE`."""

@@ -1,0 +1,1 @@
+"""Readers of files given millions of damaged and hostile inputs."""

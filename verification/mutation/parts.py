@@ -1,0 +1,111 @@
+"""What `mutation_run` changes: the modules of some packages, and the tests that should notice."""
+
+import tomllib
+from pathlib import Path
+
+BASE = ("tests.conftest", "skystack.simulator.generator", "optax", "pyarrow", "scipy.stats")
+TASKS = (*BASE, "skystack.tasks.build")
+LEARNING = (*TASKS, "skystack.learning.policy")
+PRELOADED = {
+    "stacking": BASE,
+    "tasks": BASE,
+    "learning": TASKS,
+    "platforms": TASKS,
+    "evaluation": LEARNING,
+    "gym": LEARNING,
+    "reporting": (*LEARNING, "matplotlib.figure", "matplotlib.backends.backend_agg"),
+}
+"""The packages that can be changed, and what is imported once for all their tests: nothing of it
+imports what is changed."""
+
+CHOSEN = {
+    "stacking": ("stacking.py",),
+    "reporting": tuple(
+        f"reporting/{name}.py"
+        for name in ("claims", "comparison", "labels", "results", "tables", "typical")
+    ),
+}
+"""The modules of a package of which not all are changed: of reporting those that judge."""
+
+CYCLES = ("tests/tasks/test_cycle_rewards.py",)
+TESTS = {
+    "stacking.py": ("tests/test_stacking.py",),
+    "tasks/compiled.py": ("tests/tasks/test_plain.py",),
+    "tasks/build.py": ("tests/tasks/test_flight_time.py",),
+    "tasks/contract.py": CYCLES,
+    "tasks/features.py": ("tests/tasks/test_tracking.py",),
+    "tasks/settings.py": ("tests/tasks/test_build.py",),
+    "tasks/wrapper.py": ("tests/tasks/test_build.py", "tests/tasks/test_batch.py"),
+    "tasks/navigation.py": CYCLES,
+    "tasks/rewards.py": CYCLES,
+    "tasks/tracking.py": ("tests/tasks/test_separation.py",),
+    "learning/inference.py": ("tests/learning/test_network.py",),
+    "learning/network.py": ("tests/learning/test_ppo.py",),
+    "platforms/bluebird.py": (
+        "tests/platforms/test_fleets.py",
+        "tests/platforms/test_longitudes.py",
+    ),
+    "platforms/bluesky.py": ("tests/platforms/test_fleets.py",),
+    "platforms/instruction.py": ("tests/platforms/test_phraseology.py",),
+    "platforms/own.py": ("tests/platforms/test_flight.py",),
+    "platforms/protocol.py": ("tests/platforms/test_flight.py",),
+    "evaluation/columns.py": ("tests/evaluation/test_stored.py",),
+    "evaluation/elsewhere.py": ("tests/evaluation/test_rollout.py",),
+    "evaluation/hosted.py": ("tests/evaluation/test_rollout.py",),
+    "evaluation/judge.py": (
+        "tests/evaluation/test_evaluation.py",
+        "tests/evaluation/test_platform_rollout.py",
+    ),
+    "evaluation/paper.py": ("tests/evaluation/test_summary.py",),
+    "evaluation/rollout.py": ("tests/evaluation/test_evaluation.py",),
+    "gym/environment.py": ("tests/gym/test_radar.py",),
+    "gym/vector.py": ("tests/gym/test_radar.py", "tests/gym/test_sb3.py"),
+}
+"""Tests of a module beside those of its own name; where it has neither, all of its package."""
+
+LEFT_OUT = (
+    *("same_clearances", "physical", "cap_of_the_lateral"),  # stacking
+    *("keeps_the_contract", "conform_to_the_contract", "flies_like_its_scenarios"),  # tasks
+    *("starts_of_a_hairpin", "a_climb_of_150_levels", "uninstructed"),
+    *("agree_with_geometry", "go_on_costing", "has_strayed_at_the_end", "papers_table"),
+    *("a_crowd_begins", "bends_in_the_plane", "stacking_in_a_compiled_program"),
+    *("known_answer", "bit_for_bit", "compiled_once"),  # learning
+)
+"""Parts of the names of tests that are not asked: whole flights and trainings, which take long and
+show little more of a change than the small cases do."""
+
+IN_PROCESSES = frozenset({"gym/vector.py", "platforms/processes.py", "platforms/guard.py"})
+"""Modules that tests run in other processes too, where the lines that are run are not noted: all
+their changes are tried."""
+
+
+def modules(root: Path, package: str) -> tuple[str, ...]:
+    """The modules of a package that are changed, relative to `src/skystack`."""
+    source = root / "src" / "skystack"
+    found = sorted(str(path.relative_to(source)) for path in (source / package).glob("*.py"))
+    return CHOSEN.get(package) or tuple(name for name in found if not name.endswith("__init__.py"))
+
+
+def tests(root: Path, module: str) -> tuple[str, ...]:
+    """The test files nearest to a module."""
+    path = Path("tests", module)
+    own = path.with_name(f"test_{path.name}")
+    named = [str(own)] if (root / own).exists() else []
+    extra = [name for name in TESTS.get(module, ()) if name not in named]
+    rest = sorted(str(each.relative_to(root)) for each in (root / path.parent).glob("test_*.py"))
+    return tuple(named + extra or rest)
+
+
+def equivalent(package: str) -> dict[tuple[str, str, str], str]:
+    """Changes that mean the same as before, by module and changed lines, and why.
+
+    In `equivalent_mutants/PACKAGE.toml`, by module: `before`, `after` and `why` of each.
+    """
+    path = Path(__file__).parent / "equivalent_mutants" / f"{package}.toml"
+    if not path.exists():
+        return {}
+    return {
+        (module, each["before"], each["after"]): each["why"]
+        for module, changes in tomllib.loads(path.read_text()).items()
+        for each in changes
+    }

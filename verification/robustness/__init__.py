@@ -1,0 +1,1 @@
+"""Commands that are interrupted or killed, other processors, an empty environment."""

@@ -1,0 +1,206 @@
+"""Random worlds for trying the simulator: who flies where, and what is said to whom in which cycle.
+
+A world depends on the seed and its number alone. Worlds of one setting fly together, as the last
+axis of every array.
+"""
+
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool
+
+from skystack.airspace.sectors import sector_named, sector_names
+from skystack.simulator.fleet import AircraftType, fleet
+from skystack.simulator.performance import PERFORMANCE, TICKS_PER_FL
+from skystack.simulator.simulator import Simulator, instruct
+from skystack.simulator.traffic import NO_TURN, Clearance, Traffic, start
+from verification.simulator.closed_form import Rows, limits
+
+Tree = TypeVar("Tree")
+
+CYCLES = 60
+"""Of a world: six minutes."""
+HALF_WIDTH_NM = 140.0
+"""Of the square in which aircraft start: no further from the origin than anything may lie."""
+HIGHEST_FL = 450
+"""Levels start from FL10; the table's ceiling is FL400."""
+FLEET = fleet(
+    (
+        AircraftType(),
+        AircraftType(
+            type="AT76", low_cas_kt=(160.0, 170.0, 180.0), high_cas_kt=(160.0, 170.0, 180.0),
+            mach=(0.4, 0.44, 0.42), rate_ft_min=1200.0, ceiling_fl=250.0,
+        ),
+        AircraftType(type="C56X", mach=(0.7, 0.75, 0.72), rate_ft_min=4000.0, ceiling_fl=450.0),
+    )
+)  # fmt: skip
+MODELS: dict[str, Any] = {**PERFORMANCE, "fleet": FLEET}
+
+
+class Setting(NamedTuple):
+    """What a compiled program is made for."""
+
+    sector: str
+    model: str
+    own_navigation: bool
+    aircraft: int
+
+    def simulator(self) -> Simulator:
+        return Simulator(sector_named(self.sector), MODELS[self.model], self.own_navigation)
+
+
+_NAVIGATING = (0, 5, 7, 10)
+"""In each sector once, and under each model."""
+_SECTORS, _MODELS = sector_names(), list(MODELS)
+SETTINGS = tuple(
+    Setting(_SECTORS[n % len(_SECTORS)], _MODELS[n % len(_MODELS)], n in _NAVIGATING, n + 1)
+    for n in range(12)
+)
+"""1 to 12 aircraft, every shipped sector under every performance model. World n is of setting
+n modulo 12."""
+
+
+def setting_of(number: int) -> Setting:
+    """Which setting the world of a number is of."""
+    return SETTINGS[number % len(SETTINGS)]
+
+
+class Start(NamedTuple):
+    """Aircraft at the beginning: the fields of `Traffic` that are drawn."""
+
+    position_nm: np.ndarray
+    heading_deg: np.ndarray
+    level: np.ndarray
+    route: np.ndarray
+    next_fix: np.ndarray
+    own_navigation: np.ndarray
+    kind: np.ndarray
+
+
+class World(NamedTuple):
+    """Start, and what happens in each cycle; of one world, or of many along the last axis."""
+
+    start: Start
+    active: Bool[np.ndarray, "cycles aircraft *batch"]
+    told: Rows
+    """`[cycles, aircraft, *batch]`."""
+
+
+class Flown(NamedTuple):
+    """A flight, `[cycles, ...]`: before each cycle, with what was said, and one cycle later."""
+
+    before: Rows
+    told: Rows
+    after: Rows
+
+
+def draw(seed: int, number: int) -> World:
+    """The world of a number, without a batch axis."""
+    setting = setting_of(number)
+    random = np.random.default_rng([seed, number])
+    shape = (CYCLES, setting.aircraft)
+    return World(
+        start=_start(random, setting),
+        active=_active(random, shape),
+        told=_clearances(random, shape),
+    )
+
+
+def _start(random: np.random.Generator, setting: Setting) -> Start:
+    """Anywhere, at any heading and level (half of them whole degrees and tens), flying level.
+
+    Half are near the leg to their next fix, and point along it: so fly-by turns come often.
+    """
+    count, table = setting.aircraft, sector_named(setting.sector).route_table
+    position = random.uniform(-HALF_WIDTH_NM, HALF_WIDTH_NM, (count, 2))
+    heading, level = random.uniform(0.0, 360.0, count), random.uniform(10.0, HIGHEST_FL, count)
+    heading = np.where(random.random(count) < 0.5, np.floor(heading), heading)
+    level = np.where(random.random(count) < 0.5, np.round(level, -1), level)
+    route = random.integers(0, len(table.last_fix), count, dtype=np.int32)
+    fix = 1 + (random.random(count) * table.last_fix[route]).astype(np.int32)
+    leg = table.fixes_nm[route, fix] - table.fixes_nm[route, fix - 1]
+    beside = table.fixes_nm[route, fix] - random.random((count, 1)) * leg
+    beside += random.uniform(-2.0, 2.0, (count, 2))
+    routed, along = random.random(count) < 0.5, np.degrees(np.arctan2(leg[:, 0], leg[:, 1]))
+    heading = np.where(routed, along + random.uniform(-20.0, 20.0, count), heading)
+    return Start(
+        position_nm=np.where(routed[:, None], beside, position).astype(np.float32),
+        heading_deg=heading.astype(np.float32) % np.float32(360.0),
+        level=np.round(level * TICKS_PER_FL).astype(np.float32),
+        route=route,
+        next_fix=fix,
+        own_navigation=(random.random(count) < 0.5) & setting.own_navigation,
+        kind=random.integers(0, len(MODELS[setting.model].types), count, dtype=np.int32),
+    )
+
+
+def _active(random: np.random.Generator, shape: tuple[int, int]) -> Bool[np.ndarray, "c aircraft"]:
+    """All the time; two in five are inactive for a while, at the start or at the end too."""
+    cycle = np.arange(shape[0])[:, None]
+    first, last = np.sort(random.integers(-10, shape[0] + 10, (2, shape[1])), axis=0)
+    return (random.random(shape[1]) < 0.6) | (cycle < first) | (cycle >= last)
+
+
+def _clearances(random: np.random.Generator, shape: tuple[int, int]) -> Rows:
+    """Headings, by each way of turning, often, now and then or never; a level in a cycle of ten.
+
+    Every other heading is near one that the aircraft likes: the same again, ten degrees beside it
+    or the opposite come often.
+    """
+    share = random.choice([0.0, 0.1, 0.3], shape[1])
+    liked = random.integers(0, 360, shape[1]) + random.choice([0, 0, 10, -10, 180], shape)
+    heading = np.where(random.random(shape) < 0.5, liked, random.integers(0, 360, shape)) % 360
+    turn = np.where(random.random(shape) < share, random.integers(1, 4, shape), NO_TURN)
+    level = 10 * random.integers(1, HIGHEST_FL // 10 + 1, shape) * TICKS_PER_FL
+    told: Any = {
+        "turn": turn.astype(np.int32),
+        "heading_deg": heading.astype(np.float32),
+        "changes_level": random.random(shape) < 0.1,
+        "level": level.astype(np.float32),
+    }
+    return Clearance(**told)
+
+
+def together(each: list[Tree]) -> Tree:
+    """What there is of each world, along the last axis."""
+    return jax.tree.map(lambda *leaves: np.stack(leaves, axis=-1), *each)
+
+
+class Flier:
+    """Flies worlds of one setting; one program for as many worlds and each precision."""
+
+    def __init__(self, setting: Setting) -> None:
+        self.simulator = setting.simulator()
+        self.limits = limits(MODELS[setting.model])
+        self._compiled = jax.jit(self._fly)
+
+    def fly(self, world: World, dtype: str = "float32") -> Flown:
+        """All cycles, as numpy arrays; "float64" computes in that from the same start."""
+        with jax.enable_x64(dtype == "float64"), jax.numpy_dtype_promotion("standard"):
+            wanted = jax.tree.map(
+                lambda leaf: leaf.astype(dtype) if leaf.dtype.kind == "f" else leaf, world
+            )
+            return jax.tree.map(np.asarray, self._compiled(wanted))
+
+    def _fly(self, world: Any) -> Flown:
+        def cycle(before: Traffic, happens: Any) -> tuple[Traffic, Flown]:
+            active, told = happens
+            before = before._replace(active=active)
+            instructed = instruct(before, told)
+            after = self.simulator.advance(instructed)
+            return after, Flown(before, instructed, after)
+
+        begun = world.start
+        traffic = start(
+            begun.position_nm,
+            begun.heading_deg,
+            begun.level,
+            begun.route,
+            jnp.zeros_like(begun.level),  # not known before the first cycle
+            begun.own_navigation,
+            begun.kind,
+        )
+        traffic = traffic._replace(next_fix=begun.next_fix)
+        return jax.lax.scan(cycle, traffic, (world.active, world.told))[1]
