@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import onnxruntime
 
-from skystack.evaluation.evaluate import task_of
+from skystack.evaluation.evaluate import policy_task
 from skystack.export.onnx_file import export_onnx
 from skystack.learning.seeds import scenario_key
 from skystack.platforms.adoption import SKYSTACK, in_words
@@ -27,7 +27,7 @@ from skystack.stacking import stack
 from skystack.tasks.plain import PlainTask
 
 policy = find_policy("lateral-best")
-task = task_of(policy)
+task = policy_task(policy)
 with TemporaryDirectory() as folder:
     path = Path(folder) / "lateral-best.onnx"
     export_onnx(policy, path)
@@ -52,7 +52,9 @@ while not over:
         flown = environment.state_of(seen).traffic
         who, _ = task.actions.changes[clearance.action - 1]
         command = Instruction(f"AC{who + 1}", heading_deg=int(cleared_deg[who]))
-        heading_deg, level = (np.array([each[who]]) for each in (flown.heading_deg, flown.level))
+        heading_deg, level = (
+            np.array([each[who]]) for each in (flown.heading_deg, flown.level_ticks)
+        )
         (said,) = in_words([command], heading_deg, level / TICKS_PER_FL, SKYSTACK)
         print(f"{6 * cycle:4d} s  {written(said)} (from {clearance.instructions})")
     cycle, over = cycle + 1, bool(outcome.terminated)

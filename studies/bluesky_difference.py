@@ -30,9 +30,9 @@ from skystack.airspace.projection import geodesic_leg
 from skystack.airspace.sector import LatLon
 from skystack.errors import InputError
 from skystack.evaluation.agreement import same_clearances
-from skystack.evaluation.evaluate import task_of
-from skystack.evaluation.platform_rollout import Job, Pilot
-from skystack.evaluation.rollout import Recording, network_controller, together
+from skystack.evaluation.evaluate import policy_task
+from skystack.evaluation.platform_rollout import Pilot, PlatformRollout
+from skystack.evaluation.rollout import Recording, concatenate, network_controller
 from skystack.evaluation.tables import Tables, make_tables
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.own import Skystack
@@ -114,7 +114,7 @@ def _with_habits(habits: Habits, folder: Path) -> Platform:
     return WithHabits(habits)
 
 
-def flights(job: Job, scenarios: int) -> Iterator[Recording]:
+def flights(job: PlatformRollout, scenarios: int) -> Iterator[Recording]:
     """The scenarios, one after another in this process."""
     with tempfile.TemporaryDirectory() as folder:
         pilot = Pilot(job, Path(folder))
@@ -146,12 +146,12 @@ def main(arguments: list[str]) -> int:
     except InputError as error:
         sys.stderr.write(f"{error}\n")
         return 2
-    task = task_of(policy)
+    task = policy_task(policy)
     controller = partial(network_controller, policy.actor, policy.normaliser, True)
 
     def flown(open_one: Callable[[Path], Platform]) -> Tables:
-        job = Job(task, controller, True, 0, open_one)
-        return make_tables(task, together(list(flights(job, int(scenarios)))))
+        job = PlatformRollout(task, controller, True, 0, open_one)
+        return make_tables(task, concatenate(list(flights(job, int(scenarios)))))
 
     theirs = flown(partial(open_platform, "bluesky"))
     found = {"BlueSky": theirs}

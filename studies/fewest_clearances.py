@@ -34,7 +34,7 @@ from rich.console import Console
 from rich.progress import track
 
 from skystack.errors import InputError
-from skystack.io.files import write_aside
+from skystack.io.files import atomic_write
 from skystack.learning.seeds import scenario_key
 from skystack.simulator.traffic import Traffic
 from skystack.tasks.actions import STEP_DEG, TurnTable
@@ -110,7 +110,7 @@ class Search:
     def succeeds(self, state: NavigationState) -> Bool[Array, ""]:
         """Whether the flight goes on to a success without another word."""
         memory = jax.lax.while_loop(self._in_play, self._advance, state).memory
-        return jnp.all(memory.exited_correctly & ~memory.strayed)
+        return jnp.all(memory.exited_correctly & ~memory.excursion)
 
     @_compiled
     def fly(self, state: NavigationState) -> tuple[NavigationState, Int[Array, ""]]:
@@ -148,7 +148,7 @@ class Search:
 
     def _in_play(self, state: NavigationState) -> Bool[Array, ""]:
         """Whether a success is still possible: neither out, nor strayed, nor out of time."""
-        flying = jnp.all(state.traffic.active & ~state.memory.strayed)
+        flying = jnp.all(state.traffic.active & ~state.memory.excursion)
         return flying & (state.memory.cycles < self.task.settings.cycles)
 
     def _advance(self, state: NavigationState) -> NavigationState:
@@ -219,7 +219,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         result = measure(options.scenarios, options.seed, console)
         text = json.dumps(result) + "\n"
         if options.file:
-            write_aside(options.file, text.encode())
+            atomic_write(options.file, text.encode())
     except (InputError, RuntimeError) as error:
         console.print(f"error: {error}", soft_wrap=True, markup=False, highlight=False)
         return 2 if isinstance(error, InputError) else 1

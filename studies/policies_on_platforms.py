@@ -16,15 +16,15 @@ from pathlib import Path
 
 from skystack.cli.console import count_scenarios
 from skystack.errors import InputError, PlatformError
-from skystack.evaluation.cross_platform import judge_everywhere
-from skystack.evaluation.summary import Row
+from skystack.evaluation.cross_platform import evaluate_on_platforms
+from skystack.evaluation.summary import RowValues
 from skystack.policies.shipped import find_policy
 
 SCENARIOS = 100
 KEYS = ("experiment", "stacking", "platform", "clearances_mean", "success_rate", "wall_s")
 
 
-def holds(ours: Row, theirs: Row) -> bool:
+def holds(ours: RowValues, theirs: RowValues) -> bool:
     """Whether a stacked row of another simulator is as it must be."""
     if theirs["platform"] == "bluesky":
         return bool(theirs["success_rate"] >= 0.95)
@@ -43,7 +43,7 @@ def main(arguments: list[str]) -> int:
         for name in arguments or ["lateral", "lateral-tuned"]:
             policy = find_policy(name)
             with tempfile.TemporaryDirectory() as folder:
-                found = judge_everywhere(
+                found = evaluate_on_platforms(
                     policy, ("bluebird", "bluesky"), SCENARIOS, Path(folder), count_scenarios
                 )
             ours = {row["stacking"]: row for row in found.rows if row["platform"] == "skystack"}

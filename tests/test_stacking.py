@@ -358,7 +358,7 @@ def row(states, index):
     return jax.tree.map(lambda values: values[index], states)
 
 
-PHYSICAL = ("position_nm", "heading_deg", "level", "ground_speed_kt", "vertical_speed_ft_min")
+PHYSICAL = ("position_nm", "heading_deg", "level_ticks", "ground_speed_kt", "vertical_speed_ft_min")
 
 
 def test_nothing_physical_moves_during_a_stack(lateral):
@@ -368,10 +368,17 @@ def test_nothing_physical_moves_during_a_stack(lateral):
         jax.vmap(lambda s: stack_traced(lateral, traced_lookup, s, jax.random.key(0)))
     )(before)
     assert int(jnp.max(stacks.instructions)) >= 3
-    for name in (*PHYSICAL, "flown_heading_deg", "turn_deg", "flown_level", "next_fix", "active"):
+    for name in (
+        *PHYSICAL,
+        "flown_heading_deg",
+        "turn_deg",
+        "flown_level_ticks",
+        "next_fix",
+        "active",
+    ):
         old, new = getattr(before.traffic, name), getattr(after.traffic, name)
         assert np.asarray(old).tobytes() == np.asarray(new).tobytes(), name
-    for name in ("cycles", "previous_nm", "next_fix", "entered", "exited", "strayed"):
+    for name in ("cycles", "previous_nm", "next_fix", "entered", "exited", "excursion"):
         old, new = getattr(before.memory, name), getattr(after.memory, name)
         assert np.asarray(old).tobytes() == np.asarray(new).tobytes(), name
 

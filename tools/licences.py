@@ -16,7 +16,7 @@ from pathlib import Path
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from skystack.io.files import write_aside
+from skystack.io.files import atomic_write
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "licences.md"
@@ -129,7 +129,7 @@ def main() -> int:
     if absent:
         sys.stderr.write(f"not installed: {', '.join(sorted(absent))} (allowed: all extras)\n")
         return 2
-    write_aside(PAGE, text.encode())
+    atomic_write(PAGE, text.encode())
     return 0
 
 

@@ -19,9 +19,9 @@ from rich.console import Console
 
 import skystack
 from skystack.errors import InputError, unknown_name
-from skystack.evaluation.evaluate import Conditions, judge
+from skystack.evaluation.evaluate import Conditions, evaluate
 from skystack.evaluation.summary import aggregate
-from skystack.io.files import make_folder, write_aside
+from skystack.io.files import atomic_write, make_folder
 from skystack.learning.experiment import experiment_from, load_experiment
 from skystack.learning.policy import Policy, load_policy
 from skystack.policies import measured, shipped
@@ -73,7 +73,7 @@ def measure(name: str, policy: Policy, revision: str | None, console: Console) -
         command = f"skystack evaluate {name} --episodes {conditions.episodes}"
         command += f" --seed {conditions.seed} --{'' if conditions.stacking else 'no-'}stacking"
         console.print(command, highlight=False, soft_wrap=True)
-        judged = judge(policy, conditions, None)
+        judged = evaluate(policy, conditions, None)
         row = aggregate([judged.row], [judged.episodes])
         rows.append({"command": f"{command} --json"} | row)
     return Measured(
@@ -102,7 +102,7 @@ def write(name: str, policy: Policy, found: Measured, source: Path | None = None
     contents[model_card.FILE] = model_card.card(name, policy, found).encode()
     folder = make_folder(shipped.SHIPPED / name)
     for file, data in contents.items():
-        write_aside(folder / file, data)
+        atomic_write(folder / file, data)
 
 
 def revision() -> str | None:

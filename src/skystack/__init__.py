@@ -4,7 +4,7 @@ What most programs need stands here; each name is loaded when it is first used.
 
     find_policy       a shipped policy by name, or that of a run folder: a callable of numpy
     find_agent        the same, or the policy in a file: ONNX, Stable-Baselines3
-    judge             fly a policy, a function too, on held-out scenarios, under `Conditions`
+    evaluate          fly a policy, also a function, on held-out scenarios, under `Conditions`
     Batched           marks a function of many observations at once as a policy
     load_experiment   a task and how it is learned, by name or from a TOML file
     train_experiment  train it into a folder
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from skystack.agents.find import find_agent
     from skystack.airspace.sectors import find_sector
     from skystack.errors import InputError
-    from skystack.evaluation.evaluate import Conditions, judge
+    from skystack.evaluation.evaluate import Conditions, evaluate
     from skystack.learning.experiment import load_experiment
     from skystack.learning.run import train_experiment
     from skystack.policies.shipped import find_policy
@@ -42,10 +42,10 @@ __all__ = [
     "TwoPhase",
     "__version__",
     "build_task",
+    "evaluate",
     "find_agent",
     "find_policy",
     "find_sector",
-    "judge",
     "load_experiment",
     "stack",
     "train_experiment",
@@ -62,7 +62,7 @@ _MODULES = {
     "find_agent": "agents.find",
     "find_policy": "policies.shipped",
     "find_sector": "airspace.sectors",
-    "judge": "evaluation.evaluate",
+    "evaluate": "evaluation.evaluate",
     "load_experiment": "learning.experiment",
     "stack": "stacking",
     "train_experiment": "learning.run",

@@ -7,7 +7,7 @@ from typing import NoReturn
 
 from skystack.cli import main
 from skystack.io import signals
-from skystack.io.streams import Prose, open_standard_files
+from skystack.io.streams import StandardError, open_standard_files
 
 
 def run() -> NoReturn:
@@ -20,7 +20,7 @@ def run() -> NoReturn:
         sys.exit(code)
     # Threads may still be compiling or flying: at exit Python would wait for them, or crash.
     atexit._run_exitfuncs()
-    Prose().flush()
+    StandardError().flush()
     os._exit(ended)
 
 

@@ -24,6 +24,15 @@ class InputError(ValueError):
         super().__init__(printable(shown))
 
 
+@contextmanager
+def error_context(where: str) -> Iterator[None]:
+    """Prefix the message of an InputError raised in the context with where it happened."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
 def printable(text: str) -> str:
     """The text with unprintable and control characters escaped."""
     if text.isprintable():

@@ -23,7 +23,7 @@ from skystack.errors import InputError, checked_whole
 State = TypeVar("State")
 Carry = TypeVar("Carry")
 
-NO_ACTION = 0
+NO_OP = 0
 """The action that instructs nobody."""
 
 ENDLESS = 1000
@@ -146,7 +146,7 @@ def stack_many(
     """`stack` for many scenarios at once, with a policy in plain Python.
 
     `policy` maps observations, the scenarios that still ask (a mask `[scenarios]`) and the number
-    of each one's query in this cycle to an action for every scenario, `NO_ACTION` for the others.
+    of each one's query in this cycle to an action for every scenario, `NO_OP` for the others.
     `asking` masks the scenarios to begin with. Without a limit a stack ends at `ENDLESS`.
     """
 
@@ -211,6 +211,6 @@ class _Burst(NamedTuple):
             again = self.both(useful, lambda who: self.ask(told, count, who) == action)
             return _Given(told, count, again)
 
-        first = _Given(state, zero, allowed(state, asking & (action != NO_ACTION)))
+        first = _Given(state, zero, allowed(state, asking & (action != NO_OP)))
         given = self.while_loop(lambda given: given.wanted, give, first)
         return given.state, Stack(action, given.instructions)

@@ -8,7 +8,7 @@ import pytest
 import skystack
 from skystack.agents.agent import Agent, Batched, agent_of
 from skystack.errors import InputError
-from skystack.evaluation.evaluate import Conditions, task_of_agent
+from skystack.evaluation.evaluate import Conditions, agent_task
 
 FEW = Conditions(episodes=2)
 
@@ -48,9 +48,9 @@ def test_the_experiment_must_be_given_and_fit():
     wrong = Agent("wrong", act=len, observations=7, actions=5)
     message = r"^wrong has 7 observed values and 5 actions \(allowed for vertical: 4, 3\)$"
     with pytest.raises(InputError, match=message):
-        task_of_agent(wrong, "vertical")
+        agent_task(wrong, "vertical")
     some = Agent("some", act=len, actions=3)
-    assert task_of_agent(some, "vertical", "merge").sector.name == "merge"
+    assert agent_task(some, "vertical", "merge").sector.name == "merge"
 
 
 def test_our_own_policies_carry_their_experiment():

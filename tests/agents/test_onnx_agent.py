@@ -17,7 +17,7 @@ import skystack
 from skystack.agents.find import find_agent
 from skystack.agents.onnx_agent import read_onnx
 from skystack.errors import InputError
-from skystack.evaluation.evaluate import Conditions, task_of_agent
+from skystack.evaluation.evaluate import Conditions, agent_task
 from skystack.export.onnx_file import export_onnx
 from skystack.policies.shipped import find_policy
 
@@ -88,9 +88,9 @@ def test_an_export_of_ours_knows_its_experiment(tmp_path):
     agent = find_agent(str(tmp_path / "mine.onnx"))
     assert agent.facts.experiment == "lateral-best"
     assert agent.facts.sha256 == policy.description.sha256
-    assert task_of_agent(agent, None).observation_names == policy.description.observation
+    assert agent_task(agent, None).observation_names == policy.description.observation
     with pytest.raises(InputError, match="mine: its observation or actions are not those"):
-        task_of_agent(agent, "lateral-large")
+        agent_task(agent, "lateral-large")
     conditions = Conditions(episodes=3)
     theirs, ours = (skystack.judge(each, conditions) for each in (agent, policy))
     assert theirs.clearances.equals(ours.clearances)
@@ -123,7 +123,7 @@ def test_metadata_is_read_with_care(tmp_path):
             read_onnx(write(path, **facts(experiment=name)))
     elsewhere = read_onnx(write(path, **facts(experiment="secret.toml")))
     with pytest.raises(InputError, match=r"does not ship.*--experiment NAME"):
-        task_of_agent(elsewhere, None)
+        agent_task(elsewhere, None)
 
 
 def test_weights_in_other_files_are_refused(tmp_path, monkeypatch):

@@ -33,4 +33,4 @@ def test_a_crowd_flies_along_its_routes():
     still = distance_right_of_route(ahead.position_nm, fixes)
     assert np.mean(np.abs(still) < 0.01) > 0.9  # the others have passed a bend
     assert len(set(np.asarray(drawn.traffic.route).tolist())) > 5
-    assert np.array_equal(drawn.exit_level, drawn.traffic.level)
+    assert np.array_equal(drawn.exit_level_ticks, drawn.traffic.level_ticks)

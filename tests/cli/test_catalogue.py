@@ -8,7 +8,7 @@ from rich.console import Console
 
 from skystack.cli import catalogue
 from skystack.errors import InputError
-from skystack.evaluation.evaluate import Conditions, judge
+from skystack.evaluation.evaluate import Conditions, evaluate
 from skystack.policies import measured, shipped
 from skystack.policies.measured import read_measured
 from skystack.policies.shipped import SHIPPED, find_policy, shipped_policies
@@ -60,7 +60,7 @@ def test_the_card_is_what_the_template_makes(name):
 def test_flown_again_a_policy_does_what_was_measured():
     """The numbers are of flights: other processors may decide a tie of logits the other way."""
     stated = read_measured(SHIPPED / "vertical").stacked
-    flown = judge(find_policy("vertical"), Conditions(episodes=stated["episodes"]), None).row
+    flown = evaluate(find_policy("vertical"), Conditions(episodes=stated["episodes"]), None).row
     for key in ("clearances_mean", "clearances_std", "instructions_mean"):
         assert flown[key] == pytest.approx(stated[key], rel=2e-3), key
     for key in ("success_rate", "correct_exit_rate", "excursion_rate", "few_clearances_rate"):

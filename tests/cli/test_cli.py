@@ -356,10 +356,12 @@ def test_scenarios_that_a_platform_did_not_finish_are_named(capsys, monkeypatch)
 def test_a_platform_that_fails_is_a_failure_that_names_the_scenario(capsys, monkeypatch):
     pytest.importorskip("pebble")
     from skystack.evaluation import simulate
-    from skystack.platforms.processes import Outcome
+    from skystack.platforms.processes import ItemResult
 
     monkeypatch.setattr(simulate, "check_platform", lambda name: None)
-    monkeypatch.setattr(simulate, "in_processes", lambda *_: [Outcome(None, "took more than 5 s")])
+    monkeypatch.setattr(
+        simulate, "in_processes", lambda *_: [ItemResult(None, "took more than 5 s")]
+    )
     path = EXAMPLES / "climb.json"
     code, _, err = run(capsys, "simulate", str(path), "--platform", "bluebird")
     assert (code, err) == (1, f"skystack: {path}: bluebird: took more than 5 s\n")

@@ -15,21 +15,21 @@ def traffic(shape, **columns):
     usual = {
         "position_nm": np.zeros((*shape, 2)),
         "heading_deg": 0.0,
-        "level": 300.0,
+        "level_ticks": 300.0,
         "ground_speed_kt": 400.0,
         "vertical_speed_ft_min": 0.0,
         "cleared_heading_deg": 0.0,
-        "cleared_level": 300.0,
+        "cleared_level_ticks": 300.0,
         "own_navigation": False,
         "route": 0,
         "kind": 0,
         "active": True,
     }
     given = usual | UNSEEN | columns
-    for name in ("level", "cleared_level"):
+    for name in ("level_ticks", "cleared_level_ticks"):
         given[name] = np.asarray(given[name], dtype=float) * TICKS_PER_FL
     given["flown_heading_deg"] = given["cleared_heading_deg"]
-    given["flown_level"] = given["cleared_level"]
+    given["flown_level_ticks"] = given["cleared_level_ticks"]
     return Traffic(**{name: _filled(name, value, shape) for name, value in given.items()})
 
 
@@ -45,10 +45,10 @@ def recording(number, ran, aircraft=2, *, start=None, later=None, **fields):
     scenarios, cycles = ran.shape
     nothing = np.zeros((scenarios, cycles, aircraft), dtype=bool)
     usual = {
-        "exit_level": np.full((scenarios, aircraft), 300.0 * TICKS_PER_FL, dtype=np.float32),
+        "exit_level_ticks": np.full((scenarios, aircraft), 300.0 * TICKS_PER_FL, dtype=np.float32),
         "entered": nothing,
         "exited": nothing,
-        "strayed": nothing,
+        "excursion": nothing,
         "action": np.zeros(ran.shape, dtype=np.int32),
         "instructions": np.zeros(ran.shape, dtype=np.int32),
         "reward": np.zeros(ran.shape, dtype=np.float32),

@@ -8,8 +8,8 @@ import pytest
 
 from skystack.errors import PlatformError
 from skystack.evaluation import everywhere
-from skystack.evaluation.cross_platform import judge_everywhere
-from skystack.evaluation.evaluate import Judged
+from skystack.evaluation.cross_platform import evaluate_on_platforms
+from skystack.evaluation.evaluate import Evaluation
 from skystack.policies.shipped import find_policy
 
 POLICY, FOLDER = find_policy("lateral"), Path("folder")
@@ -30,7 +30,7 @@ def clearances(values):
 
 def judged(conditions, values, failed=None):
     row = {"platform": conditions.platform, "stacking": conditions.stacking}
-    return Judged(row, pa.table({"scenario": list(values)}), clearances(values), failed or {})
+    return Evaluation(row, pa.table({"scenario": list(values)}), clearances(values), failed or {})
 
 
 def fake(policy, conditions, out, on_scenario=None):
@@ -59,7 +59,7 @@ def test_every_platform_stands_beside_ours(monkeypatch):
     def count(name, episodes):
         yield lambda done: counted.append((name, episodes, done))
 
-    found = judge_everywhere(POLICY, ["bluebird", "bluesky"], 4, FOLDER, count)
+    found = evaluate_on_platforms(POLICY, ["bluebird", "bluesky"], 4, FOLDER, count)
     rows = [(row["stacking"], row["platform"], row.get("same_clearances_rate")) for row in found[0]]
     third = pytest.approx(2 / 3)
     assert rows == [

@@ -13,11 +13,11 @@ from skystack.agents.agent import Agent
 from skystack.errors import InputError
 from skystack.evaluation.evaluate import (
     Conditions,
+    agent_task,
+    evaluate,
+    evaluate_no_op,
     evaluation_folder,
-    judge,
-    judge_nobody,
-    task_of,
-    task_of_agent,
+    policy_task,
 )
 from skystack.learning.experiment import Experiment, load_experiment
 from skystack.policies.facts import Facts, facts
@@ -26,7 +26,7 @@ from skystack.simulator.fleet import AircraftType
 from skystack.tasks.settings import TaskSettings
 
 LATERAL = find_policy("lateral")
-TASK = task_of(LATERAL)
+TASK = policy_task(LATERAL)
 FACTS = Facts(**facts(LATERAL))
 
 
@@ -40,17 +40,17 @@ def agent(**changes):
 
 
 def test_a_policy_is_evaluated_on_the_task_it_was_trained_for():
-    vertical = task_of(find_policy("vertical"))
+    vertical = policy_task(find_policy("vertical"))
     assert (vertical.name, vertical.actions.kind) == ("vertical", "level")
     assert TASK.settings == load_experiment("lateral").task
 
 
 def test_another_sector_and_other_cycles_change_nothing_else():
-    elsewhere = task_of(LATERAL, "merge", 432)
+    elsewhere = policy_task(LATERAL, "merge", 432)
     assert elsewhere.sector.name == "merge"
     assert elsewhere.settings == msgspec.structs.replace(TASK.settings, sector="merge", cycles=432)
-    assert task_of(LATERAL, cycles=299).settings.cycles == 299
-    of_agent = task_of_agent(agent(), "lateral", "merge", 432)
+    assert policy_task(LATERAL, cycles=299).settings.cycles == 299
+    of_agent = agent_task(agent(), "lateral", "merge", 432)
     assert of_agent.settings == elsewhere.settings
 
 
@@ -65,23 +65,23 @@ def test_another_sector_and_other_cycles_change_nothing_else():
 )
 def test_what_was_trained_for_another_task_is_refused(changes, message):
     with pytest.raises(InputError, match=f"policy lateral-s0.* {message}"):
-        task_of(described(**changes))
+        policy_task(described(**changes))
     with pytest.raises(InputError, match=f"theirs.* {message}"):
-        task_of_agent(agent(facts=msgspec.structs.replace(FACTS, **changes)), None)
+        agent_task(agent(facts=msgspec.structs.replace(FACTS, **changes)), None)
 
 
 def test_an_agent_is_for_the_experiment_that_is_named_or_that_it_names():
-    assert task_of_agent(agent(facts=FACTS), None).settings == TASK.settings
+    assert agent_task(agent(facts=FACTS), None).settings == TASK.settings
     own = Experiment("mine", task=TaskSettings(cycles=123))
-    assert task_of_agent(agent(), own).settings.cycles == 123
+    assert agent_task(agent(), own).settings.cycles == 123
     vertical = msgspec.structs.replace(FACTS, experiment="vertical", task_name="vertical")
     with pytest.raises(InputError, match=r"theirs.*are not those of its task"):
-        task_of_agent(agent(facts=vertical), None)
+        agent_task(agent(facts=vertical), None)
     with pytest.raises(InputError, match=r"^theirs does not say which experiment it is for \("):
-        task_of_agent(agent(), None)
+        agent_task(agent(), None)
     unknown = msgspec.structs.replace(FACTS, experiment="mine")
     with pytest.raises(InputError, match="it is for: its 'mine' does not ship"):
-        task_of_agent(agent(facts=unknown), None)
+        agent_task(agent(facts=unknown), None)
 
 
 @pytest.mark.parametrize(
@@ -94,8 +94,8 @@ def test_an_agent_is_for_the_experiment_that_is_named_or_that_it_names():
 )
 def test_an_agent_of_other_shapes_is_refused(has, shown):
     with pytest.raises(InputError, match=rf"theirs has {shown} .allowed for lateral: 8, 5"):
-        task_of_agent(agent(**has), "lateral")
-    assert task_of_agent(agent(observations=8, actions=5), "lateral").settings == TASK.settings
+        agent_task(agent(**has), "lateral")
+    assert agent_task(agent(observations=8, actions=5), "lateral").settings == TASK.settings
 
 
 @pytest.mark.parametrize(
@@ -114,7 +114,7 @@ def test_an_agent_of_other_shapes_is_refused(has, shown):
 )
 def test_invalid_requests_are_refused_before_anything_is_flown(policy, conditions, named, message):
     with pytest.raises(InputError, match=message):
-        judge(policy, conditions, **named)
+        evaluate(policy, conditions, **named)
 
 
 def test_what_cannot_be_sent_to_other_processes_is_refused(tmp_path):
@@ -122,7 +122,7 @@ def test_what_cannot_be_sent_to_other_processes_is_refused(tmp_path):
     here = Agent("here", act=threading.Lock().acquire)
     out = tmp_path / "evaluation"
     with pytest.raises(InputError, match=r"^the policy cannot be sent to other processes"):
-        judge(here, Conditions(platform="bluesky"), out, experiment="lateral")
+        evaluate(here, Conditions(platform="bluesky"), out, experiment="lateral")
     assert not out.exists()
 
 
@@ -138,7 +138,7 @@ def test_nobody_is_judged_plain_and_routes_that_take_too_long_are_noted(tmp_path
     slow = AircraftType("AT76", mach=(0.4, 0.4, 0.4))
     settings = TaskSettings(fleet=(AircraftType(), slow), cycles=98)
     experiment = Experiment("slow", task=settings)
-    judged = judge_nobody(experiment, Conditions(seed=5, episodes=2, greedy=True), tmp_path)
+    judged = evaluate_no_op(experiment, Conditions(seed=5, episodes=2, greedy=True), tmp_path)
     row = {name: judged.row[name] for name in ("experiment", "seed", "platform", "stacking")}
     assert row == {
         "experiment": "do-nothing",
@@ -172,7 +172,7 @@ def test_the_usual_conditions():
 def test_conditions_out_of_range_are_refused(name, value):
     """As on the command line. Seeds beyond 32 bits would repeat the scenarios of smaller ones."""
     with pytest.raises(InputError, match=rf"^{name} is .* \(allowed: whole numbers from "):
-        judge(lambda _: 0, Conditions(**{"episodes": 1, name: value}), experiment="vertical")
+        evaluate(lambda _: 0, Conditions(**{"episodes": 1, name: value}), experiment="vertical")
 
 
 @pytest.mark.parametrize(
@@ -188,7 +188,7 @@ def test_conditions_out_of_range_are_refused(name, value):
 )
 def test_conditions_of_a_wrong_type_are_refused(name, value, allowed):
     with pytest.raises(InputError, match=rf"^{name} is .* \(allowed: {allowed}\)$"):
-        judge(lambda _: 0, Conditions(**{"episodes": 1, name: value}), experiment="vertical")
+        evaluate(lambda _: 0, Conditions(**{"episodes": 1, name: value}), experiment="vertical")
 
 
 def test_paths_may_be_str_or_path(tmp_path):
@@ -197,17 +197,17 @@ def test_paths_may_be_str_or_path(tmp_path):
     for kind in (str, Path):
         conditions = Conditions(episodes=1, sector=kind(own / "valley.json"))
         out, experiment = kind(tmp_path / kind.__name__), kind(own / "valley.toml")
-        judged = judge(lambda _: 0, conditions, out, experiment=experiment, name="nobody")
+        judged = evaluate(lambda _: 0, conditions, out, experiment=experiment, name="nobody")
         assert judged.episodes.num_rows == 1
         (folder,) = Path(out).iterdir()
         assert folder.name == "nobody-s0-skystack-stacked"
     with pytest.raises(InputError, match="unknown sector 'nowhere'"):
-        judge(lambda _: 0, Conditions(sector=Path("nowhere")), experiment="lateral")
+        evaluate(lambda _: 0, Conditions(sector=Path("nowhere")), experiment="lateral")
 
 
 def test_conditions_may_be_numpy_scalars():
     given = Conditions(
         np.int64(3), np.int32(1), np.bool_(False), np.True_, "skystack", np.float32(1)
     )
-    judged = judge(lambda _: 0, given, experiment="vertical")
+    judged = evaluate(lambda _: 0, given, experiment="vertical")
     assert (judged.row["stacking"], judged.episodes.num_rows) == (False, 1)

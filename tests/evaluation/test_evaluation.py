@@ -11,13 +11,13 @@ import pytest
 from skystack.errors import InputError
 from skystack.evaluation.evaluate import (
     Conditions,
+    evaluate,
+    evaluate_no_op,
     evaluation_folder,
-    judge,
-    judge_nobody,
-    task_of,
+    policy_task,
 )
 from skystack.evaluation.paper import paper_row
-from skystack.evaluation.rollout import NOBODY, Controller, fly, network_controller
+from skystack.evaluation.rollout import NO_OP_CONTROLLER, Controller, fly, network_controller
 from skystack.evaluation.summary import aggregate
 from skystack.evaluation.tables import make_tables
 from skystack.learning.experiment import load_experiment
@@ -38,7 +38,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def judged(folder):
-    return judge(find_policy("lateral"), Conditions(episodes=EPISODES), folder)
+    return evaluate(find_policy("lateral"), Conditions(episodes=EPISODES), folder)
 
 
 @pytest.fixture(scope="module")
@@ -61,8 +61,8 @@ def test_an_answer_outside_the_action_table_is_named():
 
 def test_scenarios_depend_on_seed_and_number_only():
     task = build_task(TaskSettings())
-    few, many = (fly(task, NOBODY, 0, count, False).start for count in (3, 7))
-    other = fly(task, NOBODY, 1, 3, False).start
+    few, many = (fly(task, NO_OP_CONTROLLER, 0, count, False).start for count in (3, 7))
+    other = fly(task, NO_OP_CONTROLLER, 1, 3, False).start
     np.testing.assert_array_equal(few.position_nm, many.position_nm[:3])
     assert not np.array_equal(few.position_nm, other.position_nm)
 
@@ -80,7 +80,7 @@ def test_training_and_evaluation_never_share_a_key():
 def test_doing_nothing_succeeds_where_both_routes_are_straight():
     """Known of the sector: HERON-SWIFT and SWIFT-HERON need no instruction, all others one."""
     experiment = load_experiment("lateral")
-    flight = fly(build_task(experiment.task), NOBODY, 0, 300, False)
+    flight = fly(build_task(experiment.task), NO_OP_CONTROLLER, 0, 300, False)
     routes = build_task(experiment.task).simulator.sector.routes
     straight = np.array([{"HERON", "SWIFT"} == {route[0], route[-1]} for route in routes])
     expected = straight[flight.start.route].all(axis=1)
@@ -88,7 +88,7 @@ def test_doing_nothing_succeeds_where_both_routes_are_straight():
     # What the task says of a scenario is what it said in its last cycle.
     np.testing.assert_array_equal(flight.metrics.cycles, flight.ran.sum(axis=1))
     assert not flight.reward[~flight.ran].any()
-    result = judge_nobody(experiment, Conditions(episodes=300), None)
+    result = evaluate_no_op(experiment, Conditions(episodes=300), None)
     np.testing.assert_array_equal(column(result.episodes, "success"), expected)
     assert result.row["clearances_mean"] == result.row["instructions_mean"] == 0.0
     assert result.row["experiment"] == "do-nothing"
@@ -153,21 +153,21 @@ def test_tables_carry_their_sector(tables):
 
 
 def test_plain_flight_issues_every_instruction_by_itself():
-    plain = judge(find_policy("lateral"), Conditions(episodes=EPISODES, stacking=False), None)
+    plain = evaluate(find_policy("lateral"), Conditions(episodes=EPISODES, stacking=False), None)
     assert plain.row["clearances_mean"] == plain.row["instructions_mean"]
     assert plain.row["paper"] == {"clearances_mean": 14.5, "clearances_std": 6.6}
 
 
 def test_sampling_differs_from_greedy_and_repeats():
     sampled = Conditions(episodes=20, greedy=False)
-    first, second = (judge(find_policy("lateral"), sampled, None) for _ in range(2))
-    greedy = judge(find_policy("lateral"), Conditions(episodes=20), None)
+    first, second = (evaluate(find_policy("lateral"), sampled, None) for _ in range(2))
+    greedy = evaluate(find_policy("lateral"), Conditions(episodes=20), None)
     assert first.episodes.equals(second.episodes)
     assert not first.episodes.equals(greedy.episodes)
 
 
 def test_rows_of_several_seeds_are_put_together(judged):
-    other = judge(find_policy("lateral"), Conditions(seed=1, episodes=EPISODES), None)
+    other = evaluate(find_policy("lateral"), Conditions(seed=1, episodes=EPISODES), None)
     row = aggregate([judged.row, other.row], [judged.episodes, other.episodes])
     assert (row["seeds"], row["episodes"]) == (2, 2 * EPISODES)
     both = (judged.row["clearances_mean"] + other.row["clearances_mean"]) / 2
@@ -190,14 +190,14 @@ def test_a_policy_for_another_version_of_its_task_is_refused():
     policy = find_policy("lateral")
     newer = msgspec.structs.replace(policy.description, task_version=99)
     with pytest.raises(InputError, match="version 99"):
-        task_of(Policy(newer, policy.actor, policy.normaliser))
+        policy_task(Policy(newer, policy.actor, policy.normaliser))
 
 
 def test_the_shipped_vertical_policy_says_one_thing_where_one_is_needed():
     """And nothing where the entry level is the exit level; unstacked, one per ten levels."""
     policy = find_policy("vertical")
     stacked, plain = (
-        make_tables(task_of(policy), fly(task_of(policy), controller, 0, 300, stacking))
+        make_tables(policy_task(policy), fly(policy_task(policy), controller, 0, 300, stacking))
         for controller in [network_controller(policy.actor, policy.normaliser, greedy=True)]
         for stacking in (True, False)
     )
@@ -216,7 +216,7 @@ def test_the_tables_say_of_which_type_each_aircraft_is(tmp_path):
     slow = '{type="AT76", mach=[0.4,0.4,0.4]}'
     changes = [f"task.fleet=[{{}},{slow}]", "task.level_fl=[280,300]", "task.cycles=98"]
     experiment = load_experiment("lateral", changes)
-    judge_nobody(experiment, Conditions(episodes=20), tmp_path)
+    evaluate_no_op(experiment, Conditions(episodes=20), tmp_path)
     (where,) = tmp_path.iterdir()
     aircraft = pq.read_table(where / "aircraft.parquet").to_pylist()
     rows = pq.read_table(where / "trajectories.parquet").to_pylist()

@@ -51,8 +51,8 @@ def test_the_status_of_every_row():
     )
     assert [[STATUS[each] for each in row] for row in seen.status] == [
         ["in_sector", "before_entry", "in_sector", "in_sector"],
-        ["exited", "before_entry", "strayed", "strayed"],
-        ["exited", "before_entry", "exited", "strayed"],
+        ["exited", "before_entry", "excursion", "excursion"],
+        ["exited", "before_entry", "exited", "excursion"],
     ]
 
 

@@ -7,9 +7,9 @@ import pytest
 import skystack
 from skystack.agents.agent import Agent, Batched, agent_of
 from skystack.errors import InputError
-from skystack.evaluation.evaluate import Conditions, judge, judge_nobody, task_of
+from skystack.evaluation.evaluate import Conditions, evaluate, evaluate_no_op, policy_task
 from skystack.evaluation.hosted import HostedController, fly_hosted
-from skystack.evaluation.rollout import fly, network_controller, together
+from skystack.evaluation.rollout import concatenate, fly, network_controller
 from skystack.evaluation.tables import make_tables
 from skystack.learning.experiment import Experiment
 from skystack.learning.seeds import scenario_key
@@ -33,7 +33,7 @@ def aim(seen):
 
 
 def whole(*arguments):
-    return together(list(fly_hosted(*arguments)))
+    return concatenate(list(fly_hosted(*arguments)))
 
 
 def flown(function, scenarios=3, stacking=True, experiment=SHORT):
@@ -53,7 +53,7 @@ def flown(function, scenarios=3, stacking=True, experiment=SHORT):
 def test_our_policies_fly_as_in_one_program(name, stacking, greedy):
     """Cycle by cycle, sampling under the same keys: the same clearances."""
     policy = find_policy(name)
-    task = task_of(policy)
+    task = policy_task(policy)
     compiled = fly(
         task, network_controller(policy.actor, policy.normaliser, greedy), 3, 30, stacking
     )
@@ -95,7 +95,7 @@ def test_stacks_are_those_of_the_plain_loop():
 
 def test_a_rule_succeeds_and_stacking_saves_clearances(tmp_path):
     stacked, plain = (
-        judge(aim, Conditions(episodes=5, stacking=stacking), tmp_path, experiment=AIMED)
+        evaluate(aim, Conditions(episodes=5, stacking=stacking), tmp_path, experiment=AIMED)
         for stacking in (True, False)
     )
     assert stacked.row["success_rate"] == plain.row["success_rate"] == 1.0
@@ -105,7 +105,7 @@ def test_a_rule_succeeds_and_stacking_saves_clearances(tmp_path):
 
 
 def test_doing_nothing_is_doing_nothing():
-    ours = judge_nobody(SHORT, Conditions(episodes=7), None)
+    ours = evaluate_no_op(SHORT, Conditions(episodes=7), None)
     theirs = skystack.judge(lambda seen: 0, Conditions(episodes=7), experiment=SHORT)
     assert theirs.clearances.num_rows == 0
     assert theirs.episodes.drop(["return", "min_separation_nm"]).equals(

@@ -9,9 +9,9 @@ pytest.importorskip("pebble")
 
 from skystack.errors import PlatformError
 from skystack.evaluation.agreement import same_clearances
-from skystack.evaluation.evaluate import Conditions, judge, task_of
-from skystack.evaluation.platform_rollout import Job, fly_elsewhere
-from skystack.evaluation.rollout import NOBODY, fly, network_controller, together
+from skystack.evaluation.evaluate import Conditions, evaluate, policy_task
+from skystack.evaluation.platform_rollout import PlatformRollout, fly_on_platform
+from skystack.evaluation.rollout import NO_OP_CONTROLLER, concatenate, fly, network_controller
 from skystack.evaluation.tables import make_tables
 from skystack.policies.shipped import find_policy
 from skystack.tasks.build import build_task
@@ -33,7 +33,7 @@ from .faulty import (
 
 
 def nobody():
-    return NOBODY
+    return NO_OP_CONTROLLER
 
 
 SHORT = build_task(TaskSettings(cycles=12))
@@ -42,12 +42,14 @@ SHORT = build_task(TaskSettings(cycles=12))
 def test_our_simulator_flies_the_same_through_the_protocol(tmp_path):
     """Another loop, in other processes, cycle by cycle: the same clearances and metrics."""
     policy = find_policy("lateral-tuned")
-    task = task_of(policy)
+    task = policy_task(policy)
     controller = partial(network_controller, policy.actor, policy.normaliser, True)
-    job = Job(task, controller, True, 0, open_own)
+    job = PlatformRollout(task, controller, True, 0, open_own)
     heard = []
     failed = {}
-    elsewhere = together(list(fly_elsewhere(job, 8, tmp_path, failed, on_scenario=heard.append)))
+    elsewhere = concatenate(
+        list(fly_on_platform(job, 8, tmp_path, failed, on_scenario=heard.append))
+    )
     here = fly(task, controller(), 0, 8, True)
     assert (failed, heard) == ({}, list(range(1, 9)))
     ours, theirs = make_tables(task, here), make_tables(task, elsewhere)
@@ -63,7 +65,7 @@ def test_our_simulator_flies_the_same_through_the_protocol(tmp_path):
 
 def test_what_fails_is_named_and_the_others_are_finished(tmp_path):
     failed = {}
-    flown = together(list(fly_elsewhere(faulty(9), 9, tmp_path, failed, time_limit_s=HANGS_S)))
+    flown = concatenate(list(fly_on_platform(faulty(9), 9, tmp_path, failed, time_limit_s=HANGS_S)))
     assert flown.number.tolist() == [0, 2, 3, 8]
     assert failed == {
         DIES: "the simulator's process died (exit code 7)",
@@ -79,16 +81,16 @@ def test_what_fails_is_named_and_the_others_are_finished(tmp_path):
 def test_a_simulator_that_hangs_is_given_up(tmp_path):
     """All scenarios hang: no time limit could be too short for one on a busy machine."""
     with pytest.raises(PlatformError, match="no scenario was finished: scenario 0 took more than"):
-        list(fly_elsewhere(faulty(2, hangs=(0, 1)), 2, tmp_path, {}, time_limit_s=1.0))
+        list(fly_on_platform(faulty(2, hangs=(0, 1)), 2, tmp_path, {}, time_limit_s=1.0))
 
 
 def faulty(scenarios, hangs=()):
     starts = tuple(start[0] for start in starting_latitudes(scenarios))
-    return Job(SHORT, nobody, False, 0, partial(open_faulty, starts, hangs))
+    return PlatformRollout(SHORT, nobody, False, 0, partial(open_faulty, starts, hangs))
 
 
 def starting_latitudes(count):
-    here = fly(SHORT, NOBODY, 0, count, False).start
+    here = fly(SHORT, NO_OP_CONTROLLER, 0, count, False).start
     plane = SHORT.simulator.sector.plane
     return plane.to_degrees(np.asarray(here.position_nm, dtype=np.float64))[..., 0].round(6)
 
@@ -103,15 +105,15 @@ def starting_latitudes(count):
 )
 def test_a_platform_that_does_not_start_is_an_error(tmp_path, opened, why):
     with pytest.raises(PlatformError, match=f"no scenario was finished: scenario 0 {why}"):
-        list(fly_elsewhere(Job(SHORT, nobody, False, 0, opened), 2, tmp_path, {}))
+        list(fly_on_platform(PlatformRollout(SHORT, nobody, False, 0, opened), 2, tmp_path, {}))
 
 
 @pytest.mark.parametrize("platform", ["bluebird", "bluesky"])
 def test_other_simulators_are_judged_by_the_same_tables(platform, tmp_path):
     pytest.importorskip({"bluebird": "bluebird_dt", "bluesky": "bluesky"}[platform])
     policy, episodes = find_policy("lateral-tuned"), 4
-    ours = judge(policy, Conditions(episodes=episodes), tmp_path)
-    theirs = judge(policy, Conditions(episodes=episodes, platform=platform), tmp_path)
+    ours = evaluate(policy, Conditions(episodes=episodes), tmp_path)
+    theirs = evaluate(policy, Conditions(episodes=episodes, platform=platform), tmp_path)
     assert theirs.row["platform"] == platform
     assert theirs.row.keys() == ours.row.keys()
     assert theirs.row["success_rate"] == 1.0
@@ -129,8 +131,8 @@ def test_vertical_control_is_judged_in_bluebird_as_in_ours(tmp_path):
     """Own navigation and levels: other instructions through the same protocol."""
     pytest.importorskip("bluebird_dt")
     policy = find_policy("vertical")
-    ours = judge(policy, Conditions(episodes=4), None)
-    theirs = judge(policy, Conditions(episodes=4, platform="bluebird"), None)
+    ours = evaluate(policy, Conditions(episodes=4), None)
+    theirs = evaluate(policy, Conditions(episodes=4, platform="bluebird"), None)
     assert all(same_clearances(ours.clearances, theirs.clearances, range(4)))
     assert theirs.row["success_rate"] == ours.row["success_rate"] == 1.0
     assert theirs.clearances["text"].equals(ours.clearances["text"])

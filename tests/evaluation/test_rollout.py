@@ -9,8 +9,8 @@ from skystack.agents.agent import Agent
 from skystack.errors import InputError
 from skystack.evaluation import rollout
 from skystack.evaluation.hosted import HostedController, fly_hosted
-from skystack.evaluation.platform_rollout import Job, Pilot
-from skystack.evaluation.rollout import Controller, prepare, recording_of, together
+from skystack.evaluation.platform_rollout import Pilot, PlatformRollout
+from skystack.evaluation.rollout import Controller, concatenate, prepare, recording_of
 from skystack.learning.seeds import scenario_key
 from skystack.tasks.build import build_task
 from skystack.tasks.settings import TaskSettings
@@ -43,7 +43,7 @@ def two_at_once():
 @pytest.fixture(scope="module")
 def flying():
     fly = prepare(TASK, by_chance, stacking=True)
-    return lambda *how: together(list(fly(*how)))
+    return lambda *how: concatenate(list(fly(*how)))
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_an_agent_draws_under_the_same_keys(flown, scenarios):
         return np.zeros((len(seen), ACTIONS), dtype=np.float32)
 
     agent = HostedController(Agent("undecided", scores=undecided, logits=True), greedy=False)
-    found = together(list(fly_hosted(TASK, agent, SEED, scenarios, stacking=True)))
+    found = concatenate(list(fly_hosted(TASK, agent, SEED, scenarios, stacking=True)))
     assert found.number.tolist() == list(range(scenarios))
     np.testing.assert_array_equal(drawn(found), drawn(flown)[:scenarios])
 
@@ -86,7 +86,7 @@ def controller():
 
 
 def test_a_scenario_alone_on_a_platform_draws_under_the_same_keys(flown, tmp_path):
-    pilot = Pilot(Job(TASK, controller, True, SEED, open_own), tmp_path)
+    pilot = Pilot(PlatformRollout(TASK, controller, True, SEED, open_own), tmp_path)
     for number in (3, 1):
         recording = pilot.fly(number)
         assert recording.number.tolist() == [number]
@@ -110,7 +110,7 @@ def cycle(level, ran, reward, cycles):
     """What is kept of a cycle of two scenarios with one aircraft each."""
     flags = [np.array([[each > 1.0] for each in level])] * 3
     action, instructions = np.array([1, 2]), np.array([1, 3])
-    now = traffic((2, 1), level=np.array(level)[:, None])
+    now = traffic((2, 1), level_ticks=np.array(level)[:, None])
     running, paid = np.array(ran), np.array(reward, dtype=np.float32)
     return now, *flags, action, instructions, running, paid, metrics(2, cycles=cycles)
 
@@ -123,23 +123,26 @@ def test_scenarios_that_end_early_are_recorded_at_full_length():
         cycle([2.0, 2.0], [True, True], [2.0, 20.0], [2.0, 2.0]),
         cycle([2.0, 3.0], [False, True], [0.0, 30.0], [99.0, 3.0]),
     ]
-    numbers, exit_level = np.array([4, 9], dtype=np.int32), np.zeros((2, 1), dtype=np.float32)
-    found = recording_of(numbers, traffic((2, 1)), exit_level, rows, 5)
+    numbers, exit_level_ticks = np.array([4, 9], dtype=np.int32), np.zeros((2, 1), dtype=np.float32)
+    found = recording_of(numbers, traffic((2, 1)), exit_level_ticks, rows, 5)
     assert found.ran.tolist() == [[True, True, False, False, False], [True] * 3 + [False] * 2]
-    assert (found.traffic.level[:, :, 0] / 6000).tolist() == [[1, 2, 2, 2, 2], [1, 2, 3, 3, 3]]
+    assert (found.traffic.level_ticks[:, :, 0] / 6000).tolist() == [
+        [1, 2, 2, 2, 2],
+        [1, 2, 3, 3, 3],
+    ]
     assert found.entered[:, :, 0].tolist() == [[False] + [True] * 4] * 2
     assert found.instructions.tolist() == [[1, 1, 0, 0, 0], [3, 3, 3, 0, 0]]
     assert found.reward.tolist() == [[1, 2, 0, 0, 0], [10, 20, 30, 0, 0]]
     assert found.reward.dtype == np.float32
     assert found.metrics.cycles.tolist() == [2.0, 3.0]
     # Before its first cycle a scenario is at its start, before each other one after the last.
-    assert (found.before("level")[:, :, 0] / 6000).tolist() == [
+    assert (found.before("level_ticks")[:, :, 0] / 6000).tolist() == [
         [300, 1, 2, 2, 2],
         [300, 1, 2, 3, 3],
     ]
-    both = together([found, found._replace(number=numbers + 1)])
+    both = concatenate([found, found._replace(number=numbers + 1)])
     assert both.number.tolist() == [4, 9, 5, 10]
-    assert both.traffic.level.shape == (4, 5, 1)
+    assert both.traffic.level_ticks.shape == (4, 5, 1)
 
 
 def failing():
@@ -148,4 +151,4 @@ def failing():
 
 def test_a_policy_that_fails_on_a_platform_is_named_before_anything_is_flown(tmp_path):
     with pytest.raises(InputError, match=r"^scenario 0, cycle 0: the policy failed: ZeroDivis"):
-        Pilot(Job(TASK, failing, True, SEED, open_own), tmp_path)
+        Pilot(PlatformRollout(TASK, failing, True, SEED, open_own), tmp_path)

@@ -28,7 +28,7 @@ from skystack.evaluation.writing import growing_tables, table_metadata, write_ta
 from skystack.platforms.registry import flown_type
 from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import TICKS_PER_FL
-from skystack.simulator.scenario_file import Aircraft, GivenClearance
+from skystack.simulator.scenario_file import Aircraft, ScheduledClearance
 from skystack.tasks.build import build_task
 from skystack.tasks.settings import TaskSettings
 
@@ -200,12 +200,12 @@ def folder(tmp_path):
         start={
             "route": [[1, 1], [3, 2]],
             "kind": [[0, 0], [1, 0]],
-            "level": [[300.0, 300.0], [280.5, 310.0]],
+            "level_ticks": [[300.0, 300.0], [280.5, 310.0]],
             "heading_deg": [[1.0, 2.0], [12.5, 350.0]],
             "own_navigation": [[False, False], [True, False]],
         },
         later={"cleared_heading_deg": [[[0.0, 90.0]] * 3, [[0.0, 340.0], [0, 340], [0, 330]]]},
-        exit_level=np.full((2, 2), 220.0 * TICKS_PER_FL, dtype=np.float32),
+        exit_level_ticks=np.full((2, 2), 220.0 * TICKS_PER_FL, dtype=np.float32),
         action=np.array([[4, 0, 0], [3, 0, 3]], dtype=np.int32),
         instructions=np.array([[9, 0, 0], [1, 0, 1]], dtype=np.int32),
     )
@@ -223,7 +223,10 @@ def test_a_stored_scenario_is_the_one_that_was_flown(folder):
         Aircraft("AC1", "AT76", routes[3], 0.0, 0.0, 280.5, 12.5, 220, True),
         Aircraft("AC2", "B753", routes[2], 0.0, 0.0, 310.0, 350.0, 220, False),
     )
-    assert found.clearances == (GivenClearance(0, "AC2", 340), GivenClearance(2, "AC2", 330))
+    assert found.clearances == (
+        ScheduledClearance(0, "AC2", 340),
+        ScheduledClearance(2, "AC2", 330),
+    )
     assert (found.cycles, found.performance, found.fleet) == (3, "table", KINDS)
     assert found.sector == TASK.sector
 
@@ -260,8 +263,8 @@ def test_an_impossible_clearance_is_refused(folder, values, shown):
 @pytest.mark.parametrize(
     ("values", "given"),
     [
-        ({"cycle": 2, "value": 360}, GivenClearance(2, "AC2", 360)),
-        ({"cycle": 0, "kind": "level", "value": 600}, GivenClearance(0, "AC2", fl=600)),
+        ({"cycle": 2, "value": 360}, ScheduledClearance(2, "AC2", 360)),
+        ({"cycle": 0, "kind": "level", "value": 600}, ScheduledClearance(0, "AC2", fl=600)),
     ],
 )
 def test_the_last_cycle_and_the_greatest_values_can_be_given(folder, values, given):

@@ -91,11 +91,11 @@ def test_an_aircraft_is_described_as_it_started():
     start = {
         "route": [[3, 0], [1, 2]],
         "kind": [[1, 0], [0, 1]],
-        "level": [[280.0, 300.0], [310.0, 320.0]],
+        "level_ticks": [[280.0, 300.0], [310.0, 320.0]],
         "own_navigation": [[True, False], [False, False]],
     }
     leave = np.array([[200.0, 210.0], [220.0, 230.0]], dtype=np.float32) * TICKS_PER_FL
-    flown = recording([4, 9], np.ones((2, 1)), start=start, exit_level=leave)
+    flown = recording([4, 9], np.ones((2, 1)), start=start, exit_level_ticks=leave)
     rows = make_tables(TURNS, flown, flown_as=lambda kind: f"{kind}/X").aircraft.to_pylist()
     routes = [" ".join(route) for route in TURNS.sector.routes]
     names = ("scenario", "callsign", "type", "route", "entry_fl", "exit_fl", "own_navigation")
@@ -116,8 +116,8 @@ def test_a_trajectory_has_the_rows_up_to_the_end_of_its_scenario():
     later = {
         "heading_deg": [[[10.0, 20.0], [11.0, 21.0]], [[12.0, 22.0], [13.0, 23.0]]],
         "cleared_heading_deg": each(2, 2, [90.0, 100.0]),
-        "level": each(2, 2, [301.0, 302.0]),
-        "cleared_level": each(2, 2, [310.0, 320.0]),
+        "level_ticks": each(2, 2, [301.0, 302.0]),
+        "cleared_level_ticks": each(2, 2, [310.0, 320.0]),
         "ground_speed_kt": each(2, 2, [410.0, 420.0]),
         "vertical_speed_ft_min": each(2, 2, [1000.0, -500.0]),
     }
@@ -152,17 +152,17 @@ def test_positions_are_kept_to_a_centimetre():
 
 
 @pytest.mark.parametrize(
-    ("entered", "strayed", "exited", "status"),
+    ("entered", "excursion", "exited", "status"),
     [
         (False, False, False, "before_entry"),
         (True, False, False, "in_sector"),
-        (True, True, False, "strayed"),
-        (False, True, False, "strayed"),  # never entered, at the end
+        (True, True, False, "excursion"),
+        (False, True, False, "excursion"),  # never entered, at the end
         (True, False, True, "exited"),
         (True, True, True, "exited"),  # came back and crossed its exit
     ],
 )
-def test_the_status_of_an_aircraft(entered, strayed, exited, status):
+def test_the_status_of_an_aircraft(entered, excursion, exited, status):
     def of_second(value):
         return np.array([[[False, False], [False, value]]])
 
@@ -170,7 +170,7 @@ def test_the_status_of_an_aircraft(entered, strayed, exited, status):
         [0],
         [[True, True]],
         entered=of_second(entered),
-        strayed=of_second(strayed),
+        excursion=of_second(excursion),
         exited=of_second(exited),
     )
     rows = make_tables(TURNS, flown).trajectories
@@ -227,10 +227,10 @@ def test_a_level_has_the_direction_from_the_level_when_it_was_adopted(adoption, 
     flown = recording(
         [5],
         [[True, True]],
-        start={"level": [[300.0, 260.0]]},
+        start={"level_ticks": [[300.0, 260.0]]},
         later={
-            "level": [[[300.0, 240.0], [300.0, 260.0]]],
-            "cleared_level": [[[300.0, 250.0], [300.0, 250.0]]],
+            "level_ticks": [[[300.0, 240.0], [300.0, 260.0]]],
+            "cleared_level_ticks": [[[300.0, 250.0], [300.0, 250.0]]],
         },
         action=np.array([[AC2_DOWN, 0]], dtype=np.int32),
         instructions=np.array([[2, 0]], dtype=np.int32),

@@ -8,14 +8,14 @@ import pytest
 
 from skystack.errors import InputError
 from skystack.evaluation import judge, rollout, writing
-from skystack.evaluation.evaluate import Conditions, evaluation_folder, task_of
+from skystack.evaluation.evaluate import Conditions, evaluation_folder, policy_task
 from skystack.evaluation.rollout import (
-    NOBODY,
+    NO_OP_CONTROLLER,
+    concatenate,
     fly,
     network_controller,
     parts_of,
     prepare,
-    together,
 )
 from skystack.evaluation.tables import make_tables
 from skystack.evaluation.tabulate import TABLES, tabulate
@@ -30,7 +30,7 @@ SCENARIOS = 20
 
 @pytest.fixture(scope="module")
 def task():
-    return task_of(find_policy("lateral-best"))
+    return policy_task(find_policy("lateral-best"))
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def flying(task):
 
 @pytest.fixture(scope="module")
 def flown(flying):
-    return together(list(flying(0, SCENARIOS)))
+    return concatenate(list(flying(0, SCENARIOS)))
 
 
 def blocks_of(flown, scenarios):
@@ -123,7 +123,7 @@ def test_an_interrupted_evaluation_leaves_old_tables_unchanged(
 
 def test_without_instructions_the_clearances_table_is_empty(tmp_path):
     task = build_task(TaskSettings(cycles=4))
-    kept = tabulate(task, blocks_of(fly(task, NOBODY, 0, 3, False), 2), tmp_path)
+    kept = tabulate(task, blocks_of(fly(task, NO_OP_CONTROLLER, 0, 3, False), 2), tmp_path)
     assert kept.clearances.num_rows == 0
     stored = pq.read_table(tmp_path / "clearances.parquet")
     assert (stored.num_rows, stored.schema.names) == (0, kept.clearances.schema.names)
@@ -135,7 +135,9 @@ def test_tables_that_were_written_together_carry_the_same_digest(tmp_path):
     task = build_task(TaskSettings("lateral"))
     found = []
     for name, seed, size in (("one", 0, 3), ("parts", 0, 2), ("other", 1, 3)):
-        tabulate(task, blocks_of(fly(task, NOBODY, seed, 3, False), size), tmp_path / name)
+        tabulate(
+            task, blocks_of(fly(task, NO_OP_CONTROLLER, seed, 3, False), size), tmp_path / name
+        )
         tables = [pq.read_metadata(tmp_path / name / f"{table}.parquet") for table in TABLES]
         (digest,) = {table.metadata[EVALUATION] for table in tables}
         found.append(digest)

@@ -5,7 +5,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from skystack.evaluation.evaluate import Conditions, evaluation_folder, judge, task_of
+from skystack.evaluation.evaluate import Conditions, evaluate, evaluation_folder, policy_task
 from skystack.evaluation.followed import STATUS, follow
 from skystack.evaluation.rollout import fly, network_controller
 from skystack.evaluation.stored import stored_scenario
@@ -48,7 +48,7 @@ def compared(folder, column, delay):
     ("policy", "column"), [("lateral-undamped", "heading_deg"), ("vertical", "fl")]
 )
 def test_directions_in_our_tables_are_flown(policy, column, tmp_path):
-    judge(find_policy(policy), Conditions(episodes=40, stacking=False), tmp_path)
+    evaluate(find_policy(policy), Conditions(episodes=40, stacking=False), tmp_path)
     folder = evaluation_folder(tmp_path, policy, 0, False)
     right, misleading = compared(folder, column, 1)
     assert right > 200
@@ -58,14 +58,14 @@ def test_directions_in_our_tables_are_flown(policy, column, tmp_path):
 def test_directions_in_bluesky_s_tables_are_flown(tmp_path):
     pytest.importorskip("bluesky")
     conditions = Conditions(episodes=3, stacking=False, platform="bluesky")
-    judge(find_policy("lateral-undamped"), conditions, tmp_path)
+    evaluate(find_policy("lateral-undamped"), conditions, tmp_path)
     folder = evaluation_folder(tmp_path, "lateral-undamped", 0, False, "bluesky")
     assert compared(folder, "heading_deg", 0)[0] > 30
 
 
 def test_a_flight_is_followed_as_an_evaluation_is(tmp_path):
     """Stored scenarios flown again: the status of every row and the least distance."""
-    judge(find_policy("lateral-best"), Conditions(episodes=4), tmp_path)
+    evaluate(find_policy("lateral-best"), Conditions(episodes=4), tmp_path)
     folder = evaluation_folder(tmp_path, "lateral-best", 0, True)
     episodes = pq.read_table(folder / "episodes.parquet").to_pylist()
     assert any(row["loss_of_separation"] for row in episodes)
@@ -82,7 +82,7 @@ def test_a_flight_is_followed_as_an_evaluation_is(tmp_path):
 def test_an_evaluation_s_fleet_goes_along_in_its_tables(tmp_path):
     policy = find_policy("lateral-best")
     slow = AircraftType("AT76", 1.0, (160.0,) * 3, (170.0,) * 3, (0.44,) * 3, 1200.0)
-    settings = task_of(policy).settings
+    settings = policy_task(policy).settings
     task = build_task(msgspec.structs.replace(settings, fleet=(slow,), cycles=5))
     controller = network_controller(policy.actor, policy.normaliser, True)
     flown = fly(task, controller, 0, 2, True)

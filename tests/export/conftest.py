@@ -4,7 +4,7 @@ from functools import cache
 
 import pytest
 
-from skystack.evaluation.evaluate import Conditions, evaluation_folder, judge
+from skystack.evaluation.evaluate import Conditions, evaluate, evaluation_folder
 from skystack.policies.shipped import find_policy
 
 EPISODES = 3
@@ -25,5 +25,5 @@ def folder(out):
 @cache
 def evaluated(out, policy):
     """The folder of a stacked evaluation."""
-    judge(find_policy(policy), Conditions(episodes=EPISODES), out)
+    evaluate(find_policy(policy), Conditions(episodes=EPISODES), out)
     return evaluation_folder(out, policy, 0, stacking=True)

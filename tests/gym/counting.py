@@ -97,13 +97,13 @@ class Visible(Counting):
         traffic = start(
             position_nm=jnp.array([[east, 10.0], [-east, -20.0], [5.0, 5.0]]),
             heading_deg=jnp.array([90.0, 270.0, 0.0]),
-            level=fl * TICKS_PER_FL,
+            level_ticks=fl * TICKS_PER_FL,
             route=jnp.array([3, 1, 2]),
             ground_speed_kt=jnp.array([420.0, 480.0, 500.0]),
             own_navigation=jnp.zeros(3, dtype=bool),
         )
         return traffic._replace(
             cleared_heading_deg=jnp.array([120.0, 200.0, 0.0]),
-            cleared_level=cleared_fl * TICKS_PER_FL,
+            cleared_level_ticks=cleared_fl * TICKS_PER_FL,
             active=jnp.array([True, True, False]),
         )

@@ -207,7 +207,7 @@ def test_the_radar_shows_what_is_cleared_before_it_is_flown(drawn):
     radar.instruct(allowed)
     assert not np.array_equal(drawn.render(), before)
     traffic = state_of(radar).traffic
-    change_fl = (traffic.cleared_level - traffic.level) / TICKS_PER_FL
+    change_fl = (traffic.cleared_level_ticks - traffic.level_ticks) / TICKS_PER_FL
     assert change_fl.tolist() == [{1: -10.0, 2: 10.0}[allowed]]
 
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skystack.errors import InputError
-from skystack.evaluation.evaluate import task_of
+from skystack.evaluation.evaluate import policy_task
 from skystack.gym.environment import TaskEnvironment
 from skystack.gym.registration import make_environment
 from skystack.gym.stacked import StackedEnvironment, TwoPhaseEnvironment
@@ -134,11 +134,11 @@ def test_answers_belong_to_the_action_space(space, allowed, refused):
         action_space = space
 
     for action in allowed:
-        environment = StackedEnvironment(Other(), no_action=-1)
+        environment = StackedEnvironment(Other(), no_op=-1)
         environment.reset()
         assert environment.step(action)[-1] == environment.step(action)[-1] == {}
     for action in refused:
-        environment = StackedEnvironment(Other(), no_action=-1)
+        environment = StackedEnvironment(Other(), no_op=-1)
         environment.reset()
         with pytest.raises(InputError, match="action is "):
             environment.step(action)
@@ -158,7 +158,7 @@ def test_arrays_may_be_changed_after_every_step():
             action[:] = 7.0
 
     nothing, buffer = np.zeros(2, dtype=np.float32), np.zeros(2, dtype=np.float32)
-    environment = StackedEnvironment(Other(), no_action=nothing)
+    environment = StackedEnvironment(Other(), no_op=nothing)
     environment.reset()
     nothing[:] = 7.0
     for _ in range(3):
@@ -184,7 +184,7 @@ def test_the_next_scenario_begins_without_a_clearance_under_way():
 
 
 def test_another_action_can_be_the_one_that_says_nothing():
-    environment = StackedEnvironment(Counter(), no_action=3)
+    environment = StackedEnvironment(Counter(), no_op=3)
     environment.reset()
     assert environment.step(0)[-1] == {}
     clearance = environment.step(3)[-1]["clearance"]
@@ -232,7 +232,7 @@ def policy():
 
 @pytest.fixture(scope="module")
 def environment(policy):
-    return TaskEnvironment(task_of(policy))
+    return TaskEnvironment(policy_task(policy))
 
 
 def test_a_shipped_policy_issues_the_clearances_of_stack(policy, environment):
@@ -256,7 +256,7 @@ def test_a_shipped_policy_issues_the_clearances_of_stack(policy, environment):
                 seen, reward, over, *_, info = stacked.step(policy(seen))
                 assert (reward, over, info) == (0.0, False, {})
                 told = plain.state_of(environment._now)
-                for name in ("position_nm", "heading_deg", "level", "ground_speed_kt"):
+                for name in ("position_nm", "heading_deg", "level_ticks", "ground_speed_kt"):
                     assert np.array_equal(
                         getattr(told.traffic, name), getattr(before.traffic, name)
                     )

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from skystack.errors import InputError
-from skystack.io.files import append_line, check_output, write_aside
+from skystack.io.files import append_line, atomic_write, check_output
 
 
 @contextmanager
@@ -24,10 +24,10 @@ def largest_file(size):
 
 def test_a_file_that_cannot_be_written_leaves_the_old_one(tmp_path):
     path = tmp_path / "file"
-    write_aside(path, b"old")
+    atomic_write(path, b"old")
     why = "file: cannot be written: File too large"
     with largest_file(1000), pytest.raises(InputError, match=why):
-        write_aside(path, b"x" * 2000)
+        atomic_write(path, b"x" * 2000)
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -48,7 +48,7 @@ def test_no_pipe_or_device_is_replaced_by_a_file(tmp_path):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     with pytest.raises(InputError, match="pipe: cannot be written: it is not a regular file"):
-        write_aside(pipe, b"x")
+        atomic_write(pipe, b"x")
     assert pipe.is_fifo()
     assert list(tmp_path.iterdir()) == [pipe]
 
@@ -64,13 +64,13 @@ def umask():
 @pytest.mark.parametrize("mask", [0o022, 0o077, 0o002])
 def test_new_files_follow_the_umask(mask, umask, tmp_path):
     umask(mask)
-    write_aside(tmp_path / "file", b"")
+    atomic_write(tmp_path / "file", b"")
     assert (tmp_path / "file").stat().st_mode & 0o777 == 0o666 & ~mask
 
 
 def test_a_name_may_be_as_long_as_the_system_allows(tmp_path):
     path = tmp_path / ("é" * 127)  # 254 bytes of 255
-    write_aside(path, b"data")
+    atomic_write(path, b"data")
     assert path.read_bytes() == b"data"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -79,7 +79,7 @@ def test_a_symbolic_link_is_replaced_and_not_followed(tmp_path):
     """A run folder may be untrusted: its links must not lead to the user's files."""
     (tmp_path / "mine").write_bytes(b"mine")
     (tmp_path / "link").symlink_to(tmp_path / "mine")
-    write_aside(tmp_path / "link", b"new")
+    atomic_write(tmp_path / "link", b"new")
     assert not (tmp_path / "link").is_symlink()
     assert (tmp_path / "mine").read_bytes() == b"mine"
 
@@ -88,7 +88,7 @@ def test_a_symbolic_link_is_replaced_and_not_followed(tmp_path):
 def test_a_folder_is_refused_as_output(output, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()
-    for check in (check_output, lambda path: write_aside(path, b"")):
+    for check in (check_output, lambda path: atomic_write(path, b"")):
         with pytest.raises(InputError, match=r"cannot be written: it is a folder$"):
             check(Path(output))
     assert sorted(tmp_path.rglob("*")) == [tmp_path / "folder"]

@@ -14,9 +14,9 @@ from skystack.benchmarking import run as benchmarking
 from skystack.benchmarking.figures import Figure
 from skystack.cli import main, shown
 from skystack.evaluation import simulate
-from skystack.evaluation.evaluate import Judged
+from skystack.evaluation.evaluate import Evaluation
 from skystack.evaluation.stored import pa
-from skystack.io.streams import Prose, Results, escaping
+from skystack.io.streams import StandardError, StandardOutput, escaping
 from skystack.learning.run import Trained
 from skystack.reporting import comparison, report, trainings
 from skystack.reporting.replay import page
@@ -60,13 +60,13 @@ def files(tmp_path_factory):
 @pytest.fixture
 def quick(monkeypatch, tmp_path):
     """What takes time is done already, and came to hostile names."""
-    judged = Judged({**ROW, "seed": 0}, pa.table({}), pa.table({}), {3: HOSTILE}, (HOSTILE,))
+    judged = Evaluation({**ROW, "seed": 0}, pa.table({}), pa.table({}), {3: HOSTILE}, (HOSTILE,))
     trained = Trained(None, 1, 1.0)
     monkeypatch.setattr(Trained, "summary", {"experiment": HOSTILE})
-    monkeypatch.setattr("skystack.evaluation.evaluate.judge", always(judged))
+    monkeypatch.setattr("skystack.evaluation.evaluate.evaluate", always(judged))
     monkeypatch.setattr("skystack.evaluation.summary.aggregate", always(ROW))
     monkeypatch.setattr("skystack.learning.run.train_experiment", always(trained))
-    monkeypatch.setattr("skystack.learning.run.begun_with", always([HOSTILE]))
+    monkeypatch.setattr("skystack.learning.run.preflight", always([HOSTILE]))
     monkeypatch.setattr("skystack.compilation.programs.compile_for_one_core", always(None))
     monkeypatch.setattr(reproduction, "run_plan", always({**RESULTS, "kept": [HOSTILE]}))
     monkeypatch.setattr(report, "write_report", always(Path(HOSTILE)))
@@ -182,8 +182,8 @@ def test_streams_of_other_kinds_are_left_alone(monkeypatch):
     monkeypatch.setattr(sys, "stdout", written)
     monkeypatch.setattr(sys, "stderr", None)
     with escaping():
-        Results().write("a")
-        Prose().write("b")
-        Prose().flush()
+        StandardOutput().write("a")
+        StandardError().write("b")
+        StandardError().flush()
     assert written.getvalue() == "a"
-    assert partial(getattr, Results())("getvalue")() == "a"
+    assert partial(getattr, StandardOutput())("getvalue")() == "a"

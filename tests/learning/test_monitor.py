@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from skystack.errors import TrainingError
-from skystack.learning.monitor import LOSSES, PARTS, Watch, finite
+from skystack.learning.monitor import LOSSES, PARTS, TrainingMonitor, finite
 
 GOOD = dict.fromkeys(LOSSES, 1.0)
 
 
 @pytest.fixture
 def watch():
-    return Watch("lateral", 3, Path("run/checkpoint/learner.safetensors"), 512)
+    return TrainingMonitor("lateral", 3, Path("run/checkpoint/learner.safetensors"), 512)
 
 
 def test_good_numbers_pass_though_scenarios_hold_infinities(watch, learner):
@@ -61,7 +61,7 @@ def test_a_learner_that_is_not_finite_is_named(watch, learner, part, value):
 
 
 def test_without_a_checkpoint_none_is_named(learner):
-    watch = Watch("lateral", 0, Path("nowhere"), 0)
+    watch = TrainingMonitor("lateral", 0, Path("nowhere"), 0)
     with pytest.raises(TrainingError, match=r"last good checkpoint: none$"):
         watch.check(learner, GOOD | {"entropy": None}, 256)
 

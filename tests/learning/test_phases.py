@@ -9,7 +9,7 @@ import pytest
 
 from skystack.learning import ppo
 from skystack.learning.experiment import load_experiment
-from skystack.learning.phases import compiled_updates, learners, phases
+from skystack.learning.phases import compiled_updates, phases, run_updates
 from skystack.learning.seeds import training_key
 from skystack.tasks.build import build_training_task
 
@@ -57,8 +57,8 @@ def test_each_update_is_made_by_the_program_of_its_phase():
     """Four updates, of which one is made already; the phases begin with the first and the third."""
     settings = experiment_with().ppo
     assert settings.updates == 4
-    learner = ppo.Learner(*[None] * len(ppo.Learner._fields))._replace(updates=1, key=())
-    trained = list(learners({1: made("before"), 3: made("later")}, settings, learner))
+    learner = ppo.TrainState(*[None] * len(ppo.TrainState._fields))._replace(updates=1, key=())
+    trained = list(run_updates({1: made("before"), 3: made("later")}, settings, learner))
     assert [number for number, _, _ in trained] == [2, 3, 4]
     assert [measured["is"] for _, _, measured in trained] == ["before", "before", "later"]
     assert trained[-1][1].key == ("before", "before", "later")
@@ -71,7 +71,7 @@ def test_compiled_beside_is_compiled_here():
     init = jax.jit(partial(ppo.init, task, settings))
     like, learner = jax.eval_shape(init, training_key(0)), init(training_key(0))
     with compiled_updates({0: task}, settings, like) as updates:
-        trained = list(learners(updates, settings, learner))
+        trained = list(run_updates(updates, settings, learner))
     assert [number for number, _, _ in trained] == [1, 2]
     update = jax.jit(lambda learner: ppo.update(task, settings, learner))
     expected, _ = update(update(learner)[0])

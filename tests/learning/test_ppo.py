@@ -23,7 +23,7 @@ SETTINGS = PPOSettings(gamma=GAMMA, gae_lambda=LAMBDA, steps=STEPS, environments
 def steps_with(rewards, terminated, truncated):
     empty = jnp.zeros((STEPS, 1))
     column = lambda values, kind: jnp.asarray(values, dtype=kind)[:, None]  # noqa: E731
-    return ppo.Steps(
+    return ppo.Transitions(
         observation=empty[:, :, None],
         final_observation=empty[:, :, None],
         action=empty.astype(jnp.int32),
@@ -47,9 +47,7 @@ def test_advantages_with_a_time_limit_at_every_position(end, kind):
         at_end if kind == "truncated" else never,
     )
     next_values = jnp.asarray(np.where(at_end, final_value, value), dtype=jnp.float32)[:, None]
-    found = ppo.generalised_advantages(steps, jnp.full((STEPS, 1), value), next_values, SETTINGS)[
-        :, 0
-    ]
+    found = ppo.compute_gae(steps, jnp.full((STEPS, 1), value), next_values, SETTINGS)[:, 0]
 
     inner = 1.0 + GAMMA * value - value
     last = 1.0 - value + (0.0 if kind == "terminated" else GAMMA * final_value)
@@ -69,7 +67,7 @@ def test_with_lambda_one_advantages_are_returns_minus_values():
     next_values = np.append(values[1:], 0.7)
     settings = PPOSettings(gamma=GAMMA, gae_lambda=1.0, steps=STEPS, environments=1, minibatch=1)
     never = np.zeros(STEPS, dtype=bool)
-    found = ppo.generalised_advantages(
+    found = ppo.compute_gae(
         steps_with(rewards, never, never),
         jnp.asarray(values, dtype=jnp.float32)[:, None],
         jnp.asarray(next_values, dtype=jnp.float32)[:, None],
@@ -132,7 +130,7 @@ def test_actions_are_drawn_by_their_probability():
     shares = np.array([0.1, 0.0, 0.5, 0.15, 0.25])
     lottery = (np.arange(1000) + 0.5) / 1000
     logarithms = np.log(np.maximum(shares, 1e-30), dtype=np.float32)
-    drawn = ppo.draw(
+    drawn = ppo.sample_actions(
         jnp.broadcast_to(jnp.asarray(logarithms)[:, None], (5, 1000)), jnp.float32(lottery)
     )
     assert np.bincount(drawn, minlength=5).tolist() == [100, 0, 500, 150, 250]
@@ -157,7 +155,7 @@ def test_the_value_after_a_step_is_of_its_own_scenario(cut_short):
         return inference.forward(learner.parameters.critic, rows)
 
     columns = network.normalise_columns(learner.normaliser, seen[:, :, 0].T)
-    values, next_values = ppo.judge(learner, steps, columns)
+    values, next_values = ppo.compute_values(learner, steps, columns)
     np.testing.assert_allclose(values, value(seen), atol=1e-5)
     np.testing.assert_allclose(next_values, value(final), atol=1e-5)
 

@@ -13,9 +13,9 @@ from skystack.errors import InputError, TrainingError
 from skystack.io.locks import locked_folder
 from skystack.learning import run
 from skystack.learning.experiment import load_experiment
-from skystack.learning.phases import learners
+from skystack.learning.phases import run_updates
 from skystack.learning.policy import load_policy
-from skystack.learning.run import begun_with, train_experiment
+from skystack.learning.run import preflight, train_experiment
 
 SMALL = (
     "ppo.total_steps=1024",
@@ -104,7 +104,7 @@ def test_a_loss_that_is_no_number_stops_training(tmp_path):
 
 def test_weights_that_are_no_numbers_are_not_saved(tmp_path, monkeypatch):
     def spoiled(updates, settings, learner):
-        for number, updated, measured in learners(updates, settings, learner):
+        for number, updated, measured in run_updates(updates, settings, learner):
             broken = jax.tree.map(lambda leaf: leaf * np.nan, updated.parameters)
             yield number, updated._replace(parameters=broken) if number == 3 else updated, measured
 
@@ -147,7 +147,7 @@ def test_a_folder_takes_one_training_at_a_time(tmp_path):
     (tmp_path / "checkpoint" / "learner.safetensors").touch()
     for attempt in (
         lambda: train_experiment(small(), 3, tmp_path),
-        lambda: begun_with(small(), tmp_path, resume=False),  # though it holds an unfinished one
+        lambda: preflight(small(), tmp_path, resume=False),  # though it holds an unfinished one
     ):
         with (
             locked_folder(tmp_path),
@@ -299,23 +299,23 @@ def test_a_policy_is_described_by_its_training(untrained, tmp_path):
 
 
 def test_notices_before_a_training_begins(tmp_path):
-    assert begun_with(TINY, tmp_path / "new", False) == ["compiling ..."]
-    assert begun_with(TINY, tmp_path / "new", True) == [
+    assert preflight(TINY, tmp_path / "new", False) == ["compiling ..."]
+    assert preflight(TINY, tmp_path / "new", True) == [
         f"{tmp_path / 'new'} holds no checkpoint: training begins anew",
         "compiling ...",
     ]
     all_of_it = small("pretraining.steps=1024")
-    assert begun_with(all_of_it, tmp_path / "new", False) == [
+    assert preflight(all_of_it, tmp_path / "new", False) == [
         "pretraining.steps (1,024) takes all of ppo.total_steps (1,024): only pretraining.reward "
         "is learned from, not task.reward",
         "compiling ...",
     ]
-    assert begun_with(small("pretraining.steps=1023"), tmp_path / "new", False) == ["compiling ..."]
-    said = begun_with(small("task.cycles=100"), tmp_path / "new", False)
+    assert preflight(small("pretraining.steps=1023"), tmp_path / "new", False) == ["compiling ..."]
+    said = preflight(small("task.cycles=100"), tmp_path / "new", False)
     assert len(said) == 2
     assert "routes take more than 100 cycles" in said[0]
 
-    both = begun_with(small("task.cycles=100", "pretraining.steps=1024"), tmp_path / "new", False)
+    both = preflight(small("task.cycles=100", "pretraining.steps=1024"), tmp_path / "new", False)
     assert both[0].startswith("pretraining.steps (1,024)")
     assert both[1:] == said
 
@@ -339,12 +339,12 @@ def test_the_revision_is_that_of_git(tmp_path, monkeypatch, capfd, script, revis
 
 
 def test_no_training_is_lost_to_another(tmp_path):
-    begun_with(TINY, tmp_path, False)
+    preflight(TINY, tmp_path, False)
     (tmp_path / "checkpoint" / "learner.safetensors").write_bytes(b"half")
     with pytest.raises(InputError, match="holds a training that is not finished"):
-        begun_with(TINY, tmp_path, False)
-    assert begun_with(TINY, tmp_path, True) == ["compiling ..."]
+        preflight(TINY, tmp_path, False)
+    assert preflight(TINY, tmp_path, True) == ["compiling ..."]
     (tmp_path / "policy.json").write_text("{}")
     with pytest.raises(InputError, match="holds a trained policy already"):
-        begun_with(TINY, tmp_path, False)
-    assert begun_with(TINY, tmp_path, True) == ["compiling ..."]
+        preflight(TINY, tmp_path, False)
+    assert preflight(TINY, tmp_path, True) == ["compiling ..."]

@@ -13,7 +13,7 @@ from skystack.platforms.instruction import Instruction
 from skystack.platforms.languages import cpdlc
 from skystack.platforms.own import Skystack
 from skystack.platforms.phraseology import written
-from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario
+from skystack.simulator.scenario_file import Aircraft, Scenario, ScheduledClearance
 from skystack.simulator.simulator import turn_to_deg
 
 SECTOR = replace(x_plus(), levels_fl=(100, 400))
@@ -48,7 +48,7 @@ def random_clearances(rng, aircraft, directions):
             turn = str(rng.choice(directions))
         near = np.clip(level // 10 * 10 + rng.choice([-10, 0, 10, -50, 50]), 110, 380)
         fl = int(near) if target is None or rng.random() < 0.5 else None
-        yield GivenClearance(cycle, aircraft.callsign, target, turn, fl)
+        yield ScheduledClearance(cycle, aircraft.callsign, target, turn, fl)
         heading = heading if target is None else float(target)
         level = level if fl is None else float(fl)
 

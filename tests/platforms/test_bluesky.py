@@ -16,7 +16,7 @@ bluesky = pytest.importorskip("bluesky")
 from skystack.airspace.sector import turns_deg  # noqa: E402
 from skystack.airspace.xplus import x_plus  # noqa: E402
 from skystack.errors import InputError, PlatformError  # noqa: E402
-from skystack.evaluation.evaluate import Conditions, evaluation_folder, judge  # noqa: E402
+from skystack.evaluation.evaluate import Conditions, evaluate, evaluation_folder  # noqa: E402
 from skystack.export.scenario import export_scenario  # noqa: E402
 from skystack.platforms.bluesky import BlueSky  # noqa: E402
 from skystack.platforms.bluesky_scenario import TYPES, levels_fl, scenario_text  # noqa: E402
@@ -25,7 +25,7 @@ from skystack.platforms.instruction import Instruction  # noqa: E402
 from skystack.platforms.protocol import Platform, Report  # noqa: E402
 from skystack.policies.shipped import find_policy  # noqa: E402
 from skystack.simulator.fleet import AircraftType  # noqa: E402
-from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario  # noqa: E402
+from skystack.simulator.scenario_file import Aircraft, Scenario, ScheduledClearance  # noqa: E402
 
 SECTOR = x_plus()
 BENT = max(SECTOR.routes, key=lambda route: abs(SECTOR.first_heading_deg(route) % 90.0 - 45.0))
@@ -55,17 +55,17 @@ TOLD = scenario(
     aircraft("AC1"),
     aircraft("AC2", lat=0.3, lon=-0.2, fl=200.0, heading_deg=181.234),
     clearances=(
-        GivenClearance(0, "AC2", heading_deg=10),
-        GivenClearance(7, "AC1", heading_deg=300, fl=340),
-        GivenClearance(20, "AC2", fl=120),
-        GivenClearance(31, "AC1", fl=280),
-        GivenClearance(31, "AC2", heading_deg=359, fl=330),
+        ScheduledClearance(0, "AC2", heading_deg=10),
+        ScheduledClearance(7, "AC1", heading_deg=300, fl=340),
+        ScheduledClearance(20, "AC2", fl=120),
+        ScheduledClearance(31, "AC1", fl=280),
+        ScheduledClearance(31, "AC2", heading_deg=359, fl=330),
     ),
 )
 NAVIGATING = scenario(
     navigating("AC1", SECTOR.routes[0]),
     navigating("AC2", SECTOR.routes[-1], fl=250.0),
-    clearances=(GivenClearance(40, "AC2", heading_deg=90, fl=270),),
+    clearances=(ScheduledClearance(40, "AC2", heading_deg=90, fl=270),),
     cycles=150,
 )
 
@@ -111,13 +111,13 @@ def test_the_cruise_speed_is_that_of_the_performance_and_is_held(platform, name,
     flown = scenario(aircraft(fl=float(fl)), performance=name, cycles=20)
     speed = column(fly(platform, flown), "ground_speed_kt")
     simulator = flown.simulator()
-    cruise = simulator.level_ground_speed_kt(flown.initial_traffic(simulator).level)
+    cruise = simulator.level_ground_speed_kt(flown.initial_traffic(simulator).level_ticks)
     # The constants of the two atmospheres differ in the fifth digit.
     np.testing.assert_allclose(speed, np.full_like(speed, cruise), rtol=2e-4)
 
 
 def test_the_cruise_speed_follows_the_cleared_level(platform):
-    told = (GivenClearance(0, "AC1", fl=360),)
+    told = (ScheduledClearance(0, "AC1", fl=360),)
     speed = column(fly(platform, scenario(clearances=told)), "ground_speed_kt")
     assert speed[-1, 0] == pytest.approx(0.8 * 573.6, rel=2e-3)
 
@@ -143,7 +143,7 @@ def test_turns_are_coordinated_and_begin_with_the_first_second(platform):
 
 @pytest.mark.parametrize("heading", [0, 35, 215, 359, 360])
 def test_a_heading_is_captured_exactly_by_the_shorter_way(platform, heading):
-    told = (GivenClearance(0, "AC1", heading_deg=heading),)
+    told = (ScheduledClearance(0, "AC1", heading_deg=heading),)
     headings = column(fly(platform, scenario(clearances=told, cycles=40)), "heading_deg")[:, 0]
     assert headings[-1] == heading % 360
     turned = np.abs((np.diff(headings) + 180.0) % 360.0 - 180.0).sum()
@@ -152,7 +152,7 @@ def test_a_heading_is_captured_exactly_by_the_shorter_way(platform, heading):
 
 @pytest.mark.parametrize("level", [340, 290, 180])
 def test_a_level_is_captured_exactly(platform, level):
-    told = (GivenClearance(0, "AC1", fl=level),)
+    told = (ScheduledClearance(0, "AC1", fl=level),)
     reports = fly(platform, scenario(clearances=told, cycles=100))
     assert column(reports, "fl")[-1, 0] == level
     assert column(reports, "cleared_fl")[1, 0] == level
@@ -191,7 +191,9 @@ def test_own_navigation_cuts_corners_as_coordinated_turns_do(platform):
 
 def test_a_heading_ends_own_navigation(platform):
     flown = scenario(
-        navigating("AC1", BENT), clearances=(GivenClearance(2, "AC1", heading_deg=123),), cycles=100
+        navigating("AC1", BENT),
+        clearances=(ScheduledClearance(2, "AC1", heading_deg=123),),
+        cycles=100,
     )
     reports = fly(platform, flown)
     assert column(reports, "heading_deg")[-1, 0] == 123.0
@@ -304,7 +306,7 @@ def test_an_evaluation_flies_again_in_plain_bluesky(tmp_path):
     """A policy's clearances, from the stored tables, exported and flown by BlueSky alone."""
     number = 1
     conditions = Conditions(episodes=number + 1, platform="bluesky")
-    judge(find_policy("lateral-best"), conditions, tmp_path)
+    evaluate(find_policy("lateral-best"), conditions, tmp_path)
     folder = evaluation_folder(tmp_path, "lateral-best", 0, True, "bluesky")
     export_scenario(folder, number, tmp_path / "one.scn")
     only = [("scenario", "=", number), ("cycle", ">", 0)]
@@ -388,7 +390,7 @@ def test_the_levels_that_a_file_is_written_for_are_flown(platform):
     rng = np.random.default_rng(5)
     cycles = np.cumsum(rng.integers(1, 8, 20)).tolist()
     cleared = dict(zip(cycles, (10 * rng.integers(20, 38, 20)).tolist(), strict=True))
-    told = tuple(GivenClearance(cycle, "AC1", fl=fl) for cycle, fl in cleared.items())
+    told = tuple(ScheduledClearance(cycle, "AC1", fl=fl) for cycle, fl in cleared.items())
     flown = scenario(clearances=told, cycles=120)
     reports = fly(platform, flown)
     expected = levels_fl(300.0, cleared, 120, flown.performance_of("B753").rate_ft_min)
@@ -396,7 +398,7 @@ def test_the_levels_that_a_file_is_written_for_are_flown(platform):
     np.testing.assert_allclose(column(reports, "fl")[:-1, 0], levels, rtol=0.0, atol=1e-6)
     assert len(set(levels)) > 60
     fast = replace(scenario(aircraft(fl=300.24)), fleet=(AircraftType("B753", rate_ft_min=3000.0),))
-    up = replace(fast, clearances=(GivenClearance(0, "AC1", fl=310),), cycles=4)
+    up = replace(fast, clearances=(ScheduledClearance(0, "AC1", fl=310),), cycles=4)
     levels = [fl for fl, _ in levels_fl(300.24, {0: 310}, 5, 3000.0)]
     np.testing.assert_allclose(column(fly(platform, up), "fl")[:, 0], levels, rtol=0.0, atol=1e-6)
 

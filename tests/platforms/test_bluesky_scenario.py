@@ -26,7 +26,7 @@ from skystack.simulator.performance import (
     tas_from_cas,
     tas_from_mach,
 )
-from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario
+from skystack.simulator.scenario_file import Aircraft, Scenario, ScheduledClearance
 
 
 def scenario(*clearances, own_navigation=False, callsign="BAW12", cycles=20):
@@ -64,9 +64,9 @@ def test_aircraft_are_created_at_the_start():
 
 def test_clearances_stand_at_the_time_of_their_cycle():
     flown = scenario(
-        GivenClearance(700, "BAW12", heading_deg=360),
-        GivenClearance(5, "BAW12", heading_deg=90, fl=340),
-        GivenClearance(5, "BAW12", heading_deg=35),
+        ScheduledClearance(700, "BAW12", heading_deg=360),
+        ScheduledClearance(5, "BAW12", heading_deg=90, fl=340),
+        ScheduledClearance(5, "BAW12", heading_deg=35),
         cycles=1000,
     )
     told = [entry for entry in lines(flown) if entry[0] > 0]
@@ -84,7 +84,7 @@ def test_clearances_stand_at_the_time_of_their_cycle():
 
 
 def test_a_file_is_in_the_order_of_time():
-    flown = scenario(*(GivenClearance(cycle, "BAW12", fl=310) for cycle in (9, 3, 0)))
+    flown = scenario(*(ScheduledClearance(cycle, "BAW12", fl=310) for cycle in (9, 3, 0)))
     times = [time_s for time_s, _ in lines(flown)]
     assert times == sorted(times)
 
@@ -118,10 +118,10 @@ def test_a_type_that_bluesky_would_replace_is_refused(flown_as):
 
 @pytest.mark.parametrize("turn", ["left", "right"])
 def test_a_direction_of_turn_is_refused(turn):
-    given = GivenClearance(5, "BAW12", heading_deg=90, turn=turn)
+    given = ScheduledClearance(5, "BAW12", heading_deg=90, turn=turn)
     with pytest.raises(InputError, match=f"'{turn}' in cycle 5 for BAW12"):
         scenario_text(scenario(given))
-    free = replace(scenario(), clearances=(GivenClearance(5, "BAW12", 90, "shortest"),))
+    free = replace(scenario(), clearances=(ScheduledClearance(5, "BAW12", 90, "shortest"),))
     assert "HDG BAW12 090" in scenario_text(free)
 
 
@@ -199,7 +199,7 @@ def test_each_aircraft_has_its_own_speeds_and_rates():
         replace(one, callsign=callsign, type=kind, fl=350.0)
         for callsign, kind in (("A", "A320"), ("B", "AT76"), ("C", "AT76"))
     )
-    up = tuple(GivenClearance(2, callsign, fl=360) for callsign in ("A", "B"))
+    up = tuple(ScheduledClearance(2, callsign, fl=360) for callsign in ("A", "B"))
     told = lines(replace(scenario(*up), aircraft=flying, fleet=kinds))
     assert [command for time_s, command in told if time_s == 0 and "SPD" in command] == [
         "SPD A M0.60000000",

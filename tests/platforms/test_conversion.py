@@ -43,8 +43,8 @@ def test_a_report_is_read_as_it_stands():
     np.testing.assert_allclose(PLANE.to_degrees(read.position_nm)[:, 0], [0.1, 0.2], atol=1e-6)
     np.testing.assert_allclose(PLANE.to_degrees(read.position_nm)[:, 1], [-0.3, 0.4], atol=1e-6)
     # Floating-point noise of a level that was captured is none any more.
-    assert read.level.tolist() == [300 * TICKS_PER_FL, 320 * TICKS_PER_FL]
-    assert read.cleared_level.tolist() == [340 * TICKS_PER_FL, 320 * TICKS_PER_FL]
+    assert read.level_ticks.tolist() == [300 * TICKS_PER_FL, 320 * TICKS_PER_FL]
+    assert read.cleared_level_ticks.tolist() == [340 * TICKS_PER_FL, 320 * TICKS_PER_FL]
     assert read.cleared_heading_deg.tolist() == [60.0, 270.0]
     assert read.route.tolist() == before.route.tolist()
     same = jax.tree.map(lambda new, old: new.dtype == old.dtype, read, before)
@@ -55,15 +55,15 @@ def test_who_has_left_stays_as_it_was():
     before = drawn()._replace(active=jax.numpy.array([False, True]))
     read = traffic_of(report(), before, PLANE)
     assert read.position_nm[0].tolist() == before.position_nm[0].tolist()
-    assert read.level[0] == before.level[0]
-    assert read.level[1] == 320 * TICKS_PER_FL
+    assert read.level_ticks[0] == before.level_ticks[0]
+    assert read.level_ticks[1] == 320 * TICKS_PER_FL
     assert read.active.tolist() == [False, True]
 
 
 def test_a_drawn_scenario_begins_on_a_platform_where_it_was_drawn():
     before = drawn()
     callsigns = ["AC1", "AC2"]
-    scenario = scenario_of(before, TASK.simulator, "table", 300, callsigns, before.level)
+    scenario = scenario_of(before, TASK.simulator, "table", 300, callsigns, before.level_ticks)
     start = traffic_of(Skystack().reset(scenario), before, PLANE)
     for name, old in before._asdict().items():
         np.testing.assert_allclose(getattr(start, name), old, rtol=1e-6, atol=1e-5, err_msg=name)
@@ -74,14 +74,19 @@ def test_a_drawn_scenario_begins_on_a_platform_where_it_was_drawn():
 
 def test_what_is_under_way_is_what_is_cleared():
     """A platform's turn and climb are its own: tasks see them flown as cleared, nothing pending."""
-    busy = {"pending_turn": RIGHT, "turn_deg": 30.0, "turn_radius_nm": 5.0, "flown_level": 1.0}
+    busy = {
+        "pending_turn": RIGHT,
+        "turn_deg": 30.0,
+        "turn_radius_nm": 5.0,
+        "flown_level_ticks": 1.0,
+    }
     drawn_at = drawn()
     before = drawn_at._replace(
         **{name: jnp.full_like(getattr(drawn_at, name), value) for name, value in busy.items()}
     )
     read = traffic_of(report(), before, PLANE)
     assert read.flown_heading_deg.tolist() == read.cleared_heading_deg.tolist() == [60.0, 270.0]
-    assert read.flown_level.tolist() == [340 * TICKS_PER_FL, 320 * TICKS_PER_FL]
+    assert read.flown_level_ticks.tolist() == [340 * TICKS_PER_FL, 320 * TICKS_PER_FL]
     assert read.turn_deg.tolist() == read.turn_radius_nm.tolist() == [0.0, 0.0]
     assert read.pending_turn.tolist() == [NO_TURN, NO_TURN]
     assert read.heading_deg.tolist() == [45.5, 271.25]
@@ -93,8 +98,8 @@ def test_a_level_is_read_to_the_nearest_tick():
     tick = 1.0 / TICKS_PER_FL
     levels = [300.0 + 0.4 * tick, 300.0 + 0.6 * tick]
     read = traffic_of(report(fl=levels, cleared_fl=levels[::-1]), drawn(), PLANE)
-    assert (read.level - 300 * TICKS_PER_FL).tolist() == [0.0, 1.0]
-    assert (read.cleared_level - 300 * TICKS_PER_FL).tolist() == [1.0, 0.0]
+    assert (read.level_ticks - 300 * TICKS_PER_FL).tolist() == [0.0, 1.0]
+    assert (read.cleared_level_ticks - 300 * TICKS_PER_FL).tolist() == [1.0, 0.0]
 
 
 def test_every_aircraft_keeps_its_own_route_levels_and_type():
@@ -103,7 +108,7 @@ def test_every_aircraft_keeps_its_own_route_levels_and_type():
     task = build_task(TaskSettings(fleet=kinds))
     traffic = task.scenarios.draw(scenario_key(0, 3)).traffic._replace(
         kind=jnp.array([2, 1], dtype=jnp.int32),
-        level=jnp.array([300.5, 280.0], dtype=jnp.float32) * TICKS_PER_FL,
+        level_ticks=jnp.array([300.5, 280.0], dtype=jnp.float32) * TICKS_PER_FL,
         own_navigation=jnp.array([False, True]),
         heading_deg=jnp.array([12.5, 350.0], dtype=jnp.float32),
     )

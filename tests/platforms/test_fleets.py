@@ -13,10 +13,10 @@ from skystack.errors import InputError
 from skystack.platforms.bluesky_scenario import scenario_text
 from skystack.platforms.flight import fly_scenario
 from skystack.platforms.own import Skystack
-from skystack.platforms.registry import notes_of, open_platform
+from skystack.platforms.registry import open_platform, scenario_notes
 from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import tas_from_cas, tas_from_mach
-from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario
+from skystack.simulator.scenario_file import Aircraft, Scenario, ScheduledClearance
 from tests.scenarios import MINIMAL, changed, load
 
 SECTOR = replace(x_plus(), levels_fl=(50, 400))
@@ -38,8 +38,8 @@ def scenario(flying=LEVEL, levels=(), fleet=FLEET, cycles=300):
         Aircraft(callsign, kind, SECTOR.routes[0], -0.2, 0.1, fl, 45.0 + 30.0 * place, 300, False)
         for place, (callsign, (kind, fl)) in enumerate(flying.items())
     )
-    turns = tuple(GivenClearance(20 * place, one, 100) for place, one in enumerate(flying))
-    climbs = tuple(GivenClearance(cycle, callsign, fl=fl) for cycle, callsign, fl in levels)
+    turns = tuple(ScheduledClearance(20 * place, one, 100) for place, one in enumerate(flying))
+    climbs = tuple(ScheduledClearance(cycle, callsign, fl=fl) for cycle, callsign, fl in levels)
     return Scenario(SECTOR, "table", cycles, aircraft, turns + climbs, fleet)
 
 
@@ -181,8 +181,10 @@ def test_a_fleet_that_cannot_be_is_refused(file, message, tmp_path):
 def test_types_that_are_not_in_the_fleet_are_flown_as_is_stated(tmp_path):
     file = changed(("aircraft", 1, "type"), "B744", MINIMAL)
     flown = load(file, tmp_path)
-    assert notes_of("bluebird", flown) == ["bluebird flies B744 at the speeds of its own tables"]
-    assert notes_of("bluesky", flown)[1:] == ["bluesky flies B744 at the speeds of B753"]
+    assert scenario_notes("bluebird", flown) == [
+        "bluebird flies B744 at the speeds of its own tables"
+    ]
+    assert scenario_notes("bluesky", flown)[1:] == ["bluesky flies B744 at the speeds of B753"]
 
 
 def test_exact_levels_are_whole_numbers_however_they_are_written(tmp_path):

@@ -13,7 +13,7 @@ from skystack.platforms.instruction import Instruction
 from skystack.platforms.own import Skystack
 from skystack.platforms.phraseology import written
 from skystack.platforms.protocol import Report
-from skystack.simulator.scenario_file import GivenClearance, load_scenario
+from skystack.simulator.scenario_file import ScheduledClearance, load_scenario
 from tests.scenarios import EXAMPLES, MINIMAL, changed, load
 
 TANGENT_PLANE_NM = 0.04
@@ -175,9 +175,9 @@ def test_a_platform_flies_a_scenario_the_same_after_another(tmp_path):
 
 @pytest.mark.parametrize(("turn", "by_direction"), [("left", True), (None, False)])
 def test_what_a_file_clears_is_what_a_platform_is_given(turn, by_direction):
-    given = GivenClearance(3, "AC1", 90, turn or "shortest", 310)
+    given = ScheduledClearance(3, "AC1", 90, turn or "shortest", 310)
     assert command_of(given) == Instruction("AC1", 90, turn, by_direction, 310)
-    assert command_of(GivenClearance(3, "AC1", fl=310)) == Instruction("AC1", level_fl=310)
+    assert command_of(ScheduledClearance(3, "AC1", fl=310)) == Instruction("AC1", level_fl=310)
 
 
 class Scripted:

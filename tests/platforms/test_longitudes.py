@@ -14,7 +14,7 @@ from skystack.airspace.xplus import x_plus
 from skystack.evaluation.followed import STATUS, follow
 from skystack.platforms.flight import fly_scenario
 from skystack.platforms.registry import open_platform
-from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario
+from skystack.simulator.scenario_file import Aircraft, Scenario, ScheduledClearance
 
 HERE = x_plus()
 
@@ -43,7 +43,7 @@ def scenario():
         Aircraft("AC2", "B753", WESTBOUND, *places[WESTBOUND], 280.0, 284.9, 280, False),
     )
     turns = ((60, 350), (75, 90), (100, 250))
-    clearances = tuple(GivenClearance(cycle, "AC2", heading) for cycle, heading in turns)
+    clearances = tuple(ScheduledClearance(cycle, "AC2", heading) for cycle, heading in turns)
     return Scenario(HERE, "table", 150, flying, clearances)
 
 

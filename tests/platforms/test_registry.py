@@ -16,9 +16,9 @@ from skystack.platforms.registry import (
     adoption_of,
     check_platform,
     flown_type,
-    notes_of,
     open_platform,
-    said_of,
+    platform_notes,
+    scenario_notes,
 )
 from tests.scenarios import MINIMAL, changed, load
 
@@ -44,8 +44,8 @@ def test_what_is_missing_is_named_with_its_extra(monkeypatch, there, message):
 
 
 def test_the_type_that_is_flown_is_said():
-    assert said_of("bluesky", ["B753", "A320"]) == ["bluesky has no B753: flown as B752"]
-    assert said_of("bluebird") == said_of("skystack") == []
+    assert platform_notes("bluesky", ["B753", "A320"]) == ["bluesky has no B753: flown as B752"]
+    assert platform_notes("bluebird") == platform_notes("skystack") == []
     assert flown_type("bluebird", "B753") == "B753"
 
 
@@ -96,18 +96,21 @@ CLIMB_NOTE = (
 
 
 def test_climbs_are_noted_where_they_are_flown_otherwise():
-    assert said_of("bluesky", ["A320"], climbs=True) == [CLIMB_NOTE]
-    assert said_of("bluesky", ["A320", "A320"], climbs=False) == []
-    assert said_of("bluebird", ["B753"], climbs=True) == []
+    assert platform_notes("bluesky", ["A320"], climbs=True) == [CLIMB_NOTE]
+    assert platform_notes("bluesky", ["A320", "A320"], climbs=False) == []
+    assert platform_notes("bluebird", ["B753"], climbs=True) == []
     substitute = "bluesky has no B753: flown as B752"
-    assert said_of("bluesky", ["B753", "A320", "B753"], climbs=True) == [substitute, CLIMB_NOTE]
+    assert platform_notes("bluesky", ["B753", "A320", "B753"], climbs=True) == [
+        substitute,
+        CLIMB_NOTE,
+    ]
 
 
 def noted(folder, platform, **fields):
     """Notes of a scenario with an A320 and an AT76."""
     file = changed(("aircraft", 0, "type"), "AT76") | fields
     file["aircraft"][1]["type"] = "A320"
-    return notes_of(platform, load(file, folder))
+    return scenario_notes(platform, load(file, folder))
 
 
 def test_speeds_of_types_without_any_of_their_own_are_noted(tmp_path):

@@ -60,14 +60,14 @@ def fly_one(experiment, stacking, sector, scenario, number, callsign, flown):
     position = fixes[0] + rng.uniform(-3.0, 3.0, size=2)
     heading = cleared = float(round(sector.first_heading_deg(route)))
     target, issued, instructions, told_before = 1, 0, 0, False
-    entered = exited = strayed = False
+    entered = exited = excursion = False
     level = (300.0, 465.9, 0.0)
     area = MatplotlibPath(sector.area_nm)
     for cycle in range(CYCLES + 1):
         inside = bool(area.contains_point(position))
         entered = entered or inside
-        strayed = strayed or (entered and not inside and target < len(fixes) - 1)
-        status = "exited" if exited else "strayed" if strayed else "in_sector"
+        excursion = excursion or (entered and not inside and target < len(fixes) - 1)
+        status = "exited" if exited else "excursion" if excursion else "in_sector"
         status = status if entered else "before_entry"
         lat, lon = sector.plane.to_degrees(position)
         flown.trajectories.append(
@@ -111,7 +111,7 @@ def fly_one(experiment, stacking, sector, scenario, number, callsign, flown):
             target += 1
         exited = target == len(fixes)
     flown.aircraft.append((scenario, callsign, "B753", " ".join(route), 300, 300))
-    return issued, instructions, exited, strayed, cycle
+    return issued, instructions, exited, excursion, cycle
 
 
 COLUMNS = {
@@ -149,8 +149,8 @@ def write_evaluation(folder: Path, experiment, stacking, scenarios, callsigns) -
             fly_one(experiment, stacking, sector, scenario, number, callsign, flown)
             for number, callsign in enumerate(callsigns)
         ]
-        issued, instructions, exited, strayed, cycles = zip(*results, strict=True)
-        right, stray = all(exited), any(strayed)
+        issued, instructions, exited, excursion, cycles = zip(*results, strict=True)
+        right, stray = all(exited), any(excursion)
         outcome = (right and not stray, right, stray, True, 12.5, False, max(cycles))
         flown.episodes.append((scenario, sum(issued), sum(instructions), *outcome))
     folder.mkdir(parents=True)

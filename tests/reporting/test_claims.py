@@ -13,8 +13,8 @@ from skystack.reporting.claims import (
     MISSED,
     REPRODUCED,
     Claim,
+    check_claims,
     claims_table,
-    judge_claims,
 )
 from skystack.reporting.results import (
     Comparison,
@@ -77,7 +77,7 @@ def judged(folder, figures, **more):
         quick=False,
         **more,
     )
-    return {claim.words: claim for claim in judge_claims(Run(folder, results, None))}
+    return {claim.words: claim for claim in check_claims(Run(folder, results, None))}
 
 
 def test_the_papers_own_figures_are_reproduced(tmp_path):
@@ -494,7 +494,7 @@ def test_a_run_without_statistics_has_no_claims(tmp_path):
         rows=[Row(**bare)], rows_by_seed=[], train=[], wall_s=1.0, machine="", version="",
         command="", quick=False,
     )  # fmt: skip
-    assert judge_claims(Run(tmp_path, results, None)) == []
+    assert check_claims(Run(tmp_path, results, None)) == []
     results = msgspec.structs.replace(results, rows=[plain, Row(**bare)])
-    assert judge_claims(Run(tmp_path, results, None)) == []
+    assert check_claims(Run(tmp_path, results, None)) == []
     assert claims_table([]).rows == ()

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
 from skystack.reporting.flights import (
-    Clearance,
-    Scenario,
+    FlownScenario,
+    IssuedClearance,
     Start,
     Track,
     read_outcomes,
@@ -23,7 +23,7 @@ FOLDER = "evaluation/lateral-s0-skystack-stacked"
 
 
 def clearance(cycle, direction="right", kind="heading", value=90):
-    return Clearance(cycle, 6 * cycle, kind, value, direction, 1, "")
+    return IssuedClearance(cycle, 6 * cycle, kind, value, direction, 1, "")
 
 
 def track(*clearances):
@@ -47,12 +47,14 @@ def test_a_track_ends_with_its_exit(run):
     path = run / FOLDER / "trajectories.parquet"
     table = pq.read_table(path)
     cycle = table["cycle"].to_numpy()
-    status = pa.array(np.where(cycle >= 7, "exited", np.where(cycle >= 4, "strayed", "in_sector")))
+    status = pa.array(
+        np.where(cycle >= 7, "exited", np.where(cycle >= 4, "excursion", "in_sector"))
+    )
     changed = table.set_column(table.column_names.index("status"), "status", status)
     pq.write_table(changed.replace_schema_metadata(table.schema.metadata), path)
     for one in read_scenario(run / FOLDER, 0).tracks:
         assert len(one.position_nm) == 8
-        assert one.strayed_cycle == 4
+        assert one.excursion_cycle == 4
 
 
 def test_outcomes_are_the_first_ones(run):
@@ -142,7 +144,7 @@ def flown(callsign, *positions_nm, fl=300.0):
 
 
 def least_separation(*tracks):
-    return Scenario(x_plus(), 0, 0, tracks).least_separation
+    return FlownScenario(x_plus(), 0, 0, tracks).least_separation
 
 
 def test_least_separation_is_found_between_radar_positions():

@@ -3,13 +3,13 @@
 import numpy as np
 
 from skystack.airspace.xplus import x_plus
-from skystack.reporting.flights import Clearance, Scenario, Track
+from skystack.reporting.flights import FlownScenario, IssuedClearance, Track
 from skystack.reporting.profiles import profile, profiles
 from skystack.reporting.style import house_style
 
 
 def climb():
-    told = Clearance(2, 12, "level", 150, "climb", 5, "AC1 climb FL150")
+    told = IssuedClearance(2, 12, "level", 150, "climb", 5, "AC1 climb FL150")
     track = Track(
         callsign="AC1",
         route_nm=np.zeros((0, 2)),
@@ -17,10 +17,10 @@ def climb():
         level_fl=np.array([100.0, 100.0, 100.0, 100.0, 102.5, 105.0]),
         cleared_fl=np.array([100.0, 100.0, 100.0, 150.0, 150.0, 150.0]),
         exit_fl=160,
-        strayed_cycle=None,
+        excursion_cycle=None,
         clearances=(told,),
     )
-    return Scenario(x_plus(), 0, 1, (track,))
+    return FlownScenario(x_plus(), 0, 1, (track,))
 
 
 def test_a_climb_is_drawn_as_it_was_told_and_flown():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skystack.airspace.xplus import x_plus
-from skystack.reporting.flights import Clearance, Scenario, Track
+from skystack.reporting.flights import FlownScenario, IssuedClearance, Track
 from skystack.reporting.style import house_style
 from skystack.reporting.trajectories import (
     MOST_TEXTS,
@@ -23,7 +23,7 @@ def scenario_of(count, every=10, aircraft=2):
     route = np.array([sector.fixes_nm[name] for name in sector.routes[0]])
     path = np.linspace([-20.0, -20.0], [40.0, 40.0], 60)
     clearances = tuple(
-        Clearance(every * number % 60, 0, "heading", 45, ("left", "right")[number % 2], 1, "")
+        IssuedClearance(every * number % 60, 0, "heading", 45, ("left", "right")[number % 2], 1, "")
         for number in range(count)
     )
     level = np.full(len(path), 300.0)
@@ -31,7 +31,7 @@ def scenario_of(count, every=10, aircraft=2):
         Track(f"AC{n}", route, path + n, level, level, 300, None, clearances)
         for n in range(aircraft)
     ]
-    return Scenario(sector, 3, aircraft * count, tuple(tracks))
+    return FlownScenario(sector, 3, aircraft * count, tuple(tracks))
 
 
 def texts_of(figure):
@@ -44,7 +44,7 @@ def test_counts_in_words(count, text):
 
 
 def test_bursts_in_words():
-    one = Clearance(0, 0, "heading", 285, "right", 1, "")
+    one = IssuedClearance(0, 0, "heading", 285, "right", 1, "")
     assert burst_text([one]) == "right 285"
     assert burst_text([one._replace(value=275), one]) == "2 \N{MULTIPLICATION SIGN} right to 285"
 
@@ -71,10 +71,10 @@ def test_a_crowded_picture_has_marks_but_no_texts():
 
 def test_leaving_the_sector_is_marked_and_explained():
     scenario = scenario_of(1)
-    strayed = dataclasses.replace(scenario.tracks[0], strayed_cycle=5)
+    excursion = dataclasses.replace(scenario.tracks[0], excursion_cycle=5)
     with house_style():
         plain = picture("Damped", scenario)
-        marked = picture("Damped", dataclasses.replace(scenario, tracks=(strayed,)))
+        marked = picture("Damped", dataclasses.replace(scenario, tracks=(excursion,)))
     assert "left the sector" not in [text.get_text() for text in plain.legends[0].get_texts()]
     assert "left the sector" in [text.get_text() for text in marked.legends[0].get_texts()]
 

@@ -186,9 +186,9 @@ def test_a_checkpoint_that_comes_back_lands_after_its_metrics(experiment, tmp_pa
         [],
     )
     queue = SimpleNamespace(qsize=lambda: 2, get_nowait_batch=lambda count: sent[:count])
-    write = cluster.write_aside
+    write = cluster.atomic_write
     monkeypatch.setattr(
-        cluster, "write_aside", lambda path, data: (written.append(path.name), write(path, data))
+        cluster, "atomic_write", lambda path, data: (written.append(path.name), write(path, data))
     )
     cluster._hear(queue, plan, lambda name, progress: heard.append(name))
     assert heard == ["lateral-s0", "lateral-s1"]

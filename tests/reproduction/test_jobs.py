@@ -9,7 +9,7 @@ from skystack.errors import InputError
 from skystack.learning.experiment import load_experiment
 from skystack.learning.run import train_experiment
 from skystack.reproduction import jobs
-from skystack.reproduction.jobs import flown_once, nobody_once, trained_once
+from skystack.reproduction.jobs import flown_once, no_op_once, trained_once
 from skystack.reproduction.plan import Plan
 
 SMALL = ("ppo.total_steps=1024", "ppo.environments=8", "ppo.steps=32", "ppo.minibatch=64")
@@ -113,9 +113,9 @@ def test_evaluations_are_kept_until_policy_scenarios_or_tables_change(plan, expe
 
 
 def test_nobody_is_flown_once(plan, experiment):
-    first, kept = nobody_once(plan, experiment)
+    first, kept = no_op_once(plan, experiment)
     assert not kept
     assert first.row["clearances_mean"] == 0.0
-    assert nobody_once(plan, experiment)[1]
+    assert no_op_once(plan, experiment)[1]
     record = plan.evaluation / "do-nothing-s0-skystack-plain" / "row.json"
     assert json.loads(record.read_text())["result"] == first.row

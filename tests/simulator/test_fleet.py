@@ -52,7 +52,7 @@ def test_side_by_side_they_part_by_the_difference_of_their_airspeeds():
     traffic = start(
         position_nm=jnp.zeros((2, 2)),
         heading_deg=array(90.0, 90.0),
-        level=level,
+        level_ticks=level,
         route=jnp.zeros(2, dtype=jnp.int32),
         ground_speed_kt=simulator.level_ground_speed_kt(level, kind),
         own_navigation=jnp.zeros(2, dtype=bool),
@@ -73,11 +73,11 @@ def test_types_come_by_their_shares_and_levels_alike():
     traffic = jax.vmap(drawn.draw)(keys).traffic
     slow = int(np.sum(traffic.kind))
     assert binomtest(slow, 4000, 0.75).pvalue > 1e-3
-    found, counts = np.unique(traffic.level / TICKS_PER_FL, return_counts=True)
+    found, counts = np.unique(traffic.level_ticks / TICKS_PER_FL, return_counts=True)
     assert found.tolist() == [280.0, 300.0, 340.0]
     assert chisquare(counts).pvalue > 1e-3
     # Independent of each other: every pair of levels and every pair of types comes.
-    assert len({tuple(row) for row in np.asarray(traffic.level)}) == 9
+    assert len({tuple(row) for row in np.asarray(traffic.level_ticks)}) == 9
     assert len({tuple(row) for row in np.asarray(traffic.kind)}) == 4
     # What the paper draws stays the same beside it.
     alone = jax.vmap(LateralScenarios(Simulator(simulator.sector, TablePerformance())).draw)(keys)

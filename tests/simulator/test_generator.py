@@ -79,13 +79,13 @@ def test_headings_are_those_of_the_first_leg():
 
 def test_everything_else_is_level_flight_at_fl300():
     traffic = scenarios()
-    assert (traffic.level == 300.0 * TICKS_PER_FL).all()
+    assert (traffic.level_ticks == 300.0 * TICKS_PER_FL).all()
     assert traffic.ground_speed_kt == pytest.approx(465.940793, abs=1e-3)
     assert (traffic.vertical_speed_ft_min == 0.0).all()
     assert (traffic.cleared_heading_deg == traffic.heading_deg).all()
-    assert (traffic.cleared_level == traffic.level).all()
+    assert (traffic.cleared_level_ticks == traffic.level_ticks).all()
     assert (traffic.flown_heading_deg == traffic.heading_deg).all()
-    assert (traffic.flown_level == traffic.level).all()
+    assert (traffic.flown_level_ticks == traffic.level_ticks).all()
     assert (traffic.pending_turn == NO_TURN).all()
     assert (traffic.turn_deg == 0.0).all()
     assert (traffic.next_fix == 1).all()
@@ -125,6 +125,6 @@ def test_settings_are_followed():
         flights("constant").simulator, aircraft=3, levels_fl=(250,), disc_nm=1.0
     )
     traffic = jax.jit(lateral.draw)(jax.random.key(0)).traffic
-    assert traffic.level.tolist() == [250.0 * TICKS_PER_FL] * 3
+    assert traffic.level_ticks.tolist() == [250.0 * TICKS_PER_FL] * 3
     assert traffic.ground_speed_kt.tolist() == [400.0] * 3
     assert np.linalg.norm(offset_nm(jax.tree.map(np.asarray, traffic)), axis=-1).max() <= 1.0

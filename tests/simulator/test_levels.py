@@ -24,7 +24,7 @@ def climb(model, start_fl, told, cycles, heading_deg=0.0):
 
 
 def levels_fl(rows):
-    return rows.level[:, 0].astype(float) / TICKS_PER_FL
+    return rows.level_ticks[:, 0].astype(float) / TICKS_PER_FL
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -62,7 +62,7 @@ def test_ground_speed_is_what_the_vertical_speed_leaves(model, fl, sign):
     """Ground speed^2 = airspeed^2 - vertical speed^2, at the level where the second begins."""
     rows = climb(model, fl, [Told(0, 0, fl=fl + sign * 50.0)], 5)
     assert rows.vertical_speed_ft_min[1:, 0].tolist() == [0.0, *[sign * RATE_FT_MIN[model]] * 4]
-    before = np.float32(rows.level[4, 0] + 5 * sign * RATE_FT_MIN[model])
+    before = np.float32(rows.level_ticks[4, 0] + 5 * sign * RATE_FT_MIN[model])
     (airspeed,) = (
         flights(model)
         .simulator.performance.true_airspeed_kt(
@@ -103,8 +103,16 @@ def test_a_level_between_two_seconds_is_captured_exactly():
     ours = flights("table")
     traffic = ours.start(np.zeros((2, 2)), 0.0, [305.0, 300.25])
     rows = ours.fly(traffic, 6, [Told(0, 0, fl=315), Told(0, 1, fl=310)])
-    assert (rows.level / TICKS_PER_FL)[:, 0].tolist() == [305, 305, 307.5, 310, 312.5, 315, 315]
-    assert (rows.level / TICKS_PER_FL)[4:, 1].tolist() == [307.75, 310.0, 310.0]
+    assert (rows.level_ticks / TICKS_PER_FL)[:, 0].tolist() == [
+        305,
+        305,
+        307.5,
+        310,
+        312.5,
+        315,
+        315,
+    ]
+    assert (rows.level_ticks / TICKS_PER_FL)[4:, 1].tolist() == [307.75, 310.0, 310.0]
 
 
 def test_nothing_climbs_through_the_ceiling():
@@ -126,11 +134,11 @@ def test_a_thousand_climbs_and_descents_return_exactly(model):
 
     def change(traffic, target_fl):
         told = clearance(8, ())._replace(
-            changes_level=jnp.ones(8, dtype=bool), level=target_fl * TICKS_PER_FL
+            changes_level=jnp.ones(8, dtype=bool), level_ticks=target_fl * TICKS_PER_FL
         )
         traffic = instruct(traffic, told)
         traffic = jax.lax.fori_loop(0, 20, lambda _, state: simulator.advance(state), traffic)
-        return traffic, traffic.level
+        return traffic, traffic.level_ticks
 
     start = flights(model).start(np.zeros((8, 2)), 0.0, 300.0)
     end, levels = jax.jit(lambda t, goals: jax.lax.scan(change, t, goals))(
@@ -139,7 +147,7 @@ def test_a_thousand_climbs_and_descents_return_exactly(model):
     assert np.array_equal(levels, np.round(levels))
     # The last climb or descent may not have been completed: fly on.
     end = jax.jit(lambda t: jax.lax.fori_loop(0, 150, lambda _, s: simulator.advance(s), t))(end)
-    assert end.level.tolist() == [300.0 * TICKS_PER_FL] * 8
+    assert end.level_ticks.tolist() == [300.0 * TICKS_PER_FL] * 8
     assert end.vertical_speed_ft_min.tolist() == [0.0] * 8
 
 
@@ -153,7 +161,7 @@ def test_cleared_levels_are_reached_and_never_overshot(model, start_fl, target_f
     ours = flights(model)
     traffic = ours.start(np.zeros((4, 2)), 0.0, np.array(start_fl, dtype=float))
     told = [Told(0, a, fl=fl) for a, fl in enumerate(target_fl)]
-    rows = ours.fly(traffic, 155, told).level / TICKS_PER_FL
+    rows = ours.fly(traffic, 155, told).level_ticks / TICKS_PER_FL
     low, high = np.minimum(start_fl, target_fl), np.maximum(start_fl, target_fl)
     assert ((rows >= low) & (rows <= high)).all()
     assert (np.abs(np.diff(rows, axis=0)) <= FL_PER_CYCLE[model]).all()

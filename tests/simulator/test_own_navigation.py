@@ -163,7 +163,7 @@ def test_a_heading_ends_it_when_it_is_adopted():
 def test_a_level_does_not_end_it():
     us = one_aircraft(True, [Told(10, 0, fl=350)])
     assert us.own_navigation.all()
-    assert us.level[-1, 0] == 350.0 * TICKS_PER_FL
+    assert us.level_ticks[-1, 0] == 350.0 * TICKS_PER_FL
     # The turn towards FINCH has been flown.
     assert us.next_fix[-1, 0] == 3
     assert us.heading_deg[-1, 0] == pytest.approx(104.9, abs=0.1)

@@ -91,7 +91,7 @@ def test_rows_agree(rollout, model):
     # Own navigation flies the bearing in the plane, not the geodesic one, and may end with it.
     gap = angle_between_deg(us.heading_deg[them.row], them.heading_deg)
     assert np.all(gap < np.where(us.own_navigation[0], 0.015, 0.001))
-    assert us.level[them.row] / TICKS_PER_FL == pytest.approx(them.fl, abs=1e-3)
+    assert us.level_ticks[them.row] / TICKS_PER_FL == pytest.approx(them.fl, abs=1e-3)
     moving = them.row > 0
     assert us.ground_speed_kt[them.row][moving] == pytest.approx(
         them.ground_speed_kt[moving], abs=2e-3
@@ -102,7 +102,7 @@ def test_rows_agree(rollout, model):
 @pytest.mark.parametrize("rollout", ROLLOUTS)
 def test_cleared_values_appear_in_the_same_rows(rollout, model):
     us, them = flown(rollout, model)
-    assert (us.cleared_level[them.row] / TICKS_PER_FL).tolist() == them.selected_fl.tolist()
+    assert (us.cleared_level_ticks[them.row] / TICKS_PER_FL).tolist() == them.selected_fl.tolist()
     told = ~np.isnan(them.selected_heading_deg)
     cleared = us.cleared_heading_deg[them.row]
     assert cleared[told].tolist() == them.selected_heading_deg[told].tolist()
@@ -160,9 +160,9 @@ def test_levels_of_the_described_climb(model, levels_fl):
     route = sector.route_index(HERON_SWIFT)
     traffic = ours.start([sector.fixes_nm["HERON"]], 45.19198, 100.0, [route], True)
     us = ours.fly(traffic, 120, [Told(2, 0, fl=300)])
-    levels = us.level[list(levels_fl), 0] / TICKS_PER_FL
+    levels = us.level_ticks[list(levels_fl), 0] / TICKS_PER_FL
     assert levels == pytest.approx(list(levels_fl.values()), abs=1e-3)
-    assert (us.cleared_level[[2, 3], 0] / TICKS_PER_FL).tolist() == [100.0, 300.0]
+    assert (us.cleared_level_ticks[[2, 3], 0] / TICKS_PER_FL).tolist() == [100.0, 300.0]
     if model == "table":
         # A ground speed while climbing: 2,500 ft/min are 24.686 kt.
         airspeed = np.hypot(us.ground_speed_kt[[4, 83, 84], 0], [24.685, 24.685, 0.0])

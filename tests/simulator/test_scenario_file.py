@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
 from skystack.io.json_file import MAX_BYTES
-from skystack.simulator.scenario_file import GivenClearance, load_scenario
+from skystack.simulator.scenario_file import ScheduledClearance, load_scenario
 from tests.scenarios import MINIMAL, changed, load
 
 A1, C0 = ("aircraft", 1), ("clearances", 0)
@@ -228,9 +228,12 @@ def test_what_an_aircraft_is_told_in_a_cycle_is_one_transmission(tmp_path):
         {"cycle": 3, "callsign": "AC1", "fl": 310},
     )
     assert transmissions == {
-        0: [GivenClearance(0, "AC1", None, None, 200)],
-        3: [GivenClearance(3, "AC2", 360, "left", 340), GivenClearance(3, "AC1", None, None, 310)],
-        11: [GivenClearance(11, "AC1", 90)],
+        0: [ScheduledClearance(0, "AC1", None, None, 200)],
+        3: [
+            ScheduledClearance(3, "AC2", 360, "left", 340),
+            ScheduledClearance(3, "AC1", None, None, 310),
+        ],
+        11: [ScheduledClearance(11, "AC1", 90)],
     }
     assert list(transmissions) == [0, 3, 11]
 
@@ -247,8 +250,8 @@ def test_of_two_entries_in_a_cycle_the_later_wins_and_leaves_what_it_does_not_na
         {"cycle": 4, "callsign": "AC1", "fl": 330},
     )
     assert transmissions == {
-        3: [GivenClearance(3, "AC1", 50, None, 320)],
-        4: [GivenClearance(4, "AC1", 60, "left", 330)],
+        3: [ScheduledClearance(3, "AC1", 50, None, 320)],
+        4: [ScheduledClearance(4, "AC1", 60, "left", 330)],
     }
 
 
@@ -258,7 +261,7 @@ def test_every_whole_heading_is_cleared_as_it_is(tmp_path_factory, heading_deg, 
     one = {"cycle": 0, "callsign": "AC2", "heading_deg": heading_deg, "turn": turn}
     path.write_text(json.dumps(changed(C0, one)))
     transmissions = load_scenario(path).transmissions()
-    assert transmissions == {0: [GivenClearance(0, "AC2", heading_deg, turn)]}
+    assert transmissions == {0: [ScheduledClearance(0, "AC2", heading_deg, turn)]}
 
 
 def test_what_is_nested_too_deep_is_refused(tmp_path):

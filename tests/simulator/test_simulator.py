@@ -12,7 +12,7 @@ from skystack.simulator.traffic import LEFT, NO_TURN, RIGHT, SHORTEST, Traffic
 
 from .flights import MODELS, Told, angle_between_deg, clearance, flights
 
-CLEARED = {"cleared_heading_deg", "cleared_level", "pending_turn"}
+CLEARED = {"cleared_heading_deg", "cleared_level_ticks", "pending_turn"}
 """The only fields that `instruct` may change."""
 CYCLES = 40
 
@@ -92,8 +92,8 @@ def test_instruct_changes_only_what_it_clears(told, active):
         else:
             assert after.cleared_heading_deg[aircraft] == before.cleared_heading_deg[aircraft]
             assert int(after.pending_turn[aircraft]) == NO_TURN
-        expected = levels[-1] * 6000.0 if levels else float(before.cleared_level[aircraft])
-        assert float(after.cleared_level[aircraft]) == expected
+        expected = levels[-1] * 6000.0 if levels else float(before.cleared_level_ticks[aircraft])
+        assert float(after.cleared_level_ticks[aircraft]) == expected
 
 
 def test_silence_changes_nothing():
@@ -121,7 +121,13 @@ def test_inactive_aircraft_neither_move_nor_hear(own_navigation):
     )
     traffic = traffic._replace(active=jnp.asarray(active))
     rows = flights("table", own_navigation).fly(traffic, CYCLES, orders(n))
-    for name in ("position_nm", "heading_deg", "level", "ground_speed_kt", "cleared_level"):
+    for name in (
+        "position_nm",
+        "heading_deg",
+        "level_ticks",
+        "ground_speed_kt",
+        "cleared_level_ticks",
+    ):
         values = getattr(rows, name)
         assert np.array_equal(values[:, ~active], np.repeat(values[:1, ~active], CYCLES + 1, 0))
     assert (np.abs(np.diff(rows.position_nm[:, active], axis=0)).max(axis=-1) > 0.1).all()
@@ -155,7 +161,7 @@ def test_two_aircraft_fly_the_same_among_two_hundred(model, own_navigation):
     alone = ours.fly(few, CYCLES, [t for t in told if t.aircraft < 2])
     for name in Traffic._fields:
         assert getattr(crowded, name)[:, :2] == pytest.approx(getattr(alone, name), abs=1e-3)
-    assert np.array_equal(crowded.level[:, :2], alone.level)
+    assert np.array_equal(crowded.level_ticks[:, :2], alone.level_ticks)
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -175,7 +181,7 @@ def transformed_flights(model, move, change_deg, flip=False):
     sign = -1.0 if flip else 1.0
     heading = np.mod(sign * np.asarray(traffic.heading_deg) + change_deg, 360.0)
     there = ours.start(
-        move(np.asarray(traffic.position_nm, dtype=float)), heading, traffic.level / 6000.0
+        move(np.asarray(traffic.position_nm, dtype=float)), heading, traffic.level_ticks / 6000.0
     )
     here = ours.fly(traffic, CYCLES, told)
     return here, ours.fly(there, CYCLES, headed(told, change_deg, flip))
@@ -185,7 +191,7 @@ def assert_moved(here, there, move, change_deg, flip=False):
     expected = (-1.0 if flip else 1.0) * here.heading_deg + change_deg
     assert np.max(angle_between_deg(there.heading_deg, expected)) < 1e-3
     assert there.position_nm == pytest.approx(move(here.position_nm.astype(float)), abs=1e-3)
-    assert np.array_equal(there.level, here.level)
+    assert np.array_equal(there.level_ticks, here.level_ticks)
     assert np.array_equal(there.ground_speed_kt, here.ground_speed_kt)
 
 
@@ -227,11 +233,11 @@ def test_traffic_starts_cleared_to_what_it_flies():
     traffic = crowd("table", 6)
     assert np.array_equal(traffic.cleared_heading_deg, traffic.heading_deg)
     assert np.array_equal(traffic.flown_heading_deg, traffic.heading_deg)
-    assert np.array_equal(traffic.cleared_level, traffic.level)
-    assert np.array_equal(traffic.flown_level, traffic.level)
+    assert np.array_equal(traffic.cleared_level_ticks, traffic.level_ticks)
+    assert np.array_equal(traffic.flown_level_ticks, traffic.level_ticks)
     assert traffic.active.all()
     flown = flights("table").fly(traffic, 3)
-    for name in ("heading_deg", "level", "cleared_heading_deg", "cleared_level"):
+    for name in ("heading_deg", "level_ticks", "cleared_heading_deg", "cleared_level_ticks"):
         assert np.array_equal(getattr(flown, name)[-1], getattr(traffic, name))
 
 

@@ -87,14 +87,24 @@ def test_a_clearance_moves_the_aircraft_one_cycle_later():
     traffic = ours.start(ORIGIN, 45.0)
     told = ours.fly(traffic, 8, [Told(2, 0, heading_deg=75, fl=320)])
     silent = ours.fly(traffic, 8)
-    physical = [told.position_nm, told.heading_deg, told.level, told.ground_speed_kt]
-    unmoved = [silent.position_nm, silent.heading_deg, silent.level, silent.ground_speed_kt]
+    physical = [told.position_nm, told.heading_deg, told.level_ticks, told.ground_speed_kt]
+    unmoved = [silent.position_nm, silent.heading_deg, silent.level_ticks, silent.ground_speed_kt]
     for moved, still in zip(physical, unmoved, strict=True):
         assert np.array_equal(moved[:4], still[:4])
         assert not np.array_equal(moved[4], still[4])
     assert told.cleared_heading_deg[:4, 0].tolist() == [45.0, 45.0, 45.0, 75.0]
     assert told.heading_deg[:, 0].tolist() == [45.0, 45.0, 45.0, 45.0, 54.0, 63.0, 72.0, 75.0, 75.0]
-    assert (told.level[:, 0] / 6000.0).tolist() == [300, 300, 300, 300, 302, 304, 306, 308, 310]
+    assert (told.level_ticks[:, 0] / 6000.0).tolist() == [
+        300,
+        300,
+        300,
+        300,
+        302,
+        304,
+        306,
+        308,
+        310,
+    ]
 
 
 def test_a_new_heading_is_turned_to_from_where_the_aircraft_points():

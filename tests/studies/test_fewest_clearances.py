@@ -101,7 +101,7 @@ def one_aircraft(position_nm, heading_deg, route=0):
     return start(
         position_nm=jnp.asarray([position_nm], dtype=jnp.float32),
         heading_deg=jnp.asarray([heading_deg], dtype=jnp.float32),
-        level=jnp.full(1, ticks(300)),
+        level_ticks=jnp.full(1, ticks(300)),
         route=jnp.asarray([route], dtype=jnp.int32),
         ground_speed_kt=jnp.full(1, 400.0),
         own_navigation=jnp.zeros(1, dtype=bool),

@@ -37,7 +37,7 @@ def traffic_on(task: NavigationTask) -> Builder:
         return start(
             position_nm=jnp.asarray(np.array(positions), dtype=jnp.float32),
             heading_deg=jnp.asarray(headings, dtype=jnp.float32),
-            level=level,
+            level_ticks=level,
             route=jnp.asarray([sector.routes.index(route) for route in routes], dtype=jnp.int32),
             ground_speed_kt=task.simulator.level_ground_speed_kt(level),
             own_navigation=jnp.zeros(len(routes), dtype=bool),

@@ -66,7 +66,7 @@ def test_turns_are_from_the_cleared_heading(cleared, action, expected):
     traffic = traffic_of([90.0, 90.0], [cleared, 77.0])
     told = small_turns(2).instruct(traffic, number(action))
     assert told.cleared_heading_deg.tolist() == [expected, 77.0]
-    assert told.cleared_level.tolist() == traffic.cleared_level.tolist()
+    assert told.cleared_level_ticks.tolist() == traffic.cleared_level_ticks.tolist()
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_levels_are_cleared_within_the_sector(cleared_fl, action, expected_fl, p
     traffic = traffic_of([0.0, 0.0], [0.0, 0.0], [cleared_fl, 150.0])
     assert bool(table.may_stack(traffic, number(action))) is possible
     told = table.instruct(traffic, number(action))
-    assert told.cleared_level.tolist() == [ticks(expected_fl), ticks(150.0)]
+    assert told.cleared_level_ticks.tolist() == [ticks(expected_fl), ticks(150.0)]
     assert told.cleared_heading_deg.tolist() == [0.0, 0.0]
     gone = traffic._replace(active=jnp.zeros(2, dtype=bool))
     assert not bool(table.may_stack(gone, number(action)))

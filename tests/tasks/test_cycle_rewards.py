@@ -68,7 +68,7 @@ def flown(judge, traffic_on) -> Traffic:
     there = traffic_on(*ROUTES, positions=positions, headings=headings)
     return there._replace(
         ground_speed_kt=jnp.asarray(SPEED_KT),
-        cleared_level=jnp.asarray([ticks(fl) for fl in CLEARED_FL], dtype=jnp.float32),
+        cleared_level_ticks=jnp.asarray([ticks(fl) for fl in CLEARED_FL], dtype=jnp.float32),
     )
 
 
@@ -140,7 +140,7 @@ def test_straying_is_priced_when_it_happens(judge, flown, memory):
     far = flown._replace(position_nm=flown.position_nm.at[1].set(jnp.asarray([300.0, 0.0])))
     inside = memory._replace(entered=jnp.asarray([True, True, True]))
     never = memory._replace(entered=jnp.asarray([True, False, True]))
-    already = inside._replace(strayed=jnp.asarray([False, True, False]))
+    already = inside._replace(excursion=jnp.asarray([False, True, False]))
     now, later = judge.reward(inside, far), judge.reward(already, far)
     assert now - later == pytest.approx(-4.0 / 3.0, abs=1e-5)
     assert judge.reward(never, far) == later
@@ -179,7 +179,7 @@ FEW, MANY = (29.0, 0.0, 29.0), (0.0, 30.0, 0.0)
 
 
 @pytest.mark.parametrize(
-    ("right", "strayed", "instructions", "paid"),
+    ("right", "excursion", "instructions", "paid"),
     [
         ((True, True, True), (False, False, False), FEW, 35.0),
         ((True, True, False), (False, False, False), FEW, 5.0 + 10.0 / 3 + 5.0),
@@ -191,12 +191,12 @@ FEW, MANY = (29.0, 0.0, 29.0), (0.0, 30.0, 0.0)
 )
 @pytest.mark.parametrize("cycles", [298.0, 299.0, 300.0])
 def test_the_terminal_set_is_paid_at_the_end(
-    judge, flown, memory, cycles, right, strayed, instructions, paid
+    judge, flown, memory, cycles, right, excursion, instructions, paid
 ):
     state = memory._replace(
         entered=jnp.asarray([True, True, True]),
         exited_correctly=jnp.asarray(right),
-        strayed=jnp.asarray(strayed),
+        excursion=jnp.asarray(excursion),
         instructions=jnp.asarray(instructions),
     )
     on_the_way = judge.reward(state, flown)
@@ -208,7 +208,7 @@ def test_the_terminal_set_is_paid_at_the_end(
     )
     assert bool(outcome.metrics.success) == (paid == 35.0)
     assert bool(outcome.metrics.correct_exit) == all(right)
-    assert bool(outcome.metrics.excursion) == any(strayed)
+    assert bool(outcome.metrics.excursion) == any(excursion)
     assert bool(outcome.metrics.few_instructions) == (instructions == FEW)
 
 
@@ -218,9 +218,9 @@ def test_a_scenario_ends_when_nobody_is_left(judge, flown, memory):
     outside = memory._replace(entered=jnp.asarray([False, False, False]))
     state, outcome = judge.judge(outside, gone)
     assert bool(outcome.terminated)
-    assert np.all(state.memory.strayed)
+    assert np.all(state.memory.excursion)
     assert float(outcome.reward) == pytest.approx(2.0 * 5.0)
     entered = memory._replace(entered=jnp.asarray([True, False, True]))
     np.testing.assert_array_equal(
-        judge.judge(entered, gone)[0].memory.strayed, [False, True, False]
+        judge.judge(entered, gone)[0].memory.excursion, [False, True, False]
     )

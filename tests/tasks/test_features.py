@@ -61,7 +61,7 @@ def traffic_of(sector, routes, positions_nm, cleared_deg, actual_deg=0.0, fl=300
 
 
 def memory_of(sector, traffic, next_fix=None):
-    memory = Tracker(sector).begin(traffic, traffic.level)
+    memory = Tracker(sector).begin(traffic, traffic.level_ticks)
     if next_fix is None:
         return memory
     return memory._replace(next_fix=jnp.asarray(next_fix, dtype=jnp.int32))
@@ -136,10 +136,10 @@ def test_times_turns_and_levels(scattered):
     *_, cleared, _, traffic, memory = scattered
     memory = memory._replace(
         cycles_since_instruction=jnp.arange(20.0),
-        entry_level=jnp.full(20, ticks(120.0), dtype=jnp.float32),
-        exit_level=jnp.full(20, ticks(250.0), dtype=jnp.float32),
+        entry_level_ticks=jnp.full(20, ticks(120.0), dtype=jnp.float32),
+        exit_level_ticks=jnp.full(20, ticks(250.0), dtype=jnp.float32),
     )
-    traffic = traffic._replace(cleared_level=jnp.full(20, ticks(280.0), dtype=jnp.float32))
+    traffic = traffic._replace(cleared_level_ticks=jnp.full(20, ticks(280.0), dtype=jnp.float32))
     for name in ("delta_t", "delta_t_10"):
         np.testing.assert_array_equal(value(name, SECTOR, traffic, memory), 6.0 * np.arange(20.0))
     error = wrapped(value("theta_turn", SECTOR, traffic, memory) - (cleared - 123.0))
@@ -168,7 +168,7 @@ def test_distances_are_true_ones(sector):
     positions = sector.plane.to_plane(*np.array(points).T)
     traffic = traffic_of(sector, routes, positions, 0.0)
     memory = memory_of(sector, traffic, next_fixes)
-    memory = memory._replace(exit_level=memory.exit_level - ticks(50.0))
+    memory = memory._replace(exit_level_ticks=memory.exit_level_ticks - ticks(50.0))
     to_fix, to_exit, in_hand = [], [], []
     for at, route, next_fix in cases:
         middle = sector.edge_through(route[-2])[[0, -1]].mean(axis=0)

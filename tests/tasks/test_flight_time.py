@@ -76,8 +76,8 @@ def test_an_aircraft_on_its_own_navigation_takes_as_long():
     keys = (jax.random.key(number) for number in range(100))
     drawn = (flying.scenarios.draw(key) for key in keys)
     first = next(each for each in drawn if each.traffic.route == 1 and
-                 each.traffic.level == 300 * TICKS_PER_FL)  # fmt: skip
-    state, count = flying.begin(first.traffic, first.exit_level), 0
+                 each.traffic.level_ticks == 300 * TICKS_PER_FL)  # fmt: skip
+    state, count = flying.begin(first.traffic, first.exit_level_ticks), 0
     while bool(state.traffic.active[0]) and count < 600:
         state, count = step(state), count + 1
     assert bool(state.memory.exited[0])

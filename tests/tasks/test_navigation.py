@@ -139,25 +139,25 @@ def test_entry_exit_and_excursion_cycles_agree_with_geometry(task, traffic_on):
     assert entered == int(np.ceil(4.9922 / per_cycle))
     assert exited == int(np.ceil((4.9922 + 29.9533 + 20.8255 + 39.0807) / per_cycle))
     # Straight on at EGL leaves through the northern arm: no exit of the turning route.
-    assert bool(memory.strayed[-1, 1])
+    assert bool(memory.excursion[-1, 1])
     assert not bool(memory.exited[-1, 1])
     assert int(np.argmax(outcome.terminated)) == 299
 
 
-def test_strayed_aircraft_go_on_costing(task, traffic_on):
+def test_an_aircraft_outside_still_costs(task, traffic_on):
     memory, outcome = fly(task, traffic_on(TURNING, BACK))
-    strayed = int(np.argmax(np.asarray(memory.strayed)[:, 0]))
+    excursion = int(np.argmax(np.asarray(memory.excursion)[:, 0]))
     assert bool(memory.exited[-1, 1])
     # Far from the route each cycle costs 1 / 2 (averaged over both aircraft).
     assert float(outcome.reward[290]) == pytest.approx(-0.5, abs=1e-3)
-    assert strayed < 290
+    assert excursion < 290
 
 
-def test_who_never_enters_has_strayed_at_the_end(task, traffic_on):
+def test_an_aircraft_that_never_enters_is_an_excursion(task, traffic_on):
     outwards = traffic_on(STRAIGHT, BACK, headings=[225.0, 45.0])
     memory, outcome = fly(task, outwards)
-    assert not np.any(memory.strayed[:-1])
-    np.testing.assert_array_equal(memory.strayed[-1], [True, True])
+    assert not np.any(memory.excursion[:-1])
+    np.testing.assert_array_equal(memory.excursion[-1], [True, True])
     # Only the count criterion holds: 5, and both are as far from the route as can be: -1.
     assert float(outcome.reward[-1]) == pytest.approx(5.0 - 1.0, abs=1e-3)
 
@@ -165,8 +165,8 @@ def test_who_never_enters_has_strayed_at_the_end(task, traffic_on):
 def test_a_wrong_level_fails_the_exit_but_not_the_bounds(task, traffic_on):
     traffic = traffic_on(STRAIGHT, BACK)
     state = task.begin(traffic)
-    wanted = state.memory.exit_level.at[0].set(ticks(310))
-    state = state._replace(memory=state.memory._replace(exit_level=wanted))
+    wanted = state.memory.exit_level_ticks.at[0].set(ticks(310))
+    state = state._replace(memory=state.memory._replace(exit_level_ticks=wanted))
     advance = jax.jit(task.advance)
     for _ in range(123):
         state, outcome = advance(state)

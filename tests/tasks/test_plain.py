@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from skystack.errors import InputError
-from skystack.evaluation.evaluate import task_of
+from skystack.evaluation.evaluate import policy_task
 from skystack.learning.inference import forward, normalise
 from skystack.learning.seeds import scenario_key
 from skystack.policies.shipped import find_policy
@@ -25,7 +25,7 @@ from .test_conformance import Kept
 def test_stacking_in_plain_python_is_stacking_in_a_compiled_program():
     """A shipped policy, in numpy and in JAX, over a whole scenario: the same clearances."""
     policy = find_policy("lateral-best")
-    task = task_of(policy)
+    task = policy_task(policy)
     plain = PlainTask(task)
     assert isinstance(plain, TwoPhase)
 
@@ -75,7 +75,7 @@ def test_an_action_outside_the_table_is_named(begun, answer):
 
 
 def test_whether_something_may_be_said_is_known_for_every_instruction():
-    task = task_of(find_policy("lateral"))
+    task = policy_task(find_policy("lateral"))
     plain = PlainTask(task)
     seen = plain.reset(scenario_key(0, 0))
     said = 0

@@ -71,7 +71,7 @@ def progress(sector, points_deg):
     track, memory = jax.jit(tracker.track), None
     for point in points_deg:
         traffic = traffic_at(sector, [point])
-        memory = tracker.begin(traffic, traffic.level) if memory is None else memory
+        memory = tracker.begin(traffic, traffic.level_ticks) if memory is None else memory
         memory = track(memory, traffic)
         found.append(int(memory.next_fix[0]))
     return found
@@ -83,7 +83,7 @@ def test_starts_of_a_hairpin_route_are_before_its_second_fix():
     lateral = LateralScenarios(simulator, aircraft=1)
     drawn = jax.vmap(lateral.draw, out_axes=-1)(jax.random.split(jax.random.key(0), 200)).traffic
     tracker = Tracker(HAIRPIN)
-    memory = tracker.begin(drawn, drawn.level)
+    memory = tracker.begin(drawn, drawn.level_ticks)
     assert np.all(memory.next_fix == 1)
     flown = simulator.advance(drawn)
     assert np.all(tracker.track(memory, flown).next_fix == 1)
@@ -102,7 +102,7 @@ def test_a_hairpin_is_passed_at_its_fixes_or_by_turning_early():
 def test_a_crowd_begins_on_the_way_to_the_fix_ahead():
     crowd = Crowd(Simulator(FAR_NORTH, performance("table")), 50)
     traffic = crowd.draw(jax.random.key(0)).traffic
-    memory = Tracker(FAR_NORTH).begin(traffic, traffic.level)
+    memory = Tracker(FAR_NORTH).begin(traffic, traffic.level_ticks)
     fixes = FAR_NORTH.route_table.fixes_nm[np.asarray(traffic.route), np.asarray(memory.next_fix)]
     ahead = fixes - np.asarray(traffic.position_nm)
     radians = np.radians(np.asarray(traffic.heading_deg))
@@ -118,7 +118,7 @@ def test_the_centreline_of_a_leg_is_its_geodesic(aside_nm):
     metres = np.full(19, abs(aside_nm) * METRES_PER_NM)
     lon, lat, _ = WGS84.fwd(*on_leg.T, track + np.sign(aside_nm) * 90.0, metres)
     traffic = traffic_at(FAR_NORTH, np.stack([lat, lon], axis=1))
-    memory = Tracker(FAR_NORTH).begin(traffic, traffic.level)
+    memory = Tracker(FAR_NORTH).begin(traffic, traffic.level_ticks)
     found = centreline_distance(FAR_NORTH, traffic, memory)
     assert np.asarray(found) == pytest.approx(aside_nm, abs=0.1)
 
@@ -126,7 +126,7 @@ def test_the_centreline_of_a_leg_is_its_geodesic(aside_nm):
 def test_distances_are_geodesic_far_north():
     points = np.array([(61.5, 10.0), (65.0, 14.0), (67.5, 20.0), (63.0, 18.0)])
     traffic = traffic_at(FAR_NORTH, points)
-    memory = Tracker(FAR_NORTH).begin(traffic, traffic.level + ticks(10.0))
+    memory = Tracker(FAR_NORTH).begin(traffic, traffic.level_ticks + ticks(10.0))
     lat, lon = np.repeat([FAR_NORTH.fixes["WESTE"]], 4, axis=0).T
     fix_nm = WGS84.inv(points[:, 1], points[:, 0], lon, lat)[2] / METRES_PER_NM
     found = np.asarray(next_fix_distance(FAR_NORTH, traffic, memory))
@@ -147,11 +147,11 @@ def test_an_exit_over_an_edge_that_bends_in_the_plane_is_no_excursion():
         for step in (0.013, 0.004, 0.001):  # degrees on either side of the edge
             inside, outside = ((edge_lat + sign * step, lon) for sign in (1.0, -1.0))
             before, after = (traffic_at(sector, [point], 1, 180.0) for point in (inside, outside))
-            memory = tracker.track(tracker.begin(before, before.level), before)
+            memory = tracker.track(tracker.begin(before, before.level_ticks), before)
             assert bool(memory.entered[0])
             memory = tracker.track(memory, after)
             assert bool(memory.exited[0])
-            assert not bool(memory.strayed[0])
+            assert not bool(memory.excursion[0])
 
 
 def scene(levels_fl, apart_nm, active=True):
@@ -171,7 +171,7 @@ def scene(levels_fl, apart_nm, active=True):
 def tracked(*scenes, **changes):
     """The memories after each scene but the first, at which the scenario begins."""
     tracker, memories = Tracker(HAIRPIN), []
-    memory = tracker.begin(scenes[0], scenes[0].level)._replace(**changes)
+    memory = tracker.begin(scenes[0], scenes[0].level_ticks)._replace(**changes)
     for traffic in scenes[1:]:
         memory = tracker.track(memory, traffic)
         memories.append(memory)
@@ -184,8 +184,8 @@ def test_losses_use_the_levels_at_the_start_of_a_cycle():
     assert float(first.separation_nm) == pytest.approx(2.0, abs=1e-3)
     assert float(second.separation_nm) == np.inf
     assert float(second.min_separation_nm) == pytest.approx(2.0, abs=1e-3)
-    assert second.previous_level.tolist() == [ticks(300.0), ticks(320.0)]
-    assert second.entry_level.tolist() == [ticks(300.0), ticks(305.0)]
+    assert second.previous_level_ticks.tolist() == [ticks(300.0), ticks(320.0)]
+    assert second.entry_level_ticks.tolist() == [ticks(300.0), ticks(305.0)]
 
 
 def test_losses_use_the_positions_at_the_start_of_a_cycle():
@@ -208,9 +208,9 @@ def test_aircraft_that_left_lose_no_separation():
 )
 def test_entered_is_inside_the_levels_and_the_area(fl, inside):
     tracker, within = Tracker(HAIRPIN), scene([fl], 0.0)
-    assert tracker.begin(within, within.level).entered.tolist() == [inside]
+    assert tracker.begin(within, within.level_ticks).entered.tolist() == [inside]
     outside = within._replace(position_nm=jnp.asarray([[0.0, 75.0]]))
-    begun = tracker.begin(outside, outside.level)
+    begun = tracker.begin(outside, outside.level_ticks)
     assert begun.entered.tolist() == [False]
     assert tracker.track(begun, within).entered.tolist() == [inside]
     gone = within._replace(active=jnp.asarray([False]))
@@ -220,17 +220,17 @@ def test_entered_is_inside_the_levels_and_the_area(fl, inside):
 def test_only_active_aircraft_that_entered_can_stray():
     """The second one crosses the western edge, which is nobody's exit."""
     inside, outside = scene([300, 300], -40.0), scene([300, 300], -75.0)
-    assert tracked(inside, outside)[0].strayed.tolist() == [False, True]
-    assert tracked(inside, outside, entered=jnp.zeros(2, dtype=bool))[0].strayed.tolist() == [
+    assert tracked(inside, outside)[0].excursion.tolist() == [False, True]
+    assert tracked(inside, outside, entered=jnp.zeros(2, dtype=bool))[0].excursion.tolist() == [
         False,
         False,
     ]
     gone = scene([300, 300], -75.0, active=[True, False])
-    assert tracked(inside, gone)[0].strayed.tolist() == [False, False]
+    assert tracked(inside, gone)[0].excursion.tolist() == [False, False]
     back = tracked(inside, outside, inside)[1]
-    assert back.strayed.tolist() == [False, True]  # for good
+    assert back.excursion.tolist() == [False, True]  # for good
     still = tracked(inside, outside, outside)[1]
-    assert still.strayed.tolist() == [False, True]
+    assert still.excursion.tolist() == [False, True]
 
 
 def noted(memory, action, *aircraft):
@@ -241,7 +241,7 @@ def noted(memory, action, *aircraft):
 def test_instructions_bursts_and_waiting_are_counted():
     """By hand: two of a kind in consecutive cycles are one burst, a pause or another begins one."""
     here, tracker = scene([300, 300], 20.0), Tracker(HAIRPIN)
-    memory = tracker.begin(here, here.level)
+    memory = tracker.begin(here, here.level_ticks)
     assert memory.cycles_since_instruction.tolist() == [10.0, 10.0]
     waited, bursts, new = [], [], []
     for action, aircraft in ((1, [0]), (1, [0]), (3, [1]), (0, []), (3, [1]), (1, [])):
@@ -262,7 +262,7 @@ def test_instructions_bursts_and_waiting_are_counted():
 
 def test_a_stack_of_instructions_in_one_cycle_is_one_burst():
     here = scene([300, 300], 20.0)
-    memory = Tracker(HAIRPIN).begin(here, here.level)
+    memory = Tracker(HAIRPIN).begin(here, here.level_ticks)
     stacked = noted(noted(memory, 2, 0), 2, 0)
     assert (float(stacked.new_bursts), float(stacked.bursts)) == (1.0, 1.0)
     assert stacked.instructed.tolist() == [True, False]
@@ -294,7 +294,7 @@ def test_leaving_through_the_exit(fl, entered, active, exits, correctly):
     memory = tracker.track(memory, outside._replace(active=jnp.asarray([active])))
     assert memory.exited.tolist() == [exits]
     assert memory.exited_correctly.tolist() == [correctly]
-    assert memory.strayed.tolist() == [False]
+    assert memory.excursion.tolist() == [False]
     later = tracker.track(memory, outside._replace(active=jnp.asarray([False])))
     assert later.exited.tolist() == [exits]
     assert later.exited_correctly.tolist() == [correctly]
@@ -324,7 +324,7 @@ def test_a_fix_is_passed_abeam_at_any_distance():
             )
             traffic = traffic_at(sector, [sector.plane.to_degrees(at)], route)
             tracker = Tracker(sector)
-            memory = tracker.track(tracker.begin(traffic, traffic.level), traffic)
+            memory = tracker.track(tracker.begin(traffic, traffic.level_ticks), traffic)
             assert int(memory.next_fix[0]) == found
 
 

@@ -52,12 +52,12 @@ def test_scenarios_are_those_of_the_papers_table(task):
     keys = jax.random.split(jax.random.key(5), 4000)
     drawn = jax.tree.map(np.asarray, jax.jit(jax.vmap(task.scenarios.draw))(keys))
     levels = np.arange(100, 301, 10)
-    for level in (drawn.traffic.level, drawn.exit_level):
+    for level in (drawn.traffic.level_ticks, drawn.exit_level_ticks):
         found, counts = np.unique(level / TICKS_PER_FL, return_counts=True)
         assert found.tolist() == levels.tolist()
         # 21 levels, 190 of each on average: five standard deviations.
         assert np.all(np.abs(counts - 4000 / 21) < 5 * np.sqrt(4000 / 21))
-    both = np.corrcoef(drawn.traffic.level[:, 0], drawn.exit_level[:, 0])[0, 1]
+    both = np.corrcoef(drawn.traffic.level_ticks[:, 0], drawn.exit_level_ticks[:, 0])[0, 1]
     assert abs(both) < 5 / np.sqrt(4000)
     sector = task.simulator.sector
     fixes = np.array([sector.fixes_nm[route[0]] for route in sector.routes])
@@ -79,7 +79,7 @@ def test_the_state_of_a_climb(task):
 def test_an_instruction_moves_the_cleared_level_and_time_at_once(task):
     state = begin(task, 200.0, 230.0)
     told = task.instruct(state, action(CLIMB))
-    assert float(told.traffic.cleared_level[0]) == ticks(210.0)
+    assert float(told.traffic.cleared_level_ticks[0]) == ticks(210.0)
     before, after = task.observe(state), task.observe(told)
     assert float(after[1] - before[1]) * 400.0 == pytest.approx(10.0, abs=1e-3)
     assert float(after[3]) == 0.0
@@ -95,7 +95,7 @@ def test_cleared_levels_stay_in_the_sector(task):
     assert not task.may_stack(top, action(CLIMB))
     assert task.may_stack(top, action(DESCEND))
     assert not task.may_stack(bottom, action(DESCEND))
-    assert float(task.instruct(top, action(CLIMB)).traffic.cleared_level[0]) == ticks(300.0)
+    assert float(task.instruct(top, action(CLIMB)).traffic.cleared_level_ticks[0]) == ticks(300.0)
 
 
 def test_the_reward_of_a_cycle_is_of_the_cleared_level_and_the_damping(task):

@@ -6,7 +6,14 @@ import pytest
 from verification.simulator import simulator_invariants
 from verification.simulator.compared_flights import comparisons, draw_change
 from verification.simulator.invariants import invariants
-from verification.simulator.random_worlds import CYCLES, SETTINGS, Flier, draw, setting_of, together
+from verification.simulator.random_worlds import (
+    CYCLES,
+    SETTINGS,
+    Flier,
+    concatenate_worlds,
+    draw,
+    setting_of,
+)
 from verification.simulator.simulator_invariants import BOUNDS, batches, main, try_worlds
 
 STEERED, NAVIGATING = (range(setting, setting + 12 * 167, 12) for setting in (3, 5))
@@ -38,28 +45,28 @@ def moved(flown, part, field, add):
 
 FAULTS = [
     ("told", "position_nm", 1e-4, "instruct changes nothing physical"),
-    ("told", "cleared_level", 60_000.0, "instruct clears what was said, no more"),
+    ("told", "cleared_level_ticks", 60_000.0, "instruct clears what was said, no more"),
     ("after", "heading_deg", 0.1, "an inactive aircraft changes in nothing"),
     ("after", "heading_deg", 360.0, "everything is finite, headings in [0, 360)"),
     ("after", "ground_speed_kt", np.nan, "everything is finite, headings in [0, 360)"),
     ("after", "position_nm", 0.5, "moves no further than speed x time"),
     ("after", "heading_deg", 9.1, "turns no faster than the turn rate"),
-    ("after", "level", 1.0, "no level beyond the one flown to"),
-    ("after", "level", 1.0, "the level, to the tick"),
+    ("after", "level_ticks", 1.0, "no level beyond the one flown to"),
+    ("after", "level_ticks", 1.0, "the level, to the tick"),
     ("after", "vertical_speed_ft_min", 1.0, "the vertical speed"),
     ("after", "ground_speed_kt", 0.002, "the ground speed"),
     ("after", "heading_deg", 0.001, "the heading"),
     ("after", "heading_deg", 0.0001, "a heading is captured exactly"),
     ("after", "position_nm", 0.0005, "the displacement"),
-    ("after", "flown_level", 60_000.0, "what was told is flown from the next cycle on"),
+    ("after", "flown_level_ticks", 60_000.0, "what was told is flown from the next cycle on"),
     ("after", "turn_deg", 0.001, "a turn begins the way that was told"),
 ]
 
 
 @pytest.fixture(scope="module")
 def flight(flier):
-    world = together([draw(1, number) for number in STEERED])
-    change = together([draw_change(1, number, 4) for number in STEERED])
+    world = concatenate_worlds([draw(1, number) for number in STEERED])
+    change = concatenate_worlds([draw_change(1, number, 4) for number in STEERED])
     return world, flier.fly(world), change
 
 
@@ -97,8 +104,8 @@ def test_standing_still_is_found(flier, flight):
         ("position_nm", 0.02, {"shifted: position", "float64: position"}),
         ("heading_deg", 0.002, {"mirrored: heading", "float64: heading"}),
         ("heading_deg", 0.002, {"two exchanged fly exchanged"}),
-        ("level", 1.0, {"mirrored: level, speeds", "float64: level"}),
-        ("level", 1.0, {"shifted: heading, level, speeds"}),
+        ("level_ticks", 1.0, {"mirrored: level, speeds", "float64: level"}),
+        ("level_ticks", 1.0, {"shifted: heading, level, speeds"}),
     ],
 )
 def test_another_flight_that_differs_is_found(flier, flight, field, by, names):
@@ -128,7 +135,7 @@ class Given:
 @pytest.mark.parametrize(
     ("field", "by", "name"),
     [
-        ("level", 1.0, "untold it flies as if nobody was told"),
+        ("level_ticks", 1.0, "untold it flies as if nobody was told"),
         ("position_nm", 0.3, "float64, own navigation: position"),
         ("heading_deg", 6.0, "float64, own navigation: heading"),
     ],

@@ -21,14 +21,14 @@ import pyarrow.parquet as pq
 
 from skystack.agents.agent import Agent
 from skystack.agents.find import find_agent
-from skystack.agents.queries import ask_actions
+from skystack.agents.queries import query_actions
 from skystack.airspace.sectors import find_sector
 from skystack.evaluation.evaluate import (
     Conditions,
+    agent_task,
+    evaluate,
     evaluation_folder,
-    judge,
-    task_of,
-    task_of_agent,
+    policy_task,
 )
 from skystack.evaluation.simulate import simulate_file
 from skystack.evaluation.stored import stored_scenario
@@ -41,7 +41,7 @@ from skystack.learning.policy import load_policy
 from skystack.learning.seeds import training_key
 from skystack.platforms.flight import fly_scenario
 from skystack.platforms.own import Skystack
-from skystack.reporting.claims import judge_claims
+from skystack.reporting.claims import check_claims
 from skystack.reporting.comparison import comparison_json, comparison_tables
 from skystack.reporting.flights import read_scenario, read_sector
 from skystack.reporting.markdown import as_markdown
@@ -201,7 +201,7 @@ def _policy() -> Format:
         size = len(policy.description.observation)
         observations = random.random((4, size), dtype=np.float32).round(random.integers(4))
         _finite("the answer", policy.logits(observations))
-        task_of(policy)
+        policy_task(policy)
 
     return Format("policy", tuple(seeds), read, settle=_hash_again)
 
@@ -259,9 +259,9 @@ def _read_agent(path: Path, experiment: str | None) -> None:
     """As the verb `evaluate` reads it; and it is asked."""
     agent = find_agent(str(path))
     assert isinstance(agent, Agent)
-    task = task_of_agent(agent, experiment)
+    task = agent_task(agent, experiment)
     rows = np.zeros((3, len(task.observation_names)), np.float32)
-    ask_actions(agent, rows, np.arange(3), 0, len(task.action_names))
+    query_actions(agent, rows, np.arange(3), 0, len(task.action_names))
 
 
 def _checkpoint() -> Format:
@@ -288,7 +288,7 @@ def _evaluation() -> tuple[Files, dict[str, Any]]:
     """The tables of a small evaluation, and its row."""
     with tempfile.TemporaryDirectory() as name:
         policy = load_policy(PACKAGE / "policies" / POLICY)
-        judged = judge(policy, Conditions(episodes=2), Path(name))
+        judged = evaluate(policy, Conditions(episodes=2), Path(name))
         folder = evaluation_folder(Path(name), POLICY, 0, stacking=True)
         tables = _folder(folder, *(path.name for path in sorted(folder.glob("*.parquet"))))
     whole = aggregate([judged.row], [judged.episodes])
@@ -346,7 +346,7 @@ def _read_run(folder: Path) -> None:
             read_sector(run.evaluation(row))
             for track in read_scenario(run.evaluation(row), number).tracks:
                 _finite(family, track.position_nm, track.level_fl, track.cleared_fl)
-    judge_claims(run)
+    check_claims(run)
     as_markdown(run)
     runs = read_runs([folder])
     comparison_tables(runs)

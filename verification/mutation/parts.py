@@ -67,7 +67,7 @@ LEFT_OUT = (
     *("same_clearances", "physical", "cap_of_the_lateral"),  # stacking
     *("keeps_the_contract", "conform_to_the_contract", "flies_like_its_scenarios"),  # tasks
     *("starts_of_a_hairpin", "a_climb_of_150_levels", "uninstructed"),
-    *("agree_with_geometry", "go_on_costing", "has_strayed_at_the_end", "papers_table"),
+    *("agree_with_geometry", "still_costs", "is_an_excursion", "papers_table"),
     *("a_crowd_begins", "bends_in_the_plane", "stacking_in_a_compiled_program"),
     *("known_answer", "bit_for_bit", "compiled_once"),  # learning
 )

@@ -34,7 +34,7 @@ from skystack.platforms.flight import Flight, fly_scenario
 from skystack.platforms.own import Skystack
 from skystack.platforms.protocol import Platform, Report
 from skystack.simulator.performance import DEFAULT_TYPE
-from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario
+from skystack.simulator.scenario_file import Aircraft, Scenario, ScheduledClearance
 
 CYCLES = 300
 MODELS = ("table", "constant")
@@ -100,7 +100,7 @@ def random_scenario(seed: int, performance: str, own_navigation: bool, sector: S
     beside = None if seed % 2 == 0 or own_navigation else (first.lat, first.lon)
     second = _random_aircraft(rng, "AC2", own_navigation, sector, beside)
     aircraft = (first, second)
-    told: list[GivenClearance] = []
+    told: list[ScheduledClearance] = []
     for _ in range(2 if own_navigation else CLEARANCES):
         callsign = f"AC{rng.integers(1, 3)}"
         # Every third follows the last one within two cycles, while that is still being flown.
@@ -109,7 +109,7 @@ def random_scenario(seed: int, performance: str, own_navigation: bool, sector: S
         heading = None if own_navigation or rng.random() < 0.3 else int(rng.integers(0, 360))
         level = rng.random() < 0.3 or heading is None
         told.append(
-            GivenClearance(
+            ScheduledClearance(
                 cycle=min(cycle, CYCLES - 1),
                 callsign=told[-1].callsign if soon else callsign,
                 heading_deg=heading,

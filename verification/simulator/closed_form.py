@@ -54,7 +54,7 @@ class Expected(NamedTuple):
     """The end of a cycle, for an aircraft that flies neither another heading nor another level than
     it was flying to; speeds, rates and levels hold on own navigation too."""
 
-    level: Values
+    level_ticks: Values
     vertical_speed_ft_min: Values
     """Over the last second."""
     speed_kt: Float[np.ndarray, "6 ..."]
@@ -80,7 +80,7 @@ def _seconds(axes: int) -> Int[np.ndarray, "7 ..."]:
 
 def _climb(before: Rows, allowed: Limits) -> tuple[Values, Values, Values]:
     """Level and vertical speed at the end, ground speed in each second."""
-    begun, target = before.level.astype(float), before.flown_level.astype(float)
+    begun, target = before.level_ticks.astype(float), before.flown_level_ticks.astype(float)
     to_go, sign = np.abs(target - begun), np.sign(target - begun)
     rate, ceiling = allowed.rate_ft_min[before.kind], allowed.ceiling[before.kind]
     room = np.where(sign > 0.0, rate * np.ceil(np.maximum(ceiling - begun, 0.0) / rate), np.inf)
@@ -94,10 +94,10 @@ def _climb(before: Rows, allowed: Limits) -> tuple[Values, Values, Values]:
 
 
 def _airspeed_kt(
-    level: Values, phase: Values, kind: Int[np.ndarray, "..."], allowed: Limits
+    level_ticks: Values, phase: Values, kind: Int[np.ndarray, "..."], allowed: Limits
 ) -> Values:
     """True airspeed, interpolated between whole flight levels."""
-    fl = level / TICKS_PER_FL
+    fl = level_ticks / TICKS_PER_FL
     below, column = np.floor(fl).astype(int), (1.0 - phase).astype(int)
     low, high = (allowed.airspeed_kt[kind, column, below + step] for step in (0, 1))
     between: Values = low + (fl - below) * (high - low)

@@ -14,14 +14,14 @@ from skystack.simulator.traffic import LEFT, NO_TURN, RIGHT, SHORTEST, Traffic
 from verification.simulator.closed_form import Rows
 from verification.simulator.invariants import (
     EXACT,
-    Bound,
     Quantities,
+    Tolerance,
     Values,
     Where,
     angle_deg,
     changed,
 )
-from verification.simulator.random_worlds import Flier, Flown, World
+from verification.simulator.random_worlds import Flier, FlownWorld, World
 
 UNDECIDED_DEG = 0.01
 """A turn so near to half or to no turn that rounding decides its side is not compared."""
@@ -29,16 +29,16 @@ BOUNDS = {
     "told alone it flies as among others": EXACT,
     "untold it flies as if nobody was told": EXACT,
     "two exchanged fly exchanged": EXACT,
-    "mirrored: position": Bound(0.002, "NM"),
-    "mirrored: heading": Bound(0.001, "deg"),
+    "mirrored: position": Tolerance(0.002, "NM"),
+    "mirrored: heading": Tolerance(0.001, "deg"),
     "mirrored: level, speeds": EXACT,
-    "shifted: position": Bound(0.002, "NM"),
+    "shifted: position": Tolerance(0.002, "NM"),
     "shifted: heading, level, speeds": EXACT,
-    "float64: position": Bound(0.001, "NM"),
-    "float64: heading": Bound(0.001, "deg"),
-    "float64: level": Bound(0.0, "ticks"),
-    "float64, own navigation: position": Bound(0.2, "NM"),
-    "float64, own navigation: heading": Bound(5.0, "deg"),
+    "float64: position": Tolerance(0.001, "NM"),
+    "float64: heading": Tolerance(0.001, "deg"),
+    "float64: level": Tolerance(0.0, "ticks"),
+    "float64, own navigation: position": Tolerance(0.2, "NM"),
+    "float64, own navigation: heading": Tolerance(5.0, "deg"),
 }
 """Over all cycles of a world.
 
@@ -69,7 +69,7 @@ def draw_change(seed: int, number: int, aircraft: int) -> Change:
     return Change(np.asarray(random.uniform(-50.0, 50.0)), order, alone)
 
 
-def comparisons(flier: Flier, world: World, flown: Flown, change: Change) -> Quantities:
+def comparisons(flier: Flier, world: World, flown: FlownWorld, change: Change) -> Quantities:
     """All that is compared with other flights."""
     return {
         **_told_in_part(flier, world, flown, change),
@@ -80,7 +80,7 @@ def comparisons(flier: Flier, world: World, flown: Flown, change: Change) -> Qua
     }
 
 
-def _told_in_part(flier: Flier, world: World, flown: Flown, change: Change) -> Quantities:
+def _told_in_part(flier: Flier, world: World, flown: FlownWorld, change: Change) -> Quantities:
     one = np.broadcast_to(change.alone, flown.after.active.shape)
     told = world.told
     silence = told._replace(
@@ -97,7 +97,7 @@ def _told_in_part(flier: Flier, world: World, flown: Flown, change: Change) -> Q
     }
 
 
-def _exchanged(flier: Flier, world: World, flown: Flown, change: Change) -> Quantities:
+def _exchanged(flier: Flier, world: World, flown: FlownWorld, change: Change) -> Quantities:
     def exchange(leaf: np.ndarray, axis: int) -> np.ndarray:
         order = change.order
         while order.ndim < leaf.ndim - axis:
@@ -115,7 +115,7 @@ def _exchanged(flier: Flier, world: World, flown: Flown, change: Change) -> Quan
     return {"two exchanged fly exchanged": (changed(flown.after, there), everywhere)}
 
 
-def _mirrored(flier: Flier, world: World, flown: Flown, change: Change) -> Quantities:
+def _mirrored(flier: Flier, world: World, flown: FlownWorld, change: Change) -> Quantities:
     """At the meridian of the origin. Routes stay as they are: without who flies them."""
     begun = world.start
 
@@ -133,7 +133,7 @@ def _mirrored(flier: Flier, world: World, flown: Flown, change: Change) -> Quant
     there = flier.fly(world._replace(start=start, told=told)).after
     here = flown.after
     compared = ~begun.own_navigation & decided(flown)
-    vertical = ("level", "ground_speed_kt", "vertical_speed_ft_min")
+    vertical = ("level_ticks", "ground_speed_kt", "vertical_speed_ft_min")
     return {
         "mirrored: position": (
             apart_nm(there.position_nm, _westward(here.position_nm)),
@@ -152,7 +152,7 @@ def _westward(position_nm: Float[np.ndarray, "*axes 2 worlds"]) -> np.ndarray:
     return position_nm * np.array([[-1.0], [1.0]], dtype=position_nm.dtype)
 
 
-def _shifted(flier: Flier, world: World, flown: Flown, change: Change) -> Quantities:
+def _shifted(flier: Flier, world: World, flown: FlownWorld, change: Change) -> Quantities:
     """To the east or west, where the earth is the same."""
     begun, here = world.start, flown.after
     shift = np.stack([change.shift_nm, np.zeros_like(change.shift_nm)])
@@ -169,7 +169,7 @@ def _shifted(flier: Flier, world: World, flown: Flown, change: Change) -> Quanti
     }
 
 
-def _precise(flier: Flier, world: World, flown: Flown) -> Quantities:
+def _precise(flier: Flier, world: World, flown: FlownWorld) -> Quantities:
     here, there = flown.after, flier.fly(world, "float64").after
     own, compared = world.start.own_navigation, decided(flown)
     apart = apart_nm(here.position_nm, there.position_nm)
@@ -177,13 +177,13 @@ def _precise(flier: Flier, world: World, flown: Flown) -> Quantities:
     return {
         "float64: position": (apart, compared & ~own),
         "float64: heading": (off, compared & ~own),
-        "float64: level": (np.abs(here.level - there.level), _all(here)),
+        "float64: level": (np.abs(here.level_ticks - there.level_ticks), _all(here)),
         "float64, own navigation: position": (apart, compared & own),
         "float64, own navigation: heading": (off, compared & own),
     }
 
 
-def decided(flown: Flown) -> Where:
+def decided(flown: FlownWorld) -> Where:
     """Where no turn so far was so near to half or to no turn that rounding decides its side.
 
     By the rule that half a turn passes through no north, it has another side in a mirrored world.

@@ -18,7 +18,7 @@ from verification.simulator.closed_form import (
     greatest_turn_deg,
     least_radius_nm,
 )
-from verification.simulator.random_worlds import Flown
+from verification.simulator.random_worlds import FlownWorld
 
 Values = Float[np.ndarray, "cycles aircraft worlds"]
 Degrees = Float[np.ndarray, "2 cycles aircraft worlds"]
@@ -28,41 +28,41 @@ Quantities = dict[str, tuple[Values, Where]]
 """By the name of the invariant: how far from what it says, and where it says anything."""
 
 
-class Bound(NamedTuple):
+class Tolerance(NamedTuple):
     most: float
     unit: str = "values"
 
 
-EXACT = Bound(0.0)
+EXACT = Tolerance(0.0)
 BOUNDS = {
     "instruct changes nothing physical": EXACT,
     "instruct clears what was said, no more": EXACT,
     "an inactive aircraft changes in nothing": EXACT,
     "everything is finite, headings in [0, 360)": EXACT,
-    "moves no further than speed x time": Bound(2e-4, "NM"),
-    "moves no less than a turn allows": Bound(2e-4, "NM"),
-    "turns no faster than the turn rate": Bound(2e-4, "deg"),
-    "fly-by turns at 30 degrees of bank at most": Bound(0.001, "deg"),
-    "no level beyond the one flown to": Bound(0.0, "ticks"),
-    "the level, to the tick": Bound(0.0, "ticks"),
-    "the vertical speed": Bound(0.0, "ft/min"),
-    "the ground speed": Bound(0.001, "kt"),
-    "the heading": Bound(2e-4, "deg"),
+    "moves no further than speed x time": Tolerance(2e-4, "NM"),
+    "moves no less than a turn allows": Tolerance(2e-4, "NM"),
+    "turns no faster than the turn rate": Tolerance(2e-4, "deg"),
+    "fly-by turns at 30 degrees of bank at most": Tolerance(0.001, "deg"),
+    "no level beyond the one flown to": Tolerance(0.0, "ticks"),
+    "the level, to the tick": Tolerance(0.0, "ticks"),
+    "the vertical speed": Tolerance(0.0, "ft/min"),
+    "the ground speed": Tolerance(0.001, "kt"),
+    "the heading": Tolerance(2e-4, "deg"),
     "a heading is captured exactly": EXACT,
-    "the displacement": Bound(2e-4, "NM"),
+    "the displacement": Tolerance(2e-4, "NM"),
     "what was told is flown from the next cycle on": EXACT,
-    "a turn begins the way that was told": Bound(1e-4, "deg"),
+    "a turn begins the way that was told": Tolerance(1e-4, "deg"),
 }
 """Of one cycle. From "the level" on: against the closed form of the cycle."""
 
-CLEARED = ("cleared_heading_deg", "cleared_level", "pending_turn")
+CLEARED = ("cleared_heading_deg", "cleared_level_ticks", "pending_turn")
 """The only fields that `instruct` may change."""
 PHYSICAL = tuple(name for name in Traffic._fields if name not in CLEARED)
 
 
 def changed(a: Rows, b: Rows, fields: tuple[str, ...] = Traffic._fields) -> Values:
     """How many fields of each aircraft differ, bit for bit but for the sign of zero."""
-    total = np.zeros(a.level.shape)
+    total = np.zeros(a.level_ticks.shape)
     for name in fields:
         differs = getattr(a, name) != getattr(b, name)
         total += differs.any(axis=2) if name == "position_nm" else differs
@@ -74,7 +74,7 @@ def angle_deg(a: Values, b: Values) -> Values:
     return (a - b + 180.0) % 360.0 - 180.0
 
 
-def invariants(flown: Flown, said: Rows, allowed: Limits, plane: MercatorPlane) -> Quantities:
+def invariants(flown: FlownWorld, said: Rows, allowed: Limits, plane: MercatorPlane) -> Quantities:
     """All that is looked at in a flight by itself."""
     now = expected(flown.told, allowed)
     lat_lon = _lat_lon(plane, flown.told), _lat_lon(plane, flown.after)
@@ -86,7 +86,7 @@ def invariants(flown: Flown, said: Rows, allowed: Limits, plane: MercatorPlane) 
     }
 
 
-def _of_instruct(flown: Flown, said: Rows) -> Quantities:
+def _of_instruct(flown: FlownWorld, said: Rows) -> Quantities:
     before, told, after = flown
     everywhere = np.ones_like(before.active)
     turned = before.active & (said.turn != NO_TURN)
@@ -94,7 +94,7 @@ def _of_instruct(flown: Flown, said: Rows) -> Quantities:
     meant = before._replace(
         cleared_heading_deg=np.where(turned, said.heading_deg, before.cleared_heading_deg),
         pending_turn=np.where(turned, said.turn, before.pending_turn),
-        cleared_level=np.where(levelled, said.level, before.cleared_level),
+        cleared_level_ticks=np.where(levelled, said.level_ticks, before.cleared_level_ticks),
     )
     return {
         "instruct changes nothing physical": (changed(before, told, PHYSICAL), everywhere),
@@ -103,7 +103,7 @@ def _of_instruct(flown: Flown, said: Rows) -> Quantities:
     }
 
 
-def _of_limits(flown: Flown, now: Expected, moved_nm: Values) -> Quantities:
+def _of_limits(flown: FlownWorld, now: Expected, moved_nm: Values) -> Quantities:
     """Of every aircraft, on own navigation too."""
     _, told, after = flown
     active, heading = told.active, after.heading_deg.astype(float)
@@ -115,8 +115,8 @@ def _of_limits(flown: Flown, now: Expected, moved_nm: Values) -> Quantities:
     most = greatest_turn_deg(told, after, now.speed_kt)
     # All headings of a cycle lie within an angle of `most`: seen along its middle.
     least = path * np.cos(np.radians(np.minimum(most, 180.0) / 2.0))
-    begun, target = told.level.astype(float), told.flown_level.astype(float)
-    beyond = np.abs(after.level - (begun + target) / 2.0) - np.abs(target - begun) / 2.0
+    begun, target = told.level_ticks.astype(float), told.flown_level_ticks.astype(float)
+    beyond = np.abs(after.level_ticks - (begun + target) / 2.0) - np.abs(target - begun) / 2.0
     passed = active & (after.next_fix != told.next_fix) & (after.turn_radius_nm > 0.0)
     tight = least_radius_nm(now.speed_kt.min(axis=0)) / np.where(passed, after.turn_radius_nm, 1.0)
     bank = np.degrees(np.arctan(tight * np.tan(np.radians(30.0))))
@@ -154,7 +154,7 @@ def _missed_nm(before: Degrees, after: Degrees, now: Expected) -> Values:
     return _distance_nm(np.stack([lat, lon]), after)
 
 
-def _of_closed_forms(flown: Flown, now: Expected, missed_nm: Values) -> Quantities:
+def _of_closed_forms(flown: FlownWorld, now: Expected, missed_nm: Values) -> Quantities:
     _, told, after = flown
     active, steered = told.active, told.active & ~told.own_navigation
     off = np.abs(angle_deg(after.heading_deg.astype(float), now.heading_deg))
@@ -162,7 +162,7 @@ def _of_closed_forms(flown: Flown, now: Expected, missed_nm: Values) -> Quantiti
     missed = (after.heading_deg != told.flown_heading_deg).astype(float)
     climb_off = np.abs(after.vertical_speed_ft_min - now.vertical_speed_ft_min)
     return {
-        "the level, to the tick": (np.abs(after.level - now.level), active),
+        "the level, to the tick": (np.abs(after.level_ticks - now.level_ticks), active),
         "the vertical speed": (climb_off, active),
         "the ground speed": (np.abs(after.ground_speed_kt - now.speed_kt[-1]), active),
         "the heading": (off, steered),
@@ -171,12 +171,12 @@ def _of_closed_forms(flown: Flown, now: Expected, missed_nm: Values) -> Quantiti
     }
 
 
-def _of_adoption(flown: Flown) -> Quantities:
+def _of_adoption(flown: FlownWorld) -> Quantities:
     _, told, after = flown
     new = told.active & (told.pending_turn != NO_TURN)
     heading = np.where(new, told.cleared_heading_deg, after.flown_heading_deg)
     meant = after._replace(
-        flown_level=told.cleared_level,
+        flown_level_ticks=told.cleared_level_ticks,
         flown_heading_deg=heading,
         cleared_heading_deg=np.where(new, heading, after.cleared_heading_deg),
         own_navigation=after.own_navigation & ~new,

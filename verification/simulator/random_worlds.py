@@ -72,7 +72,7 @@ class Start(NamedTuple):
 
     position_nm: np.ndarray
     heading_deg: np.ndarray
-    level: np.ndarray
+    level_ticks: np.ndarray
     route: np.ndarray
     next_fix: np.ndarray
     own_navigation: np.ndarray
@@ -88,7 +88,7 @@ class World(NamedTuple):
     """`[cycles, aircraft, *batch]`."""
 
 
-class Flown(NamedTuple):
+class FlownWorld(NamedTuple):
     """A flight, `[cycles, ...]`: before each cycle, with what was said, and one cycle later."""
 
     before: Rows
@@ -128,7 +128,7 @@ def _start(random: np.random.Generator, setting: Setting) -> Start:
     return Start(
         position_nm=np.where(routed[:, None], beside, position).astype(np.float32),
         heading_deg=heading.astype(np.float32) % np.float32(360.0),
-        level=np.round(level * TICKS_PER_FL).astype(np.float32),
+        level_ticks=np.round(level * TICKS_PER_FL).astype(np.float32),
         route=route,
         next_fix=fix,
         own_navigation=(random.random(count) < 0.5) & setting.own_navigation,
@@ -158,12 +158,12 @@ def _clearances(random: np.random.Generator, shape: tuple[int, int]) -> Rows:
         "turn": turn.astype(np.int32),
         "heading_deg": heading.astype(np.float32),
         "changes_level": random.random(shape) < 0.1,
-        "level": level.astype(np.float32),
+        "level_ticks": level.astype(np.float32),
     }
     return Clearance(**told)
 
 
-def together(each: list[Tree]) -> Tree:
+def concatenate_worlds(each: list[Tree]) -> Tree:
     """What there is of each world, along the last axis."""
     return jax.tree.map(lambda *leaves: np.stack(leaves, axis=-1), *each)
 
@@ -176,7 +176,7 @@ class Flier:
         self.limits = limits(MODELS[setting.model])
         self._compiled = jax.jit(self._fly)
 
-    def fly(self, world: World, dtype: str = "float32") -> Flown:
+    def fly(self, world: World, dtype: str = "float32") -> FlownWorld:
         """All cycles, as numpy arrays; "float64" computes in that from the same start."""
         with jax.enable_x64(dtype == "float64"), jax.numpy_dtype_promotion("standard"):
             wanted = jax.tree.map(
@@ -184,21 +184,21 @@ class Flier:
             )
             return jax.tree.map(np.asarray, self._compiled(wanted))
 
-    def _fly(self, world: Any) -> Flown:
-        def cycle(before: Traffic, happens: Any) -> tuple[Traffic, Flown]:
+    def _fly(self, world: Any) -> FlownWorld:
+        def cycle(before: Traffic, happens: Any) -> tuple[Traffic, FlownWorld]:
             active, told = happens
             before = before._replace(active=active)
             instructed = instruct(before, told)
             after = self.simulator.advance(instructed)
-            return after, Flown(before, instructed, after)
+            return after, FlownWorld(before, instructed, after)
 
         begun = world.start
         traffic = start(
             begun.position_nm,
             begun.heading_deg,
-            begun.level,
+            begun.level_ticks,
             begun.route,
-            jnp.zeros_like(begun.level),  # not known before the first cycle
+            jnp.zeros_like(begun.level_ticks),  # not known before the first cycle
             begun.own_navigation,
             begun.kind,
         )

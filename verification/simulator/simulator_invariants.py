@@ -32,9 +32,9 @@ from verification.simulator.random_worlds import (
     SETTINGS,
     Flier,
     Setting,
+    concatenate_worlds,
     draw,
     setting_of,
-    together,
 )
 
 BOUNDS = {**ALONE, **COMPARED}
@@ -67,9 +67,9 @@ Tallies = dict[str, Tally]
 
 def try_worlds(flier: Flier, numbers: Sequence[int], seed: int, tallies: Tallies) -> None:
     """Fly worlds of the flier's setting, and add what is seen to the tallies."""
-    world = together([draw(seed, number) for number in numbers])
-    aircraft = world.start.level.shape[0]
-    change = together([draw_change(seed, number, aircraft) for number in numbers])
+    world = concatenate_worlds([draw(seed, number) for number in numbers])
+    aircraft = world.start.level_ticks.shape[0]
+    change = concatenate_worlds([draw_change(seed, number, aircraft) for number in numbers])
     flown = flier.fly(world)
     judge(
         invariants(flown, world.told, flier.limits, flier.simulator.sector.plane), numbers, tallies

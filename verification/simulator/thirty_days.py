@@ -59,7 +59,7 @@ def begin(simulator: Simulator, north_nm: Float[np.ndarray, " aircraft"]) -> Tra
     return start(
         position_nm=jnp.asarray(np.stack([FAR_NM, north_nm], axis=1), dtype=jnp.float32),
         heading_deg=jnp.zeros_like(level),
-        level=level,
+        level_ticks=level,
         route=jnp.zeros(count, dtype=jnp.int32),
         ground_speed_kt=simulator.level_ground_speed_kt(level),
         own_navigation=jnp.zeros(count, dtype=bool),
@@ -78,7 +78,7 @@ def told(cycle: Int[Array, ""]) -> Clearance:
         turn=jnp.where(cycle % every == 0, side, NO_TURN),
         heading_deg=heading.astype(jnp.float32),
         changes_level=jnp.asarray(CLIMBS) & (cycle % CHANGE == 0),
-        level=jnp.full(len(PATTERNS), level),
+        level_ticks=jnp.full(len(PATTERNS), level),
     )
 
 
@@ -87,7 +87,7 @@ def fly(simulator: Simulator, traffic: Traffic, first: Int[Array, ""]) -> tuple[
 
     def cycle(now: Traffic, number: Int[Array, ""]) -> tuple[Traffic, Rows]:
         after = simulator.advance(instruct(now, told(number)))
-        return after, Rows(after.heading_deg, after.level, after.position_nm)
+        return after, Rows(after.heading_deg, after.level_ticks, after.position_nm)
 
     numbers = first + jnp.arange(AT_ONCE, dtype=jnp.int32)
     end: tuple[Traffic, Rows] = jax.lax.scan(cycle, traffic, numbers)

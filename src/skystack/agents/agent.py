@@ -13,7 +13,7 @@ from skystack.errors import InputError
 from skystack.io.names import as_name
 from skystack.policies.facts import Facts
 
-Decide = Callable[[Float[np.ndarray, "*scenarios observation"]], Any]
+AnswerFunction = Callable[[Float[np.ndarray, "*scenarios observation"]], Any]
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,9 @@ class Agent:
 
     name: str
     """Of its row; also part of the name of the folder with its tables."""
-    act: Decide | None = None
+    act: AnswerFunction | None = None
     """From observations to action numbers."""
-    scores: Decide | None = None
+    scores: AnswerFunction | None = None
     """From observations to a number for each action; without `act` the greatest is taken."""
     logits: bool = False
     """Whether scores are unnormalised log probabilities, which can be sampled from."""
@@ -46,7 +46,7 @@ class Batched:
     scenarios differs from call to call.
     """
 
-    function: Decide
+    function: AnswerFunction
 
 
 def agent_of(policy: Any, name: str | None = None) -> Agent:
@@ -60,11 +60,11 @@ def agent_of(policy: Any, name: str | None = None) -> Agent:
     if isinstance(policy, Agent):
         return policy
     if isinstance(policy, Batched):
-        return Agent(name or _name(policy.function), act=_Sent(policy.function))
+        return Agent(name or _name(policy.function), act=_Picklable(policy.function))
     if callable(getattr(policy, "predict", None)):
         return _agent_of_model(policy, name or _name(policy))
     if callable(policy):
-        return Agent(name or _name(policy), act=_Sent(policy), batched=False)
+        return Agent(name or _name(policy), act=_Picklable(policy), batched=False)
     raise InputError(
         f"policy is {policy!r} (allowed: a policy of find_policy or find_agent, a function from "
         "an observation to an action, or a model with predict)"
@@ -81,7 +81,7 @@ def file_name(path: Path) -> str:
     return as_name(path.stem)
 
 
-class _Sent:
+class _Picklable:
     """A function that reaches other processes: those of `__main__` and lambdas too."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -94,8 +94,8 @@ class _Sent:
         return _received, (cloudpickle.dumps(self._function),)
 
 
-def _received(data: bytes) -> _Sent:
-    return _Sent(cloudpickle.loads(data))
+def _received(data: bytes) -> _Picklable:
+    return _Picklable(cloudpickle.loads(data))
 
 
 def _agent_of_model(model: Any, name: str) -> Agent:
@@ -114,13 +114,13 @@ def _agent_of_model(model: Any, name: str) -> Agent:
 
     return Agent(
         name,
-        act=_Sent(act),
+        act=_Picklable(act),
         observations=shape[0] if shape and len(shape) == 1 else None,
         actions=None if actions is None else int(actions),
     )
 
 
-def _normaliser(model: Any) -> Decide:
+def _normaliser(model: Any) -> AnswerFunction:
     """What a model's `VecNormalize` does to observations, as it is now."""
     find = getattr(model, "get_vec_normalize_env", None)
     environment = find() if callable(find) else None

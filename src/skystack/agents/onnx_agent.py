@@ -12,9 +12,8 @@ import numpy as np
 from jaxtyping import Float
 
 from skystack.agents.agent import Agent, file_name
-from skystack.errors import InputError, missing_extra
+from skystack.errors import InputError, error_context, missing_extra
 from skystack.io.files import read_whole
-from skystack.io.json_file import inside
 from skystack.policies.facts import facts_from_texts
 
 MOST_VALUES = 100_000
@@ -34,10 +33,10 @@ def read_onnx(path: Path) -> Agent:
     `logits`, float32 `[batch, actions]`; `batch` is free or 1. Raises InputError for a file that is
     missing, damaged, of another form or with data in other files, and where the extra is missing.
     """
-    with inside(str(path)):
+    with error_context(str(path)):
         data = read_whole(path)
     _packages(str(path))
-    with inside(str(path)):
+    with error_context(str(path)):
         return replace(_agent(data), name=file_name(path))
 
 

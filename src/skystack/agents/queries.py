@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from skystack.agents.agent import Agent, Decide
+from skystack.agents.agent import Agent, AnswerFunction
 from skystack.errors import InputError
 from skystack.tasks.plain import checked_action
 
 
-def ask_actions(
+def query_actions(
     agent: Agent,
     observations: Float[np.ndarray, "scenarios observation"],
     numbers: Int[np.ndarray, " scenarios"],
@@ -25,7 +25,7 @@ def ask_actions(
     cycle, for an agent that fails or answers with what is not one of the actions 0, 1, ...
     """
     if agent.act is None:
-        return ask_scores(agent, observations, numbers, cycle, actions).argmax(axis=1)
+        return query_scores(agent, observations, numbers, cycle, actions).argmax(axis=1)
     checked = []
     for number, answer in _answers(agent.act, agent.batched, observations, numbers, cycle):
         with _at([number], cycle):
@@ -33,14 +33,14 @@ def ask_actions(
     return np.array(checked, dtype=np.int32)
 
 
-def ask_scores(
+def query_scores(
     agent: Agent,
     observations: Float[np.ndarray, "scenarios observation"],
     numbers: Int[np.ndarray, " scenarios"],
     cycle: int,
     actions: int,
 ) -> Float[np.ndarray, "scenarios actions"]:
-    """An agent's score of each action; raises InputError as `ask_actions` does."""
+    """An agent's score of each action; raises InputError as `query_actions` does."""
     assert agent.scores is not None, "the caller knows"
     checked = []
     for number, answer in _answers(agent.scores, agent.batched, observations, numbers, cycle):
@@ -53,7 +53,7 @@ def ask_scores(
 
 
 def _answers(
-    decide: Decide,
+    decide: AnswerFunction,
     batched: bool,
     observations: Float[np.ndarray, "scenarios observation"],
     numbers: Int[np.ndarray, " scenarios"],

@@ -18,9 +18,8 @@ import numpy as np
 from jaxtyping import Float
 
 from skystack.agents.agent import Agent, file_name
-from skystack.errors import InputError, missing_extra
+from skystack.errors import InputError, error_context, missing_extra
 from skystack.io.files import MOST_BYTES, read_whole
-from skystack.io.json_file import inside
 
 ALLOWED = "allowed: PPO, A2C, DQN of Stable-Baselines3 with MlpPolicy and Discrete actions"
 MOST_DESCRIPTION = 16_000_000
@@ -76,11 +75,11 @@ def read_sb3(path: Path) -> Agent:
     Raises InputError for a file that is missing, damaged or of another kind, and where PyTorch is
     missing or older than 2.6.
     """
-    with inside(str(path)):
+    with error_context(str(path)):
         description, weights = _parts(read_whole(path))
         module, activation = _kind(description)
     torch = _torch(str(path))
-    with inside(str(path)):
+    with error_context(str(path)):
         _, hidden, last = _POLICIES[module]
         network = Network(_layers(_tensors(torch, weights), hidden, last), activation)
         observations, actions = _sizes(description, network.layers)

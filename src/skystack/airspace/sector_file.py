@@ -28,8 +28,8 @@ from skystack.airspace.projection import (
     wrap_longitude,
 )
 from skystack.airspace.sector import MAX_DISTANCE_NM, LatLon, Sector
-from skystack.errors import InputError, unknown_name
-from skystack.io.json_file import convert, inside, is_name, not_allowed, read_json
+from skystack.errors import InputError, error_context, unknown_name
+from skystack.io.json_file import convert, is_name, not_allowed, read_json
 
 MOST_FIXES, MOST_ROUTES, MOST_FIXES_OF_ROUTE = 1000, 200, 100
 """Limits that keep compilation and flight to seconds; real sectors have a few tens of each."""
@@ -76,10 +76,10 @@ def read_sector(path: Path) -> SectorEntry:
     Raises InputError for a file that cannot be read or is no sector: one line with the file, the
     field, its value and what is allowed.
     """
-    with inside(str(path)):
+    with error_context(str(path)):
         raw = read_json(path)
         if isinstance(raw, dict) and isinstance(raw.get("area"), str):
-            with inside(f"area: {raw['area']}"):
+            with error_context(f"area: {raw['area']}"):
                 raw["area"] = read_json(file_beside(path.parent, raw["area"], ".geojson"))
         entry: SectorEntry = convert(raw, _ENTRIES)
         make_sector(entry)
@@ -104,7 +104,7 @@ def make_sector(entry: SectorEntry) -> Sector:
     low, high = entry.levels_fl
     if low >= high:
         raise not_allowed("levels_fl", [low, high], "the lowest level, then a higher one")
-    with inside("area"):
+    with error_context("area"):
         ring = outer_ring(entry.area)
         origin = _origin(entry, ring)
         plane = MercatorPlane(*origin)
@@ -127,10 +127,10 @@ def make_sector(entry: SectorEntry) -> Sector:
         entry.separation_nm,
         entry.separation_fl,
     )
-    with inside("area"):
+    with error_context("area"):
         _check_plain(sector.area_nm)  # edges that bend in the plane may cross there
     for index, route in enumerate(entry.routes):
-        with inside(f"routes[{index}]"):
+        with error_context(f"routes[{index}]"):
             _check_route(route, index, sector)
     return sector
 

@@ -5,7 +5,7 @@ import time
 import jax
 
 from skystack.benchmarking.figures import Figure
-from skystack.evaluation.evaluate import task_of
+from skystack.evaluation.evaluate import policy_task
 from skystack.learning.seeds import scenario_key
 from skystack.policies.shipped import find_policy
 from skystack.stacking import stack
@@ -17,7 +17,7 @@ CYCLES = 150
 def decision_figures(name: str, scenarios: int) -> list[Figure]:
     """Microseconds from traffic to observation, and of a decision with and without a clearance."""
     policy = find_policy(name)
-    task = task_of(policy)
+    task = policy_task(policy)
     environment = PlainTask(task)
     look: list[float] = []
     silent: list[float] = []

@@ -144,11 +144,11 @@ def _random_steps(environment: Any, repetitions: int) -> tuple[float, ...]:
 def platform(name: str, repetitions: int) -> tuple[float, ...]:
     """Another simulator by itself: cycles of two aircraft, nothing observed, judged or said."""
     task = build_task(load_experiment("lateral").task)
-    traffic, exit_level = jax.device_get(jax.jit(task.scenarios.draw)(scenario_key(0, 0)))
-    names = callsigns(len(traffic.level))
+    traffic, exit_level_ticks = jax.device_get(jax.jit(task.scenarios.draw)(scenario_key(0, 0)))
+    names = callsigns(len(traffic.level_ticks))
     settings = task.settings
     scenario = scenario_of(
-        traffic, task.simulator, settings.performance, PEER_STEPS, names, exit_level
+        traffic, task.simulator, settings.performance, PEER_STEPS, names, exit_level_ticks
     )
     with tempfile.TemporaryDirectory() as folder:
         flying = open_platform(name, Path(folder))

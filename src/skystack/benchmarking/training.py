@@ -10,10 +10,10 @@ import jax.numpy as jnp
 
 from skystack.benchmarking.figures import Figure, rates
 from skystack.compilation.programs import compile_for_one_core
-from skystack.evaluation.rollout import most_probable, prepare, together
+from skystack.evaluation.rollout import concatenate, most_probable, prepare
 from skystack.learning import ppo
 from skystack.learning.experiment import load_experiment
-from skystack.learning.phases import compiled_updates, learners, phases
+from skystack.learning.phases import compiled_updates, phases, run_updates
 from skystack.learning.seeds import training_key
 from skystack.tasks.build import build_task, build_training_task
 
@@ -80,10 +80,10 @@ def reaches_success(experiment: str, seed: int) -> bool:
     fly = prepare(build_task(chosen.task), most_probable, stacking=True)
     compiled = compiled_updates(phases(chosen, task, first=0), settings, jax.eval_shape(init, key))
     with compiled as updates:
-        for number, learner, _ in learners(updates, settings, init(key)):
+        for number, learner, _ in run_updates(updates, settings, init(key)):
             if number % CHECKED_EVERY == 0:
                 weights = (learner.parameters.actor, learner.normaliser)
-                flown = together(list(fly(weights, 0, SCENARIOS)))
+                flown = concatenate(list(fly(weights, 0, SCENARIOS)))
                 if float(flown.metrics.success.mean()) >= SUCCESS:
                     return True
     return False

@@ -12,7 +12,7 @@ from skystack.cli.output import FAILED, INTERRUPTED, PIPE_CLOSED, TERMINATED, WR
 from skystack.errors import InputError, PlatformError, TrainingError
 from skystack.io import signals
 from skystack.io.signals import ended_by_signals
-from skystack.io.streams import ClosedPipeError, Prose, Results, escaping
+from skystack.io.streams import ClosedPipeError, StandardError, StandardOutput, escaping
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -49,7 +49,7 @@ def _main(arguments: list[str]) -> int:
                 raise
             return complain(str(InputError(f"{error.filename}: {error.strerror}")), WRONG)
         finally:
-            Prose().flush()
+            StandardError().flush()
 
 
 def _run(arguments: list[str]) -> int:
@@ -58,7 +58,7 @@ def _run(arguments: list[str]) -> int:
         options = parse(arguments)
         code: int = options.run(options)
     except SystemExit:  # of --help and --version
-        Results().flush()
+        StandardOutput().flush()
         raise
-    Results().flush()
+    StandardOutput().flush()
     return code

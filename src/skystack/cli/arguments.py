@@ -9,7 +9,7 @@ from typing import Any, NoReturn
 import skystack
 from skystack.cli import verbs
 from skystack.errors import MOST_NUMBER, InputError
-from skystack.io.streams import Results
+from skystack.io.streams import StandardOutput
 
 
 class _Parser(argparse.ArgumentParser):
@@ -26,7 +26,7 @@ class _Parser(argparse.ArgumentParser):
 
     def _print_message(self, message: str, file: Any = None) -> None:
         """Print help and version; argparse itself ignores write errors."""
-        Results().write(message)
+        StandardOutput().write(message)
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:

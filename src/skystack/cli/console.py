@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskID, Tex
 from rich.text import Text
 
 from skystack.errors import printable
-from skystack.io.streams import Prose, Results
+from skystack.io.streams import StandardError, StandardOutput
 from skystack.learning.run import Progress as Step
 
 PLAIN_EVERY_S = 10.0
@@ -37,14 +37,14 @@ class PlainConsole(Console):
 
 def output() -> Console:
     """For results. Wide enough for the tables when it is no terminal."""
-    file: Any = Results()
+    file: Any = StandardOutput()
     console = PlainConsole(file=file)
     return console if console.is_terminal else PlainConsole(file=file, width=160)
 
 
 def prose() -> Console:
     """For everything else."""
-    file: Any = Prose()
+    file: Any = StandardError()
     return PlainConsole(file=file)
 
 

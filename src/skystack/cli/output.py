@@ -4,7 +4,7 @@ import json
 from typing import Any
 
 from skystack.errors import printable
-from skystack.io.streams import Prose, Results
+from skystack.io.streams import StandardError, StandardOutput
 
 DONE, FAILED, WRONG, INTERRUPTED, PIPE_CLOSED, TERMINATED = 0, 1, 2, 130, 141, 143
 """Exit codes. The last three are the shell's codes for SIGINT, SIGPIPE and SIGTERM."""
@@ -18,14 +18,14 @@ def complain(message: str, code: int) -> int:
 
 def say(line: str) -> None:
     """A line of prose on standard error; names and paths may hold anything."""
-    Prose().write(f"{printable(line)}\n")
+    StandardError().write(f"{printable(line)}\n")
 
 
 def print_line(line: str) -> None:
     """A line of results on standard output."""
-    Results().write(f"{printable(line)}\n")
+    StandardOutput().write(f"{printable(line)}\n")
 
 
 def print_json(value: Any) -> None:
     """One object on standard output, in ASCII."""
-    Results().write(json.dumps(value, indent=1) + "\n")
+    StandardOutput().write(json.dumps(value, indent=1) + "\n")

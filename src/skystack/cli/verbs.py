@@ -56,7 +56,7 @@ def _plan(options: argparse.Namespace) -> Any:
 def _reproduce(plan: Any, engine: Any, as_json: bool) -> int:
     from skystack.cli.console import count_scenarios, show_progress
     from skystack.compilation.programs import compile_for_one_core, kept_programs
-    from skystack.platforms.registry import said_of
+    from skystack.platforms.registry import platform_notes
     from skystack.reporting.report import write_report
     from skystack.reproduction.run import run_plan, run_platforms
 
@@ -69,7 +69,7 @@ def _reproduce(plan: Any, engine: Any, as_json: bool) -> int:
     path = write_report(plan.out)
     failed: list[str] = []
     if plan.platforms:
-        for line in (line for name in plan.platforms for line in said_of(name)):
+        for line in (line for name in plan.platforms for line in platform_notes(name)):
             say(line)
         failed = run_platforms(plan, results, count_scenarios)
         write_report(plan.out)
@@ -122,11 +122,11 @@ def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
     from skystack.cli.console import show_progress
     from skystack.compilation.programs import compile_for_one_core, kept_programs
     from skystack.learning.event_files import event_files
-    from skystack.learning.run import CHECKPOINT_EVERY_S, Progress, begun_with, train_experiment
+    from skystack.learning.run import CHECKPOINT_EVERY_S, Progress, preflight, train_experiment
 
     name, every_s = f"{experiment.name}-s{options.seed}", options.checkpoint_every
     events = event_files(out) if options.tensorboard else nullcontext(lambda: None)
-    for line in begun_with(experiment, out, options.resume):
+    for line in preflight(experiment, out, options.resume):
         say(line)
     compile_for_one_core()
     try:
@@ -158,7 +158,7 @@ def evaluate(options: argparse.Namespace) -> int:
     from skystack.agents.find import find_agent
     from skystack.cli.console import count_scenarios, output
     from skystack.compilation.programs import compile_for_one_core, kept_programs
-    from skystack.evaluation.evaluate import Conditions, judge
+    from skystack.evaluation.evaluate import Conditions, evaluate
     from skystack.evaluation.summary import aggregate
     from skystack.reporting.tables import comparison_of
 
@@ -177,7 +177,9 @@ def evaluate(options: argparse.Namespace) -> int:
     compile_for_one_core()
     counting = count_scenarios(options.platform, options.episodes)
     with kept_programs(), counting as on_scenario:
-        judged = judge(policy, conditions, options.out, on_scenario, experiment=options.experiment)
+        judged = evaluate(
+            policy, conditions, options.out, on_scenario, experiment=options.experiment
+        )
     for line in judged.notes:
         say(line)
     rows = [aggregate([judged.row], [judged.episodes])]

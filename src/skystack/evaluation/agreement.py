@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 import pyarrow as pa
 
-Clearance = tuple[int, str, str, int]
+IssuedRow = tuple[int, str, str, int]
 """Cycle, callsign, kind, value."""
 
 
@@ -21,8 +21,8 @@ def same_clearances(
     return [_agree(first[number], second[number], cycles) for number in scenarios]
 
 
-def _by_scenario(table: pa.Table) -> defaultdict[int, list[Clearance]]:
-    found: defaultdict[int, list[Clearance]] = defaultdict(list)
+def _by_scenario(table: pa.Table) -> defaultdict[int, list[IssuedRow]]:
+    found: defaultdict[int, list[IssuedRow]] = defaultdict(list)
     columns = (
         table[name].to_pylist() for name in ("scenario", "cycle", "callsign", "kind", "value")
     )
@@ -31,7 +31,7 @@ def _by_scenario(table: pa.Table) -> defaultdict[int, list[Clearance]]:
     return found
 
 
-def _agree(ours: list[Clearance], theirs: list[Clearance], cycles: int) -> bool:
+def _agree(ours: list[IssuedRow], theirs: list[IssuedRow], cycles: int) -> bool:
     return len(ours) == len(theirs) and all(
         a[1:] == b[1:] and abs(a[0] - b[0]) <= cycles for a, b in zip(ours, theirs, strict=True)
     )

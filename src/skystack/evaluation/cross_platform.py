@@ -7,40 +7,40 @@ from typing import NamedTuple
 
 from skystack.errors import PlatformError
 from skystack.evaluation.agreement import same_clearances
-from skystack.evaluation.evaluate import Conditions, judge
-from skystack.evaluation.summary import Row
+from skystack.evaluation.evaluate import Conditions, evaluate
+from skystack.evaluation.summary import RowValues
 from skystack.learning.policy import Policy
 
-Count = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
+ScenarioCounter = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 """Shows how many of a number of scenarios are done: `skystack.cli.console.count_scenarios`."""
 
 
-class Everywhere(NamedTuple):
+class CrossPlatform(NamedTuple):
     """What came of it."""
 
-    rows: list[Row]
+    rows: list[RowValues]
     """Those of other platforms have `same_clearances_rate`, the part of scenarios with the same
     clearances as in our simulator (`skystack.evaluation.agreement`)."""
     failed: list[str]
     """Which scenarios a platform did not finish, and why."""
 
 
-def judge_everywhere(
-    policy: Policy, platforms: Sequence[str], episodes: int, out: Path, count: Count
-) -> Everywhere:
+def evaluate_on_platforms(
+    policy: Policy, platforms: Sequence[str], episodes: int, out: Path, count: ScenarioCounter
+) -> CrossPlatform:
     """Plain and stacked on scenarios 0, 1, ...; other platforms' tables are written into `out`."""
-    rows: list[Row] = []
+    rows: list[RowValues] = []
     failed: list[str] = []
     for stacking in (False, True):
         conditions = Conditions(episodes=episodes, stacking=stacking)
-        ours = judge(policy, conditions, None)
+        ours = evaluate(policy, conditions, None)
         rows.append(ours.row)
         for platform in platforms:
             name = f"{policy.description.experiment} {platform}"
             there = conditions._replace(platform=platform)
             try:
                 with count(name, episodes) as on_scenario:
-                    theirs = judge(policy, there, out, on_scenario)
+                    theirs = evaluate(policy, there, out, on_scenario)
             except PlatformError as error:
                 failed.append(f"{name}: {error}")
                 continue
@@ -48,4 +48,4 @@ def judge_everywhere(
             same = same_clearances(ours.clearances, theirs.clearances, numbers)
             rows.append(theirs.row | {"same_clearances_rate": sum(same) / len(same)})
             failed += [f"{name}: scenario {number} {why}" for number, why in theirs.failed.items()]
-    return Everywhere(rows, failed)
+    return CrossPlatform(rows, failed)

@@ -15,9 +15,15 @@ from skystack.agents.agent import Agent, agent_of
 from skystack.airspace.sectors import AnySector, named_or_read
 from skystack.errors import MOST_NUMBER, InputError, checked_whole
 from skystack.evaluation.hosted import HostedController, fly_hosted
-from skystack.evaluation.platform_rollout import Job, fly_elsewhere
-from skystack.evaluation.rollout import NOBODY, Controller, Recording, network_controller, prepare
-from skystack.evaluation.summary import Row, summarise
+from skystack.evaluation.platform_rollout import PlatformRollout, fly_on_platform
+from skystack.evaluation.rollout import (
+    NO_OP_CONTROLLER,
+    Controller,
+    Recording,
+    network_controller,
+    prepare,
+)
+from skystack.evaluation.summary import RowValues, summarise
 from skystack.evaluation.tabulate import tabulate
 from skystack.io.files import AnyPath, make_folder, scratch_folder
 from skystack.io.locks import no_empty_folders
@@ -36,14 +42,14 @@ from skystack.platforms.registry import (
     check_platform,
     flown_type,
     open_platform,
-    said_of,
+    platform_notes,
 )
 from skystack.policies.facts import Facts
 from skystack.tasks.build import build_task, check_cycles
 from skystack.tasks.navigation import NavigationTask
 from skystack.tasks.settings import MOST_CYCLES
 
-DO_NOTHING = "do-nothing"
+NO_OP_NAME = "do-nothing"
 AnyExperiment = AnyPath | Experiment
 """A name, a file (.toml) or the experiment itself."""
 
@@ -65,10 +71,10 @@ class Conditions(NamedTuple):
     """The most cycles of a scenario; those of its training where none is given."""
 
 
-class Judged(NamedTuple):
+class Evaluation(NamedTuple):
     """A row and the scenarios behind it."""
 
-    row: Row
+    row: RowValues
     episodes: pa.Table
     clearances: pa.Table
     """Texts are dictionaries: what repeats in them takes no memory."""
@@ -79,7 +85,7 @@ class Judged(NamedTuple):
     routes that take longer than a scenario."""
 
 
-def task_of(
+def policy_task(
     policy: Policy, sector: AnySector | None = None, cycles: int | None = None
 ) -> NavigationTask:
     """The task that a policy was trained for, as it is flown; in another sector if one is given,
@@ -95,7 +101,7 @@ def task_of(
     return task
 
 
-def task_of_agent(
+def agent_task(
     agent: Agent,
     experiment: AnyExperiment | None,
     sector: AnySector | None = None,
@@ -172,7 +178,7 @@ def _flag(name: str, value: Any) -> bool:
     return bool(value)
 
 
-def judge(
+def evaluate(
     policy: Any,
     conditions: Conditions = _USUAL,
     out: AnyPath | None = None,
@@ -180,7 +186,7 @@ def judge(
     *,
     experiment: AnyExperiment | None = None,
     name: str | None = None,
-) -> Judged:
+) -> Evaluation:
     """Fly a policy on the scenarios of an evaluation seed; `out` is the folder for evaluations.
 
     `policy` is one of `find_policy` or `find_agent`; a function from an observation, float32
@@ -198,27 +204,27 @@ def judge(
     conditions = _checked(conditions)
     out = None if out is None else Path(out)
     if isinstance(policy, Policy):
-        return _judge_own(policy, conditions, out, on_scenario, experiment, name)
+        return _evaluate_own(policy, conditions, out, on_scenario, experiment, name)
     agent = agent_of(policy, name)
-    task = task_of_agent(agent, experiment, conditions.sector, conditions.cycles)
+    task = agent_task(agent, experiment, conditions.sector, conditions.cycles)
     if not conditions.greedy and not agent.logits:
         raise InputError(
             f"{agent.name} has no probabilities to sample from (allowed: its greedy action)"
         )
     controller = partial(HostedController, agent, conditions.greedy)
     called, seed = as_name(name or agent.name), agent.facts.seed if agent.facts else 0
-    return _judge(called, seed, task, controller, conditions, out, on_scenario)
+    return _evaluate(called, seed, task, controller, conditions, out, on_scenario)
 
 
-def _judge_own(
+def _evaluate_own(
     policy: Policy,
     conditions: Conditions,
     out: Path | None,
     on_scenario: Callable[[int], None],
     experiment: AnyExperiment | None,
     name: str | None,
-) -> Judged:
-    described, task = policy.description, task_of(policy, conditions.sector, conditions.cycles)
+) -> Evaluation:
+    described, task = policy.description, policy_task(policy, conditions.sector, conditions.cycles)
     if experiment is not None:
         raise InputError(
             f"{described.experiment} carries its own experiment (allowed: --experiment with "
@@ -226,14 +232,14 @@ def _judge_own(
         )
     controller = partial(network_controller, policy.actor, policy.normaliser, conditions.greedy)
     called = as_name(name) if name else described.experiment
-    return _judge(called, described.seed, task, controller, conditions, out, on_scenario)
+    return _evaluate(called, described.seed, task, controller, conditions, out, on_scenario)
 
 
-def judge_nobody(experiment: Experiment, conditions: Conditions, out: Path | None) -> Judged:
+def evaluate_no_op(experiment: Experiment, conditions: Conditions, out: Path | None) -> Evaluation:
     """The same scenarios with no instructions at all."""
     task = build_task(experiment.task)
     plain = conditions._replace(stacking=False)
-    return _judge(DO_NOTHING, 0, task, lambda: NOBODY, plain, out, lambda done: None)
+    return _evaluate(NO_OP_NAME, 0, task, lambda: NO_OP_CONTROLLER, plain, out, lambda done: None)
 
 
 def evaluation_folder(
@@ -245,7 +251,7 @@ def evaluation_folder(
     return out / f"{experiment}-s{seed}-{platform}-{kind}"
 
 
-def _judge(
+def _evaluate(
     name: str,
     trained_seed: int,
     task: NavigationTask,
@@ -253,7 +259,7 @@ def _judge(
     conditions: Conditions,
     out: Path | None,
     on_scenario: Callable[[int], None],
-) -> Judged:
+) -> Evaluation:
     """Fly, make the tables, write them where wanted, and reduce them to the row."""
     beyond = check_cycles(task)
     platform, stacking = conditions.platform, conditions.stacking
@@ -262,15 +268,15 @@ def _judge(
     if platform == OWN:
         flying = _fly_here(task, controller(), conditions, on_scenario)
     else:
-        flying = _fly_elsewhere(task, controller, conditions, out, failed, on_scenario)
+        flying = _fly_on_platform(task, controller, conditions, out, failed, on_scenario)
     with closing(flying):
         flown_as, adoption = partial(flown_type, platform), adoption_of(platform)
         episodes, clearances, wall_s = tabulate(task, flying, folder, flown_as, adoption)
     row = summarise(name, trained_seed, platform, stacking, conditions.greedy, wall_s, episodes)
     climbs = task.actions.kind == "level"
-    notes = said_of(platform, task.simulator.performance.types, climbs)
+    notes = platform_notes(platform, task.simulator.performance.types, climbs)
     notes += [] if beyond is None else [beyond]
-    return Judged(row, episodes, clearances, failed, tuple(notes))
+    return Evaluation(row, episodes, clearances, failed, tuple(notes))
 
 
 def _fly_here(
@@ -292,7 +298,7 @@ def _fly_here(
         on_scenario(done)
 
 
-def _fly_elsewhere(
+def _fly_on_platform(
     task: NavigationTask,
     controller: Callable[[], Controller | HostedController],
     conditions: Conditions,
@@ -301,7 +307,7 @@ def _fly_elsewhere(
     on_scenario: Callable[[int], None],
 ) -> Generator[Recording, None, None]:
     """Fly on another platform; its own files lie where the system keeps what is thrown away."""
-    job = Job(
+    job = PlatformRollout(
         task,
         controller,
         conditions.stacking,
@@ -315,10 +321,10 @@ def _fly_elsewhere(
             stack.enter_context(no_empty_folders(out))
             make_folder(out)  # refused before anything is flown, which takes long
         work = stack.enter_context(scratch_folder("skystack-"))
-        yield from fly_elsewhere(job, conditions.episodes, work, failed, limit_s, on_scenario)
+        yield from fly_on_platform(job, conditions.episodes, work, failed, limit_s, on_scenario)
 
 
-def _check_sent(job: Job) -> None:
+def _check_sent(job: PlatformRollout) -> None:
     """Raise InputError for a controller that cannot be sent to other processes."""
     try:
         pickle.dumps(job)

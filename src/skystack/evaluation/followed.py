@@ -17,7 +17,7 @@ from skystack.simulator.scenario_file import Scenario
 from skystack.simulator.traffic import Traffic, ticks
 from skystack.tasks.tracking import Memory, Tracker
 
-STATUS = ("before_entry", "in_sector", "exited", "strayed")
+STATUS = ("before_entry", "in_sector", "exited", "excursion")
 
 
 class Followed(NamedTuple):
@@ -39,8 +39,8 @@ def follow(scenario: Scenario, reports: Sequence[Report]) -> Followed:
     sector, tracker = scenario.sector, Tracker(scenario.sector)
     before = scenario.initial_traffic(scenario.simulator())
     start = traffic_of(reports[0], before, sector.plane)
-    exit_level = [ticks(aircraft.exit_fl) for aircraft in scenario.aircraft]
-    traffic, memory = start, tracker.begin(start, jnp.array(exit_level, dtype=jnp.float32))
+    exit_level_ticks = [ticks(aircraft.exit_fl) for aircraft in scenario.aircraft]
+    traffic, memory = start, tracker.begin(start, jnp.array(exit_level_ticks, dtype=jnp.float32))
     look = jax.jit(partial(_look, tracker))
     rows = [_status(memory)]
     for report in reports[1:]:
@@ -68,16 +68,18 @@ _PLACE = ("lat", "lon", "fl")
 
 
 def status_of(
-    entered: Bool[np.ndarray, "*n"], exited: Bool[np.ndarray, "*n"], strayed: Bool[np.ndarray, "*n"]
+    entered: Bool[np.ndarray, "*n"],
+    exited: Bool[np.ndarray, "*n"],
+    excursion: Bool[np.ndarray, "*n"],
 ) -> Int[np.ndarray, "*n"]:
-    """Index in `STATUS`; whoever strayed and came out right has exited."""
+    """Index in `STATUS`; an aircraft that left the sector and later exits correctly has exited."""
     status = np.where(entered, 1, 0)
-    status = np.where(strayed, 3, status)
+    status = np.where(excursion, 3, status)
     return np.where(exited, 2, status).astype(np.int8)
 
 
 def _status(memory: Memory) -> Int[np.ndarray, " aircraft"]:
-    return status_of(*map(np.asarray, (memory.entered, memory.exited, memory.strayed)))
+    return status_of(*map(np.asarray, (memory.entered, memory.exited, memory.excursion)))
 
 
 def _look(tracker: Tracker, memory: Memory, flown: Traffic) -> tuple[Traffic, Memory]:

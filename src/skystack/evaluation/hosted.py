@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from skystack.agents.agent import Agent
-from skystack.agents.queries import ask_actions, ask_scores
+from skystack.agents.queries import query_actions, query_scores
 from skystack.evaluation.rollout import (
     Recording,
     blocks,
@@ -25,7 +25,7 @@ from skystack.evaluation.rollout import (
 from skystack.learning.seeds import scenario_keys
 from skystack.stacking import Stack, stack_many
 from skystack.tasks.batch import choose
-from skystack.tasks.contract import NO_ACTION
+from skystack.tasks.contract import NO_OP
 from skystack.tasks.navigation import NavigationState, NavigationTask
 
 
@@ -68,12 +68,12 @@ class Decisions:
     ) -> tuple[NavigationState, Stack]:
         """Instruct as the agent asks, in the scenarios of a mask; no time passes.
 
-        Raises InputError as `skystack.agents.queries.ask_actions` does.
+        Raises InputError as `skystack.agents.queries.query_actions` does.
         """
 
         def policy(observations: Any, asking: Any, query: Any) -> Int[np.ndarray, " scenarios"]:
             who = np.flatnonzero(asking)
-            actions = np.full(len(moment.numbers), NO_ACTION, dtype=np.int32)
+            actions = np.full(len(moment.numbers), NO_OP, dtype=np.int32)
             # Taken by their indices, observations are a copy: the agent may keep or change them.
             actions[who] = self._ask(observations[who], who, query, moment)
             return actions
@@ -88,7 +88,7 @@ class Decisions:
         moment: Moment,
     ) -> Int[np.ndarray, " asking"]:
         agent, greedy = self._controller
-        ask = ask_actions if greedy else ask_scores
+        ask = query_actions if greedy else query_scores
         answers = ask(agent, observations, moment.numbers[who], moment.cycle, self._actions)
         if greedy:
             return answers
@@ -144,7 +144,9 @@ class _Flight:
         """Fly scenarios until the last has ended; those that have ended do not change."""
         keys = scenario_keys(seed, numbers)
         state, queries = self._reset(keys), self._queries(keys)
-        start, exit_level = jax.device_get(_first((state.traffic, state.memory.exit_level)))
+        start, exit_level_ticks = jax.device_get(
+            _first((state.traffic, state.memory.exit_level_ticks))
+        )
         over, rows = np.zeros(len(numbers), dtype=bool), list[Any]()
         while not over.all():
             moment = Moment(numbers, len(rows), queries[:, len(rows)])
@@ -152,7 +154,7 @@ class _Flight:
             state, ended, kept = self._advance(told, stack, over)
             over = np.asarray(ended)
             rows.append(jax.device_get(kept))
-        return recording_of(numbers, start, exit_level, rows, self._task.settings.cycles)
+        return recording_of(numbers, start, exit_level_ticks, rows, self._task.settings.cycles)
 
 
 def _first(tree: Any) -> Any:

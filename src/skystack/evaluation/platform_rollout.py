@@ -11,18 +11,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PRNGKeyArray
 
-from skystack.errors import PlatformError
+from skystack.errors import PlatformError, error_context
 from skystack.evaluation.hosted import Decisions, HostedController, Moment
 from skystack.evaluation.rollout import (
     Controller,
     Recording,
+    concatenate,
     keep,
     query_keys,
     recording_of,
     scenarios_in_part,
-    together,
 )
-from skystack.io.json_file import inside
 from skystack.learning.seeds import scenario_key
 from skystack.platforms.conversion import scenario_of, traffic_of
 from skystack.platforms.instruction import Instruction
@@ -36,7 +35,7 @@ from skystack.tasks.navigation import NavigationState, NavigationTask
 from skystack.tasks.plain import checked_action
 
 
-class Job(NamedTuple):
+class PlatformRollout(NamedTuple):
     """What a process needs to fly scenarios; picklable."""
 
     task: NavigationTask
@@ -50,7 +49,7 @@ class Job(NamedTuple):
 class Pilot:
     """One platform and the compiled parts of one controller's loop."""
 
-    def __init__(self, job: Job, folder: Path) -> None:
+    def __init__(self, job: PlatformRollout, folder: Path) -> None:
         self._job, self._task = job, job.task
         self._platform = job.open_platform(folder)
         self._decide = _decision(self._task, job.controller(), None if job.stacking else 1)
@@ -74,7 +73,7 @@ class Pilot:
 
     def fly(self, number: int) -> Recording:
         """One scenario to its end. Raises InputError, which names it, and PlatformError."""
-        with inside(f"scenario {number}"):
+        with error_context(f"scenario {number}"):
             report, state = self._begin(number)
         return self._fly(number, report, state)
 
@@ -87,7 +86,7 @@ class Pilot:
             task.settings.performance,
             task.settings.cycles,
             callsigns(task.scenarios.aircraft),
-            state.memory.exit_level,
+            state.memory.exit_level_ticks,
         )
         return self._platform.reset(scenario), state
 
@@ -98,7 +97,7 @@ class Pilot:
         rows: list[tuple[Any, ...]] = []
         for cycle, key in enumerate(query_keys(task, scenario_key(self._job.seed, number))):
             told, stack = self._decide(state, key, number, cycle)
-            with inside(f"scenario {number}, cycle {cycle}"):
+            with error_context(f"scenario {number}, cycle {cycle}"):
                 if stack.instructions > 0:
                     self._issue(told.traffic, stack)
                 flown = traffic_of(self._platform.advance(), told.traffic, plane)
@@ -106,18 +105,18 @@ class Pilot:
             rows.append(jax.tree.map(lambda values: np.asarray(values)[None], kept))
             if outcome.terminated:
                 break
-        start, exit_level = jax.tree.map(
-            lambda values: np.asarray(values)[None], (start, state.memory.exit_level)
+        start, exit_level_ticks = jax.tree.map(
+            lambda values: np.asarray(values)[None], (start, state.memory.exit_level_ticks)
         )
         numbers = np.array([number], dtype=np.int32)
-        return recording_of(numbers, start, exit_level, rows, task.settings.cycles)
+        return recording_of(numbers, start, exit_level_ticks, rows, task.settings.cycles)
 
     def _issue(self, told: Traffic, stack: Stack) -> None:
         actions = self._task.actions
         aircraft = actions.changes[int(stack.action) - 1][0]
         callsign = callsigns(self._task.scenarios.aircraft)[aircraft]
         if actions.kind == "level":
-            cleared_fl = int(np.rint(told.cleared_level[aircraft] / TICKS_PER_FL))
+            cleared_fl = int(np.rint(told.cleared_level_ticks[aircraft] / TICKS_PER_FL))
             instruction = Instruction(callsign, level_fl=cleared_fl)
         else:
             cleared_deg = int(np.rint(told.cleared_heading_deg[aircraft])) % 360
@@ -125,13 +124,13 @@ class Pilot:
         self._platform.issue(instruction)
 
 
-Decide = Callable[[NavigationState, PRNGKeyArray, int, int], tuple[NavigationState, Stack]]
+DecideOne = Callable[[NavigationState, PRNGKeyArray, int, int], tuple[NavigationState, Stack]]
 """Stacks what a controller asks for: (state, key, number of the scenario, cycle)."""
 
 
 def _decision(
     task: NavigationTask, controller: Controller | HostedController, limit: int | None
-) -> Decide:
+) -> DecideOne:
     """Of one scenario; raises InputError, which names it, for what is no action of the task."""
     if isinstance(controller, HostedController):
         decisions = Decisions(task, controller, limit)
@@ -158,19 +157,19 @@ def _decision(
         state: NavigationState, key: PRNGKeyArray, number: int, cycle: int
     ) -> tuple[NavigationState, Stack]:
         told, stack = jax.device_get(compiled(state, key))
-        with inside(f"scenario {number}, cycle {cycle}"):
+        with error_context(f"scenario {number}, cycle {cycle}"):
             checked_action(stack.action, len(task.action_names))
         return told, stack
 
     return decide
 
 
-def _pilot(job: Job, folder: Path) -> Callable[[int], Recording]:
+def _pilot(job: PlatformRollout, folder: Path) -> Callable[[int], Recording]:
     return Pilot(job, folder).fly
 
 
-def fly_elsewhere(
-    job: Job,
+def fly_on_platform(
+    job: PlatformRollout,
     scenarios: int,
     folder: Path,
     failed: dict[int, str],
@@ -192,7 +191,7 @@ def fly_elsewhere(
                 failed[number] = outcome.failed
             on_scenario(number + 1)
             if len(finished) == part or (finished and number == scenarios - 1):
-                yield together(finished)
+                yield concatenate(finished)
                 finished = []
     if len(failed) == scenarios:
         raise PlatformError(f"no scenario was finished: scenario 0 {failed[0]}")

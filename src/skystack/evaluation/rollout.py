@@ -16,7 +16,7 @@ from skystack.learning.seeds import scenario_keys
 from skystack.simulator.traffic import Traffic
 from skystack.stacking import Stack, stack_traced
 from skystack.tasks.batch import choose
-from skystack.tasks.contract import NO_ACTION, Metrics, Outcome
+from skystack.tasks.contract import NO_OP, Metrics, Outcome
 from skystack.tasks.navigation import NavigationState, NavigationTask
 
 SCENARIOS_AT_ONCE = 1000
@@ -26,20 +26,20 @@ _POLICY = 0x90_11C7
 """Folded into a scenario's key for a policy that samples."""
 
 
-Decide = Callable[[Any, Float[Array, " observation"], PRNGKeyArray], Int[Array, ""]]
+TracedPolicy = Callable[[Any, Float[Array, " observation"], PRNGKeyArray], Int[Array, ""]]
 """A traceable function of (weights, observation, key)."""
 
 
 class Controller(NamedTuple):
     """What decides, and its weights."""
 
-    decide: Decide
+    decide: TracedPolicy
     weights: Any = ()
 
 
 def network_controller(actor: Layers, normaliser: Normaliser, greedy: bool) -> Controller:
     """A policy's network: the most probable action, or one drawn by its probability."""
-    return Controller(most_probable if greedy else _drawn, (actor, normaliser))
+    return Controller(most_probable if greedy else _sample, (actor, normaliser))
 
 
 def most_probable(
@@ -49,7 +49,7 @@ def most_probable(
     return jnp.argmax(_logits(weights, observation)).astype(jnp.int32)
 
 
-def _drawn(
+def _sample(
     weights: tuple[Layers, Normaliser], observation: Array, key: PRNGKeyArray
 ) -> Int[Array, ""]:
     return jax.random.categorical(key, _logits(weights, observation)).astype(jnp.int32)
@@ -61,11 +61,11 @@ def _logits(weights: tuple[Layers, Normaliser], observation: Array) -> Array:
     return logits
 
 
-def _say_nothing(weights: Any, observation: Array, key: PRNGKeyArray) -> Int[Array, ""]:
-    return jnp.full((), NO_ACTION, dtype=jnp.int32)
+def _no_op(weights: Any, observation: Array, key: PRNGKeyArray) -> Int[Array, ""]:
+    return jnp.full((), NO_OP, dtype=jnp.int32)
 
 
-NOBODY = Controller(_say_nothing)
+NO_OP_CONTROLLER = Controller(_no_op)
 """Instructs nobody, ever."""
 
 
@@ -76,13 +76,13 @@ class Recording(NamedTuple):
     """Of the scenario, under the evaluation seed."""
     start: Traffic
     """Cycle 0, `[scenarios, aircraft]`."""
-    exit_level: Float[np.ndarray, "scenarios aircraft"]
+    exit_level_ticks: Float[np.ndarray, "scenarios aircraft"]
     """At which they are to leave, in ticks."""
     traffic: Traffic
     """After each cycle."""
     entered: Bool[np.ndarray, "scenarios cycles aircraft"]
     exited: Bool[np.ndarray, "scenarios cycles aircraft"]
-    strayed: Bool[np.ndarray, "scenarios cycles aircraft"]
+    excursion: Bool[np.ndarray, "scenarios cycles aircraft"]
     action: Int[np.ndarray, "scenarios cycles"]
     """The instruction that was stacked before the cycle was flown."""
     instructions: Int[np.ndarray, "scenarios cycles"]
@@ -116,10 +116,10 @@ def fly(
     Raises InputError for a controller that answers with what is not in the task's action table.
     """
     flown = prepare(task, controller.decide, stacking)
-    return together(list(flown(controller.weights, seed, scenarios)))
+    return concatenate(list(flown(controller.weights, seed, scenarios)))
 
 
-def prepare(task: NavigationTask, decide: Decide, stacking: bool) -> Fly:
+def prepare(task: NavigationTask, decide: TracedPolicy, stacking: bool) -> Fly:
     """Blocks of `fly` for controllers with the same `decide`: compiled once, when first used."""
     limit = None if stacking else 1
     flown = jax.jit(jax.vmap(partial(_fly_one, task, decide, limit), in_axes=(None, 0, 0)))
@@ -166,7 +166,7 @@ def _checked(recording: Recording, actions: int) -> Recording:
     return recording
 
 
-def together(parts: Sequence[Recording]) -> Recording:
+def concatenate(parts: Sequence[Recording]) -> Recording:
     """Recordings of some scenarios each as one of all."""
     whole: Recording = jax.tree.map(lambda *arrays: np.concatenate(arrays), *parts)
     return whole
@@ -183,7 +183,7 @@ def parts_of(recording: Recording, scenarios: int) -> Iterator[Recording]:
 def recording_of(
     number: Int[np.ndarray, " scenarios"],
     start: Traffic,
-    exit_level: Float[np.ndarray, "scenarios aircraft"],
+    exit_level_ticks: Float[np.ndarray, "scenarios aircraft"],
     rows: Sequence[tuple[Any, ...]],
     cycles: int,
 ) -> Recording:
@@ -193,7 +193,7 @@ def recording_of(
     """
     missing = cycles - len(rows)
     kept = jax.tree.map(lambda *values: np.stack([*values, *values[-1:] * missing], axis=1), *rows)
-    recording = Recording(number, start, exit_level, *kept)
+    recording = Recording(number, start, exit_level_ticks, *kept)
     ran = recording.ran & (np.arange(cycles) < len(rows))
     last = ran.sum(axis=1) - 1
     return recording._replace(
@@ -219,7 +219,7 @@ def keep(
         flown.traffic,
         flown.memory.entered,
         flown.memory.exited,
-        flown.memory.strayed,
+        flown.memory.excursion,
         stack.action,
         jnp.where(over, 0, stack.instructions),
         ~over,
@@ -230,7 +230,7 @@ def keep(
 
 def _fly_one(
     task: NavigationTask,
-    decide: Decide,
+    decide: TracedPolicy,
     limit: int | None,
     weights: Any,
     key: PRNGKeyArray,
@@ -251,6 +251,6 @@ def _fly_one(
 
     over = jnp.zeros((), dtype=bool)
     _, kept = jax.lax.scan(cycle, (start, over), query_keys(task, key))
-    recording = Recording(number, start.traffic, start.memory.exit_level, *kept)  # type: ignore[arg-type]
+    recording = Recording(number, start.traffic, start.memory.exit_level_ticks, *kept)  # type: ignore[arg-type]
     last = jnp.sum(recording.ran) - 1
     return recording._replace(metrics=jax.tree.map(lambda values: values[last], recording.metrics))

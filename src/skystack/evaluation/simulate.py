@@ -20,8 +20,8 @@ from skystack.platforms.registry import (
     OWN,
     check_platform,
     flown_type,
-    notes_of,
     open_platform,
+    scenario_notes,
 )
 from skystack.simulator.scenario_file import Scenario, load_scenario
 
@@ -52,7 +52,7 @@ def simulate_file(
         "scenario": str(path),
         "platform": platform,
         "types": {one.callsign: flown_type(platform, one.type) for one in scenario.aircraft},
-        "notes": notes_of(platform, scenario),
+        "notes": scenario_notes(platform, scenario),
         "rows": table.num_rows,
         "output": None if output is None else str(output),
         "clearances": [

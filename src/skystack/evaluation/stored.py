@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 
 from skystack.airspace.sector import LatLon, Sector
 from skystack.airspace.sector_file import Point, SectorEntry, make_sector
-from skystack.errors import MOST_NUMBER, InputError
+from skystack.errors import MOST_NUMBER, InputError, error_context
 from skystack.evaluation.columns import (
     MOST_GROUP_BYTES,
     MOST_KEPT_ROWS,
@@ -22,11 +22,11 @@ from skystack.evaluation.columns import (
     check_columns,
 )
 from skystack.evaluation.writing import EVALUATION, FLEET, PERFORMANCE_MODEL, SCENARIOS, SECTOR
-from skystack.io.json_file import decode, inside
+from skystack.io.json_file import decode
 from skystack.platforms.registry import PLATFORMS, flown_type
 from skystack.simulator.fleet import MOST_TYPES, AircraftType, fleet
 from skystack.simulator.performance import DEFAULT_TYPE, PERFORMANCE
-from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario, on_tick
+from skystack.simulator.scenario_file import Aircraft, Scenario, ScheduledClearance, on_tick
 
 MOST_AIRCRAFT = 200
 MOST_CYCLES = 100_000
@@ -56,9 +56,22 @@ def read_table(path: Path, columns: Sequence[str], filters: Any = None) -> pa.Ta
         raise InputError(
             f"{path}: damaged: cannot be read as a Parquet table of an evaluation"
         ) from None
-    with inside(str(path)):
+    with error_context(str(path)):
         check_columns(table)
-    return table
+    return _with_current_names(table)
+
+
+_OLD_STATUS, _STATUS = "strayed", "excursion"
+"""A value of the column `status` in older tables, and its present name."""
+
+
+def _with_current_names(table: pa.Table) -> pa.Table:
+    """The table with values that older versions wrote under other names renamed."""
+    if "status" not in table.column_names:
+        return table
+    status = table["status"].cast(pa.string())
+    renamed = pc.if_else(pc.equal(status, _OLD_STATUS), _STATUS, status).dictionary_encode()
+    return table.set_column(table.column_names.index("status"), "status", renamed)
 
 
 def _read(path: Path, file: BinaryIO, columns: Sequence[str], filters: Any) -> pa.Table:
@@ -149,7 +162,7 @@ def sector_of(path: Path, table: pa.Table) -> Sector:
     data = (table.schema.metadata or {}).get(SECTOR)
     if data is None:
         raise InputError(f"{path}: has no sector in its metadata")
-    with inside(f"{path}: the sector in its metadata"):
+    with error_context(f"{path}: the sector in its metadata"):
         return _stored_sector(data)
 
 
@@ -289,7 +302,7 @@ def _performance_of(path: Path, table: pa.Table) -> tuple[str, tuple[AircraftTyp
     types: tuple[AircraftType, ...] = ()
     if FLEET in metadata:
         types = decode(metadata[FLEET], _Types, f"{path}: the fleet in its metadata")
-        with inside(f"{path}: its metadata"):
+        with error_context(f"{path}: its metadata"):
             fleet(types, "fleet")
     return performance, types
 
@@ -324,9 +337,9 @@ def _aircraft(
     )
 
 
-def _given(row: dict[str, Any]) -> GivenClearance:
+def _given(row: dict[str, Any]) -> ScheduledClearance:
     level = row["kind"] == "level"
-    return GivenClearance(
+    return ScheduledClearance(
         row["cycle"],
         row["callsign"],
         heading_deg=None if level else row["value"],

@@ -8,7 +8,7 @@ import pyarrow as pa
 
 from skystack.evaluation.paper import paper_row
 
-Row = dict[str, Any]
+RowValues = dict[str, Any]
 
 
 def summarise(
@@ -19,13 +19,13 @@ def summarise(
     greedy: bool,
     wall_s: float,
     episodes: pa.Table,
-) -> Row:
+) -> RowValues:
     """The row of one policy on its scenarios, which took `wall_s` to fly."""
     row = _row(experiment, 1, platform, stacking, greedy, episodes)
     return {"seed": seed, **row, "wall_s": wall_s}
 
 
-def aggregate(rows: Sequence[Row], episodes: Sequence[pa.Table]) -> Row:
+def aggregate(rows: Sequence[RowValues], episodes: Sequence[pa.Table]) -> RowValues:
     """One row for all training seeds: the statistics of their scenarios put together."""
     first = rows[0]
     row = _row(
@@ -41,7 +41,7 @@ def aggregate(rows: Sequence[Row], episodes: Sequence[pa.Table]) -> Row:
 
 def _row(
     experiment: str, seeds: int, platform: str, stacking: bool, greedy: bool, episodes: pa.Table
-) -> Row:
+) -> RowValues:
     column = {name: episodes[name].to_numpy() for name in episodes.column_names}
     separation = column["min_separation_nm"]
     finite = separation[np.isfinite(separation)]

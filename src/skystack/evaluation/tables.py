@@ -84,7 +84,7 @@ def clearances_by_aircraft(
 def _aircraft_table(
     task: NavigationTask, recording: Recording, flown_as: Callable[[str], str]
 ) -> pa.Table:
-    scenarios, count = recording.start.level.shape
+    scenarios, count = recording.start.level_ticks.shape
     routes = [" ".join(route) for route in task.simulator.sector.routes]
     types = np.array([flown_as(each) for each in task.simulator.performance.types])
     return pa.table(
@@ -93,8 +93,8 @@ def _aircraft_table(
             "callsign": _repeated(callsigns(task.scenarios.aircraft), scenarios),
             "type": pa.array(types[np.asarray(recording.start.kind).reshape(-1)]),
             "route": pa.array(np.array(routes)[recording.start.route.reshape(-1)]),
-            "entry_fl": _flight_levels(recording.start.level).reshape(-1),
-            "exit_fl": _flight_levels(recording.exit_level).reshape(-1),
+            "entry_fl": _flight_levels(recording.start.level_ticks).reshape(-1),
+            "exit_fl": _flight_levels(recording.exit_level_ticks).reshape(-1),
             "own_navigation": np.asarray(recording.start.own_navigation).reshape(-1),
         }
     )
@@ -134,7 +134,7 @@ def _stored(name: str, values: Float[np.ndarray, " rows"]) -> np.ndarray:
 
 def _status(recording: Recording) -> Int[np.ndarray, "scenarios rows aircraft"]:
     """Index in STATUS; at the start nobody has entered."""
-    status = status_of(recording.entered, recording.exited, recording.strayed)
+    status = status_of(recording.entered, recording.exited, recording.excursion)
     return np.concatenate([np.zeros_like(status[:, :1]), status], axis=1)
 
 
@@ -146,7 +146,7 @@ def clearance_table(
     who = np.array([(-1, 0), *task.actions.changes])[recording.action[scenario, cycle]][:, 0]
     at, kind, signs = (scenario, cycle, who), task.actions.kind, callsigns(task.scenarios.aircraft)
     if kind == "level":
-        value = _flight_levels(np.asarray(recording.traffic.cleared_level)[at])
+        value = _flight_levels(np.asarray(recording.traffic.cleared_level_ticks)[at])
         commands = [Instruction(signs[a], level_fl=v) for a, v in _pairs(who, value)]
     else:
         value = np.rint(np.asarray(recording.traffic.cleared_heading_deg)[at]).astype(np.int32)
@@ -169,7 +169,7 @@ def clearance_table(
     )
 
 
-_STATE = ("heading_deg", "level")
+_STATE = ("heading_deg", "level_ticks")
 
 
 def _when_adopted(recording: Recording, name: str, adoption: Adoption) -> np.ndarray:

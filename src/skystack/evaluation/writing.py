@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from skystack.airspace.sector import Sector
-from skystack.io.files import aside, writing
+from skystack.io.files import atomic_files, writing
 from skystack.simulator.fleet import AircraftType
 
 SECTOR, PERFORMANCE_MODEL, FLEET = b"sector", b"performance", b"fleet"
@@ -51,7 +51,11 @@ def write_table(
     """
     metadata = table_metadata(sector, performance, types)
     metadata |= {key.encode(): msgspec.json.encode(rows) for key, rows in (beside or {}).items()}
-    with aside([path]) as [file], writing(path), closing(_Growing(file, metadata)) as growing:
+    with (
+        atomic_files([path]) as [file],
+        writing(path),
+        closing(_Growing(file, metadata)) as growing,
+    ):
         growing.append(table)
         growing.end({})
 
@@ -67,7 +71,7 @@ def growing_tables(
     that cannot be written.
     """
     paths = [folder / f"{name}.parquet" for name in names]
-    with aside(paths) as files, ExitStack() as stack:
+    with atomic_files(paths) as files, ExitStack() as stack:
         growing = [stack.enter_context(closing(_Growing(file, metadata))) for file in files]
         digest = _Digest()
 

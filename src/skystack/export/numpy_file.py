@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skystack.io.files import write_aside
+from skystack.io.files import atomic_write
 from skystack.learning.policy import Policy
 from skystack.policies.facts import facts
 
@@ -18,4 +18,4 @@ def export_numpy(policy: Policy, output: Path) -> None:
     arrays = {name: np.asarray(value) for name, value in facts(policy).items()}
     data = io.BytesIO()
     np.savez(data, allow_pickle=False, **policy.tensors, **arrays)
-    write_aside(output, data.getvalue())
+    atomic_write(output, data.getvalue())

@@ -10,7 +10,7 @@ import numpy as np
 
 import skystack
 from skystack.errors import missing_extra
-from skystack.io.files import write_aside
+from skystack.io.files import atomic_write
 from skystack.learning.inference import CLIP, SMALLEST_VARIANCE
 from skystack.learning.policy import Policy
 from skystack.policies.facts import facts, facts_as_texts
@@ -27,7 +27,7 @@ def export_onnx(policy: Policy, output: Path) -> None:
     onnx = _onnx()
     model = _model(onnx, policy)
     onnx.checker.check_model(model, full_check=True)
-    write_aside(output, model.SerializeToString())
+    atomic_write(output, model.SerializeToString())
 
 
 def _onnx() -> Any:

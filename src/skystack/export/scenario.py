@@ -4,9 +4,9 @@ from pathlib import Path
 
 from skystack.errors import InputError
 from skystack.evaluation.stored import stored_scenario
-from skystack.io.files import write_aside
+from skystack.io.files import atomic_write
 from skystack.platforms.bluesky_scenario import scenario_text
-from skystack.platforms.registry import notes_of
+from skystack.platforms.registry import scenario_notes
 from skystack.simulator.scenario_file import Scenario, load_scenario
 
 
@@ -22,8 +22,8 @@ def export_scenario(source: Path, number: int | None, output: Path) -> list[str]
         text = scenario_text(scenario)
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
-    write_aside(output, text.encode())
-    return notes_of("bluesky", scenario)
+    atomic_write(output, text.encode())
+    return scenario_notes("bluesky", scenario)
 
 
 def _scenario(source: Path, number: int | None) -> Scenario:

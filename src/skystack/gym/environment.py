@@ -13,7 +13,7 @@ from skystack.compilation.forks import refuse_forked
 from skystack.errors import InputError
 from skystack.gym.radar import Radar
 from skystack.tasks.contract import Metrics, Outcome, Task
-from skystack.tasks.plain import PlainTask, Seen
+from skystack.tasks.plain import PlainState, PlainTask
 
 Observation = Float[np.ndarray, " observation"]
 Info = dict[str, Any]
@@ -47,7 +47,7 @@ class TaskEnvironment(gymnasium.Env[Observation, np.int64]):
         self.observation_space, self.action_space = observations_of(task), actions_of(task)
         self._radar = radar_of(task, render_mode)
         self._plain = PlainTask(task) if programs is None else programs
-        self._now: Seen | None = None
+        self._now: PlainState | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -88,13 +88,13 @@ class TaskEnvironment(gymnasium.Env[Observation, np.int64]):
         return self._radar.picture(self._plain.state_of(self._scenario))
 
     @property
-    def _scenario(self) -> Seen:
+    def _scenario(self) -> PlainState:
         refuse_forked()
         if self._now is None:
             raise ResetNeeded("reset() begins the first scenario")
         return self._now
 
-    def _flown(self, now: Seen, outcome: Outcome) -> tuple[float, bool, bool, Info]:
+    def _flown(self, now: PlainState, outcome: Outcome) -> tuple[float, bool, bool, Info]:
         self._now = now
         if self._radar is not None:
             self._radar.sweep(self._plain.state_of(now))

@@ -26,7 +26,7 @@ from skystack.gym.registration import settings_of
 from skystack.io.files import AnyPath
 from skystack.simulator.traffic import callsigns
 from skystack.tasks.build import build_task
-from skystack.tasks.contract import NO_ACTION, Outcome
+from skystack.tasks.contract import NO_OP, Outcome
 from skystack.tasks.navigation import NavigationState, NavigationTask
 from skystack.tasks.plain import checked_action
 from skystack.tasks.programs import TaskPrograms, compiled
@@ -66,7 +66,7 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
         self.possible_agents = callsigns(task.scenarios.aircraft)
         self.agents: list[str] = []
         self._own_actions = [
-            [NO_ACTION, *(n for n, (who, _) in enumerate(task.actions.changes, 1) if who == number)]
+            [NO_OP, *(n for n, (who, _) in enumerate(task.actions.changes, 1) if who == number)]
             for number in range(task.scenarios.aircraft)
         ]
         self._spaces = {
@@ -145,9 +145,9 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
         views = np.array(self._views)
         return {agent: views[self.possible_agents.index(agent)] for agent in self.agents}
 
-    def _told(self, actions: Mapping[str, Any]) -> Int[np.ndarray, " aircraft"]:
+    def _task_actions(self, actions: Mapping[str, Any]) -> Int[np.ndarray, " aircraft"]:
         """The task's action of each aircraft."""
-        told = np.full(len(self.possible_agents), NO_ACTION, dtype=np.int32)
+        told = np.full(len(self.possible_agents), NO_OP, dtype=np.int32)
         for agent, action in actions.items():
             if agent not in self.possible_agents:
                 raise unknown_name("agent", str(agent), self.possible_agents)

@@ -97,7 +97,7 @@ class Screen:
                 f"{self._task.name}, minute {seconds // 60:02d}:{seconds % 60:02d}"
             )
             lasting = set(self._axes.get_children())
-            for number, callsign in enumerate(callsigns(len(traffic.level))):
+            for number, callsign in enumerate(callsigns(len(traffic.level_ticks))):
                 sector, colour = self._task.sector, colour_of(number)
                 route = sector.routes[int(traffic.route[number])]
                 planned = sector.path_nm(route)
@@ -119,7 +119,7 @@ def _blip(sector: Sector, traffic: Traffic, number: int, callsign: str) -> Blip:
         heading_deg=float(traffic.heading_deg[number]),
         cleared_heading_deg=float(traffic.cleared_heading_deg[number]),
         ground_speed_kt=float(traffic.ground_speed_kt[number]),
-        fl=float(traffic.level[number]) / TICKS_PER_FL,
-        cleared_fl=float(traffic.cleared_level[number]) / TICKS_PER_FL,
+        fl=float(traffic.level_ticks[number]) / TICKS_PER_FL,
+        cleared_fl=float(traffic.cleared_level_ticks[number]) / TICKS_PER_FL,
         scale=float(sector.plane.scale(np.asarray(traffic.position_nm[number, 1:]))[0]),
     )

@@ -14,7 +14,7 @@ from gymnasium.utils import RecordConstructorArgs
 from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker
 
 from skystack.errors import InputError
-from skystack.stacking import NO_ACTION, checked_limit, owned
+from skystack.stacking import NO_OP, checked_limit, owned
 
 MOST_INSTRUCTIONS = 100
 """Of one clearance. No task here can take more than 60: an aircraft sent through all levels."""
@@ -50,12 +50,12 @@ class StackedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructo
     it ends the clearance, and one cycle is flown. If the action cannot be given again, the cycle is
     flown in the same step: the agent is not asked for an action that could not be used.
     `info["clearance"]` of the step that flies holds the `action` issued and the number of
-    `instructions`, or `no_action` and 0.
+    `instructions`, or `no_op` and 0.
 
     `limit` is the most instructions of one clearance, so that an agent that never changes its mind
     cannot stop time. With a limit of 1 every step flies, as without this wrapper. Actions are
     numbers or arrays. Raises InputError for one that is neither in the action space nor
-    `no_action`.
+    `no_op`.
 
     Other wrappers go outside, round this one: it must reach the two phases. Raises InputError where
     one is inside, or there are no two phases.
@@ -65,11 +65,11 @@ class StackedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructo
         self,
         env: gymnasium.Env[Any, Any],
         limit: int = MOST_INSTRUCTIONS,
-        no_action: Any = NO_ACTION,
+        no_op: Any = NO_OP,
     ) -> None:
-        RecordConstructorArgs.__init__(self, limit=limit, no_action=no_action)
+        RecordConstructorArgs.__init__(self, limit=limit, no_op=no_op)
         super().__init__(env)
-        self._limit, self._no_action = checked_limit(limit), owned(no_action)
+        self._limit, self._no_action = checked_limit(limit), owned(no_op)
         self._phases = _phases_of(env)
         self._action, self._instructions = self._no_action, 0
 

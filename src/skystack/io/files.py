@@ -34,24 +34,24 @@ def read_whole(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     return data
 
 
-def write_aside(path: Path, data: bytes) -> None:
+def atomic_write(path: Path, data: bytes) -> None:
     """Write a whole file or none, on the disk when this returns: a power cut leaves the old one.
 
     Raises InputError when it cannot be written.
     """
-    with held(), aside([path]) as [file], writing(path):
+    with held(), atomic_files([path]) as [file], writing(path):
         file.write(data)
 
 
 @contextmanager
-def aside(paths: Sequence[Path]) -> Iterator[list[IO[bytes]]]:
+def atomic_files(paths: Sequence[Path]) -> Iterator[list[IO[bytes]]]:
     """Open temporary files that replace others, all together, when the context ends.
 
     They are synced to disk first. If anything is raised inside, the old files stay. Raises
     InputError for a file that cannot be written.
     """
     with ExitStack() as stack:
-        files = [stack.enter_context(_open_aside(path)) for path in paths]
+        files = [stack.enter_context(_open_temporary(path)) for path in paths]
         yield files
         with held():
             for path, file in zip(paths, files, strict=True):
@@ -66,7 +66,7 @@ def aside(paths: Sequence[Path]) -> Iterator[list[IO[bytes]]]:
 
 
 @contextmanager
-def _open_aside(path: Path) -> Iterator[IO[bytes]]:
+def _open_temporary(path: Path) -> Iterator[IO[bytes]]:
     if "\0" in str(path):
         raise not_written(path, ValueError("a null byte in the name"))
     check_not_folder(path)

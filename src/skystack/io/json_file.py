@@ -3,14 +3,13 @@
 import json
 import re
 import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn, get_args, get_type_hints
 
 import msgspec
 
-from skystack.errors import InputError, unknown_name
+from skystack.errors import InputError, error_context, unknown_name
 from skystack.io.files import read_whole
 from skystack.io.names import in_words
 
@@ -24,15 +23,6 @@ MOST_EXACT = 2.0**53
 Entries = Mapping[str, type[msgspec.Struct]]
 """The structures of a file by where they stand: "" is the whole, "aircraft" the members of a list
 (or the one that stands there), "fixes.*" those of an object with names of the file's own."""
-
-
-@contextmanager
-def inside(where: str) -> Iterator[None]:
-    """Input errors raised inside say where."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
 
 
 def read_json(path: Path) -> Any:
@@ -120,7 +110,7 @@ def convert(raw: Any, entries: Entries) -> Any:
         table = raw.get(place.removesuffix(".*")) if isinstance(raw, dict) else None
         if place.endswith(".*") and isinstance(table, dict):
             for name, value in table.items():  # msgspec would say [...] in place of the name
-                with inside(f"{place[:-2]}.{name}"):
+                with error_context(f"{place[:-2]}.{name}"):
                     convert(value, {"": entry})
     try:
         return msgspec.convert(raw, entries[""])

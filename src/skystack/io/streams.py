@@ -18,7 +18,7 @@ class ClosedPipeError(Exception):
     """The reader of standard output has closed the pipe."""
 
 
-class Results:
+class StandardOutput:
     """Standard output as a file for text. Raises InputError when it cannot be written to."""
 
     def __init__(self) -> None:
@@ -42,7 +42,7 @@ class Results:
         return getattr(self._stream, name)
 
 
-class Prose:
+class StandardError:
     """Standard error as a text file; write errors are ignored: nowhere is left to report them."""
 
     def __init__(self) -> None:

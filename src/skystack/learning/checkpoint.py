@@ -10,24 +10,24 @@ from safetensors import safe_open
 from safetensors.numpy import save
 
 from skystack.errors import CheckpointError, InputError
-from skystack.io.files import write_aside
+from skystack.io.files import atomic_write
 from skystack.learning.monitor import part_not_finite
-from skystack.learning.ppo import Learner
+from skystack.learning.ppo import TrainState
 
 Leaf = jax.Array | jax.ShapeDtypeStruct
 
 
-def save_checkpoint(path: Path, learner: Learner, fingerprint: str) -> None:
+def save_checkpoint(path: Path, learner: TrainState, fingerprint: str) -> None:
     """Write the learner; `fingerprint` tells which experiment and seed it belongs to."""
     leaves = {
         f"{index:03d}": np.asarray(_plain(leaf), order="C")
         for index, leaf in enumerate(jax.tree.leaves(learner))
     }
     metadata = {"fingerprint": fingerprint, "shapes": _shapes(learner)}
-    write_aside(path, save(leaves, metadata=metadata))
+    atomic_write(path, save(leaves, metadata=metadata))
 
 
-def load_checkpoint(path: Path, like: Learner, fingerprint: str) -> Learner:
+def load_checkpoint(path: Path, like: TrainState, fingerprint: str) -> TrainState:
     """Read a learner of the same structure as `like`, whose arrays may be mere shapes.
 
     Raises CheckpointError for a damaged file or one of another experiment, seed or configuration.
@@ -53,7 +53,7 @@ def load_checkpoint(path: Path, like: Learner, fingerprint: str) -> Learner:
             f"{path}: not a checkpoint: its arrays have not the shapes that it states"
         )
     restored = [_like(old, new) for old, new in zip(leaves, loaded, strict=True)]
-    result: Learner = jax.tree.unflatten(structure, restored)
+    result: TrainState = jax.tree.unflatten(structure, restored)
     part = part_not_finite(result)
     if part is not None:
         raise CheckpointError(f"{path}: damaged: the learner's {part} are not finite")
@@ -73,11 +73,11 @@ def _is_key(leaf: Leaf) -> bool:
     return bool(jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key))
 
 
-def _shapes(learner: Learner) -> str:
+def _shapes(learner: TrainState) -> str:
     return json.dumps([_shape(leaf) for leaf in _plain_shapes(learner)])
 
 
-def _plain_shapes(learner: Learner) -> list[Leaf]:
+def _plain_shapes(learner: TrainState) -> list[Leaf]:
     leaves = jax.tree.leaves(learner)
     return [jax.eval_shape(_plain, leaf) if _is_key(leaf) else leaf for leaf in leaves]
 

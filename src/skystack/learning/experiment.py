@@ -12,9 +12,9 @@ import tomli_w
 
 from skystack.airspace.sector_file import Point, SectorEntry
 from skystack.airspace.sectors import named_or_read
-from skystack.errors import InputError, unknown_name
+from skystack.errors import InputError, error_context, unknown_name
 from skystack.io.files import AnyPath, read_whole
-from skystack.io.json_file import MAX_BYTES, convert, inside
+from skystack.io.json_file import MAX_BYTES, convert
 from skystack.io.names import Name
 from skystack.io.toml_file import parse_toml
 from skystack.learning.settings import PPOSettings, Pretraining
@@ -62,14 +62,14 @@ def load_experiment(name: AnyPath, changes: Iterable[str] = ()) -> Experiment:
     name = fspath(name)
     if name.endswith(".toml"):
         where = name
-        with inside(name):
+        with error_context(name):
             data = read_whole(Path(name), MAX_BYTES)
     elif name in experiment_names():
         where = f"experiment {name}"
         data = _FOLDER.joinpath(f"{name}.toml").read_bytes()
     else:
         raise unknown_name("experiment", name, experiment_names(), [f"{name}.toml"])
-    with inside(where):
+    with error_context(where):
         values = parse_toml(data)
     _read_sector(values, Path(name).parent)
     changes = list(changes)
@@ -98,14 +98,14 @@ def _read_sector(values: dict[str, Any], folder: Path | None) -> None:
     """Put the sector of a file in the place of its name: an experiment is whole by itself."""
     task = values.get("task")
     if isinstance(task, dict) and isinstance(task.get("sector"), str):
-        with inside("task.sector"):
+        with error_context("task.sector"):
             task["sector"] = msgspec.to_builtins(named_or_read(task["sector"], folder))
 
 
 def experiment_from(values: Mapping[str, Any], where: str) -> Experiment:
     """Check plain values (from TOML or from a policy) and make an experiment of them."""
     _check_keys(values, Experiment, where, "")
-    with inside(where):
+    with error_context(where):
         experiment: Experiment = convert(values, _ENTRIES)
     build_task(experiment.task)
     ppo = experiment.ppo

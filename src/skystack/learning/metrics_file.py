@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from skystack.errors import CheckpointError
-from skystack.io.files import append_line, write_aside
+from skystack.io.files import append_line, atomic_write
 
 
 class MetricsFile:
@@ -20,7 +20,7 @@ class MetricsFile:
     def __init__(self, path: Path, updates: int, begun: float) -> None:
         """Raises CheckpointError when the lines of those updates are not there."""
         lines = _lines(path, updates) if updates else []
-        write_aside(path, "".join(lines).encode())
+        atomic_write(path, "".join(lines).encode())
         # As if the updates made before had been made just before this run.
         self._begun: float = begun - (json.loads(lines[-1])["wall_s"] if lines else 0.0)
         self._path, self._file = path, os.open(path, os.O_WRONLY | os.O_APPEND)

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from skystack.errors import TrainingError
-from skystack.learning.ppo import Learner
+from skystack.learning.ppo import TrainState
 
 LARGEST_LOSS = 1e6
 """Rewards are scaled to about unit size, and discounted at 0.99 a return is a hundred of them: half
@@ -19,14 +19,14 @@ PARTS = ("parameters", "optimiser", "normaliser", "observations", "returns")
 """Of a learner: all that must be finite. Scenarios may hold an infinite distance: none so far."""
 
 
-class Watch:
+class TrainingMonitor:
     """One training's numbers, and where its last good checkpoint is."""
 
     def __init__(self, experiment: str, seed: int, checkpoint: Path, saved_steps: int) -> None:
         self._name = f"{experiment}, seed {seed}"
         self._checkpoint, self.saved_steps = checkpoint, saved_steps
 
-    def check(self, learner: Learner, values: dict[str, float | None], steps: int) -> None:
+    def check(self, learner: TrainState, values: dict[str, float | None], steps: int) -> None:
         """Raises TrainingError that names the first term that is wrong after so many steps."""
         for term in LOSSES:
             value = values[term]
@@ -49,7 +49,7 @@ class Watch:
         )
 
 
-def part_not_finite(learner: Learner) -> str | None:
+def part_not_finite(learner: TrainState) -> str | None:
     """The first part of a learner with a number that is not finite; None where all are."""
     for part in PARTS:
         if not all(map(_is_finite, jax.tree.leaves(getattr(learner, part)))):

@@ -15,7 +15,7 @@ from skystack.learning.settings import PPOSettings
 from skystack.tasks.build import build_training_task
 from skystack.tasks.contract import Task
 
-Update = Callable[[ppo.Learner], tuple[ppo.Learner, dict[str, jax.Array]]]
+CompiledUpdate = Callable[[ppo.TrainState], tuple[ppo.TrainState, dict[str, jax.Array]]]
 """`ppo.update` of a phase, compiled."""
 
 
@@ -37,8 +37,8 @@ def phases(experiment: Experiment, task: Task, first: int) -> dict[int, Task]:
 
 @contextmanager
 def compiled_updates(
-    tasks: Mapping[int, Task], settings: PPOSettings, like: ppo.Learner
-) -> Iterator[Mapping[int, Future[Update]]]:
+    tasks: Mapping[int, Task], settings: PPOSettings, like: ppo.TrainState
+) -> Iterator[Mapping[int, Future[CompiledUpdate]]]:
     """The program of each phase, made in a thread beside the caller's, the first one first.
 
     `like` has the learner's shapes and types; its arrays are not looked at. What is not begun when
@@ -51,9 +51,9 @@ def compiled_updates(
         maker.shutdown(cancel_futures=True)
 
 
-def learners(
-    updates: Mapping[int, Future[Update]], settings: PPOSettings, learner: ppo.Learner
-) -> Iterator[tuple[int, ppo.Learner, dict[str, jax.Array]]]:
+def run_updates(
+    updates: Mapping[int, Future[CompiledUpdate]], settings: PPOSettings, learner: ppo.TrainState
+) -> Iterator[tuple[int, ppo.TrainState, dict[str, jax.Array]]]:
     """Train to the end: how many updates are made, the learner and what was measured, each time."""
     for number in range(int(learner.updates), settings.updates):
         if number in updates:
@@ -62,7 +62,7 @@ def learners(
         yield number + 1, learner, measured
 
 
-def _compile(task: Task, settings: PPOSettings, like: ppo.Learner) -> Update:
+def _compile(task: Task, settings: PPOSettings, like: ppo.TrainState) -> CompiledUpdate:
     # Nothing is donated, so that the old learner is whole whenever an interruption comes.
-    compiled: Update = jax.jit(partial(ppo.update, task, settings)).lower(like).compile()
+    compiled: CompiledUpdate = jax.jit(partial(ppo.update, task, settings)).lower(like).compile()
     return compiled

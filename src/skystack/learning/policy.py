@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Float
 from safetensors.numpy import load, save
 
-from skystack.errors import InputError
-from skystack.io.files import read_whole, write_aside
-from skystack.io.json_file import MAX_BYTES, check_plain, decode, inside
+from skystack.errors import InputError, error_context
+from skystack.io.files import atomic_write, read_whole
+from skystack.io.json_file import MAX_BYTES, check_plain, decode
 from skystack.io.names import Name, Seed
 from skystack.learning.inference import CLIP, Layers, Normaliser, forward, normalise
 
@@ -87,8 +87,8 @@ def save_policy(folder: Path, policy: Policy) -> None:
         policy.description, sha256=hashlib.sha256(data).hexdigest()
     )
     text = json.dumps(msgspec.to_builtins(description), indent=2)
-    write_aside(folder / "policy.safetensors", data)
-    write_aside(folder / "policy.json", (text + "\n").encode())
+    atomic_write(folder / "policy.safetensors", data)
+    atomic_write(folder / "policy.json", (text + "\n").encode())
 
 
 def load_policy(folder: Path) -> Policy:
@@ -97,13 +97,13 @@ def load_policy(folder: Path) -> Policy:
     Raises InputError, naming the file, for anything missing, damaged or of another version.
     """
     described, weights = folder / "policy.json", folder / "policy.safetensors"
-    with inside(str(described)):
+    with error_context(str(described)):
         text = read_whole(described, MAX_BYTES)
         description = decode(text, PolicyDescription, "not a policy description")
         check_plain(description.config)
     if description.format != FORMAT:
         raise InputError(f"{described}: format {description.format} (allowed: {FORMAT})")
-    with inside(str(weights)):
+    with error_context(str(weights)):
         data = read_whole(weights)
     if hashlib.sha256(data).hexdigest() != description.sha256:
         raise InputError(f"{weights}: contents do not fit the sha256 in {described.name}")

@@ -20,7 +20,7 @@ from skystack.tasks.batch import choose, reset_many
 from skystack.tasks.contract import Metrics, Outcome, Task, TaskState
 
 
-class Learner(NamedTuple):
+class TrainState(NamedTuple):
     """Everything that changes during training."""
 
     parameters: Parameters
@@ -36,7 +36,7 @@ class Learner(NamedTuple):
     updates: Int[Array, ""]
 
 
-class Steps(NamedTuple):
+class Transitions(NamedTuple):
     """What an update collects."""
 
     observation: Float[Array, "steps observation environments"]
@@ -72,13 +72,13 @@ def optimiser(settings: PPOSettings) -> optax.GradientTransformation:
     )
 
 
-def init(task: Task, settings: PPOSettings, key: PRNGKeyArray) -> Learner:
+def init(task: Task, settings: PPOSettings, key: PRNGKeyArray) -> TrainState:
     """A learner with random weights in fresh scenarios."""
     network_key, scenario_key, key = jax.random.split(key, 3)
     size = len(task.observation_names)
     parameters = network.init(network_key, size, settings.hidden, len(task.action_names))
     scenarios = reset_many(task, scenario_key, settings.environments)
-    return Learner(
+    return TrainState(
         parameters=parameters,
         optimiser=optimiser(settings).init(ravel_pytree(parameters)[0]),
         normaliser=network.initial_normaliser(size),
@@ -91,16 +91,16 @@ def init(task: Task, settings: PPOSettings, key: PRNGKeyArray) -> Learner:
 
 
 def update(
-    task: Task, settings: PPOSettings, learner: Learner
-) -> tuple[Learner, dict[str, Float[Array, ""]]]:
+    task: Task, settings: PPOSettings, learner: TrainState
+) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
     """One update: collect, judge, learn. Returns what was measured of it; pure, to be compiled."""
     key, collect_key, learn_key = jax.random.split(learner.key, 3)
     learner = learner._replace(key=key)
     learner, steps, episodes = collect(task, settings, learner, collect_key)
     seen = _columns(steps.observation)
     observation = network.normalise_columns(learner.normaliser, seen)
-    values, next_values = judge(learner, steps, observation)
-    advantages = generalised_advantages(steps, values, next_values, settings)
+    values, next_values = compute_values(learner, steps, observation)
+    advantages = compute_gae(steps, values, next_values, settings)
     batch = _pack(observation, steps, values, advantages)
     learner, losses = learn(settings, learner, batch, learn_key)
     learner = learner._replace(
@@ -110,8 +110,8 @@ def update(
 
 
 def collect(
-    task: Task, settings: PPOSettings, learner: Learner, key: PRNGKeyArray
-) -> tuple[Learner, Steps, Episodes]:
+    task: Task, settings: PPOSettings, learner: TrainState, key: PRNGKeyArray
+) -> tuple[TrainState, Transitions, Episodes]:
     """`steps` steps of every environment with the present policy.
 
     Every environment has one fresh scenario at hand for when its own ends; should that one end
@@ -119,28 +119,28 @@ def collect(
     """
     fresh_key, action_key = jax.random.split(key)
     # All at once: random numbers drawn step by step cost more than the policy.
-    lottery = jax.random.uniform(action_key, (settings.steps, settings.environments))
+    uniforms = jax.random.uniform(action_key, (settings.steps, settings.environments))
     fresh = reset_many(task, fresh_key, settings.environments)
     fresh_observations = task.observe(fresh)
 
     def step(
-        learner: Learner, lottery: Float[Array, " environments"]
-    ) -> tuple[Learner, tuple[Steps, Episodes]]:
+        learner: TrainState, uniforms: Float[Array, " environments"]
+    ) -> tuple[TrainState, tuple[Transitions, Episodes]]:
         observation = learner.observations
         seen = network.normalise_columns(learner.normaliser, observation)
         log_probabilities = jax.nn.log_softmax(
             network.forward_columns(learner.parameters.actor, seen), axis=0
         )
-        action = draw(log_probabilities, lottery)
+        action = sample_actions(log_probabilities, uniforms)
         scenarios, outcome = task.step(learner.scenarios, action)
         final_observation = task.observe(scenarios)
         ended = outcome.terminated | outcome.truncated
         returns = learner.returns + outcome.reward
-        taken = Steps(
+        taken = Transitions(
             observation=observation,
             final_observation=final_observation,
             action=action,
-            log_probability=_of_action(log_probabilities, action),
+            log_probability=_select(log_probabilities, action),
             reward=outcome.reward * settings.reward_scale,
             terminated=outcome.terminated,
             truncated=outcome.truncated,
@@ -152,23 +152,23 @@ def collect(
         )
         return learner, (taken, _sum_ended(ended, returns, outcome))
 
-    learner, (steps, episodes) = jax.lax.scan(step, learner, lottery)
+    learner, (steps, episodes) = jax.lax.scan(step, learner, uniforms)
     return learner, steps, jax.tree.map(jnp.sum, episodes)
 
 
-def draw(
-    log_probabilities: Float[Array, "actions n"], lottery: Float[Array, " n"]
+def sample_actions(
+    log_probabilities: Float[Array, "actions n"], uniforms: Float[Array, " n"]
 ) -> Int[Array, " n"]:
     """An action each by its probability, from a number uniform on [0, 1): the inverse of the
     distribution function."""
     actions = log_probabilities.shape[0]
     up_to = jnp.tril(jnp.ones((actions, actions))) @ jnp.exp(log_probabilities)
-    beyond = lottery[None, :] >= up_to[:-1]
+    beyond = uniforms[None, :] >= up_to[:-1]
     return jnp.sum(beyond.astype(jnp.int32), axis=0)
 
 
-def judge(
-    learner: Learner, steps: Steps, observation: Float[Array, "observation samples"]
+def compute_values(
+    learner: TrainState, steps: Transitions, observation: Float[Array, "observation samples"]
 ) -> tuple[Float[Array, "steps environments"], Float[Array, "steps environments"]]:
     """The critic's values of what was seen before each step (given normalised) and after it.
 
@@ -191,8 +191,8 @@ def judge(
     return values, next_values
 
 
-def generalised_advantages(
-    steps: Steps,
+def compute_gae(
+    steps: Transitions,
     values: Float[Array, "steps environments"],
     next_values: Float[Array, "steps environments"],
     settings: PPOSettings,
@@ -220,10 +220,10 @@ def generalised_advantages(
 
 def learn(
     settings: PPOSettings,
-    learner: Learner,
+    learner: TrainState,
     batch: Float[Array, "rows samples"],
     key: PRNGKeyArray,
-) -> tuple[Learner, dict[str, Float[Array, ""]]]:
+) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
     """`epochs` passes over shuffled minibatches; what does not fill one is left out."""
     size = min(settings.minibatch, batch.shape[1])
     count = batch.shape[1] // size
@@ -268,8 +268,8 @@ def shuffled(key: PRNGKeyArray, count: int) -> Int[Array, " count"]:
     """
     low = jnp.uint32((1 << max(count - 1, 1).bit_length()) - 1)
     number = jnp.arange(count, dtype=jnp.uint32)
-    lottery = jax.random.bits(key, (count,), dtype=jnp.uint32)
-    return (jnp.sort((lottery & ~low) | number) & low).astype(jnp.int32)
+    uniforms = jax.random.bits(key, (count,), dtype=jnp.uint32)
+    return (jnp.sort((uniforms & ~low) | number) & low).astype(jnp.int32)
 
 
 _EXTRA_ROWS = 4
@@ -284,7 +284,7 @@ def _columns(
 
 def _pack(
     observation: Float[Array, "observation samples"],
-    steps: Steps,
+    steps: Transitions,
     values: Float[Array, "steps environments"],
     advantages: Float[Array, "steps environments"],
 ) -> Float[Array, "rows samples"]:
@@ -312,7 +312,7 @@ def loss(
         network.forward_columns(parameters.actor, observation), axis=0
     )
     entropy = -jnp.mean(jnp.sum(jnp.exp(log_probabilities) * log_probabilities, axis=0))
-    change = _of_action(log_probabilities, action.astype(jnp.int32)) - old_log_probability
+    change = _select(log_probabilities, action.astype(jnp.int32)) - old_log_probability
     ratio = jnp.exp(change)
     advantage = (advantage - jnp.mean(advantage)) / (jnp.std(advantage) + 1e-8)
     clipped = jnp.clip(ratio, 1.0 - settings.clip, 1.0 + settings.clip)
@@ -329,7 +329,7 @@ def loss(
     }
 
 
-def _of_action(
+def _select(
     log_probabilities: Float[Array, "actions n"], action: Int[Array, " n"]
 ) -> Float[Array, " n"]:
     taken = jnp.arange(log_probabilities.shape[0])[:, None] == action[None, :]

@@ -14,15 +14,15 @@ import jax
 import numpy as np
 
 from skystack.errors import MOST_NUMBER, InputError, checked_whole
-from skystack.io.files import AnyPath, make_folder, write_aside
+from skystack.io.files import AnyPath, atomic_write, make_folder
 from skystack.io.locks import check_unlocked, locked_folder
 from skystack.io.signals import check
 from skystack.learning import ppo
 from skystack.learning.checkpoint import load_checkpoint, save_checkpoint
 from skystack.learning.experiment import Experiment, resolved, to_toml
 from skystack.learning.metrics_file import MetricsFile
-from skystack.learning.monitor import Watch, finite
-from skystack.learning.phases import compiled_updates, learners, phases
+from skystack.learning.monitor import TrainingMonitor, finite
+from skystack.learning.phases import compiled_updates, phases, run_updates
 from skystack.learning.policy import (
     FORMAT,
     Policy,
@@ -110,20 +110,20 @@ def _train(
     resumed = load_checkpoint(checkpoint, like, fingerprint) if checkpoint.exists() else None
     first = int(resumed.updates) if resumed else 0
     metrics = MetricsFile(folder / "metrics.jsonl", first, begun)
-    watch = Watch(experiment.name, seed, checkpoint, first * settings.samples)
+    watch = TrainingMonitor(experiment.name, seed, checkpoint, first * settings.samples)
 
-    def save(learner: ppo.Learner) -> None:
+    def save(learner: ppo.TrainState) -> None:
         metrics.sync()  # a checkpoint without its lines could not be gone on with
         save_checkpoint(checkpoint, learner, fingerprint)
         watch.saved_steps = int(learner.updates) * settings.samples
 
     compiled = compiled_updates(phases(experiment, task, first), settings, like)
     with closing(metrics), compiled as updates:
-        write_aside(folder / "config.toml", to_toml(experiment))
+        atomic_write(folder / "config.toml", to_toml(experiment))
         learner = resumed or init(key)
         pace, saved = _Pace(settings, first), time.monotonic()
         try:
-            for number, updated, measured in learners(updates, settings, learner):
+            for number, updated, measured in run_updates(updates, settings, learner):
                 check()  # an interruption may have been lost in a callback
                 values = {name: finite(value) for name, value in jax.device_get(measured).items()}
                 steps = number * settings.samples
@@ -143,7 +143,7 @@ def _train(
     return Trained(policy, settings.updates * settings.samples, metrics.wall_s())
 
 
-def begun_with(experiment: Experiment, folder: Path, resume: bool) -> list[str]:
+def preflight(experiment: Experiment, folder: Path, resume: bool) -> list[str]:
     """What must be said before a training begins in a folder.
 
     Raises InputError where a training would be lost, another process is at work or nothing can be
@@ -192,7 +192,7 @@ class _Pace:
         return Progress(number * settings.samples, total, rate, values)
 
 
-def _policy(experiment: Experiment, seed: int, task: Task, learner: ppo.Learner) -> Policy:
+def _policy(experiment: Experiment, seed: int, task: Task, learner: ppo.TrainState) -> Policy:
     actor, normaliser = jax.device_get((learner.parameters.actor, learner.normaliser))
     description = PolicyDescription(
         format=FORMAT,

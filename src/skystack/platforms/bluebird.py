@@ -21,8 +21,7 @@ import numpy as np
 from skystack.airspace.projection import wrap_longitude
 from skystack.airspace.sector import Sector as OurSector
 from skystack.airspace.sector_file import Point, SectorEntry, make_sector
-from skystack.errors import InputError, PlatformError, of_extra, unknown_name
-from skystack.io.json_file import inside
+from skystack.errors import InputError, PlatformError, error_context, of_extra, unknown_name
 from skystack.platforms.adoption import BLUEBIRD
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.languages import bluebird_actions
@@ -233,7 +232,7 @@ def sector_named(name: str) -> OurSector:
         warnings.simplefilter("ignore", DeprecationWarning)  # of shapely, for its authors
         airspace, routes, sector_name = AirspaceLoader.load(name)
     volumes = airspace.sectors[sector_name].volumes
-    with inside(f"BluebirdDT's {name}"):
+    with error_context(f"BluebirdDT's {name}"):
         if len(volumes) != 1:
             raise InputError(f"has {len(volumes)} volumes (allowed: 1)")
         corners = [(at.lon, at.lat) for at in volumes[0].area.boundary_vertices]

@@ -25,7 +25,7 @@ from skystack.simulator.performance import (
     tas_from_cas,
     tas_from_mach,
 )
-from skystack.simulator.scenario_file import Aircraft, GivenClearance, Scenario
+from skystack.simulator.scenario_file import Aircraft, Scenario, ScheduledClearance
 from skystack.simulator.simulator import CYCLE_S
 
 SUBSTITUTES = {"B753": "B752"}
@@ -187,7 +187,7 @@ def _speed_commands(scenario: Scenario, aircraft: Aircraft) -> Iterator[tuple[in
         last = speed
 
 
-def _instruction(given: GivenClearance) -> Instruction:
+def _instruction(given: ScheduledClearance) -> Instruction:
     """A file's clearance, if BlueSky can fly it."""
     if given.turn in ("left", "right"):
         raise InputError(

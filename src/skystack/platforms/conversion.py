@@ -22,19 +22,19 @@ def traffic_of(report: Report, before: Traffic, plane: MercatorPlane) -> Traffic
     How an aircraft goes on (the turn under way, its radius) is the platform's own affair: those
     fields say that what is cleared is flown. Levels are rounded to whole ticks.
     """
-    cleared_level = np.rint(report.cleared_fl * TICKS_PER_FL)
-    zero = np.zeros_like(cleared_level)
+    cleared_level_ticks = np.rint(report.cleared_fl * TICKS_PER_FL)
+    zero = np.zeros_like(cleared_level_ticks)
     reported = {
         "position_nm": plane.to_plane(report.lat, report.lon),
         "heading_deg": report.heading_deg,
-        "level": np.rint(report.fl * TICKS_PER_FL),
+        "level_ticks": np.rint(report.fl * TICKS_PER_FL),
         "ground_speed_kt": report.ground_speed_kt,
         "vertical_speed_ft_min": report.vertical_speed_ft_min,
         "flown_heading_deg": report.cleared_heading_deg,
         "turn_deg": zero,
-        "flown_level": cleared_level,
+        "flown_level_ticks": cleared_level_ticks,
         "cleared_heading_deg": report.cleared_heading_deg,
-        "cleared_level": cleared_level,
+        "cleared_level_ticks": cleared_level_ticks,
         "pending_turn": np.full_like(zero, NO_TURN),
         "turn_radius_nm": zero,
     }
@@ -54,7 +54,7 @@ def scenario_of(
     performance: str,
     cycles: int,
     callsigns: Sequence[str],
-    exit_level: ArrayLike,
+    exit_level_ticks: ArrayLike,
 ) -> Scenario:
     """The scenario that begins with given traffic, without clearances; levels are in ticks.
 
@@ -62,8 +62,8 @@ def scenario_of(
     """
     sector, model = simulator.sector, simulator.performance
     lat_lon = sector.plane.to_degrees(np.asarray(traffic.position_nm, dtype=np.float64))
-    fl = np.asarray(traffic.level, dtype=np.float64) / TICKS_PER_FL
-    exit_fl = np.rint(np.asarray(exit_level, dtype=np.float64) / TICKS_PER_FL)
+    fl = np.asarray(traffic.level_ticks, dtype=np.float64) / TICKS_PER_FL
+    exit_fl = np.rint(np.asarray(exit_level_ticks, dtype=np.float64) / TICKS_PER_FL)
     aircraft = tuple(
         Aircraft(
             callsign=callsign,

@@ -7,7 +7,7 @@ import numpy as np
 from skystack.platforms.adoption import in_words
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.protocol import Platform, Report
-from skystack.simulator.scenario_file import GivenClearance, Scenario
+from skystack.simulator.scenario_file import Scenario, ScheduledClearance
 from skystack.simulator.simulator import CYCLE_S
 
 
@@ -41,7 +41,7 @@ def _owned(report: Report) -> Report:
     return Report(*map(np.array, report))
 
 
-def command_of(given: GivenClearance) -> Instruction:
+def command_of(given: ScheduledClearance) -> Instruction:
     """A file's clearance as a platform is given it."""
     obeyed: dict[str | None, Literal["left", "right"]] = {"left": "left", "right": "right"}
     turn = obeyed.get(given.turn)

@@ -57,7 +57,7 @@ class Skystack:
             turn=jnp.asarray(np.where(one, turn, NO_TURN).astype(np.int32)),
             heading_deg=jnp.full(len(one), float((instruction.heading_deg or 0) % 360)),
             changes_level=jnp.asarray(one & changes_level),
-            level=jnp.full(len(one), ticks(float(instruction.level_fl or 0))),
+            level_ticks=jnp.full(len(one), ticks(float(instruction.level_fl or 0))),
         )
         self._traffic = instruct(self._traffic, clearance)
 

@@ -33,21 +33,21 @@ Make = Callable[[Path], Callable[[Item], Result]]
 """Makes, in each process once and given a folder of its own, the function that does the work."""
 
 
-class Outcome(NamedTuple):
+class ItemResult(NamedTuple):
     """The result of an item, or why it has none."""
 
     result: Any
     failed: str | None = None
 
 
-_DIED_STARTING = Outcome(None, "its process died, or took too long, while starting")
+_DIED_STARTING = ItemResult(None, "its process died, or took too long, while starting")
 AHEAD = 8
 """Items per process that are started before their results are requested."""
 
 
 def in_processes(
     make: Make[Item, Result], items: Sequence[Item], folder: Path, time_limit_s: float
-) -> Generator[Outcome, None, None]:
+) -> Generator[ItemResult, None, None]:
     """Do every item in one process a core, in order; `make` and the items must be picklable.
 
     An item that takes longer than its time limit, raises PlatformError, or whose process dies, has
@@ -108,17 +108,17 @@ def _scheduled(pool: Any, items: Sequence[Item], time_limit_s: float) -> list[Fu
         return [broken] * len(items)
 
 
-def _outcome(future: Future[Any], time_limit_s: float) -> Outcome:
+def _outcome(future: Future[Any], time_limit_s: float) -> ItemResult:
     from pebble import ProcessExpired  # noqa: PLC0415
 
     try:
-        return Outcome(wait_for(future))
+        return ItemResult(wait_for(future))
     except OutOfTime:
-        return Outcome(None, f"took more than {time_limit_s:.0f} s")
+        return ItemResult(None, f"took more than {time_limit_s:.0f} s")
     except ProcessExpired as expired:
-        return Outcome(None, f"the simulator's process died (exit code {expired.exitcode})")
+        return ItemResult(None, f"the simulator's process died (exit code {expired.exitcode})")
     except PlatformError as error:
-        return Outcome(None, str(error))
+        return ItemResult(None, str(error))
     except (BrokenProcessPool, CancelledError):
         return _DIED_STARTING
 

@@ -73,7 +73,7 @@ def flown_type(platform: str, aircraft_type: str) -> str:
     return bluesky_flown_type(aircraft_type) if platform == "bluesky" else aircraft_type
 
 
-def said_of(
+def platform_notes(
     platform: str, aircraft_types: Iterable[str] = (DEFAULT_TYPE,), climbs: bool = False
 ) -> list[str]:
     """What a platform flies in another way than it is asked to, in lines for the user.
@@ -94,10 +94,12 @@ def said_of(
     return lines
 
 
-def notes_of(platform: str, scenario: Scenario) -> list[str]:
-    """`said_of` for a scenario, and whose speeds types fly that are not in its fleet."""
+def scenario_notes(platform: str, scenario: Scenario) -> list[str]:
+    """`platform_notes` for a scenario, and whose speeds types fly that are not in its fleet."""
     types = {aircraft.type for aircraft in scenario.aircraft}
-    lines = said_of(platform, types, any(each.fl is not None for each in scenario.clearances))
+    lines = platform_notes(
+        platform, types, any(each.fl is not None for each in scenario.clearances)
+    )
     whose = {"bluebird": "of its own tables", "bluesky": f"of {DEFAULT_TYPE}"}.get(platform)
     others = types - {DEFAULT_TYPE, *(member.type for member in scenario.fleet)}
     if whose is None or scenario.performance != "table":

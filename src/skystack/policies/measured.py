@@ -6,9 +6,9 @@ from typing import Any
 
 import msgspec
 
-from skystack.errors import InputError
+from skystack.errors import InputError, error_context
 from skystack.io.files import read_whole
-from skystack.io.json_file import decode, inside
+from skystack.io.json_file import decode
 
 FORMAT = 1
 FILE = "measured.json"
@@ -43,7 +43,7 @@ def read_measured(folder: Path) -> Measured | None:
     path = folder / FILE
     if not path.exists():
         return None
-    with inside(str(path)):
+    with error_context(str(path)):
         measured = decode(read_whole(path), Measured, "cannot be read")
     if measured.format != FORMAT:
         raise InputError(f"{path}: format {measured.format} (allowed: {FORMAT})")

@@ -47,7 +47,7 @@ class Claim(NamedTuple):
     verdict: str
 
 
-def judge_claims(run: Run) -> list[Claim]:
+def check_claims(run: Run) -> list[Claim]:
     """All claims that the run has figures for; none if it has no statistics."""
     if not all(row.statistics for row in run.results.rows):
         return []

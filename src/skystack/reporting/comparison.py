@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 import skystack
-from skystack.io.files import write_aside
+from skystack.io.files import atomic_write
 from skystack.reporting import tables
 from skystack.reporting.learning_curves import overlaid_curves
 from skystack.reporting.page import Picture, picture_of, render
@@ -22,7 +22,7 @@ WIDEST = 40
 """Characters of a cell in the terminal; lists of observed values are longer."""
 
 
-class Section(NamedTuple):
+class ComparedFamily(NamedTuple):
     """What the page shows of one family: only within it can curves and rows be compared."""
 
     title: str
@@ -39,7 +39,7 @@ def write_comparison(runs: Runs, output: Path) -> None:
         version=skystack.__version__,
         sections=[_section(runs, family) for family in _families(runs)],
     )
-    write_aside(output, page)
+    atomic_write(output, page)
 
 
 def comparison_tables(runs: Runs) -> list[Table]:
@@ -113,9 +113,9 @@ def _of(runs: Runs, family: str) -> Runs:
     )
 
 
-def _section(runs: Runs, family: str) -> Section:
+def _section(runs: Runs, family: str) -> ComparedFamily:
     trainings, rows = _of(runs, family)
-    return Section(
+    return ComparedFamily(
         FAMILIES[family],
         _curves(trainings),
         trainings_table(trainings),

@@ -7,7 +7,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from skystack.io.files import make_folder
-from skystack.reporting.flights import Scenario, read_outcomes, read_scenario, read_sector
+from skystack.reporting.flights import FlownScenario, read_outcomes, read_scenario, read_sector
 from skystack.reporting.histograms import (
     SCENARIOS,
     Nearest,
@@ -20,7 +20,7 @@ from skystack.reporting.learning_curves import convergence, learning_curves, suc
 from skystack.reporting.loop import loop
 from skystack.reporting.maps import route_maps, sector_map
 from skystack.reporting.profiles import profile, profiles
-from skystack.reporting.results import NOBODY, Row, Run, read_run
+from skystack.reporting.results import NO_OP_NAME, Row, Run, read_run
 from skystack.reporting.style import house_style, save
 from skystack.reporting.trajectories import picture, pictures
 from skystack.reporting.typical import typical_scenario
@@ -69,8 +69,8 @@ def _figures(run: Run) -> Iterator[tuple[str, Figure]]:
         yield from _curves(run, family)
 
 
-_One = Callable[[str, Scenario], Figure]
-_Several = Callable[[Sequence[tuple[str, Scenario]]], Figure]
+_One = Callable[[str, FlownScenario], Figure]
+_Several = Callable[[Sequence[tuple[str, FlownScenario]]], Figure]
 _DRAWN_AS: Mapping[str, tuple[_One, _Several]] = {
     "vertical": (profile, profiles),
     "avoidance": (partial(picture, separation=True), partial(pictures, separation=True)),
@@ -95,7 +95,7 @@ def _histograms(run: Run, family: str, rows: Sequence[Row]) -> Iterator[tuple[st
     for slug, panel in panels.items():
         yield f"histogram-{slug}", histogram(panel)
     # Zeros only would make the others' bars invisible.
-    acting = [row for row in rows if row.experiment != NOBODY]
+    acting = [row for row in rows if row.experiment != NO_OP_NAME]
     if acting:
         yield f"histograms-{family}", histograms([panels[row.slug] for row in acting])
     if acting and family == "avoidance":

@@ -11,9 +11,8 @@ import pyarrow as pa
 from jaxtyping import Float, Int
 
 from skystack.airspace.sector import Sector
-from skystack.errors import InputError
+from skystack.errors import InputError, error_context
 from skystack.evaluation.stored import check_who, read_table, rows_of, sector_of
-from skystack.io.json_file import inside
 
 BURST_GAP_CYCLES = 2
 """Two aircraft under one policy take turns: a burst for either may skip every other cycle."""
@@ -22,7 +21,7 @@ SAMPLES_PER_CYCLE = 60
 """Ten a second: two aircraft that meet head-on come 0.026 NM nearer from one to the next."""
 
 
-class Clearance(NamedTuple):
+class IssuedClearance(NamedTuple):
     """What was issued to a pilot, and when."""
 
     cycle: int
@@ -39,7 +38,7 @@ class Clearance(NamedTuple):
         """`right 215`, `climb FL340`, or `fly 215` where nothing is to be turned."""
         return f"{self.direction or 'fly'} {self.target}"
 
-    def carries_on(self, before: "Clearance") -> bool:
+    def carries_on(self, before: "IssuedClearance") -> bool:
         """Whether a controller could have said both at once: farther the same way, and soon."""
         change = self.value - before.value
         forward = change % 360 < 180 if self.kind == "heading" else change > 0
@@ -66,13 +65,13 @@ class Track:
     level_fl: Float[np.ndarray, " rows"]
     cleared_fl: Float[np.ndarray, " rows"]
     exit_fl: int
-    strayed_cycle: int | None
-    clearances: tuple[Clearance, ...]
+    excursion_cycle: int | None
+    clearances: tuple[IssuedClearance, ...]
 
     @property
-    def bursts(self) -> list[list[Clearance]]:
+    def bursts(self) -> list[list[IssuedClearance]]:
         """Clearances in runs that follow each other at once and go the same way."""
-        runs: list[list[Clearance]] = [[first] for first in self.clearances[:1]]
+        runs: list[list[IssuedClearance]] = [[first] for first in self.clearances[:1]]
         for before, after in pairwise(self.clearances):
             if after.carries_on(before):
                 runs[-1].append(after)
@@ -90,7 +89,7 @@ class Approach(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Scenario:
+class FlownScenario:
     """One scenario as it was flown."""
 
     sector: Sector
@@ -190,7 +189,7 @@ def read_outcomes(folder: Path, first: int | None = None) -> Outcomes:
     return Outcomes(*(column[:first] for column in outcomes))
 
 
-def read_scenario(folder: Path, number: int) -> Scenario:
+def read_scenario(folder: Path, number: int) -> FlownScenario:
     """Everything about one scenario. Raises InputError that names a missing or damaged table."""
     only = [("scenario", "=", number)]
     episode = read_table(folder / "episodes.parquet", ("clearances",), only)
@@ -206,9 +205,9 @@ def read_scenario(folder: Path, number: int) -> Scenario:
     sector = sector_of(folder / "trajectories.parquet", flown)
     who = aircraft.to_pylist()
     check_who(folder / "aircraft.parquet", sector, who)
-    with inside(str(folder)):
+    with error_context(str(folder)):
         tracks = tuple(_track(sector, row, flown, issued) for row in who)
-    return Scenario(sector, number, episode["clearances"][0].as_py(), tracks)
+    return FlownScenario(sector, number, episode["clearances"][0].as_py(), tracks)
 
 
 _CLEARANCE_COLUMNS = ("cycle", "kind", "value", "direction", "instructions", "text")
@@ -223,7 +222,9 @@ def _track(sector: Sector, aircraft: dict[str, Any], flown: pa.Table, issued: pa
     # What exited aircraft do afterwards is nobody's business any more.
     end = status.index("exited") + 1 if "exited" in status else len(rows)
     clearances = (
-        Clearance(time_s=rows[row["cycle"]]["time_s"], **{k: row[k] for k in _CLEARANCE_COLUMNS})
+        IssuedClearance(
+            time_s=rows[row["cycle"]]["time_s"], **{k: row[k] for k in _CLEARANCE_COLUMNS}
+        )
         for row in said
     )
     return Track(
@@ -235,6 +236,6 @@ def _track(sector: Sector, aircraft: dict[str, Any], flown: pa.Table, issued: pa
         level_fl=np.array([row["fl"] for row in rows[:end]], dtype=np.float64),
         cleared_fl=np.array([row["cleared_fl"] for row in rows[:end]], dtype=np.float64),
         exit_fl=aircraft["exit_fl"],
-        strayed_cycle=status.index("strayed") if "strayed" in status[:end] else None,
+        excursion_cycle=status.index("excursion") if "excursion" in status[:end] else None,
         clearances=tuple(sorted(clearances, key=lambda clearance: clearance.cycle)),
     )

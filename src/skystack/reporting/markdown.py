@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from skystack.errors import printable
 from skystack.reporting import tables
-from skystack.reporting.claims import claims_table, judge_claims
+from skystack.reporting.claims import check_claims, claims_table
 from skystack.reporting.results import FAMILIES, Run
 
 
@@ -14,7 +14,7 @@ def as_markdown(run: Run) -> str:
 
 
 def _parts(run: Run) -> Iterator[str]:
-    results, claims = run.results, judge_claims(run)
+    results, claims = run.results, check_claims(run)
     command, made = printable(results.command).replace("`", "'"), (results.machine, results.version)
     machine, version = map(tables.plain_markdown, made)
     yield f"`{command}`; {machine}; skystack {version}\n"

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import jinja2
 import msgspec
 
-from skystack.evaluation.evaluate import task_of
+from skystack.evaluation.evaluate import policy_task
 from skystack.evaluation.paper import paper_row
 from skystack.learning.experiment import experiment_from
 from skystack.learning.policy import Policy
@@ -57,7 +57,7 @@ class Term(NamedTuple):
     """In the first part of the training; the same where there is only one."""
 
 
-class Seen(NamedTuple):
+class ObservedValue(NamedTuple):
     """A line of the table of observed values, each scaled from its range to [0, 1]."""
 
     name: str
@@ -94,7 +94,7 @@ def card(name: str, policy: Policy, measured: Measured) -> str:
         policy=described,
         experiment=experiment,
         task=experiment.task,
-        sector=task_of(policy).simulator.sector,
+        sector=policy_task(policy).simulator.sector,
         instructions=[each.partition(" ")[2][2:] for each in _of_first(described.actions)],
         seen=list(_seen(experiment.task)),
         terms=list(_terms(experiment.task.reward, before.reward if before else None)),
@@ -116,13 +116,13 @@ def _of_first(actions: tuple[str, ...]) -> list[str]:
     return [each for each in actions if each.startswith("aircraft 1 ")]
 
 
-def _seen(task: TaskSettings) -> Iterator[Seen]:
+def _seen(task: TaskSettings) -> Iterator[ObservedValue]:
     for name in task.features:
         feature = FEATURES[name]
-        yield Seen(name, feature.meaning, feature.low, feature.high)
+        yield ObservedValue(name, feature.meaning, feature.low, feature.high)
     for name in task.pair_features:
         pair = PAIR_FEATURES[name]
-        yield Seen(name, f"of the pair: {pair.meaning}", pair.low, pair.high)
+        yield ObservedValue(name, f"of the pair: {pair.meaning}", pair.low, pair.high)
 
 
 def _terms(reward: RewardSettings, before: RewardSettings | None) -> Iterator[Term]:

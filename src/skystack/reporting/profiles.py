@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from skystack.reporting.flights import Scenario, Track
+from skystack.reporting.flights import FlownScenario, Track
 from skystack.reporting.labels import Label, place_labels
 from skystack.reporting.style import FAINT, INK, LINES, MUTED, PAPER, SERIES, grid_of_axes, settle
 from skystack.reporting.trajectories import clearances_text
@@ -14,12 +14,12 @@ from skystack.reporting.trajectories import clearances_text
 MINUTES_PER_CYCLE = 0.1
 
 
-def profile(title: str, scenario: Scenario) -> Figure:
+def profile(title: str, scenario: FlownScenario) -> Figure:
     """One scenario."""
     return profiles([(title, scenario)])
 
 
-def profiles(panels: Sequence[tuple[str, Scenario]]) -> Figure:
+def profiles(panels: Sequence[tuple[str, FlownScenario]]) -> Figure:
     """Several flights of one scenario side by side on the same axes."""
     size_in = (5.0 * len(panels), 3.7)
     figure, axes = grid_of_axes(1, len(panels), size_in, sharex=True, sharey=True)
@@ -40,7 +40,7 @@ def profiles(panels: Sequence[tuple[str, Scenario]]) -> Figure:
     return figure
 
 
-def _write_texts(axes: Axes, scenario: Scenario) -> None:
+def _write_texts(axes: Axes, scenario: FlownScenario) -> None:
     """How many instructions became one clearance, where it was more than one."""
     labels, drawn = [], []
     for number, track in enumerate(scenario.tracks):

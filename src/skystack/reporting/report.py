@@ -4,15 +4,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from skystack.io.files import write_aside
+from skystack.io.files import atomic_write
 from skystack.reporting import tables
-from skystack.reporting.claims import Claim, claims_table, judge_claims
+from skystack.reporting.claims import Claim, check_claims, claims_table
 from skystack.reporting.figures import (
     OVERVIEW,
     experiment_title,
     write_figures,
 )
-from skystack.reporting.flights import Clearance, Scenario, read_scenario
+from skystack.reporting.flights import FlownScenario, IssuedClearance, read_scenario
 from skystack.reporting.histograms import SCENARIOS
 from skystack.reporting.markdown import as_markdown
 from skystack.reporting.page import Picture, picture_of, render
@@ -28,18 +28,18 @@ SETTING = {
 """The pictures of what is flown, and what they show."""
 
 
-class Section(NamedTuple):
+class RowSection(NamedTuple):
     """What the report shows of one row."""
 
     title: str
     flights: Picture
     histogram: Picture
     clearances: str
-    issued: tuple[Clearance, ...]
+    issued: tuple[IssuedClearance, ...]
     """In the order issued, all aircraft together."""
 
 
-class Family(NamedTuple):
+class FamilySection(NamedTuple):
     """What the report shows of the experiments on one task."""
 
     name: str
@@ -52,7 +52,7 @@ class Family(NamedTuple):
     """The number of the one that is drawn."""
     kind: str | None
     """What it has in common with the paper's."""
-    sections: tuple[Section, ...]
+    sections: tuple[RowSection, ...]
     histograms: Picture | None
     separations: Picture | None
     convergence: Picture | None
@@ -75,13 +75,13 @@ def write_report(run: Path) -> Path:
     """
     drawn = {path.stem for path in write_figures(run)}
     whole, path = read_run(run), run / "report.html"
-    write_aside(run / "results.md", as_markdown(whole).encode())
-    write_aside(path, _page(whole, drawn))
+    atomic_write(run / "results.md", as_markdown(whole).encode())
+    atomic_write(path, _page(whole, drawn))
     return path
 
 
 def _page(run: Run, drawn: set[str]) -> bytes:
-    results, claims = run.results, judge_claims(run)
+    results, claims = run.results, check_claims(run)
     return render(
         "report.html.jinja",
         results=results,
@@ -100,14 +100,14 @@ def _page(run: Run, drawn: set[str]) -> bytes:
 
 def _family(
     run: Run, drawn: set[str], claims: Sequence[Claim], family: str, rows: list[Row]
-) -> Family:
+) -> FamilySection:
     scenario = typical_scenario(run, rows)
     bound = run.bound_of(family)
 
     def if_drawn(name: str, words: str) -> Picture | None:
         return _picture(run, name, words) if name in drawn else None
 
-    return Family(
+    return FamilySection(
         name=family,
         title=FAMILIES[family],
         comparison=tables.comparison(rows, bound),
@@ -148,10 +148,10 @@ def _tiles(run: Run) -> list[Tile]:
     return tiles
 
 
-def _section(run: Run, row: Row, number: int) -> Section:
+def _section(run: Run, row: Row, number: int) -> RowSection:
     scenario = read_scenario(run.evaluation(row), number)
     issued = [clearance for track in scenario.tracks for clearance in track.clearances]
-    return Section(
+    return RowSection(
         title=row.title,
         flights=_picture(run, f"trajectory-{row.slug}", _in_words(scenario)),
         histogram=_picture(
@@ -162,10 +162,10 @@ def _section(run: Run, row: Row, number: int) -> Section:
     )
 
 
-def _in_words(scenario: Scenario) -> str:
+def _in_words(scenario: FlownScenario) -> str:
     """For those who do not see the picture."""
     flights = "; ".join(
-        f"{track.callsign} {'strayed' if track.strayed_cycle is not None else 'flew'} with "
+        f"{track.callsign} {'left the sector' if track.excursion_cycle is not None else 'flew'} with "
         f"{clearances_text(len(track.clearances))}"
         for track in scenario.tracks
     )

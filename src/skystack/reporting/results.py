@@ -8,10 +8,10 @@ from typing import Annotated
 
 import msgspec
 
-from skystack.errors import InputError
+from skystack.errors import InputError, error_context
 from skystack.evaluation.statistics import Estimate
 from skystack.io.files import MOST_BYTES, read_whole
-from skystack.io.json_file import decode, inside
+from skystack.io.json_file import decode
 from skystack.io.names import Name
 from skystack.platforms.registry import OWN
 
@@ -46,7 +46,7 @@ READABLE_NAMES = {
     ("avoidance-best", True): "avoidance, ours, stacked",
 }
 """Names of (experiment, stacking), in the order in which tables and figures show them."""
-NOBODY = "do-nothing"
+NO_OP_NAME = "do-nothing"
 BOUND_FAMILY = "lateral"
 """Whose fewest possible clearances are known."""
 FAMILIES = {
@@ -342,5 +342,5 @@ def _experiment_order(experiment: str) -> tuple[int, str]:
 
 def read_file(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     """A whole file. Raises InputError that names it when it cannot be read or is too large."""
-    with inside(str(path)):
+    with error_context(str(path)):
         return read_whole(path, most_bytes)

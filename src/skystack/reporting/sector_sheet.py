@@ -8,7 +8,7 @@ from typing import Any
 from skystack.airspace.projection import geodesic_leg
 from skystack.airspace.sector import Sector, turns_deg
 from skystack.errors import InputError
-from skystack.io.files import check_output, write_aside
+from skystack.io.files import atomic_write, check_output
 from skystack.reporting.maps import sector_map
 from skystack.reporting.style import as_png, as_svg, house_style
 from skystack.reporting.tables import Table
@@ -100,4 +100,4 @@ def write_map(sector: Sector, output: Path) -> None:
     with house_style():
         figure = sector_map(sector)
         data = as_png(figure) if output.suffix == ".png" else as_svg(figure).encode()
-    write_aside(output, data)
+    atomic_write(output, data)

@@ -12,7 +12,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from skystack.io.files import write_aside
+from skystack.io.files import atomic_write
 
 INK, MUTED, FAINT = "#1b2026", "#5b6670", "#c3cad1"
 AREA, PAPER = "#eef2f5", "#ffffff"
@@ -100,7 +100,7 @@ def save(figure: Figure, stem: Path) -> list[Path]:
     paths = []
     for kind, data in (("png", as_png(figure)), ("svg", as_svg(figure).encode())):
         paths.append(stem.with_name(f"{stem.name}.{kind}"))
-        write_aside(paths[-1], data)
+        atomic_write(paths[-1], data)
     return paths
 
 

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from skystack.errors import InputError, exists, printable
-from skystack.io.json_file import MAX_BYTES, convert, decode, inside
+from skystack.errors import InputError, error_context, exists, printable
+from skystack.io.json_file import MAX_BYTES, convert, decode
 from skystack.io.names import Name, Seed
 from skystack.io.toml_file import parse_toml
 from skystack.reporting.learning_curves import at_the_end
@@ -146,7 +146,7 @@ class _Described(msgspec.Struct):
 def _read_training(folder: Path, run: str) -> Learned:
     path = folder / "config.toml"
     data = read_file(path, MAX_BYTES)
-    with inside(f"{path}: damaged"):
+    with error_context(f"{path}: damaged"):
         config = parse_toml(data)
         experiment = convert(config, {"": _Configured}).name
     path = folder / "policy.json"

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from skystack.reporting.flights import Clearance, Scenario, Track
+from skystack.reporting.flights import FlownScenario, IssuedClearance, Track
 from skystack.reporting.labels import Label, place_labels
 from skystack.reporting.maps import along, draw_sector, name_axes
 from skystack.reporting.style import (
@@ -36,7 +36,7 @@ NEAREST: dict[str, Any] = {
 """The line between two aircraft, and its ends."""
 
 
-def picture(title: str, scenario: Scenario, separation: bool = False) -> Figure:
+def picture(title: str, scenario: FlownScenario, separation: bool = False) -> Figure:
     """One scenario; if wanted with a line between the aircraft when they were nearest."""
     figure, (axes,) = grid_of_axes(1, 1, (5.0, 4.4))
     _draw(axes, title, scenario, separation)
@@ -46,7 +46,7 @@ def picture(title: str, scenario: Scenario, separation: bool = False) -> Figure:
     return figure
 
 
-def pictures(panels: Sequence[tuple[str, Scenario]], separation: bool = False) -> Figure:
+def pictures(panels: Sequence[tuple[str, FlownScenario]], separation: bool = False) -> Figure:
     """Several flights of one scenario side by side, two in a row."""
     columns = min(len(panels), 2 if len(panels) <= 4 else 3)
     rows = -(-len(panels) // columns)
@@ -70,7 +70,7 @@ def clearances_text(count: int) -> str:
     return f"{count} clearance" if count == 1 else f"{count} clearances"
 
 
-def _draw(axes: Axes, title: str, scenario: Scenario, separation: bool) -> None:
+def _draw(axes: Axes, title: str, scenario: FlownScenario, separation: bool) -> None:
     draw_sector(axes, scenario.sector)
     crowded = _is_crowded(scenario)
     for number, track in enumerate(scenario.tracks):
@@ -115,9 +115,9 @@ def _draw_track(axes: Axes, track: Track, number: int, crowded: bool) -> None:
         markeredgewidth=0.5 if crowded else 0.8,
         zorder=6,
     )
-    if track.strayed_cycle is not None:
+    if track.excursion_cycle is not None:
         axes.plot(
-            *path[track.strayed_cycle],
+            *path[track.excursion_cycle],
             "X",
             markersize=9.0,
             markerfacecolor=INK,
@@ -126,7 +126,7 @@ def _draw_track(axes: Axes, track: Track, number: int, crowded: bool) -> None:
         )
 
 
-def _write_texts(axes: Axes, scenario: Scenario, separation: bool) -> None:
+def _write_texts(axes: Axes, scenario: FlownScenario, separation: bool) -> None:
     """Texts come last: they go where nothing is."""
     nearest = scenario.least_separation if separation else None
     labels = [
@@ -162,7 +162,7 @@ def _write_texts(axes: Axes, scenario: Scenario, separation: bool) -> None:
     place_labels(axes, labels, np.concatenate(drawn))
 
 
-def burst_text(burst: Sequence[Clearance]) -> str:
+def burst_text(burst: Sequence[IssuedClearance]) -> str:
     """`right 285`, or `7 × right to 285` for clearances given one after the other."""
     last = burst[-1]
     if len(burst) == 1:
@@ -170,11 +170,13 @@ def burst_text(burst: Sequence[Clearance]) -> str:
     return f"{len(burst)} \N{MULTIPLICATION SIGN} {last.direction} to {last.target}"
 
 
-def _is_crowded(scenario: Scenario) -> bool:
+def _is_crowded(scenario: FlownScenario) -> bool:
     return sum(len(track.bursts) for track in scenario.tracks) > MOST_TEXTS
 
 
-def _points(track: Track, clearances: Sequence[Clearance]) -> Float[np.ndarray, "clearances 2"]:
+def _points(
+    track: Track, clearances: Sequence[IssuedClearance]
+) -> Float[np.ndarray, "clearances 2"]:
     """Where the aircraft was when they were issued."""
     last = len(track.position_nm) - 1
     return track.position_nm[[min(clearance.cycle, last) for clearance in clearances]]
@@ -184,7 +186,7 @@ def _pair(point: Float[np.ndarray, "2"]) -> tuple[float, float]:
     return float(point[0]), float(point[1])
 
 
-def _legend(figure: Figure, scenarios: Sequence[Scenario], separation: bool) -> None:
+def _legend(figure: Figure, scenarios: Sequence[FlownScenario], separation: bool) -> None:
     tracks = [track for scenario in scenarios for track in scenario.tracks]
     handles = [
         Line2D([], [], marker="o", ls="", mfc=PAPER, mec=INK, mew=1.4, ms=6.5, label="start"),
@@ -196,7 +198,7 @@ def _legend(figure: Figure, scenarios: Sequence[Scenario], separation: bool) -> 
     ]
     if separation and any(scenario.least_separation for scenario in scenarios):
         handles.append(Line2D([], [], **NEAREST, label="least separation"))
-    if any(track.strayed_cycle is not None for track in tracks):
+    if any(track.excursion_cycle is not None for track in tracks):
         handles.append(
             Line2D([], [], marker="X", ls="", mfc=INK, mec=PAPER, ms=8.5, label="left the sector")
         )

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from skystack.reporting.flights import Outcomes, Start, read_outcomes, read_starts
 from skystack.reporting.histograms import SCENARIOS
-from skystack.reporting.results import NOBODY, Row, Run
+from skystack.reporting.results import NO_OP_NAME, Row, Run
 
 CLIMB_FL = 150
 """The paper shows a climb of 15 instructions, 10 levels each."""
@@ -21,7 +21,7 @@ def typical_scenario(run: Run, rows: Sequence[Row]) -> int:
     all scenarios count. Among them those in which every policy succeeds come first; then that
     whose clearances lie nearest to every row's own mean, in each row's standard deviations.
     """
-    acting = [row for row in rows if row.experiment != NOBODY]
+    acting = [row for row in rows if row.experiment != NO_OP_NAME]
     if not acting:
         return 0
     family = acting[0].family
@@ -40,7 +40,7 @@ def typical_scenario(run: Run, rows: Sequence[Row]) -> int:
 
 def kind_of_scenario(run: Run, rows: Sequence[Row], number: int) -> str | None:
     """What the chosen scenario has in common with the paper's, in words; None if nothing."""
-    acting = [row for row in rows if row.experiment != NOBODY]
+    acting = [row for row in rows if row.experiment != NO_OP_NAME]
     if not acting:
         return None
     family, (start,) = acting[0].family, read_starts(run.evaluation(acting[0]), [number])

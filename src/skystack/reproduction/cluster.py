@@ -22,9 +22,17 @@ from typing import Any
 import skystack
 from skystack.compilation.programs import compile_for_one_core
 from skystack.errors import InputError, TrainingError, missing_extra
-from skystack.io.files import make_folder, write_aside
+from skystack.io.files import atomic_write, make_folder
 from skystack.io.locks import is_scratch
-from skystack.reproduction.jobs import Done, Job, Message, Report, jobs_of, longest_first, run_job
+from skystack.reproduction.jobs import (
+    Job,
+    JobResult,
+    Message,
+    OnProgress,
+    jobs_of,
+    longest_first,
+    run_job,
+)
 from skystack.reproduction.plan import Plan
 
 ATTEMPTS = 5
@@ -36,7 +44,7 @@ Files = dict[str, bytes]
 """By path below the folder of the plan."""
 
 
-def run_on_cluster(plan: Plan, report: Report, address: str | None = None) -> list[Done]:
+def run_on_cluster(plan: Plan, report: OnProgress, address: str | None = None) -> list[JobResult]:
     """All seeds of all experiments, in order of the plan; their progress goes to `report`.
 
     `address` is that of a running cluster (HOST:PORT); None: what `RAY_ADDRESS` names, or the one
@@ -55,7 +63,7 @@ def run_on_cluster(plan: Plan, report: Report, address: str | None = None) -> li
             ray.shutdown()
 
 
-def _run_all(ray: Any, plan: Plan, report: Report, running: dict[Any, Job]) -> list[Done]:
+def _run_all(ray: Any, plan: Plan, report: OnProgress, running: dict[Any, Job]) -> list[JobResult]:
     """`running` holds what the cluster works on, at any time."""
     jobs = jobs_of(plan)
     here = ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy(
@@ -68,7 +76,7 @@ def _run_all(ray: Any, plan: Plan, report: Report, running: dict[Any, Job]) -> l
     for job in longest_first(jobs):
         running[_submit(submit, job, messages)] = job
     attempts = dict.fromkeys((job.name for job in jobs), 1)
-    done: dict[str, Done] = {}
+    done: dict[str, JobResult] = {}
     while running:
         ended, _ = ray.wait(list(running), timeout=WAIT_S)
         _hear(messages, plan, report)
@@ -123,7 +131,7 @@ def _submit(submit: Callable[..., Any], job: Job, messages: Any) -> Any:
     return submit(job, _pack(job.plan, job.folders), messages, skystack.__version__)
 
 
-def _run(job: Job, given: Files, messages: Any, version: str) -> tuple[Done, Files]:
+def _run(job: Job, given: Files, messages: Any, version: str) -> tuple[JobResult, Files]:
     """On a worker."""
     if skystack.__version__ != version:
         raise InputError(
@@ -159,7 +167,7 @@ def _tell(checkpoint: _Checkpoint, messages: Any, message: Message) -> None:
     messages.put((message, checkpoint.news()))
 
 
-def _hear(messages: Any, plan: Plan, report: Report) -> None:
+def _hear(messages: Any, plan: Plan, report: OnProgress) -> None:
     for message, files in messages.get_nowait_batch(messages.qsize()):
         _unpack(plan, files)
         report(*message)
@@ -179,7 +187,7 @@ def _unpack(plan: Plan, files: Files) -> None:
     for name, data in sorted(files.items(), key=lambda file: "/checkpoint/" in file[0]):
         path = plan.out / name
         make_folder(path.parent)
-        write_aside(path, data)
+        atomic_write(path, data)
 
 
 def _told(job: Job, error: Exception) -> Exception:

@@ -14,16 +14,16 @@ import skystack
 from skystack.compilation.programs import kept_programs
 from skystack.errors import CheckpointError
 from skystack.evaluation.evaluate import (
-    DO_NOTHING,
+    NO_OP_NAME,
     Conditions,
-    Judged,
+    Evaluation,
+    evaluate,
+    evaluate_no_op,
     evaluation_folder,
-    judge,
-    judge_nobody,
 )
 from skystack.evaluation.statistics import MEASURES
 from skystack.evaluation.stored import read_table
-from skystack.evaluation.summary import Row
+from skystack.evaluation.summary import RowValues
 from skystack.learning.experiment import Experiment, to_toml
 from skystack.learning.policy import Policy, load_policy
 from skystack.learning.run import Progress, train_experiment
@@ -33,25 +33,25 @@ from skystack.reproduction.plan import Plan
 TABLES = ("episodes", "aircraft", "trajectories", "clearances")
 
 
-class Flown(NamedTuple):
+class EvaluatedRow(NamedTuple):
     """A row and the scenarios behind it."""
 
-    row: Row
+    row: RowValues
     episodes: pa.Table
 
 
-class Done(NamedTuple):
+class JobResult(NamedTuple):
     """What a job came to."""
 
     train: dict[str, Any]
-    flown: tuple[Flown, ...]
+    flown: tuple[EvaluatedRow, ...]
     kept: tuple[str, ...]
     """Pieces that an earlier run had finished."""
 
 
 Message = tuple[str, Progress]
 """How far the job of that name is."""
-Report = Callable[[str, Progress], None]
+OnProgress = Callable[[str, Progress], None]
 """Hears messages."""
 
 
@@ -88,13 +88,13 @@ def longest_first(jobs: Iterable[Job]) -> list[Job]:
     return sorted(jobs, key=lambda job: -job.experiment.ppo.total_steps)
 
 
-def run_job(job: Job, put: Callable[[Message], None]) -> Done:
+def run_job(job: Job, put: Callable[[Message], None]) -> JobResult:
     """Train and judge; `put` hears of the progress."""
     with kept_programs():
         return _train_and_judge(job, put)
 
 
-def _train_and_judge(job: Job, put: Callable[[Message], None]) -> Done:
+def _train_and_judge(job: Job, put: Callable[[Message], None]) -> JobResult:
     plan, name = job.plan, job.name
     policy, train, kept = trained_once(
         plan, job.experiment, job.seed, lambda progress: put((name, progress))
@@ -104,7 +104,7 @@ def _train_and_judge(job: Job, put: Callable[[Message], None]) -> Done:
         found, kept = flown_once(plan, policy, stacking)
         flown.append(found)
         names += [f"evaluation {name}, {'stacked' if stacking else 'plain'}"] * kept
-    return Done(train, tuple(flown), tuple(names))
+    return JobResult(train, tuple(flown), tuple(names))
 
 
 def trained_once(
@@ -133,37 +133,37 @@ def trained_once(
     return load_policy(folder), summary, kept
 
 
-def flown_once(plan: Plan, policy: Policy, stacking: bool) -> tuple[Flown, bool]:
+def flown_once(plan: Plan, policy: Policy, stacking: bool) -> tuple[EvaluatedRow, bool]:
     """A policy judged, unless it was before."""
     described, conditions = policy.description, Conditions(episodes=plan.episodes)
     return _judged_once(
         plan,
         (described.experiment, described.seed, stacking),
         described.sha256,
-        lambda: judge(policy, conditions._replace(stacking=stacking), plan.evaluation),
+        lambda: evaluate(policy, conditions._replace(stacking=stacking), plan.evaluation),
     )
 
 
-def nobody_once(plan: Plan, experiment: Experiment) -> tuple[Flown, bool]:
+def no_op_once(plan: Plan, experiment: Experiment) -> tuple[EvaluatedRow, bool]:
     """The scenarios of an experiment with no instructions at all, unless flown before."""
     conditions = Conditions(episodes=plan.episodes)
     config = hashlib.sha256(to_toml(experiment)).hexdigest()
     return _judged_once(
         plan,
-        (DO_NOTHING, 0, False),
+        (NO_OP_NAME, 0, False),
         config,
-        lambda: judge_nobody(experiment, conditions, plan.evaluation),
+        lambda: evaluate_no_op(experiment, conditions, plan.evaluation),
     )
 
 
 def _judged_once(
-    plan: Plan, name: tuple[str, int, bool], what: str, fly: Callable[[], Judged]
-) -> tuple[Flown, bool]:
+    plan: Plan, name: tuple[str, int, bool], what: str, fly: Callable[[], Evaluation]
+) -> tuple[EvaluatedRow, bool]:
     folder = evaluation_folder(plan.evaluation, *name)
     key = {"what": what, "episodes": plan.episodes, "version": skystack.__version__}
     files = [f"{table}.parquet" for table in TABLES]
     row, kept = once(folder / "row.json", key, lambda: fly().row, files)
-    return Flown(row, read_table(folder / "episodes.parquet", EPISODES)), kept
+    return EvaluatedRow(row, read_table(folder / "episodes.parquet", EPISODES)), kept
 
 
 EPISODES: Sequence[str] = (*MEASURES, "min_separation_nm")

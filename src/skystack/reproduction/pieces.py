@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 
 from skystack.errors import InputError
-from skystack.io.files import read_whole, write_aside
+from skystack.io.files import atomic_write, read_whole
 from skystack.io.json_file import decode
 
 Key = dict[str, Any]
@@ -52,7 +52,7 @@ def once(
     result = make()
     hashes = {name: _hash(record.parent / name) for name in files}
     kept = {"key": key, "result": result, "files": hashes}
-    write_aside(record, (json.dumps(kept, indent=1) + "\n").encode())
+    atomic_write(record, (json.dumps(kept, indent=1) + "\n").encode())
     return result, False
 
 

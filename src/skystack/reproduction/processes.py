@@ -14,14 +14,14 @@ from skystack.compilation.cores import cores
 from skystack.errors import InputError, TrainingError
 from skystack.io.locks import locked_folder
 from skystack.io.signals import starting_processes, wait_for
-from skystack.reproduction.jobs import Done, Job, Report, jobs_of, longest_first, run_job
+from skystack.reproduction.jobs import Job, JobResult, OnProgress, jobs_of, longest_first, run_job
 from skystack.reproduction.plan import Plan
 
 Messages = Any
 """A queue of `multiprocessing.Manager` (its proxy is no `Queue`) for messages."""
 
 
-def run_in_processes(plan: Plan, report: Report) -> list[Done]:
+def run_in_processes(plan: Plan, report: OnProgress) -> list[JobResult]:
     """All seeds of all experiments, in order of the plan; their progress goes to `report`."""
     jobs = jobs_of(plan)
     context = multiprocessing.get_context("spawn")
@@ -101,7 +101,7 @@ def _outlive(parent: Any) -> None:
     os._exit(1)
 
 
-def _listen(messages: Messages, report: Report) -> None:
+def _listen(messages: Messages, report: OnProgress) -> None:
     while (message := _next(messages)) is not None:
         report(*message)
 
@@ -114,5 +114,5 @@ def _next(messages: Messages) -> Any:
         return None
 
 
-def _run(job: Job, messages: Messages) -> Done:
+def _run(job: Job, messages: Messages) -> JobResult:
     return run_job(job, messages.put)

@@ -10,12 +10,12 @@ from typing import Any
 
 import skystack
 from skystack.compilation.cores import cores
-from skystack.evaluation.cross_platform import Count, judge_everywhere
+from skystack.evaluation.cross_platform import ScenarioCounter, evaluate_on_platforms
 from skystack.evaluation.statistics import MEASURES, comparison, row_statistics
-from skystack.evaluation.summary import Row, aggregate
-from skystack.io.files import make_folder, write_aside
+from skystack.evaluation.summary import RowValues, aggregate
+from skystack.io.files import atomic_write, make_folder
 from skystack.learning.policy import Policy, load_policy
-from skystack.reproduction.jobs import Done, Flown, Report, nobody_once
+from skystack.reproduction.jobs import EvaluatedRow, JobResult, OnProgress, no_op_once
 from skystack.reproduction.pieces import once
 from skystack.reproduction.plan import PLATFORM_EPISODES, Plan
 from skystack.reproduction.processes import run_in_processes
@@ -36,26 +36,26 @@ COMPARED = (
 """Rows, (experiment, stacked), that the paper or we compare."""
 
 
-Engine = Callable[[Plan, Report], list[Done]]
+Engine = Callable[[Plan, OnProgress], list[JobResult]]
 """Runs all jobs of a plan, somewhere, and leaves their files in its folder."""
 
 
-def run_plan(plan: Plan, report: Report, engine: Engine = run_in_processes) -> dict[str, Any]:
+def run_plan(plan: Plan, report: OnProgress, engine: Engine = run_in_processes) -> dict[str, Any]:
     """Run all jobs and write `results.json`; returns its contents (see docs/formats.md)."""
     begun = time.monotonic()
     make_folder(plan.out)
     done = engine(plan, report)
-    by_row: dict[tuple[str, bool], list[Flown]] = {}
+    by_row: dict[tuple[str, bool], list[EvaluatedRow]] = {}
     for job in done:
         for flown in job.flown:
             by_row.setdefault((flown.row["experiment"], flown.row["stacking"]), []).append(flown)
     kept = [name for job in done for name in job.kept]
     lateral = [each for each in plan.experiments if each.task.name == "lateral"]
     if lateral:
-        nobody, before = nobody_once(plan, lateral[0])
+        nobody, before = no_op_once(plan, lateral[0])
         by_row[nobody.row["experiment"], False] = [nobody]
         kept += ["evaluation of no instructions"] * before
-        write_aside(plan.out / "bound.json", fewest_clearances())
+        atomic_write(plan.out / "bound.json", fewest_clearances())
     results = {
         "rows": [_row(group) for group in by_row.values()],
         "rows_by_seed": [flown.row for group in by_row.values() for flown in group],
@@ -73,13 +73,13 @@ def run_plan(plan: Plan, report: Report, engine: Engine = run_in_processes) -> d
     return results
 
 
-def run_platforms(plan: Plan, results: dict[str, Any], count: Count) -> list[str]:
+def run_platforms(plan: Plan, results: dict[str, Any], count: ScenarioCounter) -> list[str]:
     """Fly the first seed's policies in the plan's other simulators and add that to the results.
 
     Returns what was not finished, and why.
     """
     begun, trained_s = time.monotonic(), results["wall_s"]
-    rows: list[Row] = []
+    rows: list[RowValues] = []
     failed: list[str] = []
     for experiment in plan.experiments:
         policy = load_policy(plan.training(f"{experiment.name}-s0"))
@@ -93,12 +93,14 @@ def run_platforms(plan: Plan, results: dict[str, Any], count: Count) -> list[str
     return failed
 
 
-def _everywhere_once(plan: Plan, policy: Policy, record: Path, count: Count) -> dict[str, Any]:
+def _everywhere_once(
+    plan: Plan, policy: Policy, record: Path, count: ScenarioCounter
+) -> dict[str, Any]:
     """One policy in all simulators, unless it was before; what failed is tried again."""
     episodes = min(plan.episodes, PLATFORM_EPISODES)
 
     def fly() -> dict[str, Any]:
-        found = judge_everywhere(policy, plan.platforms, episodes, plan.evaluation, count)
+        found = evaluate_on_platforms(policy, plan.platforms, episodes, plan.evaluation, count)
         return {"rows": found.rows, "failed": found.failed}
 
     key = {
@@ -126,13 +128,13 @@ def machine() -> str:
     return f"{platform.machine()}, {many}, {platform.system()}, Python {python}"
 
 
-def _row(group: Sequence[Flown]) -> Row:
+def _row(group: Sequence[EvaluatedRow]) -> RowValues:
     episodes = [flown.episodes for flown in group]
     row = aggregate([flown.row for flown in group], episodes)
     return row | {"statistics": row_statistics(episodes)}
 
 
-def _comparisons(by_row: dict[tuple[str, bool], list[Flown]]) -> list[dict[str, Any]]:
+def _comparisons(by_row: dict[tuple[str, bool], list[EvaluatedRow]]) -> list[dict[str, Any]]:
     return [
         {
             "first": dict(zip(("experiment", "stacking"), first, strict=True)),
@@ -152,4 +154,4 @@ def _comparisons(by_row: dict[tuple[str, bool], list[Flown]]) -> list[dict[str, 
 
 
 def _write_results(plan: Plan, results: dict[str, Any]) -> None:
-    write_aside(plan.out / "results.json", (json.dumps(results, indent=1) + "\n").encode())
+    atomic_write(plan.out / "results.json", (json.dumps(results, indent=1) + "\n").encode())

@@ -70,19 +70,21 @@ class Fleet:
 
     def true_airspeed_kt(
         self,
-        level: Float[Array, "*n"],
+        level_ticks: Float[Array, "*n"],
         phase: Float[Array, "*n"],
         kind: Int[Array, "*n"] | None = None,
     ) -> Float[Array, "*n"]:
-        return self._of(kind, [each.true_airspeed_kt(level, phase) for each in self.tables])
+        return self._of(kind, [each.true_airspeed_kt(level_ticks, phase) for each in self.tables])
 
     def vertical_speed_ft_min(
         self,
-        level: Float[Array, "*n"],
+        level_ticks: Float[Array, "*n"],
         phase: Float[Array, "*n"],
         kind: Int[Array, "*n"] | None = None,
     ) -> Float[Array, "*n"]:
-        return self._of(kind, [each.vertical_speed_ft_min(level, phase) for each in self.tables])
+        return self._of(
+            kind, [each.vertical_speed_ft_min(level_ticks, phase) for each in self.tables]
+        )
 
     def _of(
         self, kind: Int[Array, "*n"] | None, values: list[Float[Array, "*n"]]

@@ -18,7 +18,7 @@ class Drawn(NamedTuple):
     """A random scenario at cycle 0."""
 
     traffic: Traffic
-    exit_level: Float[Array, " aircraft"]
+    exit_level_ticks: Float[Array, " aircraft"]
     """At which each aircraft is to leave, in ticks."""
 
 
@@ -56,18 +56,18 @@ class LateralScenarios:
         radius = self.disc_nm * jnp.sqrt(jax.random.uniform(radius_key, (self.aircraft,)))
         radius *= self.simulator.sector.plane.scale(first_fix[:, 1])
         angle = jax.random.uniform(angle_key, (self.aircraft,), maxval=360.0)
-        level = self._draw_levels(key)
+        level_ticks = self._draw_levels(key)
         kind = draw_kinds(key, self.shares, self.aircraft)
         traffic = start(
             position_nm=first_fix + radius[:, None] * direction(angle),
             heading_deg=jnp.asarray(table.first_heading_deg)[route],
-            level=level,
+            level_ticks=level_ticks,
             route=route,
-            ground_speed_kt=self.simulator.level_ground_speed_kt(level, kind),
+            ground_speed_kt=self.simulator.level_ground_speed_kt(level_ticks, kind),
             own_navigation=jnp.zeros(self.aircraft, dtype=bool),
             kind=kind,
         )
-        return Drawn(traffic, level)
+        return Drawn(traffic, level_ticks)
 
     def _draw_levels(self, key: PRNGKeyArray) -> Float[Array, " aircraft"]:
         levels = jnp.array([ticks(float(fl)) for fl in self.levels_fl], dtype=jnp.float32)
@@ -110,16 +110,16 @@ class Crowd:
         legs = (value_of(table.last_fix, route) - 1).astype(jnp.float32)
         leg = jnp.floor(jax.random.uniform(leg_key, count) * legs).astype(jnp.int32)
         begin, end = fix_of(table, route, leg), fix_of(table, route, leg + 1)
-        level = jnp.full(count, ticks(self.level_fl), dtype=jnp.float32)
+        level_ticks = jnp.full(count, ticks(self.level_fl), dtype=jnp.float32)
         traffic = start(
             position_nm=begin + jax.random.uniform(along_key, count)[:, None] * (end - begin),
             heading_deg=wrap_360(bearing(end - begin)),
-            level=level,
+            level_ticks=level_ticks,
             route=route,
-            ground_speed_kt=self.simulator.level_ground_speed_kt(level),
+            ground_speed_kt=self.simulator.level_ground_speed_kt(level_ticks),
             own_navigation=jnp.zeros(count, dtype=bool),
         )
-        return Drawn(traffic._replace(next_fix=leg + 1), level)
+        return Drawn(traffic._replace(next_fix=leg + 1), level_ticks)
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ class VerticalScenarios:
         traffic = start(
             position_nm=jnp.asarray(table.fixes_nm)[route, 0],
             heading_deg=jnp.asarray(table.first_heading_deg)[route],
-            level=entry,
+            level_ticks=entry,
             route=route,
             ground_speed_kt=self.simulator.level_ground_speed_kt(entry, kind),
             own_navigation=jnp.ones(1, dtype=bool),

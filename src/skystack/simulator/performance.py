@@ -42,14 +42,14 @@ class Performance(Protocol):
 
     def true_airspeed_kt(
         self,
-        level: Float[Array, "*n"],
+        level_ticks: Float[Array, "*n"],
         phase: Float[Array, "*n"],
         kind: Int[Array, "*n"] | None = None,
     ) -> Float[Array, "*n"]: ...
 
     def vertical_speed_ft_min(
         self,
-        level: Float[Array, "*n"],
+        level_ticks: Float[Array, "*n"],
         phase: Float[Array, "*n"],
         kind: Int[Array, "*n"] | None = None,
     ) -> Float[Array, "*n"]:
@@ -70,15 +70,15 @@ class ConstantPerformance:
 
     def true_airspeed_kt(
         self,
-        level: Float[Array, "*n"],
+        level_ticks: Float[Array, "*n"],
         phase: Float[Array, "*n"],
         kind: Int[Array, "*n"] | None = None,
     ) -> Float[Array, "*n"]:
-        return jnp.full_like(level, self.airspeed_kt)
+        return jnp.full_like(level_ticks, self.airspeed_kt)
 
     def vertical_speed_ft_min(
         self,
-        level: Float[Array, "*n"],
+        level_ticks: Float[Array, "*n"],
         phase: Float[Array, "*n"],
         kind: Int[Array, "*n"] | None = None,
     ) -> Float[Array, "*n"]:
@@ -125,24 +125,24 @@ class TablePerformance:
 
     def true_airspeed_kt(
         self,
-        level: Float[Array, "*n"],
+        level_ticks: Float[Array, "*n"],
         phase: Float[Array, "*n"],
         kind: Int[Array, "*n"] | None = None,
     ) -> Float[Array, "*n"]:
         table = jnp.asarray(self.airspeeds_kt.reshape(-1), dtype=jnp.float32)
         levels = self.airspeeds_kt.shape[1]
-        fl = jnp.clip(level / TICKS_PER_FL, 0.0, levels - 1.001)
+        fl = jnp.clip(level_ticks / TICKS_PER_FL, 0.0, levels - 1.001)
         below = jnp.floor(fl)
         row = (below + levels * (1.0 - phase)).astype(jnp.int32)
         return table[row] + (fl - below) * (table[row + 1] - table[row])
 
     def vertical_speed_ft_min(
         self,
-        level: Float[Array, "*n"],
+        level_ticks: Float[Array, "*n"],
         phase: Float[Array, "*n"],
         kind: Int[Array, "*n"] | None = None,
     ) -> Float[Array, "*n"]:
-        at_ceiling = (phase > 0.0) & (level >= self.ceiling_fl * TICKS_PER_FL)
+        at_ceiling = (phase > 0.0) & (level_ticks >= self.ceiling_fl * TICKS_PER_FL)
         return jnp.where(at_ceiling, 0.0, phase * self.rate_ft_min)
 
 

@@ -14,8 +14,8 @@ from msgspec import Meta
 from skystack.airspace.projection import geodesic_leg
 from skystack.airspace.sector import MAX_DISTANCE_NM, Sector
 from skystack.airspace.sectors import find_sector
-from skystack.errors import InputError, unknown_name
-from skystack.io.json_file import convert, inside, is_name, not_allowed, read_json
+from skystack.errors import InputError, error_context, unknown_name
+from skystack.io.json_file import convert, is_name, not_allowed, read_json
 from skystack.simulator.fleet import MOST_TYPES, AircraftType, fleet
 from skystack.simulator.performance import (
     DEFAULT_TYPE,
@@ -36,7 +36,7 @@ Name = Annotated[str, Meta(max_length=40)]
 Level = Annotated[int, Meta(ge=0, le=600, multiple_of=10)]
 
 
-class GivenClearance(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ScheduledClearance(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """An entry of `clearances`: what one aircraft is told before cycle `cycle` + 1 is flown."""
 
     cycle: int
@@ -71,7 +71,7 @@ class _FileEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     levels_fl: tuple[Level, Level] | None = None
     performance: Name = "table"
     fleet: Annotated[tuple[AircraftType, ...], Meta(max_length=MOST_TYPES)] = ()
-    clearances: Annotated[tuple[GivenClearance, ...], Meta(max_length=10_000)] = ()
+    clearances: Annotated[tuple[ScheduledClearance, ...], Meta(max_length=10_000)] = ()
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class Scenario:
     performance: str
     cycles: int
     aircraft: tuple[Aircraft, ...]
-    clearances: tuple[GivenClearance, ...]
+    clearances: tuple[ScheduledClearance, ...]
     """In the order of the file: of two in one cycle the later one wins."""
     fleet: tuple[AircraftType, ...] = ()
     """The speeds and rates of its types; empty where all fly those of `performance`."""
@@ -136,7 +136,7 @@ class Scenario:
         return start(
             position_nm=jnp.asarray(position, dtype=jnp.float32),
             heading_deg=jnp.array([one.heading_deg for one in aircraft], dtype=jnp.float32),
-            level=level,
+            level_ticks=level,
             route=jnp.array(
                 [self.sector.route_index(one.route) for one in aircraft], dtype=jnp.int32
             ),
@@ -145,20 +145,20 @@ class Scenario:
             kind=kind,
         )
 
-    def transmissions(self) -> dict[int, list[GivenClearance]]:
+    def transmissions(self) -> dict[int, list[ScheduledClearance]]:
         """Who is told what before each cycle: one entry for each aircraft that is told anything.
 
         Of several entries for one aircraft in one cycle the later wins and leaves what it does
         not name.
         """
-        merged: dict[int, dict[str, GivenClearance]] = {}
+        merged: dict[int, dict[str, ScheduledClearance]] = {}
         for given in self.clearances:
             told = merged.setdefault(given.cycle, {})
             if (before := told.get(given.callsign)) is not None:
                 later = before if given.heading_deg is None else given
                 heading, turn = later.heading_deg, later.turn
                 fl = before.fl if given.fl is None else given.fl
-                given = GivenClearance(given.cycle, given.callsign, heading, turn, fl)  # noqa: PLW2901
+                given = ScheduledClearance(given.cycle, given.callsign, heading, turn, fl)  # noqa: PLW2901
             told[given.callsign] = given
         return {cycle: list(told.values()) for cycle, told in sorted(merged.items())}
 
@@ -167,7 +167,7 @@ _ENTRIES: dict[str, type[msgspec.Struct]] = {
     "": _FileEntry,
     "aircraft": _AircraftEntry,
     "fleet": AircraftType,
-    "clearances": GivenClearance,
+    "clearances": ScheduledClearance,
 }
 
 
@@ -177,7 +177,7 @@ def load_scenario(path: Path) -> Scenario:
     Raises InputError for a file that cannot be read or flown: one line with the file, the field,
     its value and what is allowed.
     """
-    with inside(str(path)):
+    with error_context(str(path)):
         return _checked(convert(read_json(path), _ENTRIES), path.parent)
 
 
@@ -189,13 +189,13 @@ def _checked(file: _FileEntry, folder: Path) -> Scenario:
             f"{count} aircraft for {cycles} cycles are {count * cycles:,} positions (allowed: "
             f"{MOST_POSITIONS:,}: with so many aircraft {MOST_POSITIONS // count:,} cycles)"
         )
-    with inside("sector"):
+    with error_context("sector"):
         sector = find_sector(file.sector, folder)
     low, high = file.levels_fl or sector.levels_fl
     if low >= high:
         raise not_allowed("levels_fl", [low, high], "the lowest level, then a higher one")
     sector = replace(sector, levels_fl=(low, high))
-    with inside("performance"):
+    with error_context("performance"):
         performance_named(file.performance)
     _check_fleet(file)
     _check_callsigns(file.aircraft)
@@ -207,7 +207,7 @@ def _checked(file: _FileEntry, folder: Path) -> Scenario:
     for index, given in enumerate(file.clearances):
         where = f"clearances[{index}]"
         if given.callsign not in callsigns:
-            with inside(f"{where}.callsign"):
+            with error_context(f"{where}.callsign"):
                 raise unknown_name("callsign", given.callsign, callsigns)
         if not 0 <= given.cycle < file.cycles:
             allowed = f"0 to {file.cycles - 1}, which is cycles - 1"
@@ -249,9 +249,9 @@ def _check_callsigns(aircraft: tuple[_AircraftEntry, ...]) -> None:
 def _checked_aircraft(where: str, entry: _AircraftEntry, sector: Sector) -> Aircraft:
     for index, fix in enumerate(entry.route):
         if fix not in sector.fixes:
-            with inside(f"{where}.route[{index}]"):
+            with error_context(f"{where}.route[{index}]"):
                 raise unknown_name("fix", fix, sector.fixes)
-    with inside(f"{where}.route"):
+    with error_context(f"{where}.route"):
         sector.route_index(entry.route)
     _, distance_nm = geodesic_leg(sector.origin, (entry.lat, entry.lon))
     if distance_nm > MAX_DISTANCE_NM:
@@ -280,11 +280,11 @@ def _checked_aircraft(where: str, entry: _AircraftEntry, sector: Sector) -> Airc
     )
 
 
-def _check_clearance(where: str, given: GivenClearance, sector: Sector) -> None:
+def _check_clearance(where: str, given: ScheduledClearance, sector: Sector) -> None:
     if given.heading_deg is None and given.fl is None:
         raise InputError(f"{where} clears nothing (allowed: heading_deg, fl or both)")
     if given.turn is not None and given.turn not in TURNS:
-        with inside(f"{where}.turn"):
+        with error_context(f"{where}.turn"):
             raise unknown_name("turn", given.turn, TURNS)
     if given.turn is not None and given.heading_deg is None:
         raise not_allowed(f"{where}.turn", given.turn, "only together with heading_deg")

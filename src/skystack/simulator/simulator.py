@@ -31,7 +31,7 @@ def instruct(traffic: Traffic, clearance: Clearance) -> Traffic:
     return traffic._replace(
         cleared_heading_deg=jnp.where(turned, clearance.heading_deg, traffic.cleared_heading_deg),
         pending_turn=jnp.where(turned, clearance.turn, traffic.pending_turn),
-        cleared_level=jnp.where(levelled, clearance.level, traffic.cleared_level),
+        cleared_level_ticks=jnp.where(levelled, clearance.level_ticks, traffic.cleared_level_ticks),
     )
 
 
@@ -60,11 +60,11 @@ class Simulator:
 
     def level_ground_speed_kt(
         self,
-        level: Float[Array, "aircraft *batch"],
+        level_ticks: Float[Array, "aircraft *batch"],
         kind: Int[Array, "aircraft *batch"] | None = None,
     ) -> Float[Array, "aircraft *batch"]:
         """Ground speed in level flight (no wind: the true airspeed)."""
-        return self.performance.true_airspeed_kt(level, jnp.zeros_like(level), kind)
+        return self.performance.true_airspeed_kt(level_ticks, jnp.zeros_like(level_ticks), kind)
 
     def _fly_one_second(
         self, traffic: Traffic
@@ -73,10 +73,10 @@ class Simulator:
 
         Returns the traffic where it was, and how far it moves [NM, true lengths].
         """
-        to_go = traffic.flown_level - traffic.level
+        to_go = traffic.flown_level_ticks - traffic.level_ticks
         phase = jnp.sign(to_go)
-        airspeed = self.performance.true_airspeed_kt(traffic.level, phase, traffic.kind)
-        rate = self.performance.vertical_speed_ft_min(traffic.level, phase, traffic.kind)
+        airspeed = self.performance.true_airspeed_kt(traffic.level_ticks, phase, traffic.kind)
+        rate = self.performance.vertical_speed_ft_min(traffic.level_ticks, phase, traffic.kind)
         ground_speed = jnp.sqrt(airspeed**2 - (rate * _KT_PER_FT_MIN) ** 2)
         traffic = traffic._replace(ground_speed_kt=ground_speed, vertical_speed_ft_min=rate)
         turn_rate = jnp.full_like(rate, self.turn_rate_deg_s)
@@ -85,10 +85,12 @@ class Simulator:
                 traffic, self.sector, turn_rate, self.performance.route_end_nm
             )
         captured = jnp.abs(to_go) <= jnp.abs(rate)
-        level = jnp.where(captured, traffic.flown_level, traffic.level + rate)
+        level_ticks = jnp.where(captured, traffic.flown_level_ticks, traffic.level_ticks + rate)
         turned, step_nm = _turn(traffic, turn_rate)
         vertical_speed = jnp.where(captured, 0.0, rate)
-        return turned._replace(level=level, vertical_speed_ft_min=vertical_speed), step_nm
+        return turned._replace(
+            level_ticks=level_ticks, vertical_speed_ft_min=vertical_speed
+        ), step_nm
 
 
 _KT_PER_FT_MIN = 0.3048 * 60.0 / 1852.0
@@ -136,7 +138,9 @@ def adopt(traffic: Traffic) -> Traffic:
     return traffic._replace(
         flown_heading_deg=jnp.where(new, traffic.cleared_heading_deg, traffic.flown_heading_deg),
         turn_deg=jnp.where(new, turn, traffic.turn_deg),
-        flown_level=jnp.where(traffic.active, traffic.cleared_level, traffic.flown_level),
+        flown_level_ticks=jnp.where(
+            traffic.active, traffic.cleared_level_ticks, traffic.flown_level_ticks
+        ),
         pending_turn=jnp.zeros_like(traffic.pending_turn),
         own_navigation=own,
         # An aircraft that navigates by itself is cleared to whatever heading it takes.

@@ -19,7 +19,7 @@ class Traffic(NamedTuple):
     position_nm: Float[Array, "aircraft 2 *batch"]
     """East and north of the sector's origin."""
     heading_deg: Float[Array, "aircraft *batch"]
-    level: Float[Array, "aircraft *batch"]
+    level_ticks: Float[Array, "aircraft *batch"]
     ground_speed_kt: Float[Array, "aircraft *batch"]
     """Over the last second."""
     vertical_speed_ft_min: Float[Array, "aircraft *batch"]
@@ -28,11 +28,11 @@ class Traffic(NamedTuple):
     """The heading being turned to or held."""
     turn_deg: Float[Array, "aircraft *batch"]
     """What is left of the turn, positive to the right."""
-    flown_level: Float[Array, "aircraft *batch"]
+    flown_level_ticks: Float[Array, "aircraft *batch"]
     """The level being climbed or descended to or held."""
     cleared_heading_deg: Float[Array, "aircraft *batch"]
     """The heading told to the pilot, flown or not yet."""
-    cleared_level: Float[Array, "aircraft *batch"]
+    cleared_level_ticks: Float[Array, "aircraft *batch"]
     pending_turn: Int[Array, "aircraft *batch"]
     """How to turn to a heading cleared since the last cycle, NO_TURN if none was."""
     own_navigation: Bool[Array, "aircraft *batch"]
@@ -57,14 +57,14 @@ class Clearance(NamedTuple):
     heading_deg: Float[Array, "aircraft *batch"]
     """Absolute, whole degrees in [0, 360); counts where there is a turn."""
     changes_level: Bool[Array, "aircraft *batch"]
-    level: Float[Array, "aircraft *batch"]
+    level_ticks: Float[Array, "aircraft *batch"]
     """Absolute, in ticks; counts where the level changes."""
 
 
 def start(
     position_nm: Float[Array, "aircraft 2 *batch"],
     heading_deg: Float[Array, "aircraft *batch"],
-    level: Float[Array, "aircraft *batch"],
+    level_ticks: Float[Array, "aircraft *batch"],
     route: Int[Array, "aircraft *batch"],
     ground_speed_kt: Float[Array, "aircraft *batch"],
     own_navigation: Bool[Array, "aircraft *batch"],
@@ -75,14 +75,14 @@ def start(
     return Traffic(
         position_nm=position_nm,
         heading_deg=heading_deg,
-        level=level,
+        level_ticks=level_ticks,
         ground_speed_kt=ground_speed_kt,
         vertical_speed_ft_min=zero,
         flown_heading_deg=heading_deg,
         turn_deg=zero,
-        flown_level=level,
+        flown_level_ticks=level_ticks,
         cleared_heading_deg=heading_deg,
-        cleared_level=level,
+        cleared_level_ticks=level_ticks,
         pending_turn=jnp.zeros_like(route),
         own_navigation=own_navigation,
         route=route,
@@ -112,10 +112,10 @@ def trajectory_columns(traffic: Traffic, plane: MercatorPlane) -> dict[str, np.n
     columns = {
         "lat": degrees[..., 0],
         "lon": degrees[..., 1],
-        "fl": np.asarray(traffic.level, dtype=np.float64) / TICKS_PER_FL,
+        "fl": np.asarray(traffic.level_ticks, dtype=np.float64) / TICKS_PER_FL,
         "heading_deg": traffic.heading_deg,
         "cleared_heading_deg": traffic.cleared_heading_deg,
-        "cleared_fl": np.asarray(traffic.cleared_level, dtype=np.float64) / TICKS_PER_FL,
+        "cleared_fl": np.asarray(traffic.cleared_level_ticks, dtype=np.float64) / TICKS_PER_FL,
         "ground_speed_kt": traffic.ground_speed_kt,
         "vertical_speed_ft_min": traffic.vertical_speed_ft_min,
     }

@@ -47,7 +47,7 @@ def addressed(
 ) -> Bool[Array, "aircraft *batch"]:
     """Which aircraft an action is for: none or one."""
     who = jnp.asarray([-1, *(aircraft for aircraft, _ in table.changes)])
-    aircraft = jnp.arange(traffic.level.shape[0], dtype=who.dtype)
+    aircraft = jnp.arange(traffic.level_ticks.shape[0], dtype=who.dtype)
     return aircraft.reshape((-1,) + (1,) * action.ndim) == who[action][None]
 
 
@@ -103,7 +103,7 @@ class TurnTable:
                 turn=jnp.where(addressed(self, traffic, action), SHORTEST, NO_TURN),
                 heading_deg=wrap_360(heading),
                 changes_level=jnp.zeros_like(traffic.active),
-                level=traffic.cleared_level,
+                level_ticks=traffic.cleared_level_ticks,
             ),
         )
 
@@ -144,18 +144,20 @@ class LevelTable:
                 turn=jnp.full_like(traffic.route, NO_TURN),
                 heading_deg=traffic.cleared_heading_deg,
                 changes_level=addressed(self, traffic, action),
-                level=self._within(self._wanted(traffic, action)),
+                level_ticks=self._within(self._wanted(traffic, action)),
             ),
         )
 
     def _wanted(
         self, traffic: Traffic, action: Int[Array, "*batch"]
     ) -> Float[Array, "aircraft *batch"]:
-        return traffic.cleared_level + TICKS_PER_FL * _change(self, action)
+        return traffic.cleared_level_ticks + TICKS_PER_FL * _change(self, action)
 
-    def _within(self, level: Float[Array, "aircraft *batch"]) -> Float[Array, "aircraft *batch"]:
+    def _within(
+        self, level_ticks: Float[Array, "aircraft *batch"]
+    ) -> Float[Array, "aircraft *batch"]:
         lowest, highest = (ticks(float(fl)) for fl in self.levels_fl)
-        return jnp.clip(level, lowest, highest)
+        return jnp.clip(level_ticks, lowest, highest)
 
 
 def small_turns(aircraft: int) -> TurnTable:

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from skystack.tasks.contract import NO_ACTION, Task, TaskState
+from skystack.tasks.contract import NO_OP, Task, TaskState
 
 
 def check_task(task: Task, seed: int = 0, steps: int = 50) -> None:
@@ -31,7 +31,7 @@ def check_task(task: Task, seed: int = 0, steps: int = 50) -> None:
         _require(bool(jnp.isfinite(outcome.reward)), "reward is not finite")
         _require(not bool(outcome.terminated & outcome.truncated), "terminated and truncated")
         _require(
-            not bool(task.may_stack(state, jnp.asarray(NO_ACTION, dtype=jnp.int32))),
+            not bool(task.may_stack(state, jnp.asarray(NO_OP, dtype=jnp.int32))),
             "no action can be stacked",
         )
         state = after

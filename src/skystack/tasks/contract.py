@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-NO_ACTION = 0
+NO_OP = 0
 """The action that instructs nobody, in every task."""
 
 TaskState = Any

@@ -95,17 +95,17 @@ def exit_distance(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircra
 
 def level_to_exit(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
     """FL_sx: the cleared level above the exit level."""
-    return (traffic.cleared_level - memory.exit_level) / TICKS_PER_FL
+    return (traffic.cleared_level_ticks - memory.exit_level_ticks) / TICKS_PER_FL
 
 
 def entry_to_exit(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
     """FL_nx: the entry level above the exit level."""
-    return (memory.entry_level - memory.exit_level) / TICKS_PER_FL
+    return (memory.entry_level_ticks - memory.exit_level_ticks) / TICKS_PER_FL
 
 
 def distance_in_hand(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
     """d_xfl: the way to the exit fix along the route, less what changing level takes [NM]."""
-    minutes = jnp.abs(memory.exit_level - traffic.level) / TICKS_PER_FL / LEVELS_PER_MIN
+    minutes = jnp.abs(memory.exit_level_ticks - traffic.level_ticks) / TICKS_PER_FL / LEVELS_PER_MIN
     return _route_to_exit(sector, traffic, memory) - minutes / 60.0 * traffic.ground_speed_kt
 
 

@@ -73,11 +73,11 @@ class NavigationTask:
         return self.begin(*self.scenarios.draw(key))
 
     def begin(
-        self, traffic: Traffic, exit_level: Float[Array, "aircraft *batch"] | None = None
+        self, traffic: Traffic, exit_level_ticks: Float[Array, "aircraft *batch"] | None = None
     ) -> NavigationState:
         """A scenario from given traffic; who has no exit level is to leave as it starts."""
-        level = traffic.level if exit_level is None else exit_level
-        return NavigationState(traffic, self.tracker.begin(traffic, level))
+        level_ticks = traffic.level_ticks if exit_level_ticks is None else exit_level_ticks
+        return NavigationState(traffic, self.tracker.begin(traffic, level_ticks))
 
     def observe(self, state: NavigationState) -> Float[Array, "observation *batch"]:
         seen = features.observe(
@@ -108,7 +108,7 @@ class NavigationTask:
         before, memory = memory, subroutine(self.tracker.track, memory, flown)
         traffic = flown._replace(active=flown.active & ~memory.exited)
         ended = ~jnp.any(traffic.active, axis=0) | (memory.cycles >= self.settings.cycles)
-        memory = memory._replace(strayed=memory.strayed | (ended[None] & ~memory.entered))
+        memory = memory._replace(excursion=memory.excursion | (ended[None] & ~memory.entered))
         criteria = jnp.stack(self._criteria(memory))
         reward = self._running_reward(before, memory, flown) + jnp.where(
             ended, self.settings.reward.terminal * rewards.terminal(criteria), 0.0
@@ -132,7 +132,7 @@ class NavigationTask:
         """Weighted sum of the terms of one cycle, averaged over all aircraft of the scenario."""
         weights, sector = self.settings.reward, self.simulator.sector
         distance = features.centreline_distance(sector, flown, memory)
-        each = jnp.zeros_like(flown.level)
+        each = jnp.zeros_like(flown.level_ticks)
         if weights.centreline:
             each += weights.centreline * rewards.centreline(distance)
         if weights.damping:
@@ -140,9 +140,9 @@ class NavigationTask:
         if weights.outside_band:
             each -= weights.outside_band * rewards.outside_band(distance, weights.band_nm)
         if weights.stray:
-            each -= jnp.where(memory.strayed & ~before.strayed, weights.stray, 0.0)
+            each -= jnp.where(memory.excursion & ~before.excursion, weights.stray, 0.0)
         if weights.vertical:
-            gap_fl = (flown.cleared_level - memory.exit_level) / TICKS_PER_FL
+            gap_fl = (flown.cleared_level_ticks - memory.exit_level_ticks) / TICKS_PER_FL
             each += weights.vertical * rewards.vertical(gap_fl)
         shared = -weights.burst * before.new_bursts
         if weights.safety:
@@ -160,14 +160,14 @@ class NavigationTask:
 
     def _criteria(self, memory: Memory) -> list[Bool[Array, "aircraft *batch"]]:
         few = memory.instructions < rewards.MAX_INSTRUCTIONS
-        criteria = [memory.exited_correctly, ~memory.strayed]
+        criteria = [memory.exited_correctly, ~memory.excursion]
         return [*criteria, few] if self.settings.reward.count_criterion else criteria
 
     def _metrics(self, memory: Memory, success: Bool[Array, "*batch"]) -> Metrics:
         return Metrics(
             success=success,
             correct_exit=jnp.all(memory.exited_correctly, axis=0),
-            excursion=jnp.any(memory.strayed, axis=0),
+            excursion=jnp.any(memory.excursion, axis=0),
             few_instructions=jnp.all(memory.instructions < rewards.MAX_INSTRUCTIONS, axis=0),
             instructions=jnp.sum(memory.instructions, axis=0),
             bursts=memory.bursts,

@@ -27,7 +27,7 @@ class View(NamedTuple):
     """`may_stack` of every action."""
 
 
-class Seen(NamedTuple):
+class PlainState(NamedTuple):
     """A scenario and the view of it."""
 
     packed: Float[Array, " values"]
@@ -51,19 +51,19 @@ class PlainTask(TaskPrograms):
         super().__init__(task)
         self._actions = len(task.action_names)
 
-    def reset(self, key: PRNGKeyArray) -> Seen:
+    def reset(self, key: PRNGKeyArray) -> PlainState:
         """The scenario of a key."""
         return self._reset(key)
 
-    def begin(self, state: TaskState) -> Seen:
+    def begin(self, state: TaskState) -> PlainState:
         """A scenario in any state of the task."""
         return self._begin(state)
 
-    def state_of(self, seen: Seen) -> TaskState:
+    def state_of(self, seen: PlainState) -> TaskState:
         """The task's own state of a scenario."""
         return self._unpacked(seen.packed)
 
-    def observe(self, seen: Seen) -> Float[np.ndarray, " observation"]:
+    def observe(self, seen: PlainState) -> Float[np.ndarray, " observation"]:
         refuse_forked()  # the array may still be waiting for one of JAX's threads
         return np.asarray(seen.view.observation)
 
@@ -71,27 +71,27 @@ class PlainTask(TaskPrograms):
         """An action as a plain number."""
         return checked_action(action, self._actions)
 
-    def may_stack(self, seen: Seen, action: Any) -> bool:
+    def may_stack(self, seen: PlainState, action: Any) -> bool:
         refuse_forked()
         return bool(np.asarray(seen.view.allowed)[self.checked_action(action)])
 
-    def instruct(self, seen: Seen, action: Any) -> Seen:
+    def instruct(self, seen: PlainState, action: Any) -> PlainState:
         return self._instruct(seen.packed, np.int32(self.checked_action(action)))
 
-    def advance(self, seen: Seen) -> tuple[Seen, Outcome]:
+    def advance(self, seen: PlainState) -> tuple[PlainState, Outcome]:
         """One radar cycle."""
         return self._advance(seen.packed)
 
-    def step(self, seen: Seen, action: Any) -> tuple[Seen, Outcome]:
+    def step(self, seen: PlainState, action: Any) -> tuple[PlainState, Outcome]:
         """The MDP step of the task."""
         return self._step(seen.packed, np.int32(self.checked_action(action)))
 
     @compiled
-    def _reset(self, key: PRNGKeyArray) -> Seen:
+    def _reset(self, key: PRNGKeyArray) -> PlainState:
         return self._seen(self._task.reset(key))
 
     @compiled
-    def _begin(self, state: TaskState) -> Seen:
+    def _begin(self, state: TaskState) -> PlainState:
         return self._seen(state)
 
     @compiled
@@ -99,18 +99,18 @@ class PlainTask(TaskPrograms):
         return self._unpack(packed)
 
     @compiled
-    def _instruct(self, packed: Float[Array, " values"], action: Int[Array, ""]) -> Seen:
+    def _instruct(self, packed: Float[Array, " values"], action: Int[Array, ""]) -> PlainState:
         return self._seen(self._task.instruct(self._unpack(packed), action))
 
     @compiled
-    def _advance(self, packed: Float[Array, " values"]) -> tuple[Seen, Outcome]:
+    def _advance(self, packed: Float[Array, " values"]) -> tuple[PlainState, Outcome]:
         state, outcome = self._task.advance(self._unpack(packed))
         return self._seen(state), outcome
 
     @compiled
     def _step(
         self, packed: Float[Array, " values"], action: Int[Array, ""]
-    ) -> tuple[Seen, Outcome]:
+    ) -> tuple[PlainState, Outcome]:
         state, outcome = self._task.step(self._unpack(packed), action)
         return self._seen(state), outcome
 
@@ -118,9 +118,9 @@ class PlainTask(TaskPrograms):
     def _like(self) -> TaskState:
         return jax.eval_shape(lambda: self._task.reset(jax.random.key(0)))
 
-    def _seen(self, state: TaskState) -> Seen:
+    def _seen(self, state: TaskState) -> PlainState:
         leaves = [jnp.ravel(leaf).astype(jnp.float32) for leaf in jax.tree.leaves(state)]
-        return Seen(jnp.concatenate(leaves), self._view(state))
+        return PlainState(jnp.concatenate(leaves), self._view(state))
 
     def _unpack(self, packed: Float[Array, " values"]) -> TaskState:
         leaves, tree = jax.tree.flatten(self._like)

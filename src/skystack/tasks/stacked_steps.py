@@ -13,13 +13,13 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from skystack.airspace.sector import Sector
 from skystack.simulator.traffic import Traffic
 from skystack.tasks.batch import choose
-from skystack.tasks.contract import NO_ACTION, Outcome
+from skystack.tasks.contract import NO_OP, Outcome
 from skystack.tasks.navigation import NavigationState, NavigationTask
 from skystack.tasks.wrapper import TaskWrapper
 
 
 class StackedState(NamedTuple):
-    """A scenario and the instruction being stacked, NO_ACTION when none is."""
+    """A scenario and the instruction being stacked, NO_OP when none is."""
 
     inner: NavigationState
     stacking: Int[Array, "*batch"]
@@ -48,8 +48,8 @@ class StackedSteps(TaskWrapper[NavigationTask]):
         return self.task.observe(state.inner)
 
     def may_stack(self, state: StackedState, action: Int[Array, "*batch"]) -> Bool[Array, "*batch"]:
-        same = (state.stacking == NO_ACTION) | (state.stacking == action)
-        return (action != NO_ACTION) & same & self.task.may_stack(state.inner, action)
+        same = (state.stacking == NO_OP) | (state.stacking == action)
+        return (action != NO_OP) & same & self.task.may_stack(state.inner, action)
 
     def instruct(self, state: StackedState, action: Int[Array, "*batch"]) -> StackedState:
         return StackedState(self.task.instruct(state.inner, action), action)

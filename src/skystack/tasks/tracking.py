@@ -28,7 +28,7 @@ from skystack.airspace.projection import MercatorPlane
 from skystack.airspace.sector import Sector
 from skystack.compilation.subroutine import subroutine
 from skystack.simulator.traffic import Traffic, ticks
-from skystack.tasks.contract import NO_ACTION
+from skystack.tasks.contract import NO_OP
 from skystack.tasks.rewards import DAMPING_CYCLES
 
 PASSED_NM = 1.0
@@ -40,11 +40,11 @@ MOST_UNROLLED = 16
 class Memory(NamedTuple):
     """One scenario's past, as far as the task needs it."""
 
-    exit_level: Float[Array, "aircraft *batch"]
+    exit_level_ticks: Float[Array, "aircraft *batch"]
     """Ticks, like every level."""
-    entry_level: Float[Array, "aircraft *batch"]
+    entry_level_ticks: Float[Array, "aircraft *batch"]
     previous_nm: Float[Array, "aircraft 2 *batch"]
-    previous_level: Float[Array, "aircraft *batch"]
+    previous_level_ticks: Float[Array, "aircraft *batch"]
     next_fix: Int[Array, "aircraft *batch"]
     """Index in the route; starts at 1, never goes back, stays at the last."""
     cycles_since_instruction: Float[Array, "aircraft *batch"]
@@ -53,14 +53,14 @@ class Memory(NamedTuple):
     """In this cycle, so far."""
     instructions: Float[Array, "aircraft *batch"]
     entered: Bool[Array, "aircraft *batch"]
-    strayed: Bool[Array, "aircraft *batch"]
+    excursion: Bool[Array, "aircraft *batch"]
     exited: Bool[Array, "aircraft *batch"]
     exited_correctly: Bool[Array, "aircraft *batch"]
     separation_nm: Float[Array, "*batch"]
     """In the last cycle, see `separation_nm` below; infinite before the first."""
     min_separation_nm: Float[Array, "*batch"]
     burst_action: Int[Array, "*batch"]
-    """The instruction that would continue a burst; NO_ACTION if none would."""
+    """The instruction that would continue a burst; NO_OP if none would."""
     bursts: Float[Array, "*batch"]
     new_bursts: Float[Array, "*batch"]
     """Begun since the last cycle."""
@@ -73,21 +73,21 @@ class Tracker:
 
     sector: Sector
 
-    def begin(self, traffic: Traffic, exit_level: Float[Array, "aircraft *batch"]) -> Memory:
+    def begin(self, traffic: Traffic, exit_level_ticks: Float[Array, "aircraft *batch"]) -> Memory:
         """The memory at cycle 0."""
         none = jnp.zeros_like(traffic.active)
-        zero = jnp.zeros(traffic.level.shape[1:], dtype=jnp.float32)
+        zero = jnp.zeros(traffic.level_ticks.shape[1:], dtype=jnp.float32)
         return Memory(
-            exit_level=exit_level,
-            entry_level=traffic.level,
+            exit_level_ticks=exit_level_ticks,
+            entry_level_ticks=traffic.level_ticks,
             previous_nm=traffic.position_nm,
-            previous_level=traffic.level,
+            previous_level_ticks=traffic.level_ticks,
             next_fix=traffic.next_fix,
-            cycles_since_instruction=jnp.full_like(traffic.level, DAMPING_CYCLES),
+            cycles_since_instruction=jnp.full_like(traffic.level_ticks, DAMPING_CYCLES),
             instructed=none,
-            instructions=jnp.zeros_like(traffic.level),
+            instructions=jnp.zeros_like(traffic.level_ticks),
             entered=self._inside(traffic),
-            strayed=none,
+            excursion=none,
             exited=none,
             exited_correctly=none,
             separation_nm=zero + jnp.inf,
@@ -118,31 +118,29 @@ class Tracker:
         inside = subroutine(self._inside, traffic)
         exits = traffic.active & memory.entered & subroutine(self._crosses_exit, memory, traffic)
         separation = subroutine(partial(separation_nm, self.sector), memory, traffic)
-        at_exit_level = traffic.level == memory.exit_level
+        at_exit_level = traffic.level_ticks == memory.exit_level_ticks
         strays = traffic.active & memory.entered & ~inside & ~exits
         waited = jnp.minimum(memory.cycles_since_instruction + 1.0, DAMPING_CYCLES)
         return memory._replace(
             previous_nm=traffic.position_nm,
-            previous_level=traffic.level,
+            previous_level_ticks=traffic.level_ticks,
             next_fix=subroutine(self._next_fix, traffic, memory.next_fix),
             cycles_since_instruction=jnp.where(memory.instructed, 0.0, waited),
             instructed=jnp.zeros_like(memory.instructed),
             entered=memory.entered | (traffic.active & inside),
-            strayed=memory.strayed | strays,
+            excursion=memory.excursion | strays,
             exited=memory.exited | exits,
             exited_correctly=memory.exited_correctly | (exits & at_exit_level),
             separation_nm=separation,
             min_separation_nm=jnp.minimum(memory.min_separation_nm, separation),
-            burst_action=jnp.where(
-                jnp.any(memory.instructed, axis=0), memory.burst_action, NO_ACTION
-            ),
+            burst_action=jnp.where(jnp.any(memory.instructed, axis=0), memory.burst_action, NO_OP),
             new_bursts=jnp.zeros_like(memory.new_bursts),
             cycles=memory.cycles + 1.0,
         )
 
     def _inside(self, traffic: Traffic) -> Bool[Array, "aircraft *batch"]:
         lowest, highest = (ticks(fl) for fl in self.sector.levels_fl)
-        level_ok = (traffic.level >= lowest) & (traffic.level <= highest)
+        level_ok = (traffic.level_ticks >= lowest) & (traffic.level_ticks <= highest)
         return level_ok & inside_area(traffic.position_nm, self.sector.area_nm)
 
     def _crosses_exit(self, memory: Memory, traffic: Traffic) -> Bool[Array, "aircraft *batch"]:
@@ -225,15 +223,15 @@ def separation_nm(sector: Sector, memory: Memory, traffic: Traffic) -> Float[Arr
     Closed form for straight motion from one radar position to the next (a turn bends it by less
     than 0.02 NM); infinite if every two aircraft were separated vertically.
     """
-    if traffic.level.shape[0] < 2:
+    if traffic.level_ticks.shape[0] < 2:
         return jnp.full_like(memory.cycles, jnp.inf)
     squared = pair_distance_squared(
         sector.plane,
         sector.separation_fl,
         memory.previous_nm,
         traffic.position_nm,
-        memory.previous_level,
-        traffic.level,
+        memory.previous_level_ticks,
+        traffic.level_ticks,
     )
     one, other = first_and_second(traffic.active)
     # Of the least only: a root for every pair costs as much as the rest of it.
@@ -245,8 +243,8 @@ def pair_distance_squared(
     separation_fl: int,
     previous_nm: Float[ArrayLike, "aircraft 2 *batch"],
     position_nm: Float[ArrayLike, "aircraft 2 *batch"],
-    previous_level: Float[ArrayLike, "aircraft *batch"],
-    level: Float[ArrayLike, "aircraft *batch"],
+    previous_level_ticks: Float[ArrayLike, "aircraft *batch"],
+    level_ticks: Float[ArrayLike, "aircraft *batch"],
 ) -> Float[Array, "pairs *batch"]:
     """Square [NM2] of the least distance of every pair in a cycle, as above; levels in ticks.
 
@@ -266,7 +264,7 @@ def pair_distance_squared(
 
     offset = true_offset(previous_nm)
     motion = true_offset(position_nm) - offset
-    (first, second), (first_after, second_after) = pairs(previous_level), pairs(level)
+    (first, second), (first_after, second_after) = pairs(previous_level_ticks), pairs(level_ticks)
     gap, gap_after = first - second, first_after - second_after
     limit = ticks(separation_fl)
     passes = (gap > 0.0) != (gap_after > 0.0)  # one level is crossed by the other

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from pyproj import Geod
 
-from skystack.evaluation.evaluate import Conditions, judge
+from skystack.evaluation.evaluate import Conditions, evaluate
 from skystack.evaluation.simulate import simulate_file
 from skystack.policies.shipped import find_policy
 from tests.conftest import NO_BROWSER
@@ -39,7 +39,7 @@ def browser():
 def evaluation(tmp_path_factory) -> Path:
     """The folder of an evaluation; a policy that loses separation now and then."""
     out = tmp_path_factory.mktemp("evaluation")
-    judge(find_policy("avoidance"), Conditions(episodes=SCENARIOS), out)
+    evaluate(find_policy("avoidance"), Conditions(episodes=SCENARIOS), out)
     (folder,) = out.iterdir()
     return folder
 

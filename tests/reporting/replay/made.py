@@ -3,7 +3,13 @@
 import numpy as np
 
 from skystack.airspace.sectors import sector_named
-from skystack.reporting.replay.recording import Flown, Loss, Replay, ReplayScenario, Said
+from skystack.reporting.replay.recording import (
+    Loss,
+    RecordedAircraft,
+    RecordedClearance,
+    Replay,
+    ReplayScenario,
+)
 
 ROWS = 21
 KNOTS = 480.0
@@ -13,7 +19,7 @@ KNOTS = 480.0
 def flown(callsign, start_nm, heading_deg, rows=ROWS):
     east, north = np.sin(np.radians(heading_deg)), np.cos(np.radians(heading_deg))
     along = KNOTS / 600.0 * np.arange(rows)
-    return Flown(
+    return RecordedAircraft(
         callsign=callsign,
         type="B753",
         route=("HERON", "CRANE", "EGL", "FINCH", "ROBIN"),
@@ -35,8 +41,10 @@ def replay(title="made", callsigns=("AC1", "AC2"), number=4):
     one = flown(callsigns[0], (-8.0, 0.0), 90.0)
     other = flown(callsigns[1], (8.0, 3.0), 270.0, rows=ROWS - 3)
     said = (
-        Said(0, 2, "heading", 90, "right", 3, f"{callsigns[0]} turn right heading 090"),
-        Said(1, 12, "heading", 270, None, 1, f"{callsigns[1]} fly heading 270"),
+        RecordedClearance(
+            0, 2, "heading", 90, "right", 3, f"{callsigns[0]} turn right heading 090"
+        ),
+        RecordedClearance(1, 12, "heading", 270, None, 1, f"{callsigns[1]} fly heading 270"),
     )
     # Within 5 NM of each other while 4 NM or less apart along their tracks: rows 7.5 to 12.5.
     losses = (Loss(0, 1, 7, 13, 3.0),)

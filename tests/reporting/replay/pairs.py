@@ -6,7 +6,7 @@ All numbers lie on the page's own grid, so that storing them changes nothing.
 import numpy as np
 
 from skystack.reporting.replay.page import PARTS
-from skystack.reporting.replay.recording import Flown, Replay, ReplayScenario
+from skystack.reporting.replay.recording import RecordedAircraft, Replay, ReplayScenario
 
 AHEAD_S = 600
 FOLLOWED_S = 1200
@@ -23,7 +23,7 @@ def flown(callsign, place_nm, heading, speed, levels=(300.0, 300.0), climb=(0.0,
     """An aircraft at its first row; what follows says only how fast it climbs elsewhere."""
     rows = len(climb)
     fl, cleared = levels
-    return Flown(
+    return RecordedAircraft(
         callsign=callsign,
         type="B753",
         route=(),
@@ -85,7 +85,7 @@ def random_climb(random):
     usual = float(random.integers(300, 3500)) if random.random() < 0.5 else 0.0
     climb = (rate, 0.0) if begun else (0.0, usual)
     status = random.choice(
-        ["in_sector", "before_entry", "strayed", "exited"], p=[0.7, 0.2, 0.05, 0.05]
+        ["in_sector", "before_entry", "excursion", "exited"], p=[0.7, 0.2, 0.05, 0.05]
     )
     return (fl, cleared), climb, str(status)
 

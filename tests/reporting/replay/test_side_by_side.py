@@ -7,7 +7,7 @@ import pytest
 
 from skystack.errors import InputError
 from skystack.reporting.replay.recording import read_replay
-from skystack.reporting.replay.side_by_side import in_common, read_together
+from skystack.reporting.replay.side_by_side import in_common, read_side_by_side
 
 
 def test_only_the_same_scenarios_are_shown_side_by_side(one_by_one, at_once, alone):
@@ -35,7 +35,7 @@ def test_only_the_same_scenarios_are_shown_side_by_side(one_by_one, at_once, alo
 
 def test_runs_of_one_name_are_told_apart_by_their_place(evaluation, tmp_path):
     again = shutil.copytree(evaluation, tmp_path / evaluation.name)
-    together = read_together((evaluation, again), scenarios=1)
+    together = read_side_by_side((evaluation, again), scenarios=1)
     assert [replay.title for replay in together] == [str(evaluation), str(again)]
 
 
@@ -44,7 +44,7 @@ def test_a_folder_name_that_is_not_utf_8_is_escaped(evaluation, tmp_path):
     odd = shutil.copytree(evaluation, tmp_path / "e\udcff")
     again = shutil.copytree(odd, tmp_path / "again" / odd.name)
     assert read_replay(odd, 1).title == r"e\udcff"
-    titles = [replay.title for replay in read_together((odd, again), scenarios=1)]
+    titles = [replay.title for replay in read_side_by_side((odd, again), scenarios=1)]
     assert titles == [rf"{tmp_path}/e\udcff", rf"{tmp_path}/again/e\udcff"]
 
 

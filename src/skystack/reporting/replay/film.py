@@ -18,12 +18,12 @@ from PIL import Image
 
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
-from skystack.io.files import check_output, write_aside
+from skystack.io.files import atomic_write, check_output
 from skystack.reporting.maps import draw_sector, name_fixes
 from skystack.reporting.radar import Blip, colour_of, draw_aircraft, draw_route, draw_way
 from skystack.reporting.replay.frames import Picture, Texts, TrafficPicture, lowest_row_first
-from skystack.reporting.replay.recording import Flown, Replay, ReplayScenario
-from skystack.reporting.replay.side_by_side import read_together
+from skystack.reporting.replay.recording import RecordedAircraft, Replay, ReplayScenario
+from skystack.reporting.replay.side_by_side import read_side_by_side
 from skystack.reporting.style import (
     MUTED,
     VERMILION,
@@ -77,15 +77,15 @@ def write_picture(
     """Write a still or a film of a scenario; `runs` as for `read_replay`.
 
     Returns what was written: `output`, `bytes`, `runs` (their titles), `from_s` and `to_s`. Raises
-    InputError as `read_together` and `span_of` do; nothing is written then.
+    InputError as `read_side_by_side` and `span_of` do; nothing is written then.
     """
     check_output(output, *runs)
-    replays = read_together(runs, only=number)
+    replays = read_side_by_side(runs, only=number)
     span = span_of(replays, number, from_s, to_s)
     kind = output.suffix[1:]
     gif = kind == "gif"
     data = film(replays, number, span, on_frame) if gif else still(replays, number, span, kind)
-    write_aside(output, data)
+    atomic_write(output, data)
     return {
         "output": str(output),
         "bytes": len(data),
@@ -271,7 +271,7 @@ def _write_said(axes: Axes, scenario: ReplayScenario, row: int) -> list[Text]:
     return texts
 
 
-def _blip(sector: Sector, flown: Flown, row: int) -> Blip:
+def _blip(sector: Sector, flown: RecordedAircraft, row: int) -> Blip:
     return Blip(
         flown.callsign,
         flown.position_nm[row],

@@ -20,9 +20,9 @@ from jaxtyping import Float
 import skystack
 from skystack.airspace.projection import SCALE_RANGE_NM
 from skystack.airspace.sector import Sector
-from skystack.io.files import check_output, write_aside
-from skystack.reporting.replay.recording import Flown, Replay, ReplayScenario, as_json
-from skystack.reporting.replay.side_by_side import read_together
+from skystack.io.files import atomic_write, check_output
+from skystack.reporting.replay.recording import RecordedAircraft, Replay, ReplayScenario, as_json
+from skystack.reporting.replay.side_by_side import read_side_by_side
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
 
@@ -45,9 +45,9 @@ def write_replay(runs: Sequence[Path], output: Path, scenarios: int = 100) -> di
     cannot be written; nothing is written then.
     """
     check_output(output, *runs)
-    data = page_data(read_together(runs, scenarios))
+    data = page_data(read_side_by_side(runs, scenarios))
     text = _page(data).encode()
-    write_aside(output, text)
+    atomic_write(output, text)
     return {
         "output": str(output),
         "bytes": len(text),
@@ -127,7 +127,7 @@ def _scenario(scenario: ReplayScenario) -> dict[str, Any]:
     }
 
 
-def _aircraft(flown: Flown) -> dict[str, Any]:
+def _aircraft(flown: RecordedAircraft) -> dict[str, Any]:
     changes = [
         [row, status]
         for row, status in enumerate(flown.status)

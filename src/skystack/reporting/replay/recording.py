@@ -38,7 +38,7 @@ CLEARANCE = ("callsign", "cycle", "kind", "value", "direction", "instructions", 
 FLYING = "in_sector"
 
 
-class Said(NamedTuple):
+class RecordedClearance(NamedTuple):
     """A clearance as it was issued before cycle `cycle` + 1 was flown."""
 
     aircraft: int
@@ -54,7 +54,7 @@ class Said(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Flown:
+class RecordedAircraft:
     """One aircraft, row 0 the start; it ends with the row in which it has exited."""
 
     callsign: str
@@ -82,8 +82,8 @@ class ReplayScenario:
     cycles: int
     success: bool | None
     """None where nobody judged it."""
-    aircraft: tuple[Flown, ...]
-    clearances: tuple[Said, ...]
+    aircraft: tuple[RecordedAircraft, ...]
+    clearances: tuple[RecordedClearance, ...]
     losses: tuple[Loss, ...]
 
 
@@ -218,7 +218,9 @@ def _simulated(path: Path) -> Replay:
     return Replay(printable(path.stem), sector, (scenario,))
 
 
-def _aircraft(sector: Sector, path: Path, rows: pa.Table, entry: Mapping[str, Any]) -> Flown:
+def _aircraft(
+    sector: Sector, path: Path, rows: pa.Table, entry: Mapping[str, Any]
+) -> RecordedAircraft:
     callsign = entry["callsign"]
     own = rows_of(callsign, rows).sort_by("cycle")
     if not own.num_rows or own["cycle"].to_pylist() != list(range(own.num_rows)):
@@ -226,7 +228,7 @@ def _aircraft(sector: Sector, path: Path, rows: pa.Table, entry: Mapping[str, An
     status = own["status"].to_pylist()
     end = status.index("exited") + 1 if "exited" in status else len(status)
     columns = {name: own[name].to_numpy().astype(np.float64)[:end] for name in NUMBERS}
-    return Flown(
+    return RecordedAircraft(
         callsign=callsign,
         type=entry["type"],
         route=tuple(entry["route"].split()),
@@ -243,7 +245,7 @@ def _assembled(
     number: int,
     cycles: int,
     success: bool | None,
-    aircraft: tuple[Flown, ...],
+    aircraft: tuple[RecordedAircraft, ...],
     said: list[dict[str, Any]],
     path: Path,
 ) -> ReplayScenario:
@@ -252,7 +254,8 @@ def _assembled(
         if row["callsign"] not in index:
             raise InputError(f"{path}: a clearance is for {row['callsign']!r}, who does not fly")
     clearances = (
-        Said(index[row["callsign"]], *(row[name] for name in CLEARANCE[1:])) for row in said
+        RecordedClearance(index[row["callsign"]], *(row[name] for name in CLEARANCE[1:]))
+        for row in said
     )
     lost = tuple(losses(sector, [FlightPath(each.position_nm, each.fl) for each in aircraft]))
     in_order = tuple(sorted(clearances, key=lambda each: each.cycle))

@@ -13,7 +13,7 @@ SAME_START_NM = 0.1
 """Other simulators place aircraft as ours does but for rounding."""
 
 
-def read_together(
+def read_side_by_side(
     runs: Sequence[Path], scenarios: int = 100, only: int | None = None
 ) -> tuple[Replay, ...]:
     """Recordings as of `read_replay`, with the scenarios that they have in common.

@@ -16,7 +16,7 @@ function blockLines(aircraft, row) {
     aircraft.callsign,
     levelText(aircraft, row),
     `${speed} H${threeDigits(aircraft.clearedHeadingDeg[row])}`,
-    ...(statusAt(aircraft, row) === "strayed" ? ["STRAYED"] : []),
+    ...(statusAt(aircraft, row) === "excursion" ? ["EXCURSION"] : []),
   ];
 }
 
