@@ -1,12 +1,12 @@
-"""Everything a developer runs, on a fresh machine with Python 3.11 or newer: see README.md.
+"""The commands of a developer, on a machine with Python 3.11 or newer; see README.md.
 
-    python3 dev.py reproduce [ARGUMENT ...]   the main job: `skystack reproduce` (default: quick)
-    python3 dev.py test [ARGUMENT ...]        the tests, and whether they reach enough of the code
-                                              (arguments go to pytest: then no more than it)
-    python3 dev.py check                      lint, format and types
-    python3 dev.py docs                       the documentation as a site, docs/_build/index.html
+    python3 dev.py reproduce [ARGUMENT ...]   run `skystack reproduce` (default: --quick)
+    python3 dev.py test [ARGUMENT ...]        run all tests and check their coverage
+                                              (with arguments for pytest: only run pytest)
+    python3 dev.py check                      check lint, format and types
+    python3 dev.py docs                       build the documentation, docs/_build/index.html
 
-Each first makes the virtual environment `.venv` with all that it needs.
+Each command first creates the virtual environment `.venv` with everything that it needs.
 """
 
 import hashlib
@@ -24,13 +24,13 @@ _ALL = (
     *("onnx", "pettingzoo", "ray", "sb3", "tensorboard"),
 )
 EXTRAS = {"reproduce": (), "test": _ALL, "check": _ALL, "docs": ("docs",)}
-"""What each verb needs beside the package itself."""
+"""The extras that each command needs."""
 COVERED = ("simulator/*", "tasks/*", "stacking.py", "learning/*")
-"""Of each at least 90 % of lines and branches are to be reached by tests."""
+"""The tests must cover at least 90 % of the lines and branches of each of these."""
 
 
 def prepare(*extras: str) -> None:
-    """Make the environment, or bring it up to date when the requirements have changed."""
+    """Create the environment, or update it if the requirements have changed."""
     wanted = [ROOT / "pyproject.toml", ROOT / "constraints.txt"]
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in wanted)).hexdigest()
     stamp = ENVIRONMENT / "requirements.txt"
@@ -46,12 +46,12 @@ def prepare(*extras: str) -> None:
 
 
 def run(*command: str) -> int:
-    """Run a module of the environment in the project's folder; returns its exit code."""
+    """Run a Python module of the environment in the project folder; returns its exit code."""
     return subprocess.run([str(PYTHON), "-m", *command], cwd=ROOT, check=False).returncode
 
 
 def covered(files: str) -> int:
-    """Report lines and branches that no test reached; 2 where these are too many."""
+    """Report lines and branches that no test covers; returns 2 if the coverage is too low."""
     report = ("report", "--fail-under=90", "--show-missing", "--skip-covered")
     return run("coverage", *report, f"--include=src/skystack/{files}")
 

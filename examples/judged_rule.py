@@ -1,10 +1,10 @@
-"""A hand-written rule, evaluated exactly as trained policies are, one at a time and stacked.
+"""A hand-written rule, evaluated like a trained policy, without and with stacking.
 
     python examples/judged_rule.py --scenarios 1000 --out evaluation
     skystack replay evaluation/aim-s0-skystack-stacked
 
-writes the tables and replays what was flown. `--platform bluebird` flies it in BluebirdDT, where
-that is installed.
+These commands write the tables and replay the flights. `--platform bluebird` flies in BluebirdDT,
+if it is installed.
 """
 
 import argparse
@@ -12,18 +12,18 @@ from pathlib import Path
 
 import skystack
 from skystack.learning.experiment import Experiment
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.settings import NavigationSettings
 
-EXPERIMENT = Experiment("aimed", task=TaskSettings(features=("theta_f", "theta_sf", "d_f")))
+EXPERIMENT = Experiment("aimed", task=NavigationSettings(features=("theta_f", "theta_sf", "d_f")))
 
 
 def aim(observation):
-    """Turns an aircraft that points more than 8 degrees off its next fix by ten degrees.
+    """Turn an aircraft by 10 degrees if it points more than 8 degrees off its next fix.
 
     Action 1 turns the first aircraft left, 2 right; 3 and 4 the second; 0 issues nothing.
     """
     for aircraft, (next_fix, fix_after, distance) in enumerate(observation.reshape(-1, 3)):
-        # Observed in [0, 1]: turns of -180 to 180 degrees, distances of 0 to 100 NM.
+        # Observed in [0, 1] are turns of -180 to 180 degrees and distances of 0 to 100 NM.
         turn_deg = 360.0 * (fix_after if 100.0 * distance < 6.0 else next_fix) - 180.0
         if abs(turn_deg) > 8.0:
             return 1 + 2 * aircraft + int(turn_deg > 0.0)
@@ -40,8 +40,8 @@ if __name__ == "__main__":  # other platforms fly in processes that import this 
         conditions = skystack.Conditions(
             episodes=options.scenarios, stacking=stacking, platform=options.platform
         )
-        row = skystack.judge(aim, conditions, options.out, experiment=EXPERIMENT).row
+        row = skystack.evaluate(aim, conditions, options.out, experiment=EXPERIMENT).row
         print(
-            f"{title}: {row['clearances_mean']:.1f} clearances a scenario, "
+            f"{title}: {row['clearances_mean']:.1f} clearances per scenario, "
             f"success {row['success_rate']:.0%}"
         )

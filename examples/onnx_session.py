@@ -1,12 +1,12 @@
-"""Online action-stacking round a policy of another library, here an ONNX session.
+"""Online action-stacking with a policy of another library, here an ONNX session.
 
-Exports a shipped policy as ONNX, forgets it, and flies one scenario with the session alone: to
-`skystack.stacking.stack` a policy is whatever turns an observation into an action. Run it with
+Exports a shipped policy as ONNX, then flies one scenario with the session alone: for
+`skystack.stacking.stack`, a policy is any function from an observation to an action. Run it with
 
     python examples/onnx_session.py
 
-where skystack is installed with the extra [onnx]; it prints the clearances of one scenario and
-from how many instructions each was stacked.
+where skystack is installed with the extra [onnx]. It prints the clearances of one scenario and the
+number of instructions in each.
 """
 
 from pathlib import Path
@@ -35,27 +35,26 @@ with TemporaryDirectory() as folder:
 
 
 def decide(observation: np.ndarray) -> int:
-    """The most probable action; the session takes batches."""
+    """The most probable action; the session expects a batch."""
     (actions,) = session.run(["action"], {"observation": observation[None]})
     return int(actions[0])
 
 
 environment = PlainTask(task)
-seen = environment.reset(scenario_key(seed=0, scenario=2))
-cycle, over = 0, False
-while not over:
-    seen, clearance = stack(environment, decide, seen)  # no time passes
-    cleared_deg = environment.state_of(seen).traffic.cleared_heading_deg
-    seen, outcome = environment.advance(seen)  # one radar cycle
+state = environment.reset(scenario_key(seed=0, scenario=2))
+cycle, ended = 0, False
+while not ended:
+    state, clearance = stack(environment, decide, state)  # no time passes
+    cleared_deg = environment.state_of(state).traffic.cleared_heading_deg
+    state, outcome = environment.advance(state)  # one radar cycle
     if clearance.instructions:
-        # The clearance is adopted at the end of the cycle: from there the turn is flown.
-        flown = environment.state_of(seen).traffic
-        who, _ = task.actions.changes[clearance.action - 1]
-        command = Instruction(f"AC{who + 1}", heading_deg=int(cleared_deg[who]))
-        heading_deg, level = (
-            np.array([each[who]]) for each in (flown.heading_deg, flown.level_ticks)
-        )
-        (said,) = in_words([command], heading_deg, level / TICKS_PER_FL, SKYSTACK)
-        print(f"{6 * cycle:4d} s  {written(said)} (from {clearance.instructions})")
-    cycle, over = cycle + 1, bool(outcome.terminated)
-print(f"success: {bool(outcome.metrics.success)}")
+        # The clearance is adopted at the end of the cycle, which decides the direction in words.
+        traffic = environment.state_of(state).traffic
+        index = task.actions[clearance.action].aircraft
+        command = Instruction(f"AC{index + 1}", heading_deg=int(cleared_deg[index]))
+        heading_deg = np.array([traffic.heading_deg[index]])
+        level_fl = np.array([traffic.level_ticks[index]]) / TICKS_PER_FL
+        (worded,) = in_words([command], heading_deg, level_fl, SKYSTACK)
+        print(f"{6 * cycle:4d} s  {written(worded)} (from {clearance.instructions})")
+    cycle, ended = cycle + 1, bool(outcome.ended)
+print(f"success: {bool(outcome.metrics['success'])}")

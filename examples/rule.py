@@ -1,8 +1,8 @@
-"""A hand-written rule as a policy, with and without online action-stacking.
+"""A hand-written rule as a policy, without and with online action-stacking.
 
-The rule: turn whoever points more than eight degrees off the next fix by ten degrees towards it, or
-towards the fix after it when the next one is near. It sees what is cleared, so that stacking makes
-its steps one clearance, issued at once. What it looks at is chosen by the task's settings.
+The rule turns an aircraft by 10 degrees if it points more than 8 degrees off its next fix, or off
+the fix after that if the next one is near. The observation has the cleared heading, so that
+stacking compiles all turns of a cycle into one clearance. The task's settings select the features.
 """
 
 import argparse
@@ -12,15 +12,15 @@ import numpy as np
 
 import skystack.gym  # noqa: F401  (registers the environments)
 from skystack.gym.stacked import MOST_INSTRUCTIONS, StackedEnvironment
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.settings import NavigationSettings
 
-SETTINGS = TaskSettings(features=("theta_f", "theta_sf", "d_f"))
+SETTINGS = NavigationSettings(features=("theta_f", "theta_sf", "d_f"))
 
 
-def rule(seen):
-    """Action 1 turns the first aircraft left, 2 right; 3 and 4 the second; 0 says nothing."""
-    for aircraft, (next_fix, fix_after, distance) in enumerate(seen.reshape(-1, 3)):
-        # Shown in [0, 1]: turns of -180 to 180 degrees, distances of 0 to 100 NM.
+def rule(observation):
+    """Action 1 turns the first aircraft left, 2 right; 3 and 4 the second; 0 issues nothing."""
+    for aircraft, (next_fix, fix_after, distance) in enumerate(observation.reshape(-1, 3)):
+        # Observed in [0, 1] are turns of -180 to 180 degrees and distances of 0 to 100 NM.
         turn_deg = 360.0 * (fix_after if 100.0 * distance < 6.0 else next_fix) - 180.0
         if abs(turn_deg) > 8.0:
             return 1 + 2 * aircraft + int(turn_deg > 0.0)
@@ -28,12 +28,12 @@ def rule(seen):
 
 
 def fly(environment, seed):
-    """One scenario to its end: how many clearances, and the metrics."""
-    (seen, _), over, clearances = environment.reset(seed=seed), False, 0
-    while not over:
-        seen, _, terminated, truncated, info = environment.step(rule(seen))
+    """Fly one scenario to its end: the number of clearances, and the metrics."""
+    (observation, _), ended, clearances = environment.reset(seed=seed), False, 0
+    while not ended:
+        observation, _, terminated, truncated, info = environment.step(rule(observation))
         clearances += "clearance" in info and info["clearance"]["instructions"] > 0
-        over = terminated or truncated
+        ended = terminated or truncated
     return clearances, info
 
 
@@ -47,7 +47,7 @@ def main():
         flown = [fly(environment, seed) for seed in range(options.scenarios)]
         clearances = np.mean([count for count, _ in flown])
         success = np.mean([info["success"] for _, info in flown])
-        print(f"{title}: {clearances:.1f} clearances a scenario, success {success:.0%}")
+        print(f"{title}: {clearances:.1f} clearances per scenario, success {success:.0%}")
 
 
 if __name__ == "__main__":

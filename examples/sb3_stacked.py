@@ -1,11 +1,11 @@
 """PPO of Stable-Baselines3, trained on many scenarios at once, flown without and with stacking.
 
-By default a few seconds of training, after which the policy knows little. In full:
+By default it trains for a few seconds only, after which the policy is poor. A full training,
 
     python examples/sb3_stacked.py --experiment lateral-undamped --steps 2000000
 
-takes three and a half minutes on one core, and over five scenarios gave 78.6 clearances one at a
-time, 62.0 stacked, success 100 %. Needs the extra `[sb3]`.
+takes three and a half minutes on one core. Over five scenarios it gave 78.6 clearances one at a
+time and 62.0 stacked, with success 100 %. Needs the extra `[sb3]`.
 """
 
 import argparse
@@ -26,7 +26,7 @@ NAME = "skystack/Lateral-v0"
 
 
 def train(options):
-    """The policy, and what normalises its observations."""
+    """The policy, and the environment that normalises its observations."""
     scenarios = gymnasium.make_vec(
         NAME, options.environments, experiment=options.experiment, autoreset_mode="SameStep"
     )
@@ -43,7 +43,7 @@ def evaluate(title, limit, model, normalised, options):
     evaluate_policy(model, scenarios, 5, callback=lambda here, _: infos.append(here["info"]))
     issued = sum(info.get("clearance", {}).get("instructions", 0) > 0 for info in infos)
     success = np.mean([info["success"] for info in infos if "success" in info])
-    print(f"{title}: {issued / 5:.1f} clearances a scenario, success {success:.0%}")
+    print(f"{title}: {issued / 5:.1f} clearances per scenario, success {success:.0%}")
 
 
 if __name__ == "__main__":
@@ -52,7 +52,7 @@ if __name__ == "__main__":
     parser.add_argument("--steps", type=int, default=8_192)
     parser.add_argument("--environments", type=int, default=64)
     chosen = parser.parse_args()
-    torch.set_num_threads(1)  # in networks so small they only wait for each other
+    torch.set_num_threads(1)  # more threads only slow down such small networks
     policy, normaliser = train(chosen)
-    for words, most in (("one at a time", 1), ("stacked", MOST_INSTRUCTIONS)):
-        evaluate(words, most, policy, normaliser, chosen)
+    for name, instructions in (("one at a time", 1), ("stacked", MOST_INSTRUCTIONS)):
+        evaluate(name, instructions, policy, normaliser, chosen)

@@ -1,7 +1,8 @@
-"""Your own environment gains online action-stacking: a thermostat that is told in small steps.
+"""Online action-stacking in your own environment: a thermostat that is set in small steps.
 
-Telling takes no time, and heating does. Stacking needs the two apart: four methods beside `reset`
-and `step`. A rule says "half a degree more" until the dial is right: eight messages, or one.
+Setting the dial takes no time; heating does. Stacking needs the two as separate methods, four next
+to `reset` and `step`. A rule sends "half a degree more" until the dial is right: eight messages, or
+one when stacked.
 """
 
 import gymnasium
@@ -14,7 +15,7 @@ WARMER, COOLER, CYCLES = 1, 2, 30
 
 
 class Thermostat(gymnasium.Env):
-    """Keep a room at what is wanted. Observation: room, dial and wanted temperature, degrees C."""
+    """Keep a room at a target temperature. Observation: room, dial and target, degrees C."""
 
     observation_space = spaces.Box(0.0, 40.0, (3,), np.float32)
     action_space = spaces.Discrete(3)
@@ -22,7 +23,7 @@ class Thermostat(gymnasium.Env):
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
         self.room = self.dial = 17.0
-        self.wanted, self.cycle = 21.0, 0
+        self.target, self.cycle = 21.0, 0
         return self.observe(), {}
 
     def step(self, action):
@@ -31,7 +32,7 @@ class Thermostat(gymnasium.Env):
         return self.observe(), *outcome
 
     def observe(self):
-        return np.array([self.room, self.dial, self.wanted], dtype=np.float32)
+        return np.array([self.room, self.dial, self.target], dtype=np.float32)
 
     def may_stack(self, action):
         return 5.0 < self.dial < 30.0
@@ -42,19 +43,19 @@ class Thermostat(gymnasium.Env):
     def advance(self):
         self.cycle += 1
         self.room += 0.3 * (self.dial - self.room)
-        return -abs(self.room - self.wanted), self.cycle == CYCLES, False, {}
+        return -abs(self.room - self.target), self.cycle == CYCLES, False, {}
 
 
-def rule(seen):
-    _, dial, wanted = seen
-    return WARMER if dial < wanted else COOLER if dial > wanted else 0
+def rule(observation):
+    _, dial, target = observation
+    return WARMER if dial < target else COOLER if dial > target else 0
 
 
 for title, limit in (("one at a time", 1), ("stacked", 100)):
     environment = StackedEnvironment(Thermostat(), limit)
-    (seen, _), over, off, messages = environment.reset(), False, 0.0, 0
-    while not over:
-        seen, reward, over, _, info = environment.step(rule(seen))
-        off -= reward
+    (observation, _), ended, error, messages = environment.reset(), False, 0.0, 0
+    while not ended:
+        observation, reward, ended, _, info = environment.step(rule(observation))
+        error -= reward
         messages += "clearance" in info and info["clearance"]["instructions"] > 0
-    print(f"{title}: messages {messages}, degrees off {off / CYCLES:.2f}")
+    print(f"{title}: messages {messages}, mean error {error / CYCLES:.2f} degrees")

@@ -1,1 +1,1 @@
-"""Experiments behind the numbers in the documentation; `python -m studies.MODULE`."""
+"""Studies behind numbers in the documentation; run as `python -m studies.MODULE`."""

@@ -1,10 +1,10 @@
-"""What each choice of our own experiments is worth: train without it, judge as the row is judged.
+"""Ablations of skystack's own experiments: revert one choice, train, and evaluate as usual.
 
     python -m studies.ablations EXPERIMENT [--seed N] [--out DIR]
 
-EXPERIMENT is one of those below. Prints a Markdown table as it grows: clearances, success and
-losses of separation on 1,000 held-out scenarios, stacked. What is in DIR is not trained again; DIR
-may be the run of a `skystack reproduce`, which has the unchanged one.
+EXPERIMENT is one of those below. Prints a Markdown table, row by row: clearances, success and
+losses of separation on 1,000 held-out scenarios, stacked. Finished work in DIR is reused; DIR may
+be a run folder of `skystack reproduce`, which has the unchanged experiment.
 """
 
 import argparse
@@ -28,49 +28,49 @@ NOT_STACKED = "task.timing=cycle"
 
 ABLATIONS: dict[str, dict[str, tuple[str, ...]]] = {
     "lateral-best": {
-        "as it is": (),
-        "time goes on in a stack": (NOT_STACKED,),
-        "damping in place of a price for bursts": DAMPED,
+        "nothing": (),
+        "time advances during a stack": (NOT_STACKED,),
+        "damping instead of a cost for bursts": DAMPED,
         "the paper's state": (PAPER_STATE,),
         "the paper's learning rate": PAPER_LEARNER,
-        "no first part with cheap bursts": ("pretraining.steps=1",),
-        "paid for the centreline, not for excursions": (
-            "task.reward.stray=0.0",
+        "no first phase with cheap bursts": ("pretraining.steps=1",),
+        "reward for the centreline, none for excursions": (
+            "task.reward.excursion=0.0",
             "task.reward.centreline=1.0",
         ),
     },
     "avoidance-tuned": {
-        "as it is": (),
-        "the paper's price of predicted conflicts": ("task.reward.safety=2.0",),
+        "nothing": (),
+        "the paper's cost of predicted conflicts": ("task.reward.safety=2.0",),
         "the paper's state": (PAPER_PAIR,),
         "the paper's learning rate": PAPER_LEARNER,
     },
     "avoidance-best": {
-        "as it is": (),
-        "the paper's view of the other aircraft": (PAPER_PAIR,),
-        "time goes on in a stack": (NOT_STACKED,),
-        "no price of predicted conflicts": ("task.reward.safety=0.0",),
+        "nothing": (),
+        "the paper's observation of the other aircraft": (PAPER_PAIR,),
+        "time advances during a stack": (NOT_STACKED,),
+        "no cost of predicted conflicts": ("task.reward.safety=0.0",),
         "conflicts cost inside 5.5 NM": ("task.reward.conflict_nm=5.5",),
     },
 }
-"""What is changed, and how."""
+"""For each experiment, the description of each change, and the changed settings."""
 
 
 def ablate(name: str, seed: int, out: Path) -> None:
-    """Train and judge every variant."""
+    """Train and evaluate every variant."""
     if name not in ABLATIONS:
         raise unknown_name("experiment", name, list(ABLATIONS))
     sys.stdout.write(
         "| changed | clearances | success | losses of separation |\n|---|---:|---:|---:|\n"
     )
-    for number, (words, changes) in enumerate(ABLATIONS[name].items()):
+    for number, (description, changes) in enumerate(ABLATIONS[name].items()):
         variant = load_experiment(name, changes)
         variant = msgspec.structs.replace(variant, name=f"{name}-{number}" if changes else name)
-        sys.stdout.write(f"| {words} | {_judged(variant, seed, out)} |\n")
+        sys.stdout.write(f"| {description} | {_results(variant, seed, out)} |\n")
         sys.stdout.flush()
 
 
-def _judged(variant: Experiment, seed: int, out: Path) -> str:
+def _results(variant: Experiment, seed: int, out: Path) -> str:
     plan = Plan((variant,), 1, EPISODES, out, quick=False, command="")
     policy, _, _ = trained_once(plan, variant, seed, lambda progress: None)
     row = flown_once(plan, policy, stacking=True)[0].row
@@ -79,7 +79,7 @@ def _judged(variant: Experiment, seed: int, out: Path) -> str:
 
 
 def main() -> int:
-    """Returns the exit code: 0 done, 2 wrong input."""
+    """Returns the exit code: 0 success, 2 invalid input."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("experiment", metavar="EXPERIMENT")
     parser.add_argument("--seed", type=int, default=0)

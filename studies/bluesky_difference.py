@@ -1,14 +1,14 @@
-"""Where BlueSky's flights differ from ours: our simulator with BlueSky's habits, one by one.
+"""Why flights in BlueSky differ: skystack's simulator with properties of BlueSky, one by one.
 
-Flies a policy with online action-stacking on the evaluation scenarios in our simulator, in our
-simulator with turns at BlueSky's rate, with clearances obeyed at once, on BlueSky's sphere, with
-several of them, and in BlueSky. Needs the extra `[bluesky]`.
+Flies a policy with online action-stacking on the evaluation scenarios in BlueSky, in skystack, and
+in skystack with turns at BlueSky's rate, with clearances effective immediately, on BlueSky's
+sphere, and with several of these. Needs the extra `[bluesky]`.
 
     python -m studies.bluesky_difference [POLICY [SCENARIOS]]     default: lateral-tuned 100
 
-Prints a JSON object a variant: clearances and success, the part of the scenarios with the same
-clearances as in BlueSky, and how far from BlueSky's the aircraft are, on average and at the 95th
-percentile of those scenarios' rows.
+Prints a JSON object per variant: clearances and success, the share of scenarios with the same
+clearances as in BlueSky, and the distance of the aircraft from those in BlueSky, as the mean and
+the 95th percentile over the rows of these scenarios.
 """
 
 import json
@@ -48,13 +48,13 @@ CRUISE_KT = 465.94
 BANKED_DEG_S = math.degrees(
     STANDARD_GRAVITY_M_S2 * math.tan(math.radians(BANK_DEG)) / (CRUISE_KT * 1852.0 / 3600.0)
 )
-"""1.09 degrees a second: what 25 degrees of bank turn at cruising speed."""
+"""1.09 degrees per second: the rate of turn at 25 degrees of bank and cruising speed."""
 SPHERE_M = 6_371_000.0
 SPHERE_NM_PER_DEG = math.radians(SPHERE_M) / 1852.0
 
 
-class Habits(NamedTuple):
-    """What is taken over from BlueSky."""
+class Properties(NamedTuple):
+    """The properties adopted from BlueSky."""
 
     turn_rate: bool = False
     at_once: bool = False
@@ -62,37 +62,37 @@ class Habits(NamedTuple):
 
 
 VARIANTS = {
-    "skystack": Habits(),
-    "turns at 25 degrees of bank": Habits(turn_rate=True),
-    "clearances obeyed at once": Habits(at_once=True),
-    "BlueSky's sphere": Habits(sphere=True),
-    "turns and obeyed at once": Habits(turn_rate=True, at_once=True),
-    "all three": Habits(True, True, True),
+    "skystack": Properties(),
+    "turns at 25 degrees of bank": Properties(turn_rate=True),
+    "clearances effective immediately": Properties(at_once=True),
+    "BlueSky's sphere": Properties(sphere=True),
+    "turns and immediate clearances": Properties(turn_rate=True, at_once=True),
+    "all three": Properties(True, True, True),
 }
 
 
 def _degree_nm(at: LatLon) -> Float[np.ndarray, "2"]:
-    """A degree on the ellipsoid to the east, divided by the cosine of the latitude, and north."""
+    """Length [NM] of a degree on the ellipsoid: east, divided by the cosine of latitude; north."""
     lat, lon = at
     east = geodesic_leg((lat, lon - 0.5), (lat, lon + 0.5))[1] / math.cos(math.radians(lat))
     return np.array([east, geodesic_leg((lat - 0.5, lon), (lat + 0.5, lon))[1]])
 
 
-class WithHabits(Skystack):
-    """Our simulator with some of BlueSky's habits."""
+class WithProperties(Skystack):
+    """Skystack's simulator with some of BlueSky's properties."""
 
-    def __init__(self, habits: Habits) -> None:
+    def __init__(self, properties: Properties) -> None:
         super().__init__()
-        self._habits = habits
+        self._properties = properties
 
     def reset(self, scenario: Scenario) -> Report:
-        """As ours, with another rate of turn and scale of the earth compiled in."""
+        """As in skystack, but with the properties compiled in."""
         if self._advance is None:
             simulator = scenario.simulator()
-            if self._habits.turn_rate:
+            if self._properties.turn_rate:
                 simulator = replace(simulator, turn_rate_deg_s=BANKED_DEG_S)
             scale = _degree_nm(scenario.sector.origin) / SPHERE_NM_PER_DEG
-            scale_nm = jnp.asarray(scale if self._habits.sphere else np.ones(2), jnp.float32)
+            scale_nm = jnp.asarray(scale if self._properties.sphere else np.ones(2), jnp.float32)
             self._simulator = scenario.simulator()
 
             def advance(traffic: Traffic) -> Traffic:
@@ -104,18 +104,18 @@ class WithHabits(Skystack):
         return super().reset(scenario)
 
     def issue(self, instruction: Instruction) -> None:
-        """As ours, or adopted before the cycle is flown."""
+        """As in skystack, or adopted before the cycle is flown."""
         super().issue(instruction)
-        if self._habits.at_once:
+        if self._properties.at_once:
             self._traffic = adopt(self._traffic)
 
 
-def _with_habits(habits: Habits, folder: Path) -> Platform:
-    return WithHabits(habits)
+def _with_properties(properties: Properties, folder: Path) -> Platform:
+    return WithProperties(properties)
 
 
 def flights(job: PlatformRollout, scenarios: int) -> Iterator[Recording]:
-    """The scenarios, one after another in this process."""
+    """Fly the scenarios one after another in this process."""
     with tempfile.TemporaryDirectory() as folder:
         pilot = Pilot(job, Path(folder))
         for number in range(scenarios):
@@ -123,7 +123,7 @@ def flights(job: PlatformRollout, scenarios: int) -> Iterator[Recording]:
 
 
 def apart_nm(ours: Tables, theirs: Tables, same: list[bool]) -> tuple[float, float]:
-    """Mean and 95th percentile of the distance between the flights of the same clearances."""
+    """Mean and 95th percentile of the distance between flights with the same clearances."""
     keys = ["scenario", "cycle", "callsign"]
     columns = [*keys, "lat", "lon", "status"]
     joined = ours.trajectories.select(columns).join(
@@ -155,8 +155,8 @@ def main(arguments: list[str]) -> int:
 
     theirs = flown(partial(open_platform, "bluesky"))
     found = {"BlueSky": theirs}
-    for variant, habits in VARIANTS.items():
-        found[variant] = flown(partial(_with_habits, habits))
+    for variant, properties in VARIANTS.items():
+        found[variant] = flown(partial(_with_properties, properties))
     for variant, tables in found.items():
         same = same_clearances(tables.clearances, theirs.clearances, range(int(scenarios)))
         mean, most = apart_nm(tables, theirs, same)

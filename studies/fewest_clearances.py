@@ -1,19 +1,19 @@
-"""The fewest clearances with which any controller could finish the lateral scenarios.
+"""The fewest clearances with which any controller could complete the lateral scenarios.
 
     python -m studies.fewest_clearances [--scenarios 100] [--seed 0] [--json] [-o FILE]
 
-The floor under every figure of clearances per scenario: two aircraft on the scenarios that
-policies are evaluated on, flown and judged by the lateral task itself. Aircraft do not interact in
-it, so the fewest of each aircraft is found by itself and a scenario's is their sum.
+This is a lower bound on the clearances per scenario: two aircraft on the evaluation scenarios,
+flown and scored by the lateral task itself. Aircraft do not interact in this task, so the minimum
+is found for each aircraft alone, and that of a scenario is their sum.
 
-Exhaustive: no clearance at all is tried first, then every one clearance, then every two. A
-clearance may be given at every cycle for as long as the aircraft is neither out nor strayed, and
-may be every heading that a stack of 10-degree instructions can reach from the cleared one; each
-choice is flown to its end with the simulator's own turns and its delay of one cycle.
+The search is exhaustive: first no clearance, then every single clearance, then every pair. A
+clearance may be issued in every cycle until the aircraft exits or leaves the sector elsewhere, to
+every heading that a stack of 10-degree instructions can reach from the cleared one. Each choice is
+flown to its end with the simulator's own turns and its delay of one cycle.
 
-Not searched: headings between those steps, clearances between radar cycles, turns the longer way.
-Exits are judged on the straight chords between radar positions, as in the task. Both aircraft may
-be told something in the same cycle, which a policy of one action a cycle may not.
+Not searched are headings between those steps, clearances between radar cycles, and turns the longer
+way. Exits are detected on the straight chords between radar positions, as in the task. Both
+aircraft may be cleared in the same cycle, which a policy with one action per cycle cannot do.
 """
 
 import argparse
@@ -37,17 +37,17 @@ from skystack.errors import InputError
 from skystack.io.files import atomic_write
 from skystack.learning.seeds import scenario_key
 from skystack.simulator.traffic import Traffic
-from skystack.tasks.actions import STEP_DEG, TurnTable
-from skystack.tasks.build import build_task
+from skystack.tasks.actions import STEP_DEG, turns
 from skystack.tasks.navigation import NavigationState, NavigationTask
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.navigation_kinds import build_navigation
+from skystack.tasks.settings import NavigationSettings
 
 MOST = 2
-"""Clearances for one aircraft beyond which the search gives up."""
+"""The greatest number of clearances per aircraft that is searched."""
 BATCH_CYCLES = 20
-"""How many cycles' alternatives are flown at once; the search stops at the first success."""
-TURNS = TurnTable(aircraft=1, sizes_deg=tuple(range(STEP_DEG, 181, STEP_DEG)))
-"""Every stack of 10-degree instructions for one aircraft, each as one action."""
+"""The number of cycles whose alternatives are flown at once; the first success ends the search."""
+TURNS = turns(1, tuple(range(STEP_DEG, 181, STEP_DEG)))
+"""Every stack of 10-degree instructions for one aircraft as a single action."""
 
 
 class Turn(NamedTuple):
@@ -55,11 +55,11 @@ class Turn(NamedTuple):
 
     cycle: int
     turn_deg: int
-    """Change of the cleared heading, positive to the right; a multiple of ten."""
+    """The change of the cleared heading, positive to the right; a multiple of ten."""
 
 
 Plan = tuple[Turn, ...]
-"""Clearances in the order in which they are given."""
+"""Clearances in the order in which they are issued."""
 
 _compiled = partial(jax.jit, static_argnums=0)
 
@@ -69,25 +69,25 @@ class Search:
 
     def __init__(self, task: NavigationTask) -> None:
         """Raises ValueError for a task of more than one aircraft."""
-        if task.scenarios.aircraft != 1:
-            raise ValueError(f"a task of {task.scenarios.aircraft} aircraft (allowed: 1)")
-        self.task = replace(task, actions=TURNS)
+        if task.aircraft != 1:
+            raise ValueError(f"a task of {task.aircraft} aircraft (allowed: 1)")
+        self.task = replace(task, table=TURNS)
 
     def fewest(self, traffic: Traffic, most: int) -> Plan | None:
-        """A plan with as few clearances as possible; None if `most` are not enough."""
+        """A plan with the fewest clearances; None if `most` are not enough."""
         state = self.begin(traffic)
         plans = (self.find(state, clearances) for clearances in range(most + 1))
         return next((plan for plan in plans if plan is not None), None)
 
     def find(self, state: NavigationState, clearances: int) -> Plan | None:
-        """The first plan of so many clearances that succeeds from here on; None if none does."""
+        """The first plan with this number of clearances that succeeds; None if none does."""
         if clearances == 0:
             return () if self.succeeds(state) else None
         path, flying = self.fly(state)
         if clearances == 1:
             return self._find_one(path, int(flying))
         for row in range(int(flying)):
-            for action in range(1, len(TURNS.changes) + 1):
+            for action in range(1, len(TURNS.actions)):
                 rest = self.find(self.instruct(path, row, action), clearances - 1)
                 if rest is not None:
                     return (_turn(path, row, action), *rest)
@@ -108,60 +108,60 @@ class Search:
 
     @_compiled
     def succeeds(self, state: NavigationState) -> Bool[Array, ""]:
-        """Whether the flight goes on to a success without another word."""
-        memory = jax.lax.while_loop(self._in_play, self._advance, state).memory
-        return jnp.all(memory.exited_correctly & ~memory.excursion)
+        """Whether the flight succeeds without further clearances."""
+        progress = jax.lax.while_loop(self._in_play, self._advance, state).memory.progress
+        return jnp.all(progress.exited_correctly & ~progress.excursion)
 
     @_compiled
     def fly(self, state: NavigationState) -> tuple[NavigationState, Int[Array, ""]]:
-        """The states `[rows]` before every cycle flown without another word, the present one first.
+        """The states `[rows]` before every cycle without further clearances, the present one first.
 
-        Also how many of them are in play. There are as many rows as the task has cycles, rounded
-        up to full batches.
+        Also the number of rows in play. There is one row per cycle of the task, rounded up to full
+        batches.
         """
-        rows = -(-self.task.settings.cycles // BATCH_CYCLES) * BATCH_CYCLES
+        rows = -(-self.task.cycles // BATCH_CYCLES) * BATCH_CYCLES
         _, path = jax.lax.scan(lambda now, _: (self._advance(now), now), state, length=rows)
         return path, jnp.sum(jax.vmap(self._in_play)(path))
 
     @_compiled
     def instruct(self, path: NavigationState, row: int, action: int) -> NavigationState:
-        """One state of a path with an action of `TURNS` given."""
+        """One state of a path, instructed with an action of `TURNS`."""
         return self.task.instruct(jax.tree.map(lambda rows: rows[row], path), jnp.asarray(action))
 
     @_compiled
     def one_clearance(self, path: NavigationState, first: int) -> Bool[Array, "cycles turns"]:
-        """Which single clearances succeed, in the batch of states that begins at row `first`.
+        """Which single clearances succeed, for the batch of states that starts at row `first`.
 
         Column k is action k + 1 of `TURNS`.
         """
 
         def by_turn(state: NavigationState) -> Bool[Array, " turns"]:
-            told = jax.vmap(self.task.instruct, (None, 0))(state, actions)
-            succeeds: Array = jax.vmap(self.succeeds)(told)
+            instructed = jax.vmap(self.task.instruct, (None, 0))(state, actions)
+            succeeds: Array = jax.vmap(self.succeeds)(instructed)
             return self._in_play(state) & succeeds
 
-        actions = jnp.arange(len(TURNS.changes)) + 1
+        actions = jnp.arange(1, len(TURNS.actions))
         batch = jax.tree.map(
             lambda rows: jax.lax.dynamic_slice_in_dim(rows, first, BATCH_CYCLES), path
         )
         return jax.vmap(by_turn)(batch)
 
     def _in_play(self, state: NavigationState) -> Bool[Array, ""]:
-        """Whether a success is still possible: neither out, nor strayed, nor out of time."""
-        flying = jnp.all(state.traffic.active & ~state.memory.excursion)
-        return flying & (state.memory.cycles < self.task.settings.cycles)
+        """Whether success is still possible: before an exit, an excursion and the time limit."""
+        flying = jnp.all(state.traffic.active & ~state.memory.progress.excursion)
+        return flying & (state.memory.progress.cycles < self.task.cycles)
 
     def _advance(self, state: NavigationState) -> NavigationState:
         return self.task.advance(state)[0]
 
 
 def _turn(path: NavigationState, row: int, action: int) -> Turn:
-    _, turn_deg = TURNS.changes[action - 1]
-    return Turn(int(path.memory.cycles[row]), turn_deg)
+    turn_deg = TURNS.actions[action].change
+    return Turn(int(path.memory.progress.cycles[row]), turn_deg)
 
 
 def draw(task: NavigationTask, seed: int, scenarios: int) -> list[list[Traffic]]:
-    """The scenarios of an evaluation seed; each is one traffic of its own per aircraft."""
+    """The scenarios of an evaluation seed, each as one traffic per aircraft."""
     keys = jnp.stack([scenario_key(seed, number) for number in range(scenarios)])
     drawn = jax.tree.map(np.asarray, jax.jit(jax.vmap(task.scenarios.draw))(keys).traffic)
 
@@ -169,14 +169,14 @@ def draw(task: NavigationTask, seed: int, scenarios: int) -> list[list[Traffic]]
         rows: Traffic = jax.tree.map(lambda x: x[scenario, aircraft : aircraft + 1], drawn)
         return rows
 
-    return [[alone(s, a) for a in range(task.scenarios.aircraft)] for s in range(scenarios)]
+    return [[alone(s, a) for a in range(task.aircraft)] for s in range(scenarios)]
 
 
 def measure(scenarios: int, seed: int, console: Console) -> dict[str, Any]:
-    """The result as it is written to JSON. Raises RuntimeError where `MOST` are not enough."""
-    began = time.perf_counter()
-    search = Search(build_task(TaskSettings(aircraft=1)))
-    traffic = draw(build_task(TaskSettings()), seed, scenarios)
+    """The result as written to JSON. Raises RuntimeError if `MOST` clearances are not enough."""
+    started = time.perf_counter()
+    search = Search(build_navigation(NavigationSettings(aircraft=1)))
+    traffic = draw(build_navigation(NavigationSettings()), seed, scenarios)
     fewest = []
     for index, aircraft in enumerate(track(traffic, "searching", console=console)):
         plans = [search.fewest(alone, MOST) for alone in aircraft]
@@ -191,13 +191,15 @@ def measure(scenarios: int, seed: int, console: Console) -> dict[str, Any]:
         "per_scenario": fewest,
         "scenarios": scenarios,
         "seed": seed,
-        "wall_s": time.perf_counter() - began,
+        "wall_s": time.perf_counter() - started,
     }
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--scenarios", type=int, default=100, help="how many (default 100)")
+    parser.add_argument(
+        "--scenarios", type=int, default=100, help="number of scenarios (default 100)"
+    )
     parser.add_argument("--seed", type=int, default=0, help="evaluation seed (default 0)")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("-o", dest="file", type=Path, help="also write the JSON object to a file")
@@ -212,7 +214,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The command line; returns the exit code: 0 done, 1 failed, 2 wrong input."""
+    """The command line; returns the exit code: 0 success, 1 failure, 2 invalid input."""
     console = Console(stderr=True)
     try:
         options = _options(arguments)

@@ -1,12 +1,12 @@
-"""Shipped policies in BluebirdDT and BlueSky, held to what they must show there.
+"""Check shipped policies in BluebirdDT and BlueSky.
 
-Flies policies on the evaluation scenarios in the three simulators. Stacked, in BluebirdDT: the
-same clearances as in ours in at least 95 % of the scenarios, success within 0.02 and the mean of
-clearances within 5 % of ours; in BlueSky: success of at least 0.95. Needs both extras.
+Flies policies on the evaluation scenarios in the three simulators. Required with stacking: in
+BluebirdDT the same clearances as in skystack in at least 95 % of the scenarios, success within
+0.02 and mean clearances within 5 %; in BlueSky success of at least 0.95. Needs both extras.
 
     python -m studies.policies_on_platforms [POLICY ...]      default: lateral lateral-tuned
 
-Prints a JSON object a row; exit code 1 when a stacked row misses.
+Prints a JSON object per row; exit code 1 if a stacked row does not meet the requirements.
 """
 
 import json
@@ -25,7 +25,7 @@ KEYS = ("experiment", "stacking", "platform", "clearances_mean", "success_rate",
 
 
 def holds(ours: RowValues, theirs: RowValues) -> bool:
-    """Whether a stacked row of another simulator is as it must be."""
+    """Whether a stacked row of another simulator meets the requirements."""
     if theirs["platform"] == "bluesky":
         return bool(theirs["success_rate"] >= 0.95)
     apart = abs(theirs["clearances_mean"] / ours["clearances_mean"] - 1.0)
@@ -37,7 +37,7 @@ def holds(ours: RowValues, theirs: RowValues) -> bool:
 
 
 def main(arguments: list[str]) -> int:
-    """Fly, print and judge; returns the exit code."""
+    """Fly, print and check; returns the exit code."""
     all_hold = True
     try:
         for name in arguments or ["lateral", "lateral-tuned"]:

@@ -89,3 +89,13 @@ def test_importing_the_package_imports_no_module_of_it():
 def test_no_modules_form_a_cycle():
     graph = {module: imported(path) - {module} for module, path in MODULES.items() if module}
     TopologicalSorter(graph).prepare()
+
+
+def test_every_class_has_a_name_of_its_own():
+    names = [
+        node.name
+        for path in MODULES.values()
+        for node in ast.parse(path.read_text()).body
+        if isinstance(node, ast.ClassDef)
+    ]
+    assert sorted(set(names)) == sorted(names)

@@ -22,8 +22,8 @@ from skystack.stacking import (
     stack_many,
     stack_traced,
 )
-from skystack.tasks.build import build_task
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings
 
 LEFT_1, RIGHT_1, LEFT_2, RIGHT_2 = 1, 2, 3, 4
 
@@ -281,7 +281,7 @@ class Endless(Counter):
 
 
 def test_a_stack_without_end_is_an_error():
-    with pytest.raises(InputError, match=r"an endless stack: .* action 2 1000 times in one cycle"):
+    with pytest.raises(InputError, match=r"endless stack: .* action 2 1000 times in one cycle"):
         stack(Endless(), lambda observation: 2, ())
     assert stack(Endless(), lambda observation: 2, (), limit=1500)[1].instructions == 1500
 
@@ -322,7 +322,7 @@ def test_the_lateral_task_is_a_two_phase_environment(lateral):
 
 @pytest.fixture(scope="module")
 def lateral():
-    return build_task(TaskSettings())
+    return build_task(NavigationSettings())
 
 
 def lookup(observation):
@@ -379,7 +379,7 @@ def test_nothing_physical_moves_during_a_stack(lateral):
         old, new = getattr(before.traffic, name), getattr(after.traffic, name)
         assert np.asarray(old).tobytes() == np.asarray(new).tobytes(), name
     for name in ("cycles", "previous_nm", "next_fix", "entered", "exited", "excursion"):
-        old, new = getattr(before.memory, name), getattr(after.memory, name)
+        old, new = (getattr(each.memory.progress, name) for each in (before, after))
         assert np.asarray(old).tobytes() == np.asarray(new).tobytes(), name
 
 
@@ -417,7 +417,7 @@ def phases(lateral):
 
     def advance(state):
         state, outcome = lateral.advance(state)
-        return asked(state), outcome.terminated
+        return asked(state), outcome.ended
 
     told = jax.jit(lambda state, action: asked(lateral.instruct(state, action)))
     flown = jax.jit(advance)

@@ -1,1 +1,1 @@
-"""Maintenance: licences and shipped policies; `python -m tools.MODULE`."""
+"""Maintenance of licences and shipped policies; run as `python -m tools.MODULE`."""

@@ -1,11 +1,11 @@
 """Ship policies in the package: copy them from a run, measure them, write their model cards.
 
-    python -m tools.ship_policies RUN [NAME ...]           of a run of `skystack reproduce`
-    python -m tools.ship_policies --measure [NAME ...]     what ships, measured again
-    python -m tools.ship_policies --cards [NAME ...]       the cards from what was measured
+    python -m tools.ship_policies RUN [NAME ...]           ship policies of `skystack reproduce`
+    python -m tools.ship_policies --measure [NAME ...]     measure shipped policies again
+    python -m tools.ship_policies --cards [NAME ...]       write the cards again
 
-Without a NAME: all experiments of the run, or all policies that ship. Of a run it is always the
-policy of the lowest seed, never the best.
+Without a NAME: all experiments of the run, or all shipped policies. From a run, the policy of the
+lowest seed is shipped, never the best one.
 """
 
 import argparse
@@ -29,52 +29,52 @@ from skystack.policies.measured import Measured
 from skystack.reporting import model_card
 from skystack.reproduction.run import machine
 
-JUDGED = (
+CONDITIONS = (
     Conditions(episodes=1000, stacking=False),
     Conditions(episodes=1000, stacking=True),
     Conditions(seed=1, episodes=10_000, stacking=True),
 )
-"""The last are other scenarios: settings of our own were chosen on those of evaluation seed 0."""
+"""The last one has other scenarios, because our settings were chosen on those of seed 0."""
 POLICY_FILES = ("policy.safetensors", "policy.json")
 
 
 def trained_policies(run: Path) -> dict[str, Path]:
-    """The folder of the lowest seed of every experiment that was trained in a run."""
+    """The folder of the lowest seed of every experiment trained in a run."""
     seeds: dict[str, dict[int, Path]] = {}
     for folder in run.glob("train/*/"):
         if found := re.fullmatch(r"(.+)-s(\d+)", folder.name):
             seeds.setdefault(found[1], {})[int(found[2])] = folder
     if not seeds:
-        raise InputError(f"{run}: holds no train/<experiment>-s<seed>; no run of reproduce")
+        raise InputError(f"{run}: has no train/<experiment>-s<seed> (allowed: a run of reproduce)")
     return {name: folders[min(folders)] for name, folders in sorted(seeds.items())}
 
 
 def load_trained(folder: Path, name: str) -> Policy:
-    """A policy of a run. Raises InputError unless it is what the experiment of the name says."""
+    """A policy of a run. Raises InputError unless its settings are those of the experiment."""
     policy = load_policy(folder)
-    described = policy.description
-    trained, stated = experiment_from(described.config, str(folder)), load_experiment(name)
+    description = policy.description
+    trained, expected = experiment_from(description.config, str(folder)), load_experiment(name)
     settings = ("name", "task", "ppo", "pretraining")
-    other = [each for each in settings if getattr(trained, each) != getattr(stated, each)]
-    if other:
+    different = [each for each in settings if getattr(trained, each) != getattr(expected, each)]
+    if different:
         raise InputError(
-            f"{folder}: trained with other settings than experiment {name} "
-            f"({', '.join(other)}); was it --quick?"
+            f"{folder}: was trained with other settings than experiment {name} "
+            f"({', '.join(different)}), perhaps with --quick"
         )
-    if folder.name != f"{described.experiment}-s{described.seed}":
-        raise InputError(f"{folder}: holds {described.experiment}, seed {described.seed}")
+    if folder.name != f"{description.experiment}-s{description.seed}":
+        raise InputError(f"{folder}: contains {description.experiment}, seed {description.seed}")
     return policy
 
 
 def measure(name: str, policy: Policy, revision: str | None, console: Console) -> Measured:
-    """Judge a policy that ships under a name, as `skystack evaluate` does."""
+    """Evaluate a policy that ships under a name, as `skystack evaluate` does."""
     rows = []
-    for conditions in JUDGED:
+    for conditions in CONDITIONS:
         command = f"skystack evaluate {name} --episodes {conditions.episodes}"
         command += f" --seed {conditions.seed} --{'' if conditions.stacking else 'no-'}stacking"
         console.print(command, highlight=False, soft_wrap=True)
-        judged = evaluate(policy, conditions, None)
-        row = aggregate([judged.row], [judged.episodes])
+        evaluated = evaluate(policy, conditions, None)
+        row = aggregate([evaluated.row], [evaluated.episodes])
         rows.append({"command": f"{command} --json"} | row)
     return Measured(
         format=measured.FORMAT,
@@ -87,16 +87,18 @@ def measure(name: str, policy: Policy, revision: str | None, console: Console) -
 
 
 def measured_before(name: str) -> Measured:
-    """What is written beside a shipped policy. Raises InputError where it is not of that policy."""
+    """The stored measurements of a shipped policy. Raises InputError for another policy's."""
     folder = shipped.SHIPPED / name
     found = measured.read_measured(folder)
     if found is None or found.sha256 != load_policy(folder).description.sha256:
-        raise InputError(f"{folder / measured.FILE}: not there or of another policy; use --measure")
+        raise InputError(
+            f"{folder / measured.FILE}: missing, or measured with another policy (use --measure)"
+        )
     return found
 
 
 def write(name: str, policy: Policy, found: Measured, source: Path | None = None) -> None:
-    """Write what was measured and the card, and the policy too where it comes from elsewhere."""
+    """Write the measurements and the card, and the policy if it comes from a run."""
     contents = {file: (source / file).read_bytes() for file in POLICY_FILES if source}
     contents[measured.FILE] = measured.to_json(found)
     contents[model_card.FILE] = model_card.card(name, policy, found).encode()
@@ -106,7 +108,7 @@ def write(name: str, policy: Policy, found: Measured, source: Path | None = None
 
 
 def revision() -> str | None:
-    """Of the code that measures, with `-dirty` where it was changed."""
+    """The git revision of the code, with `-dirty` if there are uncommitted changes."""
     command = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
     try:
         found = subprocess.run(
@@ -121,8 +123,10 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("words", nargs="*", metavar="[RUN] [NAME ...]")
     how = parser.add_mutually_exclusive_group()
-    how.add_argument("--measure", action="store_true", help="measure what ships; no RUN")
-    how.add_argument("--cards", action="store_true", help="write only the cards; no RUN")
+    how.add_argument(
+        "--measure", action="store_true", help="measure shipped policies again; no RUN"
+    )
+    how.add_argument("--cards", action="store_true", help="write the cards again; no RUN")
     options = parser.parse_args(arguments)
     if not (options.measure or options.cards or options.words):
         raise InputError("RUN is missing (or --measure, or --cards)")
@@ -137,7 +141,7 @@ def _chosen(names: Sequence[str], allowed: Sequence[str], where: str) -> list[st
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The command line; returns the exit code: 0 done, 2 wrong input."""
+    """The command line; returns the exit code: 0 success, 2 invalid input."""
     console = Console(stderr=True)
     try:
         options = _options(arguments)

@@ -1,1 +1,1 @@
-"""Checks of skystack that run for minutes or hours; `python -m verification.PACKAGE.MODULE`."""
+"""Checks that run for minutes or hours; run as `python -m verification.PACKAGE.MODULE`."""

@@ -1,22 +1,23 @@
 """skystack: online action-stacking for air traffic control.
 
-What most programs need stands here; each name is loaded when it is first used.
+The names that most programs need; each is imported when it is first used.
 
-    find_policy       a shipped policy by name, or that of a run folder: a callable of numpy
-    find_agent        the same, or the policy in a file: ONNX, Stable-Baselines3
-    evaluate          fly a policy, also a function, on held-out scenarios, under `Conditions`
-    Batched           marks a function of many observations at once as a policy
-    load_experiment   a task and how it is learned, by name or from a TOML file
-    train_experiment  train it into a folder
-    build_task        the task of an experiment's settings
-    find_sector       a sector by name or from a file
+    find_policy       load a policy by name or from a run folder, as a numpy callable
+    find_agent        the same, and also policies from ONNX or Stable-Baselines3 files
+    evaluate          fly a policy or a function on held-out scenarios, under `Conditions`
+    Batched           marks a function as a policy that takes a batch of observations
+    load_experiment   load an experiment (a task and its training) by name or from a TOML file
+    train_experiment  train an experiment; its files are written into a folder
+    build_task        build the task from an experiment's settings
+    find_sector       load a sector by name or from a file
     PlainTask         a task for plain Python: one scenario, numpy observations
-    stack             online action-stacking of any policy over anything `TwoPhase`
-    InputError        what every mistake in names, files and settings is raised as
+    stack             online action-stacking of any policy over any `TwoPhase` environment
+    InputError        raised for every mistake in names, files and settings
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+from warnings import warn
 
 if TYPE_CHECKING:
     from skystack.agents.agent import Batched
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
     from skystack.learning.run import train_experiment
     from skystack.policies.shipped import find_policy
     from skystack.stacking import Stack, TwoPhase, stack
-    from skystack.tasks.build import build_task
     from skystack.tasks.plain import PlainTask
+    from skystack.tasks.registry import build_task
 
 __version__ = "0.1.0"
 
@@ -58,7 +59,7 @@ _MODULES = {
     "PlainTask": "tasks.plain",
     "Stack": "stacking",
     "TwoPhase": "stacking",
-    "build_task": "tasks.build",
+    "build_task": "tasks.registry",
     "find_agent": "agents.find",
     "find_policy": "policies.shipped",
     "find_sector": "airspace.sectors",
@@ -69,7 +70,15 @@ _MODULES = {
 }
 
 
+_RENAMED = {"judge": "evaluate"}
+"""Names of older versions, which still work with a warning."""
+
+
 def __getattr__(name: str) -> Any:
+    if name in _RENAMED:
+        message = f"skystack.{name} was renamed to skystack.{_RENAMED[name]}"
+        warn(message, DeprecationWarning, stacklevel=2)
+        name = _RENAMED[name]
     if name not in _MODULES:
         raise AttributeError(f"module 'skystack' has no attribute {name!r}")
     return getattr(import_module(f"skystack.{_MODULES[name]}"), name)

@@ -1,4 +1,4 @@
-"""`python -m skystack` is `skystack`."""
+"""`python -m skystack` runs the command `skystack`."""
 
 import atexit
 import os
@@ -11,17 +11,17 @@ from skystack.io.streams import StandardError, open_standard_files
 
 
 def run() -> NoReturn:
-    """The command in a process of its own."""
+    """Run the command line and exit the process with its exit code."""
     with signals.ended_by_signals(last=True):
         open_standard_files()
         code = main()
-    ended = signals.exit_code()
-    if ended is None:
+    signal_code = signals.exit_code()
+    if signal_code is None:
         sys.exit(code)
-    # Threads may still be compiling or flying: at exit Python would wait for them, or crash.
+    # Threads may still be compiling or simulating: Python would wait for them at exit, or crash.
     atexit._run_exitfuncs()
     StandardError().flush()
-    os._exit(ended)
+    os._exit(signal_code)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What goes wrong in one clear line: a user's mistake (exit code 2), or a failure (1)."""
+"""Errors with one-line messages: user mistakes (exit code 2) and failures (exit code 1)."""
 
 import difflib
 import operator
@@ -8,25 +8,25 @@ from pathlib import Path
 from typing import Any
 
 LONGEST_LINE = 2000
-"""Characters of a message; files from strangers may hold names of any length."""
+"""The maximum length of a message in characters: untrusted files may hold names of any length."""
 
 
 class InputError(ValueError):
-    """Bad input from the user: the message says what, where and what is allowed, in one line.
+    """Bad input from the user. One line states what is wrong, where, and what is allowed.
 
-    What cannot be printed is escaped, and what is too long is cut.
+    Unprintable characters are escaped, and a message that is too long is truncated.
     """
 
     def __init__(self, message: str | Exception) -> None:
-        shown = str(message)  # Gymnasium's workers hand over the error itself as its message
-        if len(shown) > LONGEST_LINE:
-            shown = f"{shown[:LONGEST_LINE]}..."
-        super().__init__(printable(shown))
+        text = str(message)  # Gymnasium's workers pass the exception itself as the message
+        if len(text) > LONGEST_LINE:
+            text = f"{text[:LONGEST_LINE]}..."
+        super().__init__(printable(text))
 
 
 @contextmanager
 def error_context(where: str) -> Iterator[None]:
-    """Prefix the message of an InputError raised in the context with where it happened."""
+    """Prefix the message of an InputError raised inside the context with its location."""
     try:
         yield
     except InputError as error:
@@ -37,17 +37,18 @@ def printable(text: str) -> str:
     """The text with unprintable and control characters escaped."""
     if text.isprintable():
         return text
-    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
+    return "".join(char if char.isprintable() else ascii(char)[1:-1] for char in text)
 
 
 MOST_NUMBER = 2**31 - 1
-"""The greatest seed or count. JAX keeps 32 bits of a seed; greater ones would repeat scenarios."""
+"""The largest seed or count. JAX keeps 32 bits of a seed; larger seeds would repeat scenarios."""
 
 
 def checked_whole(name: str, value: Any, least: int, most: int | None = None) -> int:
-    """An integer of any library as an int. Raises InputError for other values or out of range.
+    """Convert an integer of any library to int.
 
-    True and False are refused, although Python counts them as numbers.
+    Raises InputError for other types and for values out of range. True and False are refused,
+    although Python treats them as integers.
     """
     kind = str(getattr(value, "dtype", type(value).__name__))
     try:
@@ -61,31 +62,31 @@ def checked_whole(name: str, value: Any, least: int, most: int | None = None) ->
 
 
 LONGEST_NAME, MOST_NAMES = 200, 2000
-"""Among which the nearest name is sought."""
+"""Limits for suggesting a similar name: its length, and the number of candidates."""
 
 
 class CheckpointError(InputError):
-    """What an earlier training left cannot be gone on with; nothing of it was changed."""
+    """An earlier training cannot be resumed; its files are unchanged."""
 
 
 class TrainingError(RuntimeError):
-    """Training cannot go on (a loss that is no number): the message names where; exit code 1."""
+    """Training cannot continue (e.g. a loss is not finite). The message says where; exit code 1."""
 
 
 class PlatformError(RuntimeError):
-    """Another simulator died, hung or lost an aircraft: the message names where; exit code 1."""
+    """Another simulator died, hung or lost an aircraft. The message says where; exit code 1."""
 
 
 def unknown_name(
     kind: str, name: str, allowed: Iterable[str], paths: Iterable[str] = ()
 ) -> InputError:
-    """The error for a name that does not exist, with the nearest one that does.
+    """The error for a name that does not exist; it suggests the most similar one that does.
 
-    `paths` are files or folders that may have been meant: one that is there is the nearest.
+    `paths` are files or folders that may have been meant: one that exists is suggested first.
     """
     names = sorted(allowed)
     near = [path for path in paths if exists(path)]
-    if len(name) <= LONGEST_NAME and len(names) <= MOST_NAMES:  # else it takes minutes
+    if len(name) <= LONGEST_NAME and len(names) <= MOST_NAMES:  # otherwise this takes minutes
         near += difflib.get_close_matches(name, names, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     return InputError(f"unknown {kind} {name!r}{hint} (allowed: {', '.join(names)})")
@@ -100,22 +101,22 @@ def exists(path: str | Path) -> bool:
 
 
 class MissingExtraError(InputError, ImportError):
-    """Packages of an extra are missing; also an ImportError, as Python expects from an import."""
+    """Packages of an extra are missing. Also an ImportError, as Python expects from an import."""
 
 
-def missing_extra(who: str, needs: str, extra: str) -> MissingExtraError:
-    """The error for what needs packages that are not installed, with the extra that has them."""
+def missing_extra(feature: str, needs: str, extra: str) -> MissingExtraError:
+    """The error for a feature whose packages are not installed; it names the extra to install."""
     error = MissingExtraError(
-        f"{who} needs {needs}, not installed here (install skystack with the extra [{extra}])"
+        f"{feature} needs {needs}, not installed here (install skystack with the extra [{extra}])"
     )
     error.name = needs
     return error
 
 
 @contextmanager
-def of_extra(who: str, extra: str) -> Iterator[None]:
+def of_extra(feature: str, extra: str) -> Iterator[None]:
     """Import packages of an extra in the context. Raises MissingExtraError if one is missing."""
     try:
         yield
-    except (ModuleNotFoundError, MissingExtraError) as error:  # the latter of a module of ours
-        raise missing_extra(who, str(error.name), extra) from None
+    except (ModuleNotFoundError, MissingExtraError) as error:  # the latter from our own modules
+        raise missing_extra(feature, str(error.name), extra) from None

@@ -1,21 +1,23 @@
-"""Online action-stacking: compile a policy's burst of equal instructions into one clearance.
+"""Online action-stacking: compile a policy's burst of identical instructions into one clearance.
 
-While physical time stands still the policy is asked again and again, each time seeing the cleared
-value that its last instruction led to, for as long as it answers with the same instruction. What it
-asked for is issued as one clearance; then one cycle is flown. (Section "Online Action-Stacking" of
-the paper.) Not to be confused with stacking past actions into an observation.
+While simulated time is frozen, the policy is queried repeatedly. Each query sees the cleared value
+that results from the previous instruction. The burst continues as long as the policy returns the
+same instruction. The burst is then compiled into one clearance, and one cycle is flown (section
+"Online Action-Stacking" of the paper). This is unrelated to stacking past actions into an
+observation.
 
-A policy is asked only if its answer can be used: not at the limit, nor when the instruction cannot
-be given again. So with a limit of one, even a policy with memory is asked once a cycle, as without
+The policy is queried only if its answer can be used: not at the limit, and not when the instruction
+cannot be repeated. With a limit of 1, even a stateful policy is queried once per cycle, as without
 stacking.
 
-This module knows policies and two-phase environments and nothing else. `stack` works with anything
-that computes; `stack_traced` does the same inside `jax.jit`, and `stack_many` for many scenarios
-whose policy runs outside it.
+This module depends on policies and two-phase environments only. `stack` runs in plain Python, with
+any array library; `stack_traced` runs inside `jax.jit`; `stack_many` handles many scenarios with a
+policy that runs outside `jax.jit`.
 """
 
 from collections.abc import Callable
 from copy import deepcopy
+from operator import eq
 from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 from skystack.errors import InputError, checked_whole
@@ -24,22 +26,22 @@ State = TypeVar("State")
 Carry = TypeVar("Carry")
 
 NO_OP = 0
-"""The action that instructs nobody."""
+"""The action that instructs no aircraft, in every task."""
 
 ENDLESS = 1000
-"""Instructions of one clearance at which a stack without a limit is held to have no end: far more
-than any task here can take."""
+"""The number of instructions at which a stack without a limit counts as endless. It is far more
+than any task here allows."""
 
 
 @runtime_checkable
 class TwoPhase(Protocol[State]):
-    """An environment in which telling takes no time.
+    """An environment in which issuing an instruction takes no simulated time.
 
-    `instruct` must leave everything physical as it is. `may_stack` says whether an instruction can
-    be given in a state: not to somebody who is gone, nor beyond a limit of the clearance.
+    `instruct` must not change any physical state. `may_stack` returns whether an instruction can be
+    issued in a state: not to an aircraft that has left, and not beyond a limit of the clearance.
 
-    Where it has `checked_action(action)` as well, `stack` passes every answer of the policy through
-    it: it returns the action, or raises for one that is not in its table.
+    If the environment also has a method `checked_action(action)`, `stack` passes every action of
+    the policy through it. It returns the action, or raises if the action is not in the table.
     """
 
     def observe(self, state: State) -> Any: ...
@@ -50,12 +52,27 @@ class TwoPhase(Protocol[State]):
 
 
 class Stack(NamedTuple):
-    """What one clearance was compiled from."""
+    """The burst from which one clearance is compiled."""
 
     action: Any
-    """The instruction asked for first."""
+    """The repeated instruction: the policy's first action in the cycle."""
     instructions: Any
-    """How often it was given in this cycle; 0: nothing is issued."""
+    """The number of times it was issued in this cycle. 0 means that there is no clearance."""
+
+
+def belongs(
+    action: Any, stack: Stack, same: Callable[[Any, Any], Any] = eq, no_op: Any = NO_OP
+) -> Any:
+    """Whether an action starts or continues a stack: the rule of online action-stacking.
+
+    Any instruction starts an empty stack; only the same instruction continues it. An action that
+    belongs to the stack is executed if `may_stack` allows it. Any other action ends the stack and
+    is not executed. Works elementwise on arrays of actions; pass `same` for actions that are arrays
+    themselves.
+    """
+    empty = stack.instructions == 0
+    starts, continues = same(action, no_op) ^ True, same(action, stack.action)
+    return (empty & starts) | ((empty ^ True) & continues)
 
 
 Both = Callable[[Any, Callable[[Any], Any]], Any]
@@ -63,13 +80,13 @@ Both = Callable[[Any, Callable[[Any], Any]], Any]
 
 
 def owned(answer: Any) -> Any:
-    """A copy of a mutable answer: policies may reuse one array for all of theirs."""
+    """The answer, copied if it is mutable: a policy may return the same array for every query."""
     mutable = hasattr(answer, "__array__") or isinstance(answer, list | tuple | dict)
     return deepcopy(answer) if mutable else answer
 
 
 def checked_limit(limit: Any) -> int:
-    """The most instructions of one clearance. Raises InputError for anything but 1, 2, ..."""
+    """The limit as an int. Raises InputError unless it is a whole number of at least 1."""
     return checked_whole("limit", limit, 1)
 
 
@@ -79,28 +96,29 @@ def stack(
     state: State,
     limit: int | None = None,
 ) -> tuple[State, Stack]:
-    """Instruct as long as the policy asks for the same thing; no time passes.
+    """Issue the policy's instruction for as long as it repeats it. No simulated time passes.
 
-    `policy` maps an observation to an action: a function of any library. `limit` is the most
-    instructions of one clearance, 1 to issue each by itself.
+    `policy` maps an observation to an action; it may use any library. `limit` is the maximum number
+    of instructions per clearance; with 1, every instruction is a clearance by itself.
 
-    Returns the instructed state, ready to be advanced one cycle, and what was issued. Raises
-    InputError for a limit below 1, and for a stack without end: no limit, a policy that never
-    changes its mind, and an environment that allows it.
+    Returns the instructed state, ready to be advanced one cycle, and the stack. Raises InputError
+    for a limit below 1, and for an endless stack: without a limit, the policy repeats the same
+    instruction and `may_stack` always allows it.
     """
     checked = getattr(environment, "checked_action", lambda action: action)
 
-    def ask(state: State, _number: Any, _who: Any) -> Any:
+    def query(state: State, _number: Any, _mask: Any) -> Any:
         return checked(owned(policy(environment.observe(state))))
 
-    burst = _Burst(environment, ask, _both, _while, limit)
-    told, issued = burst.compile(state, zero=0, asking=True)
+    burst = _Burst(environment, query, _both, _while, limit)
+    instructed_state, issued = burst.compile(state, zero=0, asking=True)
     if limit is None and issued.instructions >= ENDLESS:
         raise InputError(
-            f"an endless stack: the policy has asked for action {issued.action} {ENDLESS} times in "
-            "one cycle, and may_stack allows more (allowed: a limit, or a may_stack that says no)"
+            f"endless stack: the policy returned action {issued.action} {ENDLESS} times in one "
+            "cycle, and may_stack allows more (allowed: a limit, or a may_stack that ends the "
+            "stack)"
         )
-    return told, issued
+    return instructed_state, issued
 
 
 def stack_traced(
@@ -112,28 +130,28 @@ def stack_traced(
 ) -> tuple[State, Stack]:
     """`stack` for compiled programs: `policy` maps an observation and a random key to an action.
 
-    Every query has a key of its own, so that a policy that samples samples anew. A compiled program
-    cannot raise: without a limit a stack ends at `ENDLESS` instructions. Under `jax.vmap` a query
-    is computed for every scenario, even if its answer is not used.
+    Every query gets its own key, so a stochastic policy draws a new sample each time. A compiled
+    program cannot raise: without a limit, a stack ends at `ENDLESS` instructions. Under `jax.vmap`
+    a query is computed for every scenario, even if its answer is not used.
     """
-    import jax  # noqa: PLC0415  (plain callables need no JAX)
+    import jax  # noqa: PLC0415  (`stack` does not need JAX)
     import jax.numpy as jnp  # noqa: PLC0415
 
-    def ask(state: State, number: Any, _who: Any) -> Any:
+    def query(state: State, number: Any, _mask: Any) -> Any:
         return policy(environment.observe(state), jax.random.fold_in(key, number))
 
     def both(first: Any, second: Callable[[Any], Any]) -> Any:
         return jax.lax.cond(first, second, lambda first: first, first)
 
-    burst = _Burst(environment, ask, both, jax.lax.while_loop, limit)
+    burst = _Burst(environment, query, both, jax.lax.while_loop, limit)
     return burst.compile(state, jnp.zeros((), dtype=jnp.int32), jnp.ones((), dtype=bool))
 
 
 class ManyTwoPhase(TwoPhase[State], Protocol[State]):
-    """Many scenarios at once: actions and `may_stack` are arrays `[scenarios]`."""
+    """Many scenarios at once: actions and the results of `may_stack` are arrays `[scenarios]`."""
 
     def choose(self, condition: Any, yes: Any, no: Any) -> Any:
-        """One of two trees of arrays, scenario by scenario."""
+        """Select from two pytrees of arrays, scenario by scenario."""
 
 
 def stack_many(
@@ -145,13 +163,14 @@ def stack_many(
 ) -> tuple[State, Stack]:
     """`stack` for many scenarios at once, with a policy in plain Python.
 
-    `policy` maps observations, the scenarios that still ask (a mask `[scenarios]`) and the number
-    of each one's query in this cycle to an action for every scenario, `NO_OP` for the others.
-    `asking` masks the scenarios to begin with. Without a limit a stack ends at `ENDLESS`.
+    `policy` gets the observations, a mask `[scenarios]` of the scenarios that need an action, and
+    the index of each scenario's query in this cycle. It returns an action for every scenario,
+    `NO_OP` outside the mask. `asking` is the initial mask. Without a limit, a stack ends at
+    `ENDLESS` instructions.
     """
 
-    def ask(state: State, number: Any, who: Any) -> Any:
-        return owned(policy(environment.observe(state), who, number))
+    def query(state: State, number: Any, mask: Any) -> Any:
+        return owned(policy(environment.observe(state), mask, number))
 
     def both(first: Any, second: Callable[[Any], Any]) -> Any:
         return first & second(first) if first.any() else first
@@ -159,11 +178,11 @@ def stack_many(
     def while_any(
         condition: Callable[[Carry], Any], body: Callable[[Carry], Carry], carry: Carry
     ) -> Carry:
-        while (going := condition(carry)).any():
-            carry = environment.choose(going, body(carry), carry)
+        while (continues := condition(carry)).any():
+            carry = environment.choose(continues, body(carry), carry)
         return carry
 
-    burst = _Burst(environment, ask, both, while_any, limit)
+    burst = _Burst(environment, query, both, while_any, limit)
     return burst.compile(state, asking * 0, asking)
 
 
@@ -179,38 +198,41 @@ def _while(
     return carry
 
 
-class _Given(NamedTuple):
-    """A clearance under way."""
+class _LoopState(NamedTuple):
+    """The variables of the loop over the instructions of a burst."""
 
     state: Any
     instructions: Any
-    wanted: Any
-    """Whether the policy wants one more instruction."""
+    continues: Any
+    """Whether there is another instruction."""
 
 
 class _Burst(NamedTuple):
-    """The algorithm: for one scenario in Python, for one inside `jax.jit`, or for many."""
+    """The algorithm, shared by the plain loop, the traced loop and the loop over many scenarios."""
 
     environment: Any
-    ask: Callable[[Any, Any, Any], Any]
-    """Maps a state, the number of the query and a mask of scenarios to an action."""
+    query: Callable[[Any, Any, Any], Any]
+    """Maps a state, the index of the query and a mask of scenarios to an action."""
     both: Both
     while_loop: Callable[[Callable[[Any], Any], Callable[[Any], Any], Any], Any]
     limit: int | None
 
     def compile(self, state: Any, zero: Any, asking: Any) -> tuple[Any, Stack]:
         most = ENDLESS if self.limit is None else checked_limit(self.limit)
-        action = self.ask(state, zero, asking)
+        action = self.query(state, zero, asking)
 
-        def allowed(state: Any, when: Any) -> Any:
-            return self.both(when, lambda _: self.environment.may_stack(state, action))
+        def allowed(state: Any, condition: Any) -> Any:
+            return self.both(condition, lambda _: self.environment.may_stack(state, action))
 
-        def give(given: _Given) -> _Given:
-            told, count = self.environment.instruct(given.state, action), given.instructions + 1
-            useful = allowed(told, given.wanted & (count < most))
-            again = self.both(useful, lambda who: self.ask(told, count, who) == action)
-            return _Given(told, count, again)
+        def issue(loop: _LoopState) -> _LoopState:
+            state, count = self.environment.instruct(loop.state, action), loop.instructions + 1
+            repeatable = allowed(state, loop.continues & (count < most))
+            stack = Stack(action, count)
+            continues = self.both(
+                repeatable, lambda mask: belongs(self.query(state, count, mask), stack)
+            )
+            return _LoopState(state, count, continues)
 
-        first = _Given(state, zero, allowed(state, asking & (action != NO_OP)))
-        given = self.while_loop(lambda given: given.wanted, give, first)
-        return given.state, Stack(action, given.instructions)
+        starts = allowed(state, asking & belongs(action, Stack(action, zero)))
+        last = self.while_loop(lambda loop: loop.continues, issue, _LoopState(state, zero, starts))
+        return last.state, Stack(action, last.instructions)

@@ -31,20 +31,20 @@ def test_names_come_from_what_is_given():
     assert agent_of(rule).name == agent_of(Batched(rule)).name == "rule"
     assert agent_of(Model()).name == "Model"
     assert agent_of(lambda observation: 0).name == "policy"
-    judged = skystack.judge(rule, FEW, experiment="lateral", name="no rule")
+    judged = skystack.evaluate(rule, FEW, experiment="lateral", name="no rule")
     assert judged.row["experiment"] == "no-rule"
 
 
 def test_what_is_no_policy_is_refused():
     with pytest.raises(InputError, match=r"^policy is 3 .allowed: .*find_agent"):
-        skystack.judge(3, FEW, experiment="lateral")
+        skystack.evaluate(3, FEW, experiment="lateral")
 
 
 def test_the_experiment_must_be_given_and_fit():
-    with pytest.raises(InputError, match=r"does not say which exp.*--experiment NAME or FILE.toml"):
-        skystack.judge(lambda observation: 0, FEW)
+    with pytest.raises(InputError, match=r"needs an experiment.*--experiment NAME or FILE.toml"):
+        skystack.evaluate(lambda observation: 0, FEW)
     with pytest.raises(InputError, match="did you mean 'lateral'"):
-        skystack.judge(lambda observation: 0, FEW, experiment="laterla")
+        skystack.evaluate(lambda observation: 0, FEW, experiment="laterla")
     wrong = Agent("wrong", act=len, observations=7, actions=5)
     message = r"^wrong has 7 observed values and 5 actions \(allowed for vertical: 4, 3\)$"
     with pytest.raises(InputError, match=message):
@@ -55,20 +55,20 @@ def test_the_experiment_must_be_given_and_fit():
 
 def test_our_own_policies_carry_their_experiment():
     with pytest.raises(InputError, match=r"^lateral carries its own experiment"):
-        skystack.judge(skystack.find_policy("lateral"), FEW, experiment="lateral")
+        skystack.evaluate(skystack.find_policy("lateral"), FEW, experiment="lateral")
 
 
 def test_a_function_has_no_probabilities():
     greedless = FEW._replace(greedy=False)
     with pytest.raises(InputError, match="no probabilities to sample from"):
-        skystack.judge(lambda observation: 0, greedless, experiment="lateral")
+        skystack.evaluate(lambda observation: 0, greedless, experiment="lateral")
 
 
 def test_a_model_that_predicts_is_a_policy():
-    judged = skystack.judge(Model(), FEW, experiment="lateral")
+    judged = skystack.evaluate(Model(), FEW, experiment="lateral")
     assert judged.row["clearances_mean"] == 0.0
-    with pytest.raises(InputError, match=r"^scenario 0 and 1 more, cycle 0: it remembers"):
-        skystack.judge(Model(state=(1, 2)), FEW, experiment="lateral")
+    with pytest.raises(InputError, match=r"^scenario 0 and 1 more, cycle 0: it is recurrent"):
+        skystack.evaluate(Model(state=(1, 2)), FEW, experiment="lateral")
 
 
 def test_functions_reach_other_processes():
@@ -82,4 +82,4 @@ def test_what_cannot_reach_other_processes_is_refused():
     pytest.importorskip("bluebird_dt")
     elsewhere = FEW._replace(platform="bluebird")
     with pytest.raises(InputError, match="cannot be sent to other processes"):
-        skystack.judge(Model(), elsewhere, experiment="lateral")
+        skystack.evaluate(Model(), elsewhere, experiment="lateral")

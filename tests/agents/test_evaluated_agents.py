@@ -11,7 +11,7 @@ from skystack.agents.agent import Batched
 from skystack.cli import main
 from skystack.evaluation.agreement import same_clearances
 from skystack.learning.experiment import Experiment
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.settings import NavigationSettings
 
 TABLES = ["aircraft", "clearances", "episodes", "trajectories"]
 
@@ -76,7 +76,7 @@ def test_a_zip_is_judged_on_the_experiment_that_is_named(capsys, tmp_path):
     assert (code, row["experiment"], row["episodes"]) == (0, "model", 2)
     assert [path.name for path in (tmp_path / "e").iterdir()] == ["model-s0-skystack-stacked"]
     for words, why in (
-        ([], "model does not say which experiment it is for (allowed: --experiment NAME"),
+        ([], "model needs an experiment: none was given (allowed: --experiment NAME"),
         (["--experiment", "vertical"], "model has 8 observed values and 5 actions (allowed for ve"),
         (["--experiment", "lateral", "--sector", "merg"], "unknown sector 'merg'; did you mean"),
     ):
@@ -113,14 +113,14 @@ def turning(settings, until_deg):
 def test_a_function_flies_in_bluebird(stacking, tmp_path):
     """The same clearances as here: left turns of the first aircraft, in bursts."""
     pytest.importorskip("bluebird_dt")
-    settings = TaskSettings(features=("theta_f", "d_f"), cycles=100)
+    settings = NavigationSettings(features=("theta_f", "d_f"), cycles=100)
     experiment = Experiment("turning", task=settings)
     turn = turning(settings, until_deg=25.0)
     conditions = skystack.Conditions(episodes=2, stacking=stacking)
-    here = skystack.judge(turn, conditions, tmp_path, experiment=experiment)
+    here = skystack.evaluate(turn, conditions, tmp_path, experiment=experiment)
     many = Batched(lambda observations: np.array([turn(seen) for seen in observations]))
     for policy in (turn, many) if stacking else (turn,):
-        there = skystack.judge(
+        there = skystack.evaluate(
             policy,
             conditions._replace(platform="bluebird"),
             tmp_path,
@@ -139,7 +139,7 @@ def test_an_onnx_file_flies_in_bluebird(onnx_file):
     pytest.importorskip("bluebird_dt")
     agent = skystack.find_agent(str(onnx_file))
     here, there = (
-        skystack.judge(agent, skystack.Conditions(episodes=2, platform=platform))
+        skystack.evaluate(agent, skystack.Conditions(episodes=2, platform=platform))
         for platform in ("skystack", "bluebird")
     )
     assert all(same_clearances(here.clearances, there.clearances, range(2)))
@@ -154,12 +154,12 @@ def test_a_function_that_fails_elsewhere_is_named_too():
         calls.append(seen)
         return 1 // (4 - len(calls))
 
-    settings = TaskSettings(cycles=100)
+    settings = NavigationSettings(cycles=100)
     with pytest.raises(
         skystack.InputError,
         match=r"^scenario \d, cycle \d: the policy failed: ZeroDivisionError: .*zero$",
     ):
-        skystack.judge(
+        skystack.evaluate(
             fails,
             skystack.Conditions(episodes=2, platform="bluebird"),
             experiment=Experiment("short", task=settings),

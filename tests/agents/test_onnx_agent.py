@@ -89,10 +89,10 @@ def test_an_export_of_ours_knows_its_experiment(tmp_path):
     assert agent.facts.experiment == "lateral-best"
     assert agent.facts.sha256 == policy.description.sha256
     assert agent_task(agent, None).observation_names == policy.description.observation
-    with pytest.raises(InputError, match="mine: its observation or actions are not those"):
+    with pytest.raises(InputError, match="mine: its observation or actions differ from those"):
         agent_task(agent, "lateral-large")
     conditions = Conditions(episodes=3)
-    theirs, ours = (skystack.judge(each, conditions) for each in (agent, policy))
+    theirs, ours = (skystack.evaluate(each, conditions) for each in (agent, policy))
     assert theirs.clearances.equals(ours.clearances)
     assert (theirs.row["experiment"], theirs.row["seed"]) == ("mine", ours.row["seed"])
 
@@ -119,10 +119,10 @@ def test_metadata_is_read_with_care(tmp_path):
     # Another program may use some of the same words.
     assert read_onnx(write(path, experiment="mlflow", seed="x")).facts is None
     for name in (str(tmp_path / "secret.toml"), "../secret", ""):
-        with pytest.raises(InputError, match="experiment in its metadata is damaged: Expected 1 "):
+        with pytest.raises(InputError, match=r"metadata is damaged: experiment is .*: 1 to 80 of"):
             read_onnx(write(path, **facts(experiment=name)))
     elsewhere = read_onnx(write(path, **facts(experiment="secret.toml")))
-    with pytest.raises(InputError, match=r"does not ship.*--experiment NAME"):
+    with pytest.raises(InputError, match=r"is not shipped.*--experiment NAME"):
         agent_task(elsewhere, None)
 
 

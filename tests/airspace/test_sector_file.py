@@ -203,9 +203,9 @@ HOLE = [[9.9, 49.9], [10.1, 49.9], [10.1, 50.1]]
         (
             ["area"],
             {"type": "FeatureCollection", "features": []},
-            "area: is a FeatureCollection (allowed: of just one",
+            "area: is a FeatureCollection (allowed: one with exactly one Feature",
         ),
-        (["area", "coordinates"], [SQUARE, HOLE], "area: coordinates must hold one ring"),
+        (["area", "coordinates"], [SQUARE, HOLE], "area: coordinates must contain one ring"),
         (
             ["area", "coordinates"],
             [[[1, "x"]]],
@@ -214,12 +214,12 @@ HOLE = [[9.9, 49.9], [10.1, 49.9], [10.1, 50.1]]
         (
             ["area"],
             {"type": "MultiPolygon", "coordinates": [[SQUARE], [HOLE]]},
-            "area: is a MultiPolygon of 2 separate polygons (allowed: one, or one area cut at the",
+            "area: is a MultiPolygon of 2 separate polygons (allowed: one polygon, or one area",
         ),
         (
             ["area"],
             {"type": "MultiPolygon", "coordinates": []},
-            "area: coordinates holds no polygon (allowed: a MultiPolygon of one",
+            "area: coordinates has no polygon (allowed: a MultiPolygon of one",
         ),
         (
             ["area", "coordinates", 0, 1],
@@ -230,12 +230,16 @@ HOLE = [[9.9, 49.9], [10.1, 49.9], [10.1, 50.1]]
         (
             ["area", "coordinates"],
             [[[0.0, 60.0], [120.0, 60.0], [-120.0, 60.0]]],
-            "area: leads round a pole (allowed: an area that does not hold one)",
+            "area: contains a pole (allowed: an area that does not)",
         ),
-        (["separation_nm"], 0.0, "separation_nm is 0 (allowed: number >= 0.1)"),
-        (["separation_fl"], 10.5, "separation_fl is 10.5 (allowed: whole number)"),
-        (["separation_fl"], "10", 'separation_fl is "10" (allowed: whole number)'),
-        (["levels_fl"], [200.5, 400], "levels_fl[0] is 200.5 (allowed: whole number)"),
+        (["separation_nm"], 0.0, "separation_nm is 0 (allowed: number from 0.1 to 50)"),
+        (["separation_fl"], 10.5, "separation_fl is 10.5 (allowed: whole number from 1 to 100)"),
+        (["separation_fl"], "10", 'separation_fl is "10" (allowed: whole number from 1 to 100)'),
+        (
+            ["levels_fl"],
+            [200.5, 400],
+            "levels_fl[0] is 200.5 (allowed: whole number from 0 to 600, a multiple of 10)",
+        ),
         (["levels_fl"], [1e300, 400], "levels_fl[0] is 1e+300 (allowed: "),
         (
             ["area", "coordinates"],
@@ -245,7 +249,7 @@ HOLE = [[9.9, 49.9], [10.1, 49.9], [10.1, 50.1]]
         (
             ["area", "coordinates"],
             [BOW_TIE],
-            "area: is no plain polygon: Self-intersection at lat 50.0000, lon 10.0000",
+            "area: is not a simple polygon: Self-intersection at lat 50.0000, lon 10.0000",
         ),
         (["area", "coordinates", 0, 1], [60.0, 49.5], "area: a vertex is"),
         (["area", "coordinates", 0, 1], [-179.0, 49.5], "area: a vertex is"),
@@ -253,17 +257,17 @@ HOLE = [[9.9, 49.9], [10.1, 49.9], [10.1, 50.1]]
             ["area", "coordinates", 0],
             [at[::-1] for at in SQUARE],
             "fixes.WESTO is 3131 NM from the origin at lat 50.0, lon 9.3 (allowed: at most 400 NM; "
-            "are they exchanged? GeoJSON has the longitude first)",
+            "are they swapped? GeoJSON lists the longitude first)",
         ),
-        (["fixes", "MIDDL", "lat"], 91.0, "fixes.MIDDL: lat is 91 (allowed: number <= 75.0)"),
-        (["fixes", "MIDDL", "lat"], "x", 'fixes.MIDDL: lat is "x" (allowed: number)'),
+        (["fixes", "MIDDL", "lat"], 91.0, "fixes.MIDDL.lat is 91 (allowed: number from -75 to 75)"),
+        (["fixes", "MIDDL", "lat"], "x", 'fixes.MIDDL.lat is "x" (allowed: number from -75 to'),
         (["fixes", "MIDDL", "alt"], 3, "fixes.MIDDL: unknown field 'alt'; did you mean 'lat'?"),
         (["fixes", "MIDDL", "lat"], 70.0, "fixes.MIDDL is 1203 NM from the origin"),
         (["fixes", " X"], {"lat": 50.0, "lon": 10.0}, "fixes: ' X' is \" X\" (allowed: 1 to 40"),
         (["routes"], [], "routes is empty"),
         (["routes", 0, 1], "MIDDLE", "routes[0]: unknown fix 'MIDDLE'; did you mean 'MIDDL'?"),
-        (["routes"], [["WESTO", "EASTO"]], "routes[0]: it is"),
-        (["routes"], PLAIN["routes"] * 2, "routes[1]: it is"),
+        (["routes"], [["WESTO", "EASTO"]], "routes[0]: the route is"),
+        (["routes"], PLAIN["routes"] * 2, "routes[1]: the route is"),
         (
             ["fixes", "WESTO", "lon"],
             9.8,
@@ -272,19 +276,21 @@ HOLE = [[9.9, 49.9], [10.1, 49.9], [10.1, 50.1]]
         (
             ["fixes", "EDGED", "lon"],
             10.4,  # a tenth of a degree inside: 6.01 NM times the cosine of 50 degrees
-            "routes[0]: its exit EDGED is not on an edge but 3.87 NM off lat 50.0000, lon 10.5000",
+            "routes[0]: its exit fix EDGED is not on an edge of the area; lat 50.0000, lon 10.5000 "
+            "is, 3.87 NM away",
         ),
-        (["fixes", "EDGED", "lat"], 50.4999, "routes[0]: its exit EDGED is not on an edge"),
-        (["fixes", "MIDDL"], {"lat": 50.0, "lon": 9.3}, "routes[0]: it is"),
+        (["fixes", "EDGED", "lat"], 50.4999, "routes[0]: its exit fix EDGED is not on an edge"),
+        (["fixes", "MIDDL"], {"lat": 50.0, "lon": 9.3}, "routes[0]: the route is"),
         (
             ["fixes", "EASTO"],
             {"lat": 51.0, "lon": 10.2},
-            "routes[0]: its last leg does not lead out over the edge of EDGED",
+            "routes[0]: its last leg does not leave the area across the edge at EDGED",
         ),
         (
             ["area", "coordinates", 0],  # at the exit, an edge of 0.015 degrees of the meridian
             [*SQUARE[:2], [10.5, 49.9925], [10.5, 50.0075], *SQUARE[2:]],
-            "routes[0]: its exit EDGED is nearest to an edge of 0.90 NM (allowed: an edge of more",
+            "routes[0]: its exit fix EDGED is nearest to an edge of 0.90 NM (allowed: an edge of "
+            "more",
         ),
     ],
 )
@@ -375,7 +381,7 @@ def test_a_regular_polygon_anywhere_keeps_its_size(lat, lon, corners, radius_nm,
     [
         (1001, 1, 1, r"sector.json: fixes has 1001 entries \(allowed: at most 1000\)"),
         (4, 201, 1, r"sector.json: routes has 201 entries \(allowed: at most 200\)"),
-        (5, 1, 98, r"sector.json: routes\[0\]: it has 101 entries \(allowed: at most 100\)"),
+        (5, 1, 98, r"sector.json: routes\[0\]: the route has 101 entries \(allowed: at most 100\)"),
         (1000, 1, 97, None),
     ],
 )
@@ -398,5 +404,5 @@ def test_an_area_whose_edges_meet_in_the_plane_alone_is_refused():
     entry = msgspec.structs.replace(
         read_sector(EXAMPLES / "own-sector" / "valley.json"), area=area, origin=None
     )
-    with pytest.raises(InputError, match="area: is no plain polygon"):
+    with pytest.raises(InputError, match="area: is not a simple polygon"):
         make_sector(entry)

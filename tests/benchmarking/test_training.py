@@ -11,7 +11,7 @@ from skystack.benchmarking import training
 from skystack.learning import ppo
 from skystack.learning.experiment import load_experiment
 from skystack.learning.seeds import training_key
-from skystack.tasks.build import build_training_task
+from skystack.tasks.registry import build_training_task
 
 SMALL = ("ppo.environments=4", "ppo.steps=8", "ppo.minibatch=16", "ppo.epochs=2")
 

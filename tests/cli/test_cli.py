@@ -161,23 +161,23 @@ def test_what_a_training_says_before_it_begins(capsys, tmp_path):
     code, _, err = run(capsys, "train", "lateral-best", "--out", out, "--resume", *SMALL)
     assert code == 0
     lines = err.splitlines()
-    assert lines[0].startswith("pretraining.steps (800,000) takes all of ppo.total_steps (512)")
-    assert lines[1] == f"{out} holds no checkpoint: training begins anew"
+    assert lines[0].startswith("pretraining.steps (800,000) covers all of ppo.total_steps (512)")
+    assert lines[1] == f"{out} has no checkpoint: training starts from the beginning"
     assert lines[2] == "compiling ..."
     before = (tmp_path / "run" / "policy.safetensors").read_bytes()
     code, _, err = run(capsys, "train", "lateral-best", "--out", out, "--seed", "1", *SMALL)
     assert (code, err.count("\n")) == (2, 1)
-    assert "holds a trained policy already" in err
+    assert "already contains a trained policy" in err
     assert (tmp_path / "run" / "policy.safetensors").read_bytes() == before
     (tmp_path / "run" / "policy.json").unlink()
     code, _, err = run(capsys, "evaluate", out)
     assert (code, err) == (
         2,
-        f"skystack: {out}: its training is not finished (go on with train --resume)\n",
+        f"skystack: {out}: training is not finished (resume with train --resume)\n",
     )
     code, _, err = run(capsys, "train", "lateral-best", "--out", out, *SMALL)
     assert (code, err.count("\n")) == (2, 1)
-    assert "holds a training that is not finished (allowed: --resume" in err
+    assert "contains an unfinished training run (allowed: --resume" in err
 
 
 def test_a_reproduction_is_alone_in_its_folder(capsys, tmp_path):
@@ -330,19 +330,19 @@ def test_a_training_that_is_refused_leaves_no_event_files(capsys, tmp_path):
     (tmp_path / "policy.json").write_bytes(shipped.read_bytes())
     code, _, err = run(capsys, "train", "lateral", "--tensorboard", "--out", str(tmp_path))
     assert (code, err.count("\n")) == (2, 1)
-    assert "holds a trained policy already" in err
+    assert "already contains a trained policy" in err
     assert not (tmp_path / "tensorboard").exists()
 
 
 def test_scenarios_that_a_platform_did_not_finish_are_named(capsys, monkeypatch):
-    from skystack.evaluation import judge
+    from skystack.evaluation import evaluate
 
     def fails(task, controller, conditions, out, failed, on_scenario):
         failed |= {1: "took more than 9 s", 2: "Bird has lost AC1"}
-        yield from judge.prepare(task, controller().decide, True)(controller().weights, 0, 2)
+        yield from evaluate.prepare(task, controller().decide, True)(controller().weights, 0, 2)
 
-    monkeypatch.setattr(judge, "_fly_elsewhere", fails)
-    monkeypatch.setattr(judge, "check_platform", lambda name: None)
+    monkeypatch.setattr(evaluate, "_fly_on_platform", fails)
+    monkeypatch.setattr(evaluate, "check_platform", lambda name: None)
     arguments = ["evaluate", "lateral-best", "--platform", "bluebird", "--episodes", "2", "--json"]
     code, out, err = run(capsys, *arguments)
     assert code == 1
@@ -390,13 +390,13 @@ def test_reproduce_quick_from_end_to_end(capsys, tmp_path, monkeypatch):
     from skystack.reproduction import plan
 
     names = ("lateral-undamped", "lateral", "lateral-best")
-    monkeypatch.setitem(plan.FAMILIES, "lateral", names)
+    monkeypatch.setattr(plan, "families_of_experiments", lambda: {"lateral": names})
     monkeypatch.setattr(plan, "QUICK_STEPS", 8192)
     out_folder = tmp_path / "run"
     command = ("reproduce", "--episodes", "12", "--json", "--out", str(out_folder))
     code, out, err = run(capsys, *command)
     assert code == 0, err
-    assert "kept" not in err
+    assert "reused" not in err
     result = json.loads(out)
     rows = {(row["experiment"], row["stacking"]) for row in result["rows"]}
     assert rows == {(name, way) for name in names for way in (False, True)} | {
@@ -411,7 +411,7 @@ def test_reproduce_quick_from_end_to_end(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr("skystack.reporting.report.write_report", lambda run: run / "report.html")
     code, again, err = run(capsys, *command)  # drawing the report again would take long
     assert code == 0, err
-    assert "10 finished pieces kept from an earlier run" in err  # 3 trainings, 7 evaluations
+    assert "10 finished pieces reused from an earlier run" in err  # 3 trainings, 7 evaluations
     same = ("rows", "rows_by_seed", "comparisons", "train")
     assert [json.loads(again)[key] for key in same] == [result[key] for key in same]
     one = str(out_folder / "train" / "lateral-s0")
@@ -421,7 +421,7 @@ def test_reproduce_quick_from_end_to_end(capsys, tmp_path, monkeypatch):
     compared = json.loads(out)
     assert len(compared["train"]) == len(names) + 1
     assert {each["run"] for each in compared["rows"]} == {"run"}
-    assert "Runs side by side" in page.read_text()
+    assert "<h1>Comparison of runs</h1>" in page.read_text()
 
 
 def test_the_command_to_go_on_can_be_pasted(capsys, tmp_path, monkeypatch):
@@ -432,7 +432,7 @@ def test_the_command_to_go_on_can_be_pasted(capsys, tmp_path, monkeypatch):
     out, change = str(tmp_path / "a b"), 'description=it\'s "x" $HOME'
     code, _, err = run(capsys, "train", "vertical", "--out", out, "--set", change)
     assert code == 130
-    _, _, command = err.splitlines()[-1].partition("to go on: ")
+    _, _, command = err.splitlines()[-1].partition("to resume: ")
     words = ["train", "vertical", "--seed", "0", "--out", out, "--resume", "--set", change]
     assert shlex.split(command) == ["skystack", *words]
 
@@ -452,7 +452,7 @@ MISTAKES = [
     (["evaluate", "lateral", "--episodes", "0"], "--episodes"),
     (["evaluate", "lateral", "--episodes", "many"], "whole numbers"),
     (["evaluate", "lateral", "--greedy", "--sample"], "not allowed with"),
-    (["evaluate", "nowhere"], "no shipped one"),
+    (["evaluate", "nowhere"], "neither a shipped policy"),
     (["simulate", "nowhere.json"], "nowhere.json"),
     (
         ["simulate", str(EXAMPLES / "climb.json"), "--platform", "bluebrid"],
@@ -596,7 +596,7 @@ def test_interrupting_training_ends_cleanly_and_can_be_resumed(tmp_path):
 def test_bench_measures_us_and_names_the_peers_that_are_not_there(capsys, monkeypatch, words):
     fast = Figure("fast", "steps/s", (3.0, 5.0, 4.0), "sitting")
     if words:
-        monkeypatch.setattr(benchmarking, "measure_ourselves", lambda effort, told: [fast])
+        monkeypatch.setattr(benchmarking, "measure_ourselves", lambda effort, on_group: [fast])
         monkeypatch.setattr(peers, "PEERS", (*PEERS_THERE, Peer("absent", "fast", absent, "")))
     assert main(["bench", "--quick", "--json", *words]) == 0
     found = json.loads(capsys.readouterr().out)

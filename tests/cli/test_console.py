@@ -8,7 +8,7 @@ from rich.table import Table
 
 from skystack.cli import console
 from skystack.cli.console import count_scenarios, output, prose, show_progress
-from skystack.learning.run import Progress
+from skystack.learning.run import TrainingProgress
 
 HOSTILE = "[/b][red]\x1b[31m\x9b\u202e[link=http://x]:smile:\r"
 ESCAPED = "[/b][red]\\x1b[31m\\x9b\\u202e[link=http://x]:smile:\\r"
@@ -52,7 +52,7 @@ def test_tables_titles_captions_and_texts(monkeypatch):
 def test_progress_of_trainings(monkeypatch):
     both = terminal(monkeypatch)
     with show_progress() as report:
-        report(HOSTILE, Progress(1, 2, 3.0, {"success": 0.5, "return": 1.0}))
+        report(HOSTILE, TrainingProgress(1, 2, 3.0, {"success": 0.5, "return": 1.0}))
     assert ESCAPED in plain(both)
 
 

@@ -87,7 +87,7 @@ def test_damaged_programs_are_dropped_and_compiled_again(tmp_path):
             path.unlink()
             path.write_bytes(damage)
             with ExitStack() as stack:
-                left = programs._own_folder(path.parent, stack)
+                left = programs._work_folder(path.parent, stack)
                 assert not path.exists()
                 assert not (left / path.stem).exists()
             path.write_bytes(data)
@@ -182,7 +182,7 @@ def test_a_full_disk_means_no_cache(monkeypatch, tmp_path):
 
     monkeypatch.setattr(tempfile, "mkdtemp", full)
     with ExitStack() as stack:
-        assert programs._own_folder(tmp_path, stack) is None
+        assert programs._work_folder(tmp_path, stack) is None
 
 
 def test_the_oldest_programs_make_room(monkeypatch, tmp_path):

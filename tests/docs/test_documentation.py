@@ -14,7 +14,7 @@ import pytest
 import dev
 from skystack.airspace.sector_file import read_sector
 from skystack.cli import main
-from skystack.cli.arguments import build_parser, parse, verbs_of
+from skystack.cli.arguments import build_parser, parse
 from skystack.learning.experiment import load_experiment
 from skystack.simulator.scenario_file import load_scenario
 from tests.docs.blocks import PAGES, ROOT, anchors, blocks
@@ -66,7 +66,7 @@ def check_named(text):
     """A command in a sentence leaves out what does not matter there; what it names exists."""
     _, *words = shlex.split(text)
     if not words[0].startswith("-"):
-        parser = verbs_of(build_parser())[words[0]]
+        parser = build_parser().verbs[words[0]]
         options = {word.split("=")[0] for word in words if word.startswith("--")}
         assert options <= set(parser._option_string_actions), text
 

@@ -5,7 +5,7 @@ import numpy as np
 from skystack.evaluation.rollout import Recording
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import Traffic
-from skystack.tasks.contract import Metrics
+from skystack.tasks.contract import AircraftStatus
 
 UNSEEN = {"next_fix": 1, "turn_radius_nm": 0.0, "pending_turn": 0, "turn_deg": 0.0}
 
@@ -46,9 +46,7 @@ def recording(number, ran, aircraft=2, *, start=None, later=None, **fields):
     nothing = np.zeros((scenarios, cycles, aircraft), dtype=bool)
     usual = {
         "exit_level_ticks": np.full((scenarios, aircraft), 300.0 * TICKS_PER_FL, dtype=np.float32),
-        "entered": nothing,
-        "exited": nothing,
-        "excursion": nothing,
+        "status": AircraftStatus(entered=nothing, exited=nothing, excursion=nothing),
         "action": np.zeros(ran.shape, dtype=np.int32),
         "instructions": np.zeros(ran.shape, dtype=np.int32),
         "reward": np.zeros(ran.shape, dtype=np.float32),
@@ -75,9 +73,7 @@ def metrics(scenarios, **given):
         "min_separation_nm": np.inf,
         "cycles": 1.0,
     }
-    return Metrics(
-        **{
-            name: np.full(scenarios, given.get(name, value), dtype=np.asarray(value).dtype)
-            for name, value in usual.items()
-        }
-    )
+    return {
+        name: np.full(scenarios, given.get(name, value), dtype=np.asarray(value).dtype)
+        for name, value in usual.items()
+    }

@@ -55,7 +55,7 @@ def test_only_a_direction_may_be_unknown(name, kind):
     if name == "direction":
         check(name, values)
     else:
-        refused(name, values, f"column '{name}' holds nothing in 2 rows")
+        refused(name, values, f"column '{name}' is empty in 2 rows")
 
 
 @pytest.mark.parametrize("name", WHOLE)

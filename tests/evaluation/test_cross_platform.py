@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 
 from skystack.errors import PlatformError
-from skystack.evaluation import everywhere
+from skystack.evaluation import cross_platform
 from skystack.evaluation.cross_platform import evaluate_on_platforms
 from skystack.evaluation.evaluate import Evaluation
 from skystack.policies.shipped import find_policy
@@ -52,7 +52,7 @@ def fake(policy, conditions, out, on_scenario=None):
 
 
 def test_every_platform_stands_beside_ours(monkeypatch):
-    monkeypatch.setattr(everywhere, "judge", fake)
+    monkeypatch.setattr(cross_platform, "evaluate", fake)
     counted = []
 
     @contextmanager

@@ -24,8 +24,8 @@ from skystack.learning.experiment import load_experiment
 from skystack.learning.policy import Policy
 from skystack.learning.seeds import scenario_key, training_key
 from skystack.policies.shipped import find_policy
-from skystack.tasks.build import build_task
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings
 
 TABLES = ("episodes", "aircraft", "trajectories", "clearances")
 EPISODES = 60
@@ -53,14 +53,14 @@ def column(table, name):
 
 def test_an_answer_outside_the_action_table_is_named():
     """Inside a compiled program, where an index beyond an array raises nothing."""
-    task = build_task(TaskSettings(cycles=4))
+    task = build_task(NavigationSettings(cycles=4))
     wild = Controller(lambda weights, observation, key: jnp.full((), 99, dtype=jnp.int32))
     with pytest.raises(InputError, match=r"^scenario 0, cycle 0: action is 99 \(allowed: .* to 4"):
         fly(task, wild, 0, 2, stacking=True)
 
 
 def test_scenarios_depend_on_seed_and_number_only():
-    task = build_task(TaskSettings())
+    task = build_task(NavigationSettings())
     few, many = (fly(task, NO_OP_CONTROLLER, 0, count, False).start for count in (3, 7))
     other = fly(task, NO_OP_CONTROLLER, 1, 3, False).start
     np.testing.assert_array_equal(few.position_nm, many.position_nm[:3])
@@ -86,7 +86,7 @@ def test_doing_nothing_succeeds_where_both_routes_are_straight():
     expected = straight[flight.start.route].all(axis=1)
     assert expected.sum() > 0
     # What the task says of a scenario is what it said in its last cycle.
-    np.testing.assert_array_equal(flight.metrics.cycles, flight.ran.sum(axis=1))
+    np.testing.assert_array_equal(flight.metrics["cycles"], flight.ran.sum(axis=1))
     assert not flight.reward[~flight.ran].any()
     result = evaluate_no_op(experiment, Conditions(episodes=300), None)
     np.testing.assert_array_equal(column(result.episodes, "success"), expected)

@@ -15,12 +15,12 @@ from skystack.learning.experiment import Experiment
 from skystack.learning.seeds import scenario_key
 from skystack.policies.shipped import find_policy
 from skystack.stacking import stack
-from skystack.tasks.build import build_task
 from skystack.tasks.plain import PlainTask
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings
 
-SHORT = Experiment("short", task=TaskSettings(cycles=98))
-AIMED = Experiment("aimed", task=TaskSettings(features=("theta_f", "theta_sf", "d_f")))
+SHORT = Experiment("short", task=NavigationSettings(cycles=98))
+AIMED = Experiment("aimed", task=NavigationSettings(features=("theta_f", "theta_sf", "d_f")))
 
 
 def aim(seen):
@@ -88,7 +88,7 @@ def test_stacks_are_those_of_the_plain_loop():
             assert found == (clearance.action, clearance.instructions)
             issued += clearance.instructions > 0
             seen, outcome = sky.advance(seen)
-            over, cycle = bool(outcome.terminated), cycle + 1
+            over, cycle = bool(outcome.ended), cycle + 1
         assert recording.ran[number].sum() == cycle
         assert 0 < issued == (recording.instructions[number] > 0).sum()
 
@@ -106,7 +106,7 @@ def test_a_rule_succeeds_and_stacking_saves_clearances(tmp_path):
 
 def test_doing_nothing_is_doing_nothing():
     ours = evaluate_no_op(SHORT, Conditions(episodes=7), None)
-    theirs = skystack.judge(lambda seen: 0, Conditions(episodes=7), experiment=SHORT)
+    theirs = skystack.evaluate(lambda seen: 0, Conditions(episodes=7), experiment=SHORT)
     assert theirs.clearances.num_rows == 0
     assert theirs.episodes.drop(["return", "min_separation_nm"]).equals(
         ours.episodes.drop(["return", "min_separation_nm"])
@@ -186,7 +186,7 @@ def test_answers_of_a_wrong_shape_are_named():
         flown(Batched(lambda observations: [0]))
     with pytest.raises(InputError, match=r"^scenario 0, cycle 0: action is \[0\] "):
         flown(Batched(lambda observations: np.zeros((3, 1), dtype=int)))
-    with pytest.raises(InputError, match=r"cycle 0: its answers are 2.5 .allowed: 3, one for each"):
+    with pytest.raises(InputError, match=r"cycle 0: its answers are 2.5 .allowed: 3, one per"):
         flown(Batched(lambda observations: np.float32(2.5)))
     with pytest.raises(InputError, match=r"^scenario 0, cycle 0: action is None "):
         flown(lambda seen: None)

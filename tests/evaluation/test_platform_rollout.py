@@ -14,8 +14,8 @@ from skystack.evaluation.platform_rollout import PlatformRollout, fly_on_platfor
 from skystack.evaluation.rollout import NO_OP_CONTROLLER, concatenate, fly, network_controller
 from skystack.evaluation.tables import make_tables
 from skystack.policies.shipped import find_policy
-from skystack.tasks.build import build_task
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings
 from tests.waiting import HANGS_S
 
 from .faulty import (
@@ -36,7 +36,7 @@ def nobody():
     return NO_OP_CONTROLLER
 
 
-SHORT = build_task(TaskSettings(cycles=12))
+SHORT = build_task(NavigationSettings(cycles=12))
 
 
 def test_our_simulator_flies_the_same_through_the_protocol(tmp_path):

@@ -12,14 +12,15 @@ from skystack.evaluation.hosted import HostedController, fly_hosted
 from skystack.evaluation.platform_rollout import Pilot, PlatformRollout
 from skystack.evaluation.rollout import Controller, concatenate, prepare, recording_of
 from skystack.learning.seeds import scenario_key
-from skystack.tasks.build import build_task
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.contract import AircraftStatus
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings
 
 from .faulty import open_own
 from .recordings import metrics, traffic
 
 SEED, SCENARIOS = 3, 4
-TASK = build_task(TaskSettings(cycles=12))
+TASK = build_task(NavigationSettings(cycles=12))
 ACTIONS = len(TASK.action_names)
 
 
@@ -108,11 +109,11 @@ def test_a_wrong_answer_is_named_with_its_scenario_wherever_that_is_flown():
 
 def cycle(level, ran, reward, cycles):
     """What is kept of a cycle of two scenarios with one aircraft each."""
-    flags = [np.array([[each > 1.0] for each in level])] * 3
+    status = AircraftStatus(*[np.array([[each > 1.0] for each in level])] * 3)
     action, instructions = np.array([1, 2]), np.array([1, 3])
     now = traffic((2, 1), level_ticks=np.array(level)[:, None])
     running, paid = np.array(ran), np.array(reward, dtype=np.float32)
-    return now, *flags, action, instructions, running, paid, metrics(2, cycles=cycles)
+    return now, status, action, instructions, running, paid, metrics(2, cycles=cycles)
 
 
 def test_scenarios_that_end_early_are_recorded_at_full_length():
@@ -130,11 +131,11 @@ def test_scenarios_that_end_early_are_recorded_at_full_length():
         [1, 2, 2, 2, 2],
         [1, 2, 3, 3, 3],
     ]
-    assert found.entered[:, :, 0].tolist() == [[False] + [True] * 4] * 2
+    assert found.status.entered[:, :, 0].tolist() == [[False] + [True] * 4] * 2
     assert found.instructions.tolist() == [[1, 1, 0, 0, 0], [3, 3, 3, 0, 0]]
     assert found.reward.tolist() == [[1, 2, 0, 0, 0], [10, 20, 30, 0, 0]]
     assert found.reward.dtype == np.float32
-    assert found.metrics.cycles.tolist() == [2.0, 3.0]
+    assert found.metrics["cycles"].tolist() == [2.0, 3.0]
     # Before its first cycle a scenario is at its start, before each other one after the last.
     assert (found.before("level_ticks")[:, :, 0] / 6000).tolist() == [
         [300, 1, 2, 2, 2],

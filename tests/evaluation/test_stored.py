@@ -29,8 +29,8 @@ from skystack.platforms.registry import flown_type
 from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.scenario_file import Aircraft, ScheduledClearance
-from skystack.tasks.build import build_task
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings
 
 from .recordings import recording
 
@@ -144,6 +144,21 @@ def test_one_aircrafts_rows(tmp_path):
     assert rows_of("AC1", table)["cycle"].to_pylist() == [0, 1]
 
 
+@pytest.mark.parametrize("encoded", [True, False])
+def test_the_old_name_of_an_excursion_is_replaced(encoded, tmp_path):
+    """In tables of older versions; all other values and the metadata stay."""
+    status = pa.array(["in_sector", "strayed", "excursion", "exited"])
+    path = tmp_path / "table.parquet"
+    table = pa.table(
+        {"cycle": range(4), "status": status.dictionary_encode() if encoded else status}
+    )
+    write_table(path, table, x_plus(), "table")
+    found = read_table(path, ("cycle", "status"))
+    assert found["status"].to_pylist() == ["in_sector", "excursion", "excursion", "exited"]
+    assert found["cycle"].to_pylist() == [0, 1, 2, 3]
+    assert sector_of(path, found) == x_plus()
+
+
 @pytest.mark.parametrize(("field", "at"), [("fixes", (1e300, 0.0)), ("origin", (0.0, 400.0))])
 def test_a_sector_in_metadata_lies_on_the_earth(field, at, tmp_path):
     sector = msgspec.to_builtins(x_plus())
@@ -188,7 +203,7 @@ def test_a_text_that_is_a_structure_is_refused(tmp_path):
 
 
 KINDS = (AircraftType(), AircraftType("AT76", mach=(0.4, 0.4, 0.4)))
-TASK = build_task(TaskSettings(fleet=KINDS, aircraft=2))
+TASK = build_task(NavigationSettings(fleet=KINDS, aircraft=2))
 
 
 @pytest.fixture
@@ -256,7 +271,7 @@ def replaced(folder, name, number=9, /, **values):
 def test_an_impossible_clearance_is_refused(folder, values, shown):
     replaced(folder, "clearances", 4, cycle=77, value=999)  # another scenario's do not matter
     replaced(folder, "clearances", **values)
-    with pytest.raises(InputError, match=f"clearances.parquet: no clearance of this .*: {shown}"):
+    with pytest.raises(InputError, match=f"clearances.parquet: not a clearance .*: {shown}"):
         stored_scenario(folder, 9)
 
 
@@ -351,7 +366,7 @@ def test_aircraft_of_a_table_are_different_and_fly_between_known_fixes(tmp_path)
     check_who(path, sector, who(*(f"A{number}" for number in range(200))))
     with pytest.raises(InputError, match=r"aircraft.parquet: has 201 aircraft .allowed: 200"):
         check_who(path, sector, who(*(f"A{number}" for number in range(201))))
-    with pytest.raises(InputError, match="parquet: A2 stands twice in one scenario"):
+    with pytest.raises(InputError, match="parquet: A2 appears twice in one scenario"):
         check_who(path, sector, who("A1", "A2", "A2"))
     with pytest.raises(InputError, match="the route of A1 has an unknown fix 'CRAN'"):
         check_who(path, sector, who("A1", route="HERON CRAN"))
@@ -360,7 +375,7 @@ def test_aircraft_of_a_table_are_different_and_fly_between_known_fixes(tmp_path)
 def test_tables_beside_a_table_are_read_from_its_metadata(tmp_path):
     path = tmp_path / "table.parquet"
     one = {"callsign": "AC1", "type": "B753", "route": "A B", "entry_fl": 300.5, "exit_fl": 220}
-    write_table(path, pa.table({"cycle": [0]}), x_plus(), "table", beside={"aircraft": [one]})
+    write_table(path, pa.table({"cycle": [0]}), x_plus(), "table", embedded={"aircraft": [one]})
     table = read_table(path, ("cycle",))
     assert metadata_of(path, table, "aircraft") == [one]
     with pytest.raises(InputError, match=r"has no clearances in its metadata .simulate writes"):

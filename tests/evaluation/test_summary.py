@@ -22,7 +22,7 @@ EPISODES = {
 
 
 def row_of(episodes, name="lateral", stacking=True):
-    return summarise(name, 3, "bluesky", stacking, False, 12.5, pa.table(episodes))
+    return summarise(name, "lateral", 3, "bluesky", stacking, False, 12.5, pa.table(episodes))
 
 
 def test_a_row_has_the_figures_of_its_episodes():
@@ -31,6 +31,7 @@ def test_a_row_has_the_figures_of_its_episodes():
     assert row == {
         "seed": 3,
         "experiment": "lateral",
+        "task": "lateral",
         "seeds": 1,
         "platform": "bluesky",
         "stacking": True,

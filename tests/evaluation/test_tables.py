@@ -12,17 +12,18 @@ from skystack.evaluation.tabulate import tabulate
 from skystack.platforms.adoption import BLUESKY, SKYSTACK
 from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import TICKS_PER_FL
-from skystack.tasks.actions import LevelTable
-from skystack.tasks.build import build_task
-from skystack.tasks.settings import RewardSettings, TaskSettings
+from skystack.tasks.actions import level_changes
+from skystack.tasks.contract import AircraftStatus
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings, RewardSettings
 
 from .recordings import metrics, recording
 
 KINDS = (AircraftType(), AircraftType("AT76"))
-SETTINGS = TaskSettings(fleet=KINDS)
+SETTINGS = NavigationSettings(fleet=KINDS)
 TURNS = build_task(SETTINGS)
 """Actions: none, AC1 left, AC1 right, AC2 left, AC2 right."""
-LEVELS = replace(TURNS, actions=LevelTable(2, (200, 400)))
+LEVELS = replace(TURNS, table=level_changes(2, (200, 400)))
 """Actions: none, AC1 down, AC1 up, AC2 down, AC2 up."""
 AC1_RIGHT, AC2_LEFT, AC2_RIGHT, AC2_DOWN = 2, 3, 4, 3
 
@@ -166,13 +167,10 @@ def test_the_status_of_an_aircraft(entered, excursion, exited, status):
     def of_second(value):
         return np.array([[[False, False], [False, value]]])
 
-    flown = recording(
-        [0],
-        [[True, True]],
-        entered=of_second(entered),
-        excursion=of_second(excursion),
-        exited=of_second(exited),
+    flags = AircraftStatus(
+        entered=of_second(entered), exited=of_second(exited), excursion=of_second(excursion)
     )
+    flown = recording([0], [[True, True]], status=flags)
     rows = make_tables(TURNS, flown).trajectories
     assert rows["status"].to_pylist() == ["before_entry"] * 5 + [status]
 
@@ -259,8 +257,8 @@ def test_tables_are_written_with_what_they_were_flown_in(tmp_path):
         assert table.replace_schema_metadata().equals(getattr(tables, name))
         metadata = table.schema.metadata
         assert msgspec.json.decode(metadata[b"sector"])["name"] == "x-plus"
-        assert metadata[b"performance"] == TURNS.settings.performance.encode()
+        assert metadata[b"performance"] == TURNS.performance.encode()
         fleet = msgspec.json.decode(metadata[b"fleet"])
         assert [each["type"] for each in fleet] == ["B753", "AT76"]
-    tabulate(build_task(TaskSettings()), iter([flown]), tmp_path / "none")
+    tabulate(build_task(NavigationSettings()), iter([flown]), tmp_path / "none")
     assert b"fleet" not in pq.read_schema(tmp_path / "none" / "aircraft.parquet").metadata

@@ -7,7 +7,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from skystack.errors import InputError
-from skystack.evaluation import judge, rollout, writing
+from skystack.evaluation import evaluate, rollout, writing
 from skystack.evaluation.evaluate import Conditions, evaluation_folder, policy_task
 from skystack.evaluation.rollout import (
     NO_OP_CONTROLLER,
@@ -22,8 +22,8 @@ from skystack.evaluation.tabulate import TABLES, tabulate
 from skystack.evaluation.writing import EVALUATION
 from skystack.io.locks import LOCK
 from skystack.policies.shipped import find_policy
-from skystack.tasks.build import build_task
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings
 
 SCENARIOS = 20
 
@@ -74,10 +74,10 @@ def test_without_a_folder_the_same_is_kept(task, flown, tmp_path):
 
 
 def test_long_scenarios_are_flown_fewer_at_a_time():
-    long = build_task(TaskSettings(cycles=10_000))
+    long = build_task(NavigationSettings(cycles=10_000))
     sizes = [len(numbers) for numbers in rollout.blocks(long, 100)]
     assert sizes == [30, 30, 30, 10]
-    assert [len(numbers) for numbers in rollout.blocks(build_task(TaskSettings()), 1001)] == [
+    assert [len(numbers) for numbers in rollout.blocks(build_task(NavigationSettings()), 1001)] == [
         1000,
         1,
     ]
@@ -85,15 +85,17 @@ def test_long_scenarios_are_flown_fewer_at_a_time():
 
 def test_an_evaluation_in_blocks_equals_one_of_all_at_once(flying, tmp_path, monkeypatch):
     """The row, what is kept and the files, byte for byte; flown in one block and in two."""
-    monkeypatch.setattr(judge, "prepare", lambda *_: lambda _, *about: flying(*about))
+    monkeypatch.setattr(evaluate, "prepare", lambda *_: lambda _, *about: flying(*about))
     policy, heard, found = find_policy("lateral-best"), [], []
     for most in (SCENARIOS, SCENARIOS // 2):
         monkeypatch.setattr(rollout, "SCENARIOS_AT_ONCE", most)
         conditions, out = Conditions(episodes=SCENARIOS), tmp_path / str(most)
-        judged = judge.judge(policy, conditions, out, heard.append)
-        folder = evaluation_folder(out, "lateral-best", judged.row["seed"], stacking=True)
+        evaluated = evaluate.evaluate(policy, conditions, out, heard.append)
+        folder = evaluation_folder(out, "lateral-best", evaluated.row["seed"], stacking=True)
         files = {path.name: path.read_bytes() for path in folder.iterdir()}
-        found.append((judged.row | {"wall_s": 0.0}, judged.episodes, judged.clearances, files))
+        found.append(
+            (evaluated.row | {"wall_s": 0.0}, evaluated.episodes, evaluated.clearances, files)
+        )
     assert heard == [SCENARIOS, SCENARIOS // 2, SCENARIOS]
     assert found[0] == found[1]
     assert files.keys() == {LOCK, *(f"{name}.parquet" for name in TABLES)}
@@ -122,7 +124,7 @@ def test_an_interrupted_evaluation_leaves_old_tables_unchanged(
 
 
 def test_without_instructions_the_clearances_table_is_empty(tmp_path):
-    task = build_task(TaskSettings(cycles=4))
+    task = build_task(NavigationSettings(cycles=4))
     kept = tabulate(task, blocks_of(fly(task, NO_OP_CONTROLLER, 0, 3, False), 2), tmp_path)
     assert kept.clearances.num_rows == 0
     stored = pq.read_table(tmp_path / "clearances.parquet")
@@ -132,7 +134,7 @@ def test_without_instructions_the_clearances_table_is_empty(tmp_path):
 
 def test_tables_that_were_written_together_carry_the_same_digest(tmp_path):
     """The digest depends on the evaluation, not on the size of its blocks."""
-    task = build_task(TaskSettings("lateral"))
+    task = build_task(NavigationSettings("lateral"))
     found = []
     for name, seed, size in (("one", 0, 3), ("parts", 0, 2), ("other", 1, 3)):
         tabulate(

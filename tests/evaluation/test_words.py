@@ -15,7 +15,7 @@ from skystack.platforms.flight import fly_scenario
 from skystack.platforms.own import Skystack
 from skystack.policies.shipped import find_policy
 from skystack.simulator.fleet import AircraftType
-from skystack.tasks.build import build_task
+from skystack.tasks.registry import build_task
 
 WAYS = {"left": -1, "right": 1, "descend": -1, "climb": 1, None: 0}
 

@@ -1,6 +1,7 @@
 """A task made by hand, compiled in no time: whatever an environment makes of it is a formula."""
 
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 import jax
@@ -10,7 +11,7 @@ import numpy as np
 from skystack.airspace.xplus import x_plus
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import start
-from skystack.tasks.contract import Metrics, Outcome
+from skystack.tasks.contract import Metric, Outcome
 
 SHORTEST, LONGEST = 2, 4
 
@@ -34,15 +35,26 @@ def length_of(drawn):
 class Counting:
     """Scenarios of 2 to 4 cycles. A cycle's reward is its number, and ten times what was said.
 
-    Observed are the scenario's number, the cycles flown and the actions given, in hundredths.
+    Observed are the scenario's number, the cycles flown and the actions given, in hundredths. Of
+    two agents, the second gets a quarter of the reward, and its part ends in the first cycle.
     """
 
     truncates: bool = False
     """Whether the end is a truncation."""
+    agents: int = 1
 
     name, version = "counting", 1
     action_names = ("none", "one", "two")
     observation_names = ("drawn", "cycles", "told")
+    metrics = MappingProxyType(
+        {
+            "success": Metric("true or false", "an action was given"),
+            "few_instructions": Metric("true or false", "the sum of all actions is below 3"),
+            "instructions": Metric("count", "the sum of all actions"),
+            "drawn": Metric("number", "the scenario's number"),
+            "cycles": Metric("count", "cycles flown"),
+        }
+    )
 
     def reset(self, key):
         return Counted(jax.random.uniform(key), *(jnp.zeros(()) for _ in range(3)))
@@ -61,23 +73,32 @@ class Counting:
         cycles = state.cycles + 1.0
         span = LONGEST + 1.0 - SHORTEST
         ended = cycles >= SHORTEST + jnp.floor(state.drawn * span)
-        metrics = Metrics(
-            success=state.told > 0.0,
-            correct_exit=ended,
-            excursion=state.told == 0.0,
-            few_instructions=state.told < 3.0,
-            instructions=state.told,
-            bursts=10.0 * state.drawn,
-            min_separation_nm=state.drawn,
-            cycles=cycles,
-        )
-        never = jnp.zeros_like(ended)
-        ends = (never, ended) if self.truncates else (ended, never)
-        outcome = Outcome(cycles + 10.0 * state.waiting, *ends, metrics)
+        metrics = {
+            "success": state.told > 0.0,
+            "few_instructions": state.told < 3.0,
+            "instructions": state.told,
+            "drawn": state.drawn,
+            "cycles": cycles,
+        }
+        reward = cycles + 10.0 * state.waiting
+        rewards = jnp.stack([reward] if self.agents == 1 else [0.75 * reward, 0.25 * reward])
+        ends = jnp.stack([ended, jnp.ones_like(ended)][: self.agents])
+        never = jnp.zeros_like(ends)
+        terminated, truncated = (never, ends) if self.truncates else (ends, never)
+        outcome = Outcome(rewards, terminated, truncated, ended, metrics)
         return state._replace(cycles=cycles, waiting=jnp.zeros_like(cycles)), outcome
 
     def step(self, state, action):
         return self.advance(self.instruct(state, action))
+
+
+@dataclass(frozen=True)
+class Structured(Counting):
+    """The same with observations of named parts, in the same order once flattened."""
+
+    def observe(self, state):
+        drawn, *others = super().observe(state)
+        return {"b": jnp.stack(others), "a": drawn[None]}
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,12 @@ import skystack.gym  # noqa: F401  (registers)
 from skystack.gym.registration import make_vector_environment
 from skystack.gym.stacked import StackedEnvironment
 from skystack.learning.seeds import scenario_key
-from skystack.tasks import compiled
-from skystack.tasks.build import build_task
+from skystack.tasks import programs
 from skystack.tasks.plain import PlainTask
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings
 
-SETTINGS = TaskSettings(name="avoidance", aircraft=2, pair_features=("theta", "d"), cycles=12)
+SETTINGS = NavigationSettings(name="avoidance", aircraft=2, pair_features=("theta", "d"), cycles=12)
 NAME = "skystack/Avoidance-v0"
 
 
@@ -30,7 +30,7 @@ def by_pickle_elsewhere(environment):
     """As in a process that does not hold the original: programs are compiled again."""
     dumped = pickle.dumps(environment)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(compiled, "_ALIVE", type(compiled._ALIVE)())
+        patch.setattr(programs, "_ALIVE", type(programs._ALIVE)())
         return pickle.loads(dumped)
 
 

@@ -14,10 +14,9 @@ from skystack.errors import InputError
 from skystack.gym.environment import TaskEnvironment
 from skystack.gym.registration import make_environment
 from skystack.simulator.performance import TICKS_PER_FL
-from skystack.tasks.build import build_task
-from skystack.tasks.contract import Metrics
-from skystack.tasks.settings import TaskSettings
-from tests.gym.counting import Counting, length_of
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings
+from tests.gym.counting import Counting, Structured, length_of
 
 
 @pytest.fixture(scope="module")
@@ -43,9 +42,9 @@ def test_an_environment_of_the_users_own_settings(tmp_path):
     file = tmp_path / "short.toml"
     file.write_text('name = "short"\ndescription = "..."\n[task]\ncycles = 7\n')
     from_file = gymnasium.make("skystack/Lateral-v0", experiment=str(file)).unwrapped
-    from_settings = gymnasium.make("skystack/Lateral-v0", settings=TaskSettings(cycles=7))
+    from_settings = gymnasium.make("skystack/Lateral-v0", settings=NavigationSettings(cycles=7))
     assert from_file.task == from_settings.unwrapped.task
-    assert from_file.task.settings.cycles == 7
+    assert from_file.task.cycles == 7
     with pytest.raises(InputError, match="did you mean 'lateral-best'"):
         gymnasium.make("skystack/Lateral-v0", experiment="lateral-bets")
 
@@ -63,28 +62,24 @@ def test_a_seed_gives_the_same_scenarios_in_the_same_order(environment):
     assert not np.array_equal(environment.reset(seed=6)[0], first[0])
 
 
-def state_of(environment):
-    return environment._plain.state_of(environment._now)
-
-
 def test_a_scenario_goes_as_in_the_task(environment):
     """Rewards, observations and end of the task's own steps; metrics only at the end."""
     task = environment.task
     environment.reset(seed=1)
-    state = state_of(environment)
+    state = environment.task_state
     step, observe = jax.jit(task.step), jax.jit(task.observe)
     rng = np.random.default_rng(0)
-    for cycle in range(task.settings.cycles):
+    for cycle in range(task.cycles):
         action = rng.integers(len(task.action_names)) if cycle < 20 else np.int64(0)
         seen, reward, terminated, truncated, info = environment.step(action)
         state, outcome = step(state, np.int32(action))
         assert np.array_equal(seen, observe(state))
-        assert (reward, terminated, truncated) == (outcome.reward, outcome.terminated, False)
+        assert (reward, terminated, truncated) == (outcome.reward, outcome.ended, False)
         if terminated:
             break
         assert info == {}
     assert terminated
-    assert info == {key: value.item() for key, value in outcome.metrics._asdict().items()}
+    assert info == {key: value.item() for key, value in outcome.metrics.items()}
 
 
 @pytest.mark.parametrize("truncates", [False, True])
@@ -100,11 +95,31 @@ def test_a_scenario_ends_as_its_task_says(truncates):
         assert reward == cycle + 20.0
         over = cycle == length
         assert ends == [over and not truncates, over and truncates]
-        assert set(info) == (set(Metrics._fields) if over else set())
+        assert set(info) == (set(Counting.metrics) if over else set())
     assert (info["cycles"], info["instructions"]) == (length, 2.0 * length)
     assert (info["success"], info["few_instructions"]) == (True, False)
     assert type(info["success"]) is bool
     assert type(reward) is float
+
+
+@pytest.mark.parametrize("truncates", [False, True])
+def test_rewards_of_several_agents_are_added_and_all_must_end(truncates):
+    one, two = (TaskEnvironment(Counting(truncates, agents)) for agents in (1, 2))
+    assert np.array_equal(one.reset(seed=0)[0], two.reset(seed=0)[0])
+    over = False
+    while not over:
+        (_, *expected), (_, *found) = one.step(2), two.step(2)
+        assert found == expected
+        over = expected[1] or expected[2]
+
+
+def test_observations_of_several_parts_are_flattened():
+    flat, structured = TaskEnvironment(Counting()), TaskEnvironment(Structured())
+    for environment in (flat, structured):
+        seen, _ = environment.reset(seed=0)
+        assert seen in environment.observation_space
+    assert np.array_equal(structured.observe(), flat.observe())
+    assert np.array_equal(structured.step(2)[0], flat.step(2)[0])
 
 
 def test_without_a_seed_scenarios_are_others_each_time():
@@ -145,12 +160,12 @@ def test_a_step_is_the_two_phases(environment):
     for action in (0, 2, 1):
         environment.reset(seed=2)
         seen, *stepped = environment.step(action)
-        by_step = jax.tree.leaves(state_of(environment))
+        by_step = jax.tree.leaves(environment.task_state)
         environment.reset(seed=2)
         environment.instruct(action)
         assert stepped == list(environment.advance())
         assert np.array_equal(seen, environment.observe())
-        for one, other in zip(by_step, jax.tree.leaves(state_of(environment)), strict=True):
+        for one, other in zip(by_step, jax.tree.leaves(environment.task_state), strict=True):
             assert np.array_equal(one, other)
 
 
@@ -170,7 +185,7 @@ def test_an_action_that_is_not_in_the_table_is_refused(environment, action):
 
 
 def test_nothing_can_be_done_before_the_first_scenario():
-    environment = TaskEnvironment(build_task(TaskSettings()))
+    environment = TaskEnvironment(build_task(NavigationSettings()))
     with pytest.raises(gymnasium.error.ResetNeeded):
         environment.step(0)
 
@@ -191,8 +206,7 @@ def test_the_radar_picture_follows_the_flight(drawn):
     for _ in range(40):
         drawn.step(0)
     flown = drawn.render()
-    drawn.unwrapped._radar.sweep(state_of(drawn.unwrapped))  # no time has passed
-    assert np.array_equal(drawn.render(), flown)
+
     assert flown.shape == begun.shape
     assert coloured(begun, BLUE) > 50
     assert not np.array_equal(flown, begun)
@@ -206,7 +220,7 @@ def test_the_radar_shows_what_is_cleared_before_it_is_flown(drawn):
     allowed = next(action for action in (1, 2) if radar.may_stack(action))
     radar.instruct(allowed)
     assert not np.array_equal(drawn.render(), before)
-    traffic = state_of(radar).traffic
+    traffic = radar.task_state.traffic
     change_fl = (traffic.cleared_level_ticks - traffic.level_ticks) / TICKS_PER_FL
     assert change_fl.tolist() == [{1: -10.0, 2: 10.0}[allowed]]
 

@@ -8,9 +8,9 @@ from gymnasium.error import ResetNeeded
 
 from skystack.errors import InputError
 from skystack.gym.registration import make_environment
-from skystack.tasks.build import build_task
 from skystack.tasks.navigation import NavigationTask
-from skystack.tasks.settings import RewardSettings, TaskSettings
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings, RewardSettings
 
 pettingzoo = pytest.importorskip("pettingzoo")
 with warnings.catch_warnings():
@@ -19,7 +19,7 @@ with warnings.catch_warnings():
 
 from skystack.gym.multi_agent import MultiAgentEnvironment, parallel_env  # noqa: E402
 
-SETTINGS = TaskSettings(name="avoidance", aircraft=2, pair_features=("theta", "d"), cycles=60)
+SETTINGS = NavigationSettings(name="avoidance", aircraft=2, pair_features=("theta", "d"), cycles=60)
 AC1, AC2 = "AC1", "AC2"
 
 
@@ -38,8 +38,7 @@ def test_pettingzoo_has_nothing_to_complain_about(environment):
 
 
 def test_a_seed_decides_everything(environment):
-    other = MultiAgentEnvironment(environment.task)
-    other._programs = environment._programs
+    other = MultiAgentEnvironment(environment.task, programs=environment.programs)
     both = iter((environment, other))
     parallel_seed_test(lambda: next(both), num_cycles=30)
 
@@ -72,12 +71,12 @@ def test_every_agent_sees_itself_first(environment):
     assert np.array_equal(first[4:8], second[:4])
     assert first[9] == pytest.approx(second[9], abs=1e-6)
     turns = [360.0 * value - 180.0 for value in (first[8], second[8])]
-    headings = environment._now.traffic.cleared_heading_deg
+    headings = environment.task_state.traffic.cleared_heading_deg
     # Bearings from each to the other are opposite.
     assert (turns[0] + headings[0] - turns[1] - headings[1]) % 360.0 == pytest.approx(180, abs=0.1)
 
 
-THREE = TaskSettings(
+THREE = NavigationSettings(
     aircraft=3,
     features=("theta_turn", "theta_xl", "theta_xr", "d_x"),
     reward=RewardSettings(centreline=0.0, damping=0.0, terminal=0.0),
@@ -91,15 +90,23 @@ class CutShort(NavigationTask):
 
     def advance(self, state):
         state, outcome = super().advance(state)
-        ended, none = outcome.terminated, outcome.truncated
+        ended, none = outcome.ended, outcome.truncated
         return state, outcome._replace(terminated=none, truncated=ended)
+
+
+class Structured(CutShort):
+    """The same with observations of two parts."""
+
+    def observe(self, state):
+        seen = super().observe(state)
+        return {"a": seen[:1], "b": seen[1:]}
 
 
 @pytest.fixture(scope="module")
 def three():
     task = build_task(THREE)
     return MultiAgentEnvironment(
-        CutShort(task.settings, task.simulator, task.scenarios, task.actions)
+        CutShort(task.settings, task.simulator, task.scenarios, task.table)
     )
 
 
@@ -115,11 +122,19 @@ def test_the_others_stand_behind_in_their_order(three):
     assert turns.tolist() == pytest.approx([-10.0, 10.0, 0.0], abs=0.51)
 
 
+def test_observations_of_several_parts_are_flattened(three):
+    task = three.task
+    parts = Structured(task.settings, task.simulator, task.scenarios, task.table)
+    expected, found = (each.reset(seed=1)[0] for each in (three, MultiAgentEnvironment(parts)))
+    for agent in (AC1, AC2, AC3):
+        np.testing.assert_allclose(found[agent], expected[agent], atol=1e-6)
+
+
 def test_the_ends_of_the_exit_edge_are_left_and_right_of_who_leaves(three):
     """By the area's corners: the exit edge joins the two that are nearest to the exit fix, and
     the left one is on the left of the airway's direction outwards."""
     seen, _ = three.reset(seed=2)
-    sector, traffic = three.task.sector, three._now.traffic
+    sector, traffic = three.task.sector, three.task_state.traffic
     for number, agent in enumerate((AC1, AC2, AC3)):
         *_, exit_fix, beyond = (
             sector.fixes_nm[name] for name in sector.routes[int(traffic.route[number])]
@@ -161,7 +176,7 @@ def test_every_agent_instructs_its_own_aircraft_only(three):
         assert three.action_space(agent).n == 3
         three.reset(seed=3)
         three.step({agent: np.int64(2)})
-        assert three._now.memory.instructions.tolist() == [
+        assert three.task_state.memory.counts.instructions.tolist() == [
             float(other == number) for other in range(3)
         ]
         with pytest.raises(InputError, match="allowed: whole numbers from 0 to 2"):
@@ -185,14 +200,14 @@ def test_observations_are_copies(three):
 
 def test_all_instruct_in_one_cycle(environment):
     environment.reset(seed=4)
-    before = np.asarray(environment._now.traffic.cleared_heading_deg)
+    before = np.asarray(environment.task_state.traffic.cleared_heading_deg)
     environment.step({AC1: 1, AC2: 2})
-    memory = environment._now.memory
-    cleared = np.asarray(environment._now.traffic.cleared_heading_deg)
+    memory = environment.task_state.memory
+    cleared = np.asarray(environment.task_state.traffic.cleared_heading_deg)
     change = (cleared - np.round(before) + 180.0) % 360.0 - 180.0
     assert change.tolist() == pytest.approx([-10.0, 10.0], abs=0.51)
-    assert memory.instructions.tolist() == [1.0, 1.0]
-    assert memory.cycles == 1.0
+    assert memory.counts.instructions.tolist() == [1.0, 1.0]
+    assert memory.progress.cycles == 1.0
 
 
 def test_what_does_not_exist_is_refused(environment, types_unchecked):
@@ -205,15 +220,14 @@ def test_what_does_not_exist_is_refused(environment, types_unchecked):
 
 
 def test_use_before_the_first_reset_is_refused():
-    environment = MultiAgentEnvironment(build_task(TaskSettings("avoidance")))
+    environment = MultiAgentEnvironment(build_task(NavigationSettings("avoidance")))
     for look in (environment.state, lambda: environment.step({})):
         with pytest.raises(ResetNeeded, match="reset"):
             look()
 
 
 def test_it_is_drawn(environment):
-    drawn = MultiAgentEnvironment(environment.task, "rgb_array")
-    drawn._programs = environment._programs
+    drawn = MultiAgentEnvironment(environment.task, "rgb_array", environment.programs)
     drawn.reset(seed=0)
     begun = drawn.render()
     drawn.step({AC1: 2})

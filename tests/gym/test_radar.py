@@ -1,5 +1,6 @@
 """The radar picture: who is drawn where, with which figures, and how long the trail is."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -80,6 +81,16 @@ def test_each_scenario_of_many_has_its_own_trail(drawn):
     environment.render()
     assert [trail_nm[:, 0].tolist() for _, trail_nm, _ in ways[::3]] == [[0.0], [0.0, 1.0]]
     assert environment._radars[0].screen is environment._radars[1].screen
+
+
+def test_a_sweep_without_time_passed_adds_no_position(drawn):
+    ways, _ = drawn
+    task = Visible()
+    state, screen = task.reset(jax.random.key(0)), radar.Radar(task)
+    for _ in range(2):
+        screen.sweep(state)
+    screen.picture(state)
+    assert [len(trail_nm) for _, trail_nm, _ in ways] == [1, 1, 1]
 
 
 def test_colours_are_red_green_and_blue_in_this_order(drawn):

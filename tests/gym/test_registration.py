@@ -8,11 +8,11 @@ import skystack.gym
 from skystack.errors import InputError
 from skystack.gym.registration import make_environment, make_vector_environment, settings_of
 from skystack.learning.experiment import load_experiment
-from skystack.tasks.build import build_task
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings
 from skystack.tasks.stacked_steps import StackedSteps
 
-SHORT = TaskSettings(cycles=7)
+SHORT = NavigationSettings(cycles=7)
 
 
 def test_given_settings_come_before_those_of_the_experiment():
@@ -25,10 +25,10 @@ def test_given_settings_come_before_those_of_the_experiment():
 
 def test_environments_of_equal_settings_share_their_programs():
     """Compiling takes seconds; an environment of other settings has its own."""
-    first, second = (make_environment("lateral", TaskSettings(cycles=7)) for _ in range(2))
-    assert first._plain is second._plain
+    first, second = (make_environment("lateral", NavigationSettings(cycles=7)) for _ in range(2))
+    assert first.programs is second.programs
     assert first.task is second.task
-    assert make_environment("lateral", TaskSettings(cycles=8))._plain is not first._plain
+    assert make_environment("lateral", NavigationSettings(cycles=8)).programs is not first.programs
     assert make_environment("vertical").task == build_task(load_experiment("vertical").task)
 
 
@@ -36,13 +36,14 @@ def test_options_are_passed_on():
     single = make_environment("lateral", SHORT, "rgb_array")
     assert single.render_mode == "rgb_array"
     plain = make_vector_environment("lateral", settings=SHORT)
-    assert (plain.num_envs, plain._most_steps, plain.render_mode) == (1, float("inf"), None)
+    assert (plain.num_envs, plain.max_episode_steps, plain.render_mode) == (1, None, None)
     assert plain.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
     many = make_vector_environment("vertical", 3, SHORT, "Disabled", 5, "rgb_array")
-    assert (many.num_envs, many._most_steps, many.render_mode) == (3, 5, "rgb_array")
+    assert (many.num_envs, many.max_episode_steps, many.render_mode) == (3, 5, "rgb_array")
     assert many.metadata["autoreset_mode"] is AutoresetMode.DISABLED
     assert many.task == plain.task == single.task == build_task(SHORT)
-    assert len(many._radars) == 3
+    many.reset(seed=0)
+    assert len(many.render()) == 3
 
 
 def test_steps_are_those_of_the_trainer():

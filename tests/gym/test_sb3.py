@@ -7,8 +7,8 @@ import pytest
 from skystack.errors import InputError
 from skystack.gym.environment import TaskEnvironment
 from skystack.gym.vector import VectorTaskEnvironment
-from skystack.tasks.build import build_task
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings
 from tests.gym.counting import Counting, Visible, length_of
 
 pytest.importorskip("stable_baselines3")
@@ -102,7 +102,7 @@ def test_only_scenarios_that_did_not_end_are_truncated(truncates, limit, cut_aft
             else:
                 assert info["cycles"] == cycle
                 assert info["instructions"] == cycle * told
-                assert info["min_separation_nm"] == pytest.approx(drawn[number])
+                assert info["drawn"] == pytest.approx(drawn[number])
         over |= done
     assert over.all()
 
@@ -127,7 +127,7 @@ def test_attributes_come_from_the_requested_scenarios():
         lambda: environment.set_attr("num_envs", 2),
         lambda: environment.env_method("render"),
     ):
-        with pytest.raises(NotImplementedError, match="of their own"):
+        with pytest.raises(NotImplementedError, match="scenarios of a vector environment have no"):
             change()
 
 
@@ -151,6 +151,6 @@ def test_without_a_render_mode_there_is_no_picture():
 
 def test_a_wrong_environment_or_autoreset_mode_is_refused(types_unchecked):
     with pytest.raises(InputError, match=r"environment is a TaskEnvironment .allowed: Vector"):
-        StableBaselines3Environment(TaskEnvironment(build_task(TaskSettings("lateral"))))
+        StableBaselines3Environment(TaskEnvironment(build_task(NavigationSettings("lateral"))))
     with pytest.raises(InputError, match=r"NextStep .allowed for Stable-Baselines3: SameStep"):
         StableBaselines3Environment(VectorTaskEnvironment(Counting(), 2))

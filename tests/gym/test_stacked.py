@@ -15,7 +15,7 @@ from skystack.gym.registration import make_environment
 from skystack.gym.stacked import StackedEnvironment, TwoPhaseEnvironment
 from skystack.policies.shipped import find_policy
 from skystack.stacking import stack
-from skystack.tasks.settings import RewardSettings, TaskSettings
+from skystack.tasks.settings import NavigationSettings, RewardSettings
 from skystack.tasks.stacked_steps import StackedSteps
 from tests.test_stacking import expected_of
 
@@ -238,11 +238,11 @@ def environment(policy):
 def test_a_shipped_policy_issues_the_clearances_of_stack(policy, environment):
     """Over whole scenarios: clearances, rewards, ends; nothing physical moves in between."""
     assert isinstance(environment, TwoPhaseEnvironment)
-    stacked, plain = StackedEnvironment(environment), environment._plain
+    stacked, plain = StackedEnvironment(environment), environment.programs
     stacks = 0
     for scenario in range(4):
         seen, _ = stacked.reset(seed=scenario)
-        now, over = environment._now, False
+        now, over = plain.begin(environment.task_state), False
         while not over:
             answers = []
 
@@ -251,31 +251,31 @@ def test_a_shipped_policy_issues_the_clearances_of_stack(policy, environment):
                 return answers[-1]
 
             now, expected = stack(plain, noted, now)
-            before = plain.state_of(environment._now)
+            before = environment.task_state
             for _ in answers[1:]:
                 seen, reward, over, *_, info = stacked.step(policy(seen))
                 assert (reward, over, info) == (0.0, False, {})
-                told = plain.state_of(environment._now)
+                told = environment.task_state
                 for name in ("position_nm", "heading_deg", "level_ticks", "ground_speed_kt"):
                     assert np.array_equal(
                         getattr(told.traffic, name), getattr(before.traffic, name)
                     )
-                assert told.memory.cycles == before.memory.cycles
+                assert told.memory.progress.cycles == before.memory.progress.cycles
             now, outcome = plain.advance(now)
             seen, reward, over, _, info = stacked.step(policy(seen))
             issued = info["clearance"]
             assert issued["instructions"] == expected.instructions
             assert not expected.instructions or issued["action"] == expected.action
-            assert (reward, over) == (outcome.reward, outcome.terminated)
+            assert (reward, over) == (outcome.reward, outcome.ended)
             assert np.array_equal(seen, plain.observe(now))
             stacks += int(expected.instructions > 1)
-        assert info["success"] == bool(outcome.metrics.success)
+        assert info["success"] == bool(outcome.metrics["success"])
     assert stacks >= 4
 
 
 def test_it_steps_as_training_with_time_frozen_does():
     """Round that task it is its own step, to the price of every burst."""
-    settings = TaskSettings(timing="stack", reward=RewardSettings(burst=1.0))
+    settings = NavigationSettings(timing="stack", reward=RewardSettings(burst=1.0))
     own = make_environment("lateral", settings)
     stacked = StackedEnvironment(make_environment("lateral", settings))
     assert isinstance(own.task, StackedSteps)
@@ -288,5 +288,5 @@ def test_it_steps_as_training_with_time_frozen_does():
         np.testing.assert_allclose(other_seen, seen, atol=1e-6)
         assert other_reward == pytest.approx(reward, abs=1e-5)
         assert other_ends == ends
-    cycles = own._plain.state_of(own._now).inner.memory.cycles
+    cycles = own.task_state.inner.memory.progress.cycles
     assert 20.0 < float(cycles) < 100.0

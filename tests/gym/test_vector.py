@@ -11,8 +11,8 @@ from skystack.gym.environment import TaskEnvironment
 from skystack.gym.registration import make_environment, make_vector_environment
 from skystack.gym.vector import VectorTaskEnvironment
 from skystack.learning.experiment import load_experiment
-from skystack.tasks.build import build_task
-from tests.gym.counting import Counting, length_of
+from skystack.tasks.registry import build_task
+from tests.gym.counting import Counting, Structured, length_of
 
 SCENARIOS, STEPS = 3, 300
 NAME = "skystack/Avoidance-v0"
@@ -33,9 +33,7 @@ def vector(task):
     first = VectorTaskEnvironment(task, SCENARIOS)
 
     def another(*options, **more):
-        environment = VectorTaskEnvironment(task, SCENARIOS, *options, **more)
-        environment._programs = first._programs
-        return environment
+        return VectorTaskEnvironment(task, SCENARIOS, *options, programs=first.programs, **more)
 
     return another
 
@@ -64,9 +62,10 @@ def check_the_same(ours, theirs, seed, steps):
     rng, ended = np.random.default_rng(0), 0
     for _ in range(steps):
         actions = rng.integers(5, size=SCENARIOS) * (rng.random(SCENARIOS) < 0.2)
-        for one, other in zip(ours.step(actions), theirs.step(actions), strict=True):
+        step = ours.step(actions)
+        for one, other in zip(step, theirs.step(actions), strict=True):
             alike(one, other)
-        ended += int(ours._over.sum())
+        ended += int((step[2] | step[3]).sum())
     return ended
 
 
@@ -140,6 +139,23 @@ def test_each_scenario_goes_and_ends_by_itself(mode, truncates, limit):
                 assert seen[number, 1:].tolist() == [0.0, 0.0]
         over |= terminated | truncated
     assert over.all()
+
+
+def test_rewards_of_several_agents_are_added_and_all_must_end():
+    one, two = (VectorTaskEnvironment(Counting(agents=agents), 4) for agents in (1, 2))
+    all_lengths(one), all_lengths(two)
+    for _ in range(8):
+        for expected, found in zip(one.step([0, 1, 2, 2]), two.step([0, 1, 2, 2]), strict=True):
+            alike(found, expected)
+
+
+def test_observations_of_several_parts_are_flattened():
+    flat, structured = (VectorTaskEnvironment(task, 4) for task in (Counting(), Structured()))
+    for expected, found in (
+        (flat.reset(seed=0)[0], structured.reset(seed=0)[0]),
+        (flat.step([0, 1, 2, 2])[0], structured.step([0, 1, 2, 2])[0]),
+    ):
+        np.testing.assert_array_equal(found, expected)
 
 
 def test_a_limit_counts_from_each_scenarios_own_begin():
@@ -250,7 +266,7 @@ def test_without_autoreset_what_is_over_must_be_reset(vector):
     environment.reset(options={"reset_mask": np.array([False, True, False])})
     *_, truncated, _ = environment.step(none)
     assert truncated.tolist() == [True, False, True]
-    with pytest.raises(gymnasium.error.ResetNeeded, match=r"scenarios \[0, 2\] are over"):
+    with pytest.raises(gymnasium.error.ResetNeeded, match=r"scenarios \[0, 2\] have ended"):
         environment.step(none)
     environment.reset(options={"reset_mask": truncated})
     assert environment.step(none)[3].tolist() == [False, True, False]

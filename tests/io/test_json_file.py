@@ -6,7 +6,8 @@ import msgspec
 import pytest
 
 from skystack.errors import InputError
-from skystack.io.json_file import convert, decode, read_json
+from skystack.io.json_file import decode, read_json
+from skystack.io.validation import convert
 
 
 class Inner(msgspec.Struct):
@@ -24,7 +25,7 @@ class Outer(msgspec.Struct):
 def by_file(values, folder):
     path = folder / "file.json"
     path.write_text(json.dumps(values))
-    return convert(read_json(path), {"": Outer, "inner": Inner})
+    return convert(read_json(path), Outer)
 
 
 def by_bytes(values, folder):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from skystack.cli import main
 from skystack.errors import InputError
-from skystack.evaluation import judge
+from skystack.evaluation import evaluate
 from skystack.evaluation.evaluate import evaluation_folder
 from skystack.io.names import MOST_NAME, as_name, check_name
 from skystack.learning import run as training
@@ -111,8 +111,8 @@ def used(monkeypatch, tmp_path):
         (folder / "config.toml").write_bytes(to_toml(experiment))
         raise InputError("trained enough")
 
-    fly = judge._fly_here
-    monkeypatch.setattr(judge, "_fly_here", fly_here)
+    fly = evaluate._fly_here
+    monkeypatch.setattr(evaluate, "_fly_here", fly_here)
     monkeypatch.setattr(training, "train_experiment", train)
     few = ["--episodes", "1", "--out", str(asked / "here")]
     return {
@@ -197,5 +197,5 @@ def test_names_that_differ_only_in_case_are_refused(tmp_path):
     (row,) = results["rows"]
     results["rows"].append(row | {"experiment": row["experiment"].upper()})
     (tmp_path / "results.json").write_text(json.dumps(results))
-    with pytest.raises(InputError, match=r"rows: .* stands in it twice"):
+    with pytest.raises(InputError, match=r"rows: .* occurs twice"):
         kind.read(tmp_path)

@@ -178,7 +178,7 @@ def test_held_blocks_finish_before_the_interruption():
 def test_a_signal_during_jax_is_raised_at_the_next_boundary(monkeypatch):
     """Held in between, and with no alarm: it must not be forgotten."""
     monkeypatch.setattr(signals, "_is_delicate", lambda frame: True)
-    monkeypatch.setattr(signals, "_try_again", lambda after_s: None)
+    monkeypatch.setattr(signals, "_schedule_retry", lambda after_s: None)
     with ended_by_signals():
         signal.raise_signal(signal.SIGINT)
         with pytest.raises(KeyboardInterrupt), held():

@@ -12,7 +12,7 @@ import pytest
 
 from skystack.benchmarking import run as benchmarking
 from skystack.benchmarking.figures import Figure
-from skystack.cli import main, shown
+from skystack.cli import main, output
 from skystack.evaluation import simulate
 from skystack.evaluation.evaluate import Evaluation
 from skystack.evaluation.stored import pa
@@ -164,7 +164,7 @@ def test_a_closed_pipe_ends_quietly(monkeypatch, capsys, files, quick, verb):
     os.close(read)
     with open(write, "w") as closed:  # noqa: PTH123  (of a descriptor)
         monkeypatch.setattr(sys, "stdout", closed)
-        assert run(verb, files) == shown.PIPE_CLOSED == 128 + 13
+        assert run(verb, files) == output.PIPE_CLOSED == 128 + 13
     assert "pipe" not in capsys.readouterr().err.lower()
 
 

@@ -63,10 +63,14 @@ def test_arrays_of_other_shapes_than_stated_are_refused(learner, tmp_path):
         metadata = file.metadata()
         arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     save_file(arrays | {"000": arrays["000"][:-1]}, path, metadata)
-    with pytest.raises(CheckpointError, match="not a checkpoint: its arrays have not the shapes"):
+    with pytest.raises(
+        CheckpointError, match="not a checkpoint: its arrays do not have the shapes"
+    ):
         load_checkpoint(path, learner, "ours")
     save_file(arrays | {"000": np.append(arrays["000"], arrays["000"], axis=0)}, path, metadata)
-    with pytest.raises(CheckpointError, match="not a checkpoint: its arrays have not the shapes"):
+    with pytest.raises(
+        CheckpointError, match="not a checkpoint: its arrays do not have the shapes"
+    ):
         load_checkpoint(path, learner, "ours")
     save_file({name: arrays[name] for name in arrays if name != "000"}, path, metadata)
     with pytest.raises(CheckpointError, match="not a checkpoint"):

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from skystack.airspace.sector_file import SectorEntry
 from skystack.errors import InputError
 from skystack.learning.experiment import experiment_names, load_experiment, to_toml
-from skystack.tasks.build import build_task
+from skystack.tasks.registry import build_task
 from skystack.tasks.settings import PAPER_FEATURES
 
 LATERAL = load_experiment("lateral")
@@ -47,7 +47,7 @@ def test_plainly_named_experiments_learn_as_the_paper_says(name):
     assert ppo.hidden == (64, 64)
     assert weights(reward) == PAPER[name]
     assert reward.count_criterion == (name != "lateral-undamped")
-    ours = (reward.burst, reward.outside_band, reward.stray, reward.conflict)
+    ours = (reward.burst, reward.outside_band, reward.excursion, reward.conflict)
     assert ours == (0.0, 0.0, 0.0, 0.0)
     assert experiment.task.timing == "cycle"
     assert experiment.task.cycles == 300
@@ -114,6 +114,9 @@ def test_a_resolved_experiment_reads_back(tmp_path):
     assert tomllib.loads(path.read_text())["ppo"]["entropy"] == 0.01
 
 
+STEPS = r".allowed: whole number from 1 to 10,000,000,000.$"
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -123,18 +126,33 @@ def test_a_resolved_experiment_reads_back(tmp_path):
         ("ppo.gamma=1.5", r"ppo\.gamma.*1"),
         ("ppo.total_steps=0", r"ppo\.total_steps"),
         ("ppo.total_steps=-5", r"ppo\.total_steps"),
-        ("ppo.total_steps=many", r'^--set: ppo.total_steps is "many" .allowed: whole number.$'),
-        ("ppo.total_steps=220.5", r"ppo.total_steps is 220.5 .allowed: whole number.$"),
-        ("ppo.total_steps='220'", r'ppo.total_steps is "220" .allowed: whole number.$'),
-        ("ppo.total_steps=1e300", r"ppo.total_steps is 1e.300 .allowed: whole number.$"),
-        ("ppo.total_steps=true", r"ppo.total_steps is true .allowed: whole number.$"),
+        (
+            "ppo.total_steps=many",
+            rf'^--set: ppo.total_steps is "many" {STEPS}',
+        ),
+        (
+            "ppo.total_steps=220.5",
+            rf"ppo.total_steps is 220.5 {STEPS}",
+        ),
+        (
+            "ppo.total_steps='220'",
+            rf'ppo.total_steps is "220" {STEPS}',
+        ),
+        (
+            "ppo.total_steps=1e300",
+            rf"ppo.total_steps is 1e.300 {STEPS}",
+        ),
+        (
+            "ppo.total_steps=true",
+            rf"ppo.total_steps is true {STEPS}",
+        ),
         ("task.fleet=[{shar=1}]", r"task.fleet.0.: unknown field 'shar'; did you mean 'share'"),
-        ("task.cycles=10001", r"task.cycles is 10001 .allowed: whole number <= 10000"),
+        ("task.cycles=10001", r"task.cycles is 10001 .allowed: whole number from 1 to 10,000"),
         ("ppo.gamma=nan", r"ppo\.gamma"),
         ("ppo.learning_rate=inf", r"ppo\.learning_rate"),
         ("task.reward.damping=nan", r"task\.reward\.damping"),
         ("ppo.minibatch=100000", r"ppo\.minibatch"),
-        ("task.actions=huge", r'task.actions is "huge" .allowed: small, large, levels'),
+        ("task.actions=huge", r'task.actions is "huge" .allowed: large, levels, small'),
         ("gamma", "key=value"),
         ("name.first=1", "value, not a table"),
     ],
@@ -208,7 +226,7 @@ def test_a_sector_that_is_none_is_refused(change, message):
 
 
 def test_more_aircraft_than_first_fixes_are_refused():
-    with pytest.raises(InputError, match="each needs a first fix of its own and merge has 3"):
+    with pytest.raises(InputError, match="each needs its own first fix and merge has 3"):
         load_experiment("lateral", ["task.sector=merge", "task.aircraft=4"])
 
 
@@ -220,7 +238,10 @@ def test_more_aircraft_than_first_fixes_are_refused():
             "--set: unknown key 'ppo.totl_steps'; did you mean 'ppo.tot",
         ),
         ("total_steps=3", "--set: unknown key 'total_steps'; did you mean 'ppo.total_steps'?"),
-        ("ppo.total_steps=a", '--set: ppo.total_steps is "a" (allowed: whole number)'),
+        (
+            "ppo.total_steps=a",
+            '--set: ppo.total_steps is "a" (allowed: whole number from 1 to 10,000,000,000)',
+        ),
     ],
 )
 def test_a_wrong_change_is_not_blamed_on_the_file(change, message, tmp_path):
@@ -270,3 +291,18 @@ def test_a_change_is_one_printable_line(text):
     """Lines after the first would be lost; bytes that are not UTF-8 are not text."""
     with pytest.raises(InputError, match=r"^--set .* is not one printable line$"):
         load_experiment("lateral", [f"description={text}"])
+
+
+def test_keys_of_older_versions_still_load(tmp_path):
+    """`stray` is `excursion` now, in either table of rewards; both at once are refused."""
+    path = tmp_path / "old.toml"
+    path.write_text(
+        'name = "old"\n[task.reward]\nstray = 10.0\n[pretraining]\nsteps = 5\n'
+        "[pretraining.reward]\nstray = 3.0\n"
+    )
+    experiment = load_experiment(path)
+    assert experiment.task.reward.excursion == 10.0
+    assert experiment.pretraining.reward.excursion == 3.0
+    assert b"stray" not in to_toml(experiment)
+    with pytest.raises(InputError, match=r"unknown key 'task.reward.stray'"):
+        load_experiment(path, ["task.reward.excursion=1.0"])

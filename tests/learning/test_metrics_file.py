@@ -51,6 +51,6 @@ def test_a_checkpoint_without_its_lines_is_refused_and_nothing_changed(tmp_path,
     path = tmp_path / "metrics.jsonl"
     text = "".join(f'{{"update": {number}, "wall_s": 1.0}}\n' for number in lines)
     path.write_text(text)
-    with pytest.raises(CheckpointError, match="does not hold the 3 updates"):
+    with pytest.raises(CheckpointError, match="does not contain the 3 updates"):
         MetricsFile(path, 3, 0.0)
     assert path.read_text() == text

@@ -37,7 +37,7 @@ def test_a_network_is_what_its_weights_say():
     np.testing.assert_allclose(inference.forward(layers, seen), expected)
     assert inference.forward(layers, seen[0]).tolist() == expected[0]
     in_jax = jax.tree.map(lambda value: jnp.asarray(value, dtype=jnp.float32), layers)
-    columns = network.forward_columns(in_jax, jnp.asarray(seen.T, dtype=jnp.float32))
+    columns = inference.forward(in_jax, jnp.asarray(seen.T, dtype=jnp.float32), columns=True)
     np.testing.assert_allclose(columns.T, expected)
 
 

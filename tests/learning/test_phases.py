@@ -11,7 +11,7 @@ from skystack.learning import ppo
 from skystack.learning.experiment import load_experiment
 from skystack.learning.phases import compiled_updates, phases, run_updates
 from skystack.learning.seeds import training_key
-from skystack.tasks.build import build_training_task
+from skystack.tasks.registry import build_training_task
 
 SMALL = ("ppo.environments=8", "ppo.steps=32", "ppo.minibatch=64", "ppo.total_steps=1024")
 

@@ -88,7 +88,7 @@ def test_a_changed_description_is_refused(folder, changes, message):
     [
         ("actor.0.biases", np.nan, r"actor\.0\.biases.*non-finite"),
         ("normaliser.variance", -1.0, "variance.*negative"),
-        ("actor.1.weights", 3e38, "would overflow"),
+        ("actor.1.weights", 3e38, "could overflow"),
     ],
 )
 def test_weights_that_would_give_no_number_are_refused(folder, name, value, message):
@@ -151,7 +151,7 @@ def test_the_most_probable_action_is_taken(tmp_path):
 def test_the_greatest_possible_answer_is_limited(tmp_path, weight, bias, mean, refused):
     save_policy(tmp_path, one_layer([[weight, 0, 0], [0, 0, 0]], [bias, 0, 0], mean=(mean, 0.0)))
     if refused:
-        with pytest.raises(InputError, match="answers would overflow"):
+        with pytest.raises(InputError, match="could overflow"):
             load_policy(tmp_path)
     else:
         load_policy(tmp_path)

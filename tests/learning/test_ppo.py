@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from skystack.learning import inference, network, ppo
 from skystack.learning.settings import PPOSettings
 from skystack.tasks.batch import OneByOne
-from skystack.tasks.build import build_task
-from skystack.tasks.contract import Metrics, Outcome
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.contract import Metric, Outcome
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings
 
 GAMMA, LAMBDA, STEPS = 0.9, 0.8, 12
 SETTINGS = PPOSettings(gamma=GAMMA, gae_lambda=LAMBDA, steps=STEPS, environments=1, minibatch=1)
@@ -106,9 +106,9 @@ def test_samples_may_be_rows_or_columns():
     normaliser = inference.Normaliser(jnp.arange(8.0) / 8.0, jnp.full(8, 0.3), jnp.ones(()))
     rows = jnp.asarray(np.random.default_rng(0).uniform(size=(100, 8)), dtype=jnp.float32)
     normal = inference.normalise(normaliser, rows)
-    np.testing.assert_array_equal(network.normalise_columns(normaliser, rows.T), normal.T)
+    np.testing.assert_array_equal(inference.normalise(normaliser, rows.T, columns=True), normal.T)
     np.testing.assert_allclose(
-        network.forward_columns(parameters.actor, normal.T),
+        inference.forward(parameters.actor, normal.T, columns=True),
         inference.forward(parameters.actor, normal).T,
         atol=1e-5,
     )
@@ -140,7 +140,7 @@ def test_actions_are_drawn_by_their_probability():
 @pytest.mark.parametrize("cut_short", [False, True])
 def test_the_value_after_a_step_is_of_its_own_scenario(cut_short):
     """Of the next observation, but where the scenario was cut short of its final one."""
-    settings, task = PPOSettings(environments=1, steps=STEPS), build_task(TaskSettings())
+    settings, task = PPOSettings(environments=1, steps=STEPS), build_task(NavigationSettings())
     learner = ppo.init(task, settings, jax.random.key(0))
     rng = np.random.default_rng(0)
     seen = jnp.asarray(rng.uniform(size=(STEPS, 8, 1)), dtype=jnp.float32)
@@ -154,7 +154,7 @@ def test_the_value_after_a_step_is_of_its_own_scenario(cut_short):
         rows = inference.normalise(learner.normaliser, observation[..., 0])
         return inference.forward(learner.parameters.critic, rows)
 
-    columns = network.normalise_columns(learner.normaliser, seen[:, :, 0].T)
+    columns = inference.normalise(learner.normaliser, seen[:, :, 0].T, columns=True)
     values, next_values = ppo.compute_values(learner, steps, columns)
     np.testing.assert_allclose(values, value(seen), atol=1e-5)
     np.testing.assert_allclose(next_values, value(final), atol=1e-5)
@@ -171,10 +171,14 @@ class SignState(NamedTuple):
     step: jax.Array
 
 
+METRICS = {"success": Metric("true or false", "the last answer")}
+
+
 class SignTask:
     """Say 1 when the number shown is above a half, else 0: reward 1 for right; five steps."""
 
-    name, version = "sign", 1
+    name, version, agents = "sign", 1, 1
+    metrics = METRICS
     action_names, observation_names = ("low", "high"), ("number",)
 
     def reset(self, key):
@@ -199,9 +203,8 @@ class SignTask:
 
 
 def outcome(reward, ended):
-    no, zero = jnp.zeros((), dtype=bool), jnp.zeros(())
-    metrics = Metrics(ended, no, no, no, zero, zero, zero, zero)
-    return Outcome(reward, ended, no, metrics)
+    no = jnp.zeros((), dtype=bool)
+    return Outcome(reward[None], ended[None], no[None], ended, {"success": ended})
 
 
 def learn_sign(seed):
@@ -242,7 +245,10 @@ def test_the_same_seed_twice_gives_the_same_policy_bit_for_bit():
 
 def test_an_update_is_compiled_once():
     """What comes out has the types of what went in, weak ones too, or JAX compiles again."""
-    settings, task = PPOSettings(environments=4, steps=8, minibatch=8), build_task(TaskSettings())
+    settings, task = (
+        PPOSettings(environments=4, steps=8, minibatch=8),
+        build_task(NavigationSettings()),
+    )
     before = ppo.init(task, settings, jax.random.key(0))
     after, _ = jax.eval_shape(lambda learner: ppo.update(task, settings, learner), before)
 
@@ -442,8 +448,7 @@ def test_returns_are_of_whole_scenarios(collected):
     assert float(episodes.ended) == 6.0
     assert float(episodes.episode_return) == 60.0 + right[:10].sum()
     np.testing.assert_array_equal(after.returns, right[10:].sum(axis=0))
-    assert float(episodes.metrics.success) == 6.0
-    assert float(episodes.metrics.excursion) == 0.0
+    assert float(episodes.metrics["success"]) == 6.0
 
 
 class QuarterTask(SignTask):

@@ -16,6 +16,7 @@ from skystack.learning.experiment import load_experiment
 from skystack.learning.phases import run_updates
 from skystack.learning.policy import load_policy
 from skystack.learning.run import preflight, train_experiment
+from skystack.tasks.navigation import NavigationTask
 
 SMALL = (
     "ppo.total_steps=1024",
@@ -108,7 +109,7 @@ def test_weights_that_are_no_numbers_are_not_saved(tmp_path, monkeypatch):
             broken = jax.tree.map(lambda leaf: leaf * np.nan, updated.parameters)
             yield number, updated._replace(parameters=broken) if number == 3 else updated, measured
 
-    monkeypatch.setattr(run, "learners", spoiled)
+    monkeypatch.setattr(run, "run_updates", spoiled)
     with pytest.raises(TrainingError, match="parameters are not finite after 768 steps"):
         train_experiment(small(), 3, tmp_path, checkpoint_every_s=0)
     assert json.loads((tmp_path / "metrics.jsonl").read_text().splitlines()[-1])["update"] == 2
@@ -204,13 +205,26 @@ def untrained(monkeypatch):
             learner = learner._replace(updates=jax.numpy.asarray(number, dtype="int32"))
             yield number, learner, measured
 
-    monkeypatch.setattr(run, "learners", count)
+    monkeypatch.setattr(run, "run_updates", count)
     monkeypatch.setattr(run, "compiled_updates", lambda *_: contextlib.nullcontext({}))
     monkeypatch.setattr(run.time, "monotonic", clock.monotonic)
     return clock
 
 
 TINY = small("ppo.hidden=[2]")
+
+
+def test_a_task_with_several_agents_is_refused(tmp_path, monkeypatch):
+    """The learner knows one agent; nothing is written."""
+    monkeypatch.setattr(NavigationTask, "agents", 2)
+    experiment = load_experiment("lateral")
+    for refused in (
+        lambda: train_experiment(experiment, 0, tmp_path / "run"),
+        lambda: preflight(experiment, tmp_path / "run", False),
+    ):
+        with pytest.raises(InputError, match=r"^task lateral has 2 agents \(allowed"):
+            refused()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_progress_is_reported_after_every_update(untrained, tmp_path):
@@ -268,13 +282,13 @@ def test_checkpoints_come_when_their_time_has_passed(
 
 
 def test_the_last_good_checkpoint_is_named(untrained, tmp_path, monkeypatch):
-    spoilt = run.learners
+    spoilt = run.run_updates
 
     def spoil(*given):
         for number, learner, measured in spoilt(*given):
             yield number, learner, measured | ({"entropy": np.nan} if number == 4 else {})
 
-    monkeypatch.setattr(run, "learners", spoil)
+    monkeypatch.setattr(run, "run_updates", spoil)
     message = "seed 3: entropy is not finite after 1024 steps; .*after 512 steps$"
     with pytest.raises(TrainingError, match=message):
         train_experiment(TINY, 3, tmp_path, checkpoint_every_s=20.0)
@@ -301,13 +315,13 @@ def test_a_policy_is_described_by_its_training(untrained, tmp_path):
 def test_notices_before_a_training_begins(tmp_path):
     assert preflight(TINY, tmp_path / "new", False) == ["compiling ..."]
     assert preflight(TINY, tmp_path / "new", True) == [
-        f"{tmp_path / 'new'} holds no checkpoint: training begins anew",
+        f"{tmp_path / 'new'} has no checkpoint: training starts from the beginning",
         "compiling ...",
     ]
     all_of_it = small("pretraining.steps=1024")
     assert preflight(all_of_it, tmp_path / "new", False) == [
-        "pretraining.steps (1,024) takes all of ppo.total_steps (1,024): only pretraining.reward "
-        "is learned from, not task.reward",
+        "pretraining.steps (1,024) covers all of ppo.total_steps (1,024): training uses "
+        "pretraining.reward only, not task.reward",
         "compiling ...",
     ]
     assert preflight(small("pretraining.steps=1023"), tmp_path / "new", False) == ["compiling ..."]
@@ -341,10 +355,10 @@ def test_the_revision_is_that_of_git(tmp_path, monkeypatch, capfd, script, revis
 def test_no_training_is_lost_to_another(tmp_path):
     preflight(TINY, tmp_path, False)
     (tmp_path / "checkpoint" / "learner.safetensors").write_bytes(b"half")
-    with pytest.raises(InputError, match="holds a training that is not finished"):
+    with pytest.raises(InputError, match="contains an unfinished training run"):
         preflight(TINY, tmp_path, False)
     assert preflight(TINY, tmp_path, True) == ["compiling ..."]
     (tmp_path / "policy.json").write_text("{}")
-    with pytest.raises(InputError, match="holds a trained policy already"):
+    with pytest.raises(InputError, match="already contains a trained policy"):
         preflight(TINY, tmp_path, False)
     assert preflight(TINY, tmp_path, True) == ["compiling ..."]

@@ -130,7 +130,7 @@ def test_its_smaller_sectors_can_be_flown_in(name, routes):
     [
         ("X-sector", "unknown sector of BluebirdDT 'X-sector'; did you mean 'X-Sector'?"),
         ("Two Sector", "BluebirdDT's Two Sector: routes[0]: starts or ends at SANTA inside"),
-        ("Springfield", "BluebirdDT's Springfield: routes[2]: its exit SMUDJ is not on an edge"),
+        ("Springfield", "BluebirdDT's Springfield: routes[2]: its exit fix SMUDJ is not on"),
     ],
 )
 def test_what_is_not_one_sector_is_refused(name, message):

@@ -12,10 +12,10 @@ from skystack.platforms.protocol import Report
 from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import NO_TURN, RIGHT
-from skystack.tasks.build import build_task
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings
 
-TASK = build_task(TaskSettings())
+TASK = build_task(NavigationSettings())
 PLANE = TASK.simulator.sector.plane
 
 
@@ -105,7 +105,7 @@ def test_a_level_is_read_to_the_nearest_tick():
 def test_every_aircraft_keeps_its_own_route_levels_and_type():
     """Exit levels that are none of the levels at the start, types of a fleet, one on its own."""
     kinds = (AircraftType(), AircraftType("AT76", mach=(0.4, 0.4, 0.4)), AircraftType("A320"))
-    task = build_task(TaskSettings(fleet=kinds))
+    task = build_task(NavigationSettings(fleet=kinds))
     traffic = task.scenarios.draw(scenario_key(0, 3)).traffic._replace(
         kind=jnp.array([2, 1], dtype=jnp.int32),
         level_ticks=jnp.array([300.5, 280.0], dtype=jnp.float32) * TICKS_PER_FL,

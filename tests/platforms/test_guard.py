@@ -45,7 +45,7 @@ def test_a_report_that_is_not_finite_names_field_and_aircraft(name, value):
 
 def test_a_report_of_fewer_aircraft_is_named():
     short = GOOD._replace(lat=np.array([1.0]))
-    with pytest.raises(PlatformError, match=r"reported \(1,\) of lat for 2"):
+    with pytest.raises(PlatformError, match=r"reported lat of shape \(1,\) for 2 aircraft"):
         Guarded(lambda: Canned(short)).reset(SCENARIO)
 
 

@@ -97,7 +97,7 @@ def test_a_level_is_understood(level_fl):
         ({}, "an instruction to AC1 needs heading_deg or level_fl"),
         ({"heading_deg": 361}, "heading_deg is 361 (allowed: 0 to 360)"),
         ({"heading_deg": -1}, "heading_deg is -1 (allowed: 0 to 360)"),
-        ({"level_fl": -10}, "level_fl is -10 (allowed: 0 and more)"),
+        ({"level_fl": -10}, "level_fl is -10 (allowed: 0 or more)"),
         (
             {"level_fl": 300, "turn": "left"},
             "turn is 'left' (allowed: only together with heading_deg)",

@@ -59,7 +59,7 @@ class Broken(Skystack):
 def test_a_report_that_is_not_whole_is_an_error(tmp_path):
     platform = Guarded(Broken)
     platform.reset(load(MINIMAL, tmp_path))
-    with pytest.raises(PlatformError, match=r"reported \(1,\) of fl for 2"):
+    with pytest.raises(PlatformError, match=r"reported fl of shape \(1,\) for 2 aircraft"):
         platform.advance()
 
 
@@ -90,7 +90,7 @@ def test_extras_are_named_for_each_platform(monkeypatch):
 
 
 CLIMB_NOTE = (
-    "bluesky keeps the speed of a climb or descent within what its type may fly at the "
+    "bluesky limits the speed of a climb or descent to the envelope of its type at the "
     "cleared level"
 )
 

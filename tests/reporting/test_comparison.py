@@ -45,7 +45,7 @@ def test_the_page_shows_curves_trainings_rows_and_settings_by_family(runs, tmp_p
     assert "http" not in html
     assert str(tmp_path.parent) not in html
     # One training has nothing to differ from.
-    assert page.text.count("What was set differently") == 1
+    assert page.text.count("Settings that differ") == 1
 
 
 def test_the_same_settings_are_said_to_be_the_same(tmp_path):

@@ -47,7 +47,7 @@ def test_few_actions_and_many_are_set_beside_each_other_where_both_were_trained(
     report = write_report(run).read_text()
     stems = {path.stem for path in (run / "figures").iterdir()}
     assert {"convergence-avoidance", "separations-avoidance", "trajectories-avoidance"} <= stems
-    assert "Few actions and many beside each other" in report
+    assert "The small and the large action space side by side" in report
 
 
 def test_a_run_that_flew_nothing_says_so(run):

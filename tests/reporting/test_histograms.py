@@ -70,7 +70,7 @@ def test_separations_end_where_the_values_do():
     with house_style():
         axes = separations([Nearest("Stacked", np.array([4.0, 27.0]), 1, 5.0)]).axes[0]
     assert axes.get_xlim() == (0.0, 30.0)
-    assert axes.get_xlabel() == "least separation in a scenario, NM"
+    assert axes.get_xlabel() == "minimum separation per scenario, NM"
 
 
 @pytest.mark.parametrize(("most", "width"), [(0, 1), (79, 1), (80, 2), (159, 2), (160, 3)])
@@ -90,10 +90,10 @@ def test_what_is_far_apart_is_in_the_last_bar_which_says_so():
     with house_style():
         near, far = separations(panels).axes
     assert near.get_xlim() == far.get_xlim() == (0.0, 60.0)
-    assert far.get_xlabel() == "least separation in a scenario, NM (the last bar: 57.5 and more)"
+    assert far.get_xlabel() == "minimum separation per scenario, NM (last bar: 57.5 and more)"
     assert [bar.get_height() for bar in far.patches][-2:] == [1, 3]
     assert near.get_title(loc="left") == "near: 2 of 3 below 5 NM"
     with house_style():
         (axes,) = separations([Nearest("", np.array([59.9]), 0, 3.5)]).axes
-    assert axes.get_xlabel() == "least separation in a scenario, NM"
+    assert axes.get_xlabel() == "minimum separation per scenario, NM"
     assert axes.get_title(loc="left") == ": 0 of 1 below 3.5 NM"

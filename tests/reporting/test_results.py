@@ -19,6 +19,8 @@ from skystack.reporting.results import (
     Statistics,
     Update,
     family_of,
+    family_order,
+    family_title,
     in_order,
     read_run,
     read_updates,
@@ -75,12 +77,20 @@ def test_a_row_is_found_by_experiment_and_way():
         ("vertical-mine", "vertical"),
         ("avoidance-large", "avoidance"),
         ("do-nothing", "lateral"),
-        ("my-vertical", "lateral"),
-        ("verticals", "lateral"),
+        ("my-vertical", "other"),
+        ("verticals", "other"),
     ],
 )
-def test_a_family_is_the_first_word_or_the_first_family(experiment, family):
-    assert row(experiment=experiment).family == family_of(experiment) == family
+def test_without_a_task_the_family_is_the_first_word_if_that_is_a_task(experiment, family):
+    assert row(experiment=experiment).family == family_of(experiment, None) == family
+
+
+def test_a_family_is_the_task_that_a_row_states():
+    assert row(experiment="lateral-mine", task="holding").family == "holding"
+    assert family_title("holding") == "Holding"
+    assert family_order(["zebra", "vertical", "lateral", "holding"]) == [
+        *("lateral", "vertical", "holding", "zebra"),
+    ]
 
 
 def test_families_hold_their_rows_in_order_and_their_trained_experiments():
@@ -275,5 +285,5 @@ def test_what_stands_twice_is_refused(table, run):
     read_run(run)  # in several simulators it is not twice
     stored[table].insert(1, stored[table][0])
     path.write_text(json.dumps(stored))
-    with pytest.raises(InputError, match=rf"{table}: .* stands in it twice \(allowed: once\)"):
+    with pytest.raises(InputError, match=rf"{table}: .* occurs twice \(allowed: once\)"):
         read_run(run)

@@ -147,12 +147,12 @@ def test_cells_stand_under_their_names():
         "steps per second": "32,372",
     }
     assert estimates([row_with_statistics("lateral", True)]).header == (
-        *("row", "clearances", "interquartile"),
-        *("success", "interquartile", "losses of separation"),
+        *("row", "clearances", "interquartile mean"),
+        *("success", "interquartile mean", "losses of separation"),
     )
     assert comparisons(results()).header == (
-        *("first against second", "clearances: difference", "first has fewer"),
-        *("success: difference in points", "first has more"),
+        *("rows", "difference in clearances", "first has fewer"),
+        *("difference in success, points", "first has more"),
     )
     names = RowName("lateral", True), RowName("lateral-large", False)
     gap = Difference(Estimate(1.0, 0.0, 2.0), Estimate(0.5, 0.0, 1.0))

@@ -124,7 +124,7 @@ def test_settings_that_differ_are_told_by_key(tmp_path):
         ("config.toml", b"name = '../x'", "name is .* .allowed: 1 to 80 of A-Z, a-z"),
         ("config.toml", b"name = 3", "config.toml: damaged: name is 3"),
         ("config.toml", b"#" * 10_000_001, "config.toml: is too large .allowed: 10 MB"),
-        ("metrics.jsonl", b"", "metrics.jsonl: holds no whole line"),
+        ("metrics.jsonl", b"", "metrics.jsonl: contains no complete line"),
         ("metrics.jsonl", b'{"steps": 1}\n{"st\n', "metrics.jsonl: line 2: damaged"),
         ("metrics.jsonl", None, "not a run folder"),
         ("policy.json", b"{}", "policy.json: damaged"),

@@ -75,8 +75,8 @@ def test_leaving_the_sector_is_marked_and_explained():
     with house_style():
         plain = picture("Damped", scenario)
         marked = picture("Damped", dataclasses.replace(scenario, tracks=(excursion,)))
-    assert "left the sector" not in [text.get_text() for text in plain.legends[0].get_texts()]
-    assert "left the sector" in [text.get_text() for text in marked.legends[0].get_texts()]
+    assert "excursion" not in [text.get_text() for text in plain.legends[0].get_texts()]
+    assert "excursion" in [text.get_text() for text in marked.legends[0].get_texts()]
 
 
 def test_panels_share_their_limits():
@@ -99,4 +99,4 @@ def test_the_least_separation_is_a_line_with_its_length():
     lines = [line.get_xydata() for line in marked.axes[0].lines if line.get_marker() == "s"]
     assert len(lines) == 1
     np.testing.assert_allclose(lines[0][1] - lines[0][0], [1.0, 1.0])
-    assert "least separation" in [text.get_text() for text in marked.legends[0].get_texts()]
+    assert "minimum separation" in [text.get_text() for text in marked.legends[0].get_texts()]

@@ -163,14 +163,14 @@ def test_vertical_control_is_shown_by_a_climb_of_15_instructions(family_run):
     climbs_fl = [-150] + [160] * 149 + [150]
     set_episodes(run, "vertical", [1] * 151, [True] * 151)
     set_aircraft(run, "vertical", [(THERE, THERE)] * 151, climbs_fl)
-    assert chosen(run) == (150, "a climb of 150 levels")
+    assert chosen(run) == (150, "a climb of 150 flight levels")
 
 
 def test_one_of_two_aircraft_must_climb_as_the_papers_does(family_run):
     run = family_run("vertical")
     set_episodes(run, "vertical", [1] * 3, [True] * 3)
     set_aircraft(run, "vertical", [(THERE, THERE)] * 3, [(140, 140), (150, 160), (-20, 150)])
-    assert chosen(run) == (2, "a climb of 150 levels")
+    assert chosen(run) == (2, "a climb of 150 flight levels")
     set_aircraft(run, "vertical", [(THERE, THERE)] * 3, [(140, 0), (20, 30), (160, -150)])
     assert chosen(run) == (2, None)
 

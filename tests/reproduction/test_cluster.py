@@ -17,7 +17,7 @@ import pytest
 
 from skystack.errors import InputError, TrainingError
 from skystack.learning.experiment import load_experiment
-from skystack.learning.run import Progress
+from skystack.learning.run import TrainingProgress
 from skystack.reproduction import cluster
 from skystack.reproduction.jobs import Job, trained_once
 from skystack.reproduction.plan import Plan
@@ -78,7 +78,7 @@ def wait_for_nodes(address, count):
     until = time.monotonic() + HANGS_S
     while time.monotonic() < until:
         with suppress(OSError):
-            cluster._knock(address)
+            cluster._check_reachable(address)
             ray.init(address, log_to_driver=False, logging_level=logging.CRITICAL)
             found = len(ray.nodes())
             ray.shutdown()
@@ -162,24 +162,24 @@ def test_a_failure_on_a_worker_is_told_as_here(nodes, tmp_path):
         cluster.run_on_cluster(plan, lambda name, progress: None, nodes[0])
 
 
-def test_checkpoints_are_news_once(experiment, tmp_path):
+def test_each_checkpoint_is_sent_once(experiment, tmp_path):
     job = Job(plan_of(experiment, tmp_path), experiment, 0)
-    news = cluster._Checkpoint(job).news
-    assert news() == {}
+    new_files = cluster._Checkpoint(job).new_files
+    assert new_files() == {}
     folder = job.plan.training(job.name)
     (folder / "checkpoint").mkdir(parents=True)
     written = {"checkpoint/learner.safetensors": b"l", "config.toml": b"c", "metrics.jsonl": b"m"}
     for name, data in written.items():
         (folder / name).write_bytes(data)
-    assert news() == {f"train/lateral-s0/{name}": data for name, data in written.items()}
-    assert news() == {}
+    assert new_files() == {f"train/lateral-s0/{name}": data for name, data in written.items()}
+    assert new_files() == {}
 
 
 def test_a_checkpoint_that_comes_back_lands_after_its_metrics(experiment, tmp_path, monkeypatch):
     plan = plan_of(experiment, tmp_path)
     names = ["checkpoint/learner.safetensors", "config.toml", "metrics.jsonl"]
     files = {f"train/lateral-s0/{name}": name.encode() for name in names}
-    progress = Progress(256, 1024, 1.0, {})
+    progress = TrainingProgress(256, 1024, 1.0, {})
     sent, heard, written = (
         [(("lateral-s0", progress), files), (("lateral-s1", progress), {})],
         [],
@@ -190,7 +190,7 @@ def test_a_checkpoint_that_comes_back_lands_after_its_metrics(experiment, tmp_pa
     monkeypatch.setattr(
         cluster, "atomic_write", lambda path, data: (written.append(path.name), write(path, data))
     )
-    cluster._hear(queue, plan, lambda name, progress: heard.append(name))
+    cluster._receive_messages(queue, plan, lambda name, progress: heard.append(name))
     assert heard == ["lateral-s0", "lateral-s1"]
     assert written == ["config.toml", "metrics.jsonl", "learner.safetensors"]
     assert cluster._pack(plan, [tmp_path]) == files

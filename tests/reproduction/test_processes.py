@@ -12,7 +12,7 @@ import pytest
 from skystack.learning.experiment import load_experiment
 from skystack.reproduction.jobs import Job
 from skystack.reproduction.plan import Plan
-from skystack.reproduction.processes import _listen, _no_half_written
+from skystack.reproduction.processes import _cleanup_on_failure, _listen
 from tests.waiting import HANGS_S, wait_until
 
 PARENT = """
@@ -27,8 +27,10 @@ if __name__ == "__main__":
 HOLDER = """
 import sys
 from pathlib import Path
-from skystack.io.files import _open_locked
-handle = _open_locked(Path(sys.argv[1]))
+from filelock import FileLock
+from skystack.io.locks import LOCK
+lock = FileLock(Path(sys.argv[1]) / LOCK)
+lock.acquire()
 print(1, flush=True)
 sys.stdin.read()
 """
@@ -68,7 +70,7 @@ def test_temporary_files_of_stopped_workers_are_deleted_unless_the_folder_is_loc
     with (
         locked_elsewhere(theirs.folders[0]),
         pytest.raises(KeyboardInterrupt),
-        _no_half_written([ours, theirs]),
+        _cleanup_on_failure([ours, theirs]),
     ):
         raise KeyboardInterrupt
     assert not list(ours.folders[0].rglob("*.aside"))

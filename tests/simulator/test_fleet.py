@@ -14,7 +14,7 @@ from skystack.simulator.generator import LateralScenarios
 from skystack.simulator.performance import TICKS_PER_FL, Performance, TablePerformance
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import start
-from skystack.tasks.build import build_task
+from skystack.tasks.registry import build_task
 
 SLOW = AircraftType(
     type="AT76", share=3.0, low_cas_kt=(160.0, 170.0, 180.0), high_cas_kt=(160.0, 170.0, 180.0),
@@ -90,21 +90,22 @@ def test_types_come_by_their_shares_and_levels_alike():
     [
         (['task.fleet=[{type="A320"},{type="A320"}]'], "task.fleet[1].type is A320 (allowed:"),
         (['task.fleet=[{type="A320"}]', "task.performance=constant"], "task.performance is con"),
-        (['task.fleet=[{type="a-320"}]'], '--set: task.fleet[0].type is "a-320" (allowed: text'),
-        (["task.fleet=[{share=0}]"], "--set: task.fleet[0].share is 0 (allowed: number > 0.0)"),
+        (['task.fleet=[{type="a-320"}]'], 'task.fleet[0].type is "a-320" (allowed: text of 2 to'),
+        (['task.fleet=[{type="A320\\n"}]'], 'task.fleet[0].type is "A320\\n" (allowed: text of 2'),
+        (["task.fleet=[{share=0}]"], "task.fleet[0].share is 0 (allowed: number above 0 to 1,"),
         (
             ["task.fleet=[{mach=[0.8,0.8]}]"],
-            "--set: task.fleet[0].mach is [0.8, 0.8] (allowed: list of length 3)",
+            "task.fleet[0].mach is [0.8, 0.8] (allowed: list of 3)",
         ),
-        (["task.fleet=[{speed=3}]"], "--set: task.fleet[0]: unknown field 'speed' (allowed: cei"),
+        (["task.fleet=[{speed=3}]"], "task.fleet[0]: unknown field 'speed' (allowed: cei"),
         (["task.level_fl=[300,305]"], "task.level_fl is 305 (allowed in x-plus: multiples"),
-        (["task.level_fl=[]"], "--set: task.level_fl is [] (allowed: list of"),
+        (["task.level_fl=[]"], "task.level_fl is [] (allowed: whole number or list of 1 to 61)"),
     ],
 )
 def test_what_cannot_fly_is_refused_in_one_line(changes, message):
     with pytest.raises(InputError) as error:
         load_experiment("lateral", changes)
-    assert str(error.value).startswith(message)
+    assert str(error.value).startswith(f"--set: {message}")
 
 
 def test_settings_name_types_and_levels():

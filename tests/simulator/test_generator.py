@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from skystack.airspace.xplus import x_plus
-from skystack.simulator.generator import LateralScenarios, first_fixes
+from skystack.simulator.entries import first_fixes
+from skystack.simulator.generator import LateralScenarios
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import NO_TURN
 
@@ -39,7 +40,7 @@ def test_first_fixes_differ(aircraft):
 
 
 def test_the_sector_has_four_first_fixes():
-    assert first_fixes(flights("table").simulator) == 4
+    assert first_fixes(flights("table").simulator.sector) == 4
 
 
 def test_positions_lie_within_4_nm_of_the_first_fix():

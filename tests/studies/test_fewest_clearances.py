@@ -15,9 +15,9 @@ from skystack.simulator.performance import ConstantPerformance
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import start, ticks
 from skystack.tasks.actions import small_turns
-from skystack.tasks.build import build_task
 from skystack.tasks.navigation import NavigationTask
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings
 from studies import fewest_clearances
 
 STRAIGHT = {
@@ -50,7 +50,7 @@ def refly(task):
 def schedule(task, plans):
     """The small turns `[cycles, instructions]` of one plan per aircraft; 0 is none."""
     slots = MOST_INSTRUCTIONS
-    actions = np.zeros((task.settings.cycles, len(plans) * slots), dtype=np.int32)
+    actions = np.zeros((task.cycles, len(plans) * slots), dtype=np.int32)
     for aircraft, plan in enumerate(plans):
         for turn in plan:
             begin, count = aircraft * slots, abs(turn.turn_deg) // 10
@@ -60,13 +60,13 @@ def schedule(task, plans):
 
 @pytest.fixture(scope="module")
 def x_plus_search():
-    return fewest_clearances.Search(build_task(TaskSettings(aircraft=1)))
+    return fewest_clearances.Search(build_task(NavigationSettings(aircraft=1)))
 
 
 @pytest.fixture(scope="module")
 def drawn():
     """The first four scenarios of seed 0, aircraft by aircraft."""
-    return fewest_clearances.draw(build_task(TaskSettings()), seed=0, scenarios=4)
+    return fewest_clearances.draw(build_task(NavigationSettings()), seed=0, scenarios=4)
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,7 @@ def staircase():
         routes=(("START", "EXIT", "END"),),
     )
     simulator = Simulator(sector, ConstantPerformance())
-    settings = TaskSettings(aircraft=1, cycles=75)
+    settings = NavigationSettings(aircraft=1, cycles=75)
     return NavigationTask(settings, simulator, LateralScenarios(simulator, 1), small_turns(1))
 
 
@@ -119,19 +119,19 @@ def test_from_the_centreline_straight_routes_need_none_and_others_one(x_plus_sea
 
 
 def test_plans_found_aircraft_by_aircraft_succeed_together_in_the_task(x_plus_search, drawn):
-    task = build_task(TaskSettings())
+    task = build_task(NavigationSettings())
     fly = refly(task)
     for alone in drawn:
         plans = [x_plus_search.fewest(traffic, most=1) for traffic in alone]
         both = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), *alone)
         ended, metrics = fly(both, schedule(task, plans)[None])
         assert ended.all()
-        assert metrics.success.all()
-        assert metrics.bursts == sum(len(plan) for plan in plans)
+        assert metrics["success"].all()
+        assert metrics["bursts"] == sum(len(plan) for plan in plans)
 
 
 def test_scenarios_are_those_that_are_drawn_for_evaluation(drawn):
-    expected = jax.jit(build_task(TaskSettings()).scenarios.draw)(
+    expected = jax.jit(build_task(NavigationSettings()).scenarios.draw)(
         scenario_key(0, 2)
     ).traffic.position_nm
     found = np.concatenate([aircraft.position_nm for aircraft in drawn[2]])
@@ -152,11 +152,12 @@ def test_one_clearance_agrees_with_brute_force(staircase, staircase_search):
     expected = np.zeros_like(found)
     for cycle in range(int(flying)):
         plans = [
-            [(fewest_clearances.Turn(cycle, turn),)] for _, turn in fewest_clearances.TURNS.changes
+            [(fewest_clearances.Turn(cycle, action.change),)]
+            for action in fewest_clearances.TURNS.actions[1:]
         ]
         ended, metrics = fly(traffic, np.stack([schedule(staircase, plan) for plan in plans]))
         assert ended.all()
-        expected[cycle] = metrics.success
+        expected[cycle] = metrics["success"]
     np.testing.assert_array_equal(found, expected)
     assert expected.any()
 
@@ -169,13 +170,13 @@ def test_a_staircase_needs_two(staircase, staircase_search):
     assert plan[0].cycle < plan[1].cycle
     ended, metrics = refly(staircase)(traffic, schedule(staircase, [plan])[None])
     assert ended.all()
-    assert metrics.success.all()
-    assert metrics.bursts == 2
+    assert metrics["success"].all()
+    assert metrics["bursts"] == 2
 
 
 def test_a_task_of_two_aircraft_is_refused():
     with pytest.raises(ValueError, match="a task of 2 aircraft"):
-        fewest_clearances.Search(build_task(TaskSettings()))
+        fewest_clearances.Search(build_task(NavigationSettings()))
 
 
 @pytest.fixture

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from skystack.simulator.traffic import Traffic, start, ticks
-from skystack.tasks.build import build_task
 from skystack.tasks.navigation import NavigationTask
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings
 
 STRAIGHT = ("HERON", "CRANE", "EGL", "MACAW", "QUAIL", "SWIFT")
 BACK = STRAIGHT[::-1]
@@ -20,7 +20,7 @@ Builder = Callable[..., Traffic]
 
 @pytest.fixture(scope="session")
 def task() -> NavigationTask:
-    return build_task(TaskSettings())
+    return build_task(NavigationSettings())
 
 
 @pytest.fixture(scope="session")

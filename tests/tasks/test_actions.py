@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skystack.simulator.traffic import start, ticks
-from skystack.tasks.actions import LevelTable, TurnTable, addressed, large_turns, small_turns
+from skystack.tasks.actions import ActionTable, large_turns, level_changes, small_turns, turns
 
 
 def traffic_of(headings, cleared, levels_fl=300.0, active=True):
@@ -30,16 +30,22 @@ def number(action):
     return jnp.asarray(action, dtype=jnp.int32)
 
 
+def changes(table):
+    """(aircraft, change) of every action but none."""
+    return [(action.aircraft, action.change) for action in table.actions[1:]]
+
+
 def test_the_numbers_of_actions():
     """Aircraft by aircraft, minus before plus, small before large."""
-    assert small_turns(2).changes == ((0, -10), (0, 10), (1, -10), (1, 10))
+    assert changes(small_turns(2)) == [(0, -10), (0, 10), (1, -10), (1, 10)]
     assert small_turns(2).names[3] == "aircraft 2 turn -10 deg"
     nine = range(10, 91, 10)
     both = [*(-size for size in nine), *nine]
-    assert large_turns(2).changes == tuple((who, size) for who in (0, 1) for size in both)
-    levels = LevelTable(2, (100, 300))
-    assert levels.changes == ((0, -10), (0, 10), (1, -10), (1, 10))
-    assert (small_turns(1).kind, levels.kind) == ("heading", "level")
+    assert changes(large_turns(2)) == [(who, size) for who in (0, 1) for size in both]
+    levels = level_changes(2, (100, 300))
+    assert changes(levels) == [(0, -10), (0, 10), (1, -10), (1, 10)]
+    assert {action.kind for action in small_turns(1).actions[1:]} == {"heading"}
+    assert {action.kind for action in levels.actions[1:]} == {"level"}
 
 
 def test_an_action_is_for_one_aircraft_or_none():
@@ -47,8 +53,8 @@ def test_an_action_is_for_one_aircraft_or_none():
     traffic = traffic_of([0.0] * 3, [0.0] * 3)
     for action in range(7):
         expected = [action > 0 and (action - 1) // 2 == aircraft for aircraft in range(3)]
-        assert addressed(table, traffic, number(action)).tolist() == expected
-    many = addressed(table, traffic, jnp.asarray([0, 2, 5], dtype=jnp.int32))
+        assert table.addressed(traffic, number(action)).tolist() == expected
+    many = table.addressed(traffic, jnp.asarray([0, 2, 5], dtype=jnp.int32))
     assert many.tolist() == [[False, True, False], [False, False, False], [False, False, True]]
 
 
@@ -106,7 +112,7 @@ def test_turns_are_stacked_below_180_degrees(heading, cleared, action, possible)
     ],
 )
 def test_levels_are_cleared_within_the_sector(cleared_fl, action, expected_fl, possible):
-    table = LevelTable(2, (100, 300))
+    table = level_changes(2, (100, 300))
     traffic = traffic_of([0.0, 0.0], [0.0, 0.0], [cleared_fl, 150.0])
     assert bool(table.may_stack(traffic, number(action))) is possible
     told = table.instruct(traffic, number(action))
@@ -122,13 +128,13 @@ def together(scenarios):
 
 
 def test_batched_scenarios_are_instructed_independently():
-    table = TurnTable(2, (10, 30))
+    table = turns(2, (10, 30))
     alone = [traffic_of([0.0, 0.0], [20.0 * case, 300.0]) for case in range(3)]
     told = table.instruct(together(alone), jnp.asarray([1, 4, 6], dtype=jnp.int32))
     assert told.cleared_heading_deg.tolist() == [[350.0, 50.0, 40.0], [300.0, 300.0, 270.0]]
 
 
-@pytest.mark.parametrize("table", [small_turns(2), LevelTable(2, (200, 400))])
+@pytest.mark.parametrize("table", [small_turns(2), level_changes(2, (200, 400))])
 def test_scenarios_at_once_may_stack_each_by_itself(table):
     """In the first the first aircraft is at its limit, in the second the second has left."""
     limits = [
@@ -142,3 +148,22 @@ def test_scenarios_at_once_may_stack_each_by_itself(table):
     ):
         actions = jnp.full(3, action, dtype=jnp.int32)
         assert table.may_stack(scenarios, actions).tolist() == expected
+
+
+def test_headings_and_levels_in_one_table():
+    """Each action changes and is limited by what it is for, and by nothing else."""
+    table = ActionTable((*small_turns(2).actions, *level_changes(2, (200, 400)).actions[1:]))
+    table = ActionTable(table.actions, (200, 400))
+    assert table.kinds == {"heading", "level"}
+    traffic = traffic_of([0.0, 0.0], [170.0, 20.0], [300.0, 400.0])
+    allowed = [bool(table.may_stack(traffic, number(action))) for action in range(9)]
+    assert allowed == [False, True, False, True, True, True, True, True, False]
+    turned, climbed = (table.instruct(traffic, number(action)) for action in (4, 6))
+    assert turned.cleared_heading_deg.tolist() == [170.0, 30.0]
+    assert turned.pending_turn.tolist() == [0, 1]
+    assert turned.cleared_level_ticks.tolist() == traffic.cleared_level_ticks.tolist()
+    assert climbed.cleared_level_ticks.tolist() == [ticks(310.0), ticks(400.0)]
+    assert climbed.cleared_heading_deg.tolist() == [170.0, 20.0]
+    assert climbed.pending_turn.tolist() == [0, 0]
+    both = table.may_stack(together([traffic] * 9), jnp.arange(9, dtype=jnp.int32))
+    assert both.tolist() == allowed

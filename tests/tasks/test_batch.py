@@ -8,7 +8,7 @@ import pytest
 from skystack.compilation.subroutine import subroutine
 from skystack.learning.experiment import experiment_names, load_experiment
 from skystack.tasks.batch import OneByOne, choose, reset_many
-from skystack.tasks.build import build_training_task
+from skystack.tasks.registry import build_training_task
 
 from .test_conformance import Kept
 

@@ -9,24 +9,24 @@ from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
 from skystack.learning.experiment import load_experiment
 from skystack.simulator.fleet import AircraftType
-from skystack.tasks.actions import LevelTable, large_turns, small_turns
-from skystack.tasks.build import build_task, build_training_task, check_cycles
+from skystack.tasks.actions import large_turns, level_changes, small_turns
 from skystack.tasks.navigation import NavigationTask
-from skystack.tasks.settings import RewardSettings, TaskSettings
+from skystack.tasks.registry import build_task, build_training_task, check_cycles
+from skystack.tasks.settings import NavigationSettings, RewardSettings
 from skystack.tasks.stacked_steps import StackedSteps
 
 VERTICAL = {"name": "vertical", "aircraft": 1, "actions": "levels", "levels_fl": (100, 300)}
 
 
 def built(**settings):
-    return build_task(TaskSettings(**settings))
+    return build_task(NavigationSettings(**settings))
 
 
 def test_the_settings_decide_what_is_built():
     lateral, vertical = built(), built(**VERTICAL)
-    assert lateral.actions == small_turns(2)
-    assert built(actions="large", aircraft=3).actions == large_turns(3)
-    assert vertical.actions == LevelTable(1, (100, 300))
+    assert lateral.table == small_turns(2)
+    assert built(actions="large", aircraft=3).table == large_turns(3)
+    assert vertical.table == level_changes(1, (100, 300))
     assert vertical.sector.levels_fl == (100, 300)
     assert (lateral.sector.levels_fl, lateral.sector.name) == ((200, 400), "x-plus")
     assert (lateral.simulator.own_navigation, vertical.simulator.own_navigation) == (False, True)
@@ -36,10 +36,10 @@ def test_the_settings_decide_what_is_built():
 
 
 def test_training_steps_stand_still_where_the_settings_say():
-    assert type(build_training_task(TaskSettings())) is NavigationTask
-    frozen = build_training_task(TaskSettings(timing="stack"))
+    assert type(build_training_task(NavigationSettings())) is NavigationTask
+    frozen = build_training_task(NavigationSettings(timing="stack"))
     assert isinstance(frozen, StackedSteps)
-    assert frozen.task == build_task(TaskSettings(timing="stack"))
+    assert frozen.task == build_task(NavigationSettings(timing="stack"))
     # Names and version are those of the task itself.
     same = ("name", "version", "action_names", "observation_names", "sector")
     assert [getattr(frozen, name) for name in same] == [getattr(frozen.task, name) for name in same]
@@ -63,7 +63,7 @@ def test_the_limits_themselves_are_allowed(settings):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"aircraft": 5}, r"task\.aircraft is 5, but .* x-plus has 4 \(2 aircraft"),
+        ({"aircraft": 5}, r"task\.aircraft is 5, but .* x-plus has 4 \(the default is 2"),
         ({"level_fl": 190}, r"task\.level_fl is 190 \(allowed in x-plus: .* from 200 to 400;"),
         ({"level_fl": 410}, r"task\.level_fl is 410"),
         ({"level_fl": 305}, r"task\.level_fl is 305"),
@@ -119,10 +119,10 @@ RANGES = [
 @pytest.mark.parametrize(("name", "least", "most"), RANGES)
 def test_the_ranges_of_settings(name, least, most):
     for value in (least, most):
-        assert getattr(msgspec.convert({name: value}, TaskSettings), name) == value
+        assert getattr(msgspec.convert({name: value}, NavigationSettings), name) == value
     for value in (least - 1, most + 1):
         with pytest.raises(msgspec.ValidationError, match=name):
-            msgspec.convert({name: value}, TaskSettings)
+            msgspec.convert({name: value}, NavigationSettings)
 
 
 @pytest.mark.parametrize("field", msgspec.structs.fields(RewardSettings), ids=lambda f: f.name)
@@ -149,11 +149,11 @@ def test_the_defaults_are_the_papers():
         "burst": 0.0,
         "outside_band": 0.0,
         "band_nm": 0.0,
-        "stray": 0.0,
+        "excursion": 0.0,
         "conflict": 0.0,
         "conflict_nm": 5.5,
     }
-    settings = TaskSettings()
+    settings = NavigationSettings()
     assert (settings.aircraft, settings.level_fl, settings.disc_nm) == (2, 300, 4.0)
     assert (settings.cycles, settings.actions, settings.timing) == (300, "small", "cycle")
     assert settings.features == ("theta_f", "theta_sf", "d_c", "delta_t")
@@ -166,14 +166,14 @@ def test_the_defaults_are_the_papers():
 )
 def test_the_lengths_of_lists_in_settings(name, entry, least, most):
     for count in (least, most):
-        values = msgspec.convert({name: [entry] * count}, TaskSettings)
+        values = msgspec.convert({name: [entry] * count}, NavigationSettings)
         assert len(getattr(values, name)) == count
     for count in {least - 1, most + 1} - {-1}:
         with pytest.raises(msgspec.ValidationError, match=name):
-            msgspec.convert({name: [entry] * count}, TaskSettings)
+            msgspec.convert({name: [entry] * count}, NavigationSettings)
 
 
-@pytest.mark.parametrize("kind", [TaskSettings, RewardSettings])
+@pytest.mark.parametrize("kind", [NavigationSettings, RewardSettings])
 def test_unknown_settings_are_refused(kind):
     with pytest.raises(msgspec.ValidationError, match="unknown field"):
         msgspec.convert({"surprise": 1}, kind)

@@ -7,17 +7,21 @@ import jax.numpy as jnp
 import pytest
 
 from skystack.tasks.conformance import check_task
-from skystack.tasks.contract import Metrics, Outcome
+from skystack.tasks.contract import Metric, Outcome
 
 
 class Number(NamedTuple):
     value: jax.Array
 
 
+METRICS = {"value": Metric("", "the number")}
+
+
 class Kept:
     """A number that an action changes; keeps every promise."""
 
-    name, version = "number", 1
+    name, version, agents = "number", 1, 1
+    metrics = METRICS
     action_names, observation_names = ("none", "halve"), ("number", "its square")
 
     def reset(self, key):
@@ -33,9 +37,8 @@ class Kept:
         return action != 0
 
     def advance(self, state):
-        no, zero = jnp.zeros((), dtype=bool), jnp.zeros(())
-        metrics = Metrics(no, no, no, no, zero, zero, zero, zero)
-        return state, Outcome(state.value, no, no, metrics)
+        no = jnp.zeros_like(state.value, dtype=bool)
+        return state, Outcome(state.value[None], no[None], no[None], no, {"value": state.value})
 
     def step(self, state, action):
         return self.advance(self.instruct(state, action))
@@ -109,12 +112,18 @@ class BreaksAtTwo(Kept):
         return Number(state.value + 1.0), outcome
 
 
+class OtherMetrics(Kept):
+    metrics = METRICS | {"more": Metric("", "something else")}
+
+
 class StacksNothing(Kept):
     def may_stack(self, state, action):
         return action == 0
 
 
-@pytest.mark.parametrize("task", [Kept(), Changed(terminated=True), Changed(truncated=True)])
+@pytest.mark.parametrize(
+    "task", [Kept(), Changed(terminated=[True]), Changed(truncated=[True], ended=True)]
+)
 def test_a_task_that_breaks_no_promise(task):
     check_task(task, steps=3)
 
@@ -126,13 +135,16 @@ def test_a_task_that_breaks_no_promise(task):
         (TwoOfAName(), "action names repeat"),
         (ThreeValues(), "observation does not fit its names"),
         (NotANumber(), "observation is not finite"),
-        (TooGreat(), r"observation is not within \[0, 1\]"),
-        (TooSmall(), r"observation is not within \[0, 1\]"),
+        (TooGreat(), r"observation is not in \[0, 1\]"),
+        (TooSmall(), r"observation is not in \[0, 1\]"),
         (StepRounds(), "step changes the shape or type of the state"),
         (InstructWidens(), "instruct changes shapes or types"),
-        (Changed(reward=jnp.inf), "reward is not finite"),
-        (Changed(terminated=True, truncated=True), "terminated and truncated"),
-        (StacksNothing(), "no action can be stacked"),
+        (Changed(reward=[jnp.inf]), "reward is not finite"),
+        (Changed(terminated=[True], truncated=[True]), "an agent is terminated and truncated"),
+        (Changed(reward=1.0), "rewards or ends have no axis of agents"),
+        (Changed(ended=True), "the scenario has ended, an agent has not"),
+        (OtherMetrics(), "metrics are not those specified"),
+        (StacksNothing(), "may_stack allows action 0, which is no instruction"),
     ],
 )
 def test_a_broken_promise_is_named(task, broken):

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from skystack.simulator.traffic import Traffic, ticks
-from skystack.tasks.build import build_task
-from skystack.tasks.settings import RewardSettings, TaskSettings
+from skystack.tasks.navigation import NavigationState
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings, RewardSettings
 
 from .conftest import BACK, STRAIGHT, TURNING
+from .memories import changed
 
 WEIGHTS = RewardSettings(
     centreline=1.5,
@@ -23,7 +25,7 @@ WEIGHTS = RewardSettings(
     burst=0.6,
     outside_band=0.11,
     band_nm=2.0,
-    stray=4.0,
+    excursion=4.0,
     conflict=0.9,
     conflict_nm=8.0,
 )
@@ -37,25 +39,32 @@ WAITED = (10.0, 3.0, 9.0)
 """Cycles since the last instruction, before this one."""
 
 
-class Judge(NamedTuple):
+class Cycles(NamedTuple):
+    """Ends cycles of a task whose traffic was flown elsewhere."""
+
     task: Any
-    judge: Any
-    """Compiled."""
+    end: Any
+    """Compiled: memory and flown traffic to state and outcome."""
 
     def reward(self, memory, flown):
-        return float(self.judge(memory, flown)[1].reward)
+        return float(self.end(memory, flown)[1].reward[0])
+
+
+def cycles_of(task):
+    return Cycles(
+        task, jax.jit(lambda memory, flown: task.end_cycle(NavigationState(flown, memory), flown))
+    )
 
 
 @pytest.fixture(scope="module")
-def judge():
-    task = build_task(TaskSettings(name="avoidance", aircraft=3, reward=WEIGHTS))
-    return Judge(task, jax.jit(task.judge))
+def cycle():
+    return cycles_of(build_task(NavigationSettings(name="avoidance", aircraft=3, reward=WEIGHTS)))
 
 
 @pytest.fixture(scope="module")
-def flown(judge, traffic_on) -> Traffic:
+def flown(cycle, traffic_on) -> Traffic:
     """Three aircraft inside the sector, each beside the first leg of its route."""
-    sector, positions, headings = judge.task.sector, [], []
+    sector, positions, headings = cycle.task.sector, [], []
     for route, along, right in zip(ROUTES, ALONG_NM, RIGHT_NM, strict=True):
         heading = sector.first_heading_deg(route)
         angle = np.radians(heading)
@@ -73,11 +82,11 @@ def flown(judge, traffic_on) -> Traffic:
 
 
 @pytest.fixture(scope="module")
-def memory(judge, flown):
+def memory(cycle, flown):
     """Nobody moves in the cycle, so that separation is distance."""
     exits = jnp.asarray([ticks(fl) for fl in EXIT_FL], dtype=jnp.float32)
-    return judge.task.begin(flown, exits).memory._replace(
-        cycles_since_instruction=jnp.asarray(WAITED)
+    return changed(
+        cycle.task.begin(flown, exits).memory, cycles_since_instruction=jnp.asarray(WAITED)
     )
 
 
@@ -116,63 +125,65 @@ def expected_of_pairs(flown, there):
 
 
 @pytest.mark.parametrize("there", [(0, 1, 2), (0, 1), (0, 2), (1,)])
-def test_the_reward_of_a_cycle_is_the_weighted_sum_of_its_terms(judge, flown, memory, there):
+def test_the_reward_of_a_cycle_is_the_weighted_sum_of_its_terms(cycle, flown, memory, there):
     """Averaged over all three aircraft; who has left pays nothing and is in nobody's way."""
     active = jnp.asarray([number in there for number in range(3)])
     each = [expected_of_aircraft(number, WAITED[number] + (number != 0)) for number in there]
-    assert judge.reward(memory, flown._replace(active=active)) == pytest.approx(
+    assert cycle.reward(memory, flown._replace(active=active)) == pytest.approx(
         sum(each) / 3.0 + expected_of_pairs(flown, there), abs=2e-4
     )
 
 
-def test_bursts_and_instructions_of_the_cycle_are_priced(judge, flown, memory):
-    before = judge.reward(memory, flown)
-    told = memory._replace(
-        new_bursts=jnp.float32(2.0), instructed=jnp.asarray([False, True, False])
+def test_bursts_and_instructions_of_the_cycle_are_priced(cycle, flown, memory):
+    before = cycle.reward(memory, flown)
+    told = changed(
+        memory, new_bursts=jnp.float32(2.0), instructed=jnp.asarray([False, True, False])
     )
     # Aircraft 2 had waited four cycles with this one; now it has waited none.
-    assert judge.reward(told, flown) - before == pytest.approx(
+    assert cycle.reward(told, flown) - before == pytest.approx(
         -0.6 * 2.0 - 0.25 * 0.4 / 3, abs=1e-5
     )
 
 
-def test_straying_is_priced_when_it_happens(judge, flown, memory):
+def test_straying_is_priced_when_it_happens(cycle, flown, memory):
     far = flown._replace(position_nm=flown.position_nm.at[1].set(jnp.asarray([300.0, 0.0])))
-    inside = memory._replace(entered=jnp.asarray([True, True, True]))
-    never = memory._replace(entered=jnp.asarray([True, False, True]))
-    already = inside._replace(excursion=jnp.asarray([False, True, False]))
-    now, later = judge.reward(inside, far), judge.reward(already, far)
+    inside = changed(memory, entered=jnp.asarray([True, True, True]))
+    never = changed(memory, entered=jnp.asarray([True, False, True]))
+    already = changed(inside, excursion=jnp.asarray([False, True, False]))
+    now, later = cycle.reward(inside, far), cycle.reward(already, far)
     assert now - later == pytest.approx(-4.0 / 3.0, abs=1e-5)
-    assert judge.reward(never, far) == later
+    assert cycle.reward(never, far) == later
 
 
-def test_scenarios_at_once_are_paid_each_by_itself(judge, flown, memory):
+def test_scenarios_at_once_are_paid_each_by_itself(cycle, flown, memory):
     """Arrays with a batch axis behind their own: two end, one for both reasons; two go on."""
     alone = flown._replace(active=jnp.asarray([False, True, False]))
     gone = flown._replace(active=jnp.zeros(3, dtype=bool))
-    late = memory._replace(cycles=jnp.float32(299.0), entered=jnp.asarray([True, False, True]))
-    late = late._replace(instructions=jnp.asarray([1.0, 2.0, 30.0]), bursts=jnp.float32(5.0))
+    late = changed(memory, cycles=jnp.float32(299.0), entered=jnp.asarray([True, False, True]))
+    late = changed(late, instructions=jnp.asarray([1.0, 2.0, 30.0]), bursts=jnp.float32(5.0))
     cases = [(memory, flown), (late, flown), (memory, alone), (late, gone)]
-    _, outcome = judge.judge(*jax.tree.map(lambda *rows: jnp.stack(rows, axis=-1), *cases))
+    _, outcome = cycle.end(*jax.tree.map(lambda *rows: jnp.stack(rows, axis=-1), *cases))
     np.testing.assert_allclose(
-        outcome.reward, [judge.reward(*case) for case in cases], rtol=0.0, atol=1e-4
+        outcome.reward[0], [cycle.reward(*case) for case in cases], rtol=0.0, atol=1e-4
     )
-    assert outcome.terminated.tolist() == [False, True, False, True]
+    assert outcome.ended.tolist() == [False, True, False, True]
     metrics = outcome.metrics
-    assert metrics.instructions.tolist() == [0.0, 33.0, 0.0, 33.0]
-    assert metrics.bursts.tolist() == [0.0, 5.0, 0.0, 5.0]
-    assert metrics.few_instructions.tolist() == [True, False, True, False]
-    assert metrics.cycles.tolist() == [1.0, 300.0, 1.0, 300.0]
+    assert metrics["instructions"].tolist() == [0.0, 33.0, 0.0, 33.0]
+    assert metrics["bursts"].tolist() == [0.0, 5.0, 0.0, 5.0]
+    assert metrics["few_instructions"].tolist() == [True, False, True, False]
+    assert metrics["cycles"].tolist() == [1.0, 300.0, 1.0, 300.0]
     # The second has just entered; in the last nobody is left to.
-    assert metrics.excursion.tolist() == [False, False, False, True]
-    assert np.isfinite(metrics.min_separation_nm).tolist() == [True, True, False, False]
+    assert metrics["excursion"].tolist() == [False, False, False, True]
+    assert np.isfinite(metrics["min_separation_nm"]).tolist() == [True, True, False, False]
 
 
 def test_one_aircraft_is_in_nobodys_way(traffic_on):
     """No pair, no price: from the centreline, without an instruction, nothing is paid."""
-    task = build_task(TaskSettings(name="avoidance", aircraft=1, reward=RewardSettings(safety=3.0)))
+    task = build_task(
+        NavigationSettings(name="avoidance", aircraft=1, reward=RewardSettings(safety=3.0))
+    )
     state = task.begin(traffic_on(STRAIGHT))
-    assert float(jax.jit(task.judge)(*state[::-1])[1].reward) == pytest.approx(0.0, abs=1e-4)
+    assert cycles_of(task).reward(*state[::-1]) == pytest.approx(0.0, abs=1e-4)
 
 
 FEW, MANY = (29.0, 0.0, 29.0), (0.0, 30.0, 0.0)
@@ -191,36 +202,37 @@ FEW, MANY = (29.0, 0.0, 29.0), (0.0, 30.0, 0.0)
 )
 @pytest.mark.parametrize("cycles", [298.0, 299.0, 300.0])
 def test_the_terminal_set_is_paid_at_the_end(
-    judge, flown, memory, cycles, right, excursion, instructions, paid
+    cycle, flown, memory, cycles, right, excursion, instructions, paid
 ):
-    state = memory._replace(
+    state = changed(
+        memory,
         entered=jnp.asarray([True, True, True]),
         exited_correctly=jnp.asarray(right),
         excursion=jnp.asarray(excursion),
         instructions=jnp.asarray(instructions),
     )
-    on_the_way = judge.reward(state, flown)
-    _, outcome = judge.judge(state._replace(cycles=jnp.float32(cycles)), flown)
-    assert bool(outcome.terminated) == (cycles >= 299.0)
+    on_the_way = cycle.reward(state, flown)
+    _, outcome = cycle.end(changed(state, cycles=jnp.float32(cycles)), flown)
+    assert bool(outcome.ended) == (cycles >= 299.0)
     assert not bool(outcome.truncated)
-    assert float(outcome.reward) - on_the_way == pytest.approx(
+    assert float(outcome.reward[0]) - on_the_way == pytest.approx(
         2.0 * paid * (cycles >= 299.0), abs=1e-4
     )
-    assert bool(outcome.metrics.success) == (paid == 35.0)
-    assert bool(outcome.metrics.correct_exit) == all(right)
-    assert bool(outcome.metrics.excursion) == any(excursion)
-    assert bool(outcome.metrics.few_instructions) == (instructions == FEW)
+    assert bool(outcome.metrics["success"]) == (paid == 35.0)
+    assert bool(outcome.metrics["correct_exit"]) == all(right)
+    assert bool(outcome.metrics["excursion"]) == any(excursion)
+    assert bool(outcome.metrics["few_instructions"]) == (instructions == FEW)
 
 
-def test_a_scenario_ends_when_nobody_is_left(judge, flown, memory):
+def test_a_scenario_ends_when_nobody_is_left(cycle, flown, memory):
     """Nobody entered: only the count criterion holds."""
     gone = flown._replace(active=jnp.zeros(3, dtype=bool))
-    outside = memory._replace(entered=jnp.asarray([False, False, False]))
-    state, outcome = judge.judge(outside, gone)
-    assert bool(outcome.terminated)
-    assert np.all(state.memory.excursion)
-    assert float(outcome.reward) == pytest.approx(2.0 * 5.0)
-    entered = memory._replace(entered=jnp.asarray([True, False, True]))
+    outside = changed(memory, entered=jnp.asarray([False, False, False]))
+    state, outcome = cycle.end(outside, gone)
+    assert bool(outcome.ended)
+    assert np.all(state.memory.progress.excursion)
+    assert float(outcome.reward[0]) == pytest.approx(2.0 * 5.0)
+    entered = changed(memory, entered=jnp.asarray([True, False, True]))
     np.testing.assert_array_equal(
-        judge.judge(entered, gone)[0].memory.excursion, [False, True, False]
+        cycle.end(entered, gone)[0].memory.progress.excursion, [False, True, False]
     )

@@ -12,6 +12,7 @@ from skystack.airspace.xplus import x_plus
 from skystack.simulator.traffic import start, ticks
 from skystack.tasks import features
 from skystack.tasks.tracking import Tracker
+from tests.tasks.memories import changed
 
 from .test_tracking import FAR_NORTH
 
@@ -64,7 +65,7 @@ def memory_of(sector, traffic, next_fix=None):
     memory = Tracker(sector).begin(traffic, traffic.level_ticks)
     if next_fix is None:
         return memory
-    return memory._replace(next_fix=jnp.asarray(next_fix, dtype=jnp.int32))
+    return changed(memory, next_fix=jnp.asarray(next_fix, dtype=jnp.int32))
 
 
 def value(name, sector, traffic, memory):
@@ -134,7 +135,8 @@ def test_distance_from_the_route(scattered):
 
 def test_times_turns_and_levels(scattered):
     *_, cleared, _, traffic, memory = scattered
-    memory = memory._replace(
+    memory = changed(
+        memory,
         cycles_since_instruction=jnp.arange(20.0),
         entry_level_ticks=jnp.full(20, ticks(120.0), dtype=jnp.float32),
         exit_level_ticks=jnp.full(20, ticks(250.0), dtype=jnp.float32),
@@ -168,7 +170,7 @@ def test_distances_are_true_ones(sector):
     positions = sector.plane.to_plane(*np.array(points).T)
     traffic = traffic_of(sector, routes, positions, 0.0)
     memory = memory_of(sector, traffic, next_fixes)
-    memory = memory._replace(exit_level_ticks=memory.exit_level_ticks - ticks(50.0))
+    memory = changed(memory, exit_level_ticks=memory.plan.exit_level_ticks - ticks(50.0))
     to_fix, to_exit, in_hand = [], [], []
     for at, route, next_fix in cases:
         middle = sector.edge_through(route[-2])[[0, -1]].mean(axis=0)
@@ -264,7 +266,7 @@ def test_what_is_shown_is_scaled_to_the_features_range(scattered):
     """Aircraft by aircraft; beyond the range its end, as of a distance of 200 NM."""
     traffic, memory = scattered[-2:]
     far = traffic.position_nm.at[0].set(jnp.asarray([150.0, 140.0]))
-    memory = memory._replace(cycles_since_instruction=jnp.arange(20.0) / 4.0)
+    memory = changed(memory, cycles_since_instruction=jnp.arange(20.0) / 4.0)
     active = jnp.arange(20) % 4 != 3
     traffic = traffic._replace(position_nm=far, active=active)
     assert set(SHOWN) == set(features.FEATURES)

@@ -15,9 +15,9 @@ from skystack.learning.experiment import experiment_names, load_experiment
 from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import PERFORMANCE, TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
-from skystack.tasks.build import build_task, check_cycles
 from skystack.tasks.flight_time import flight_times
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.registry import build_task, check_cycles
+from skystack.tasks.settings import NavigationSettings
 
 # 59 N to 66 N: 7.2 degrees of the meridian from SOUTO to the exit, 8.4 of a parallel from WESTO.
 NORTH = msgspec.convert(
@@ -80,7 +80,7 @@ def test_an_aircraft_on_its_own_navigation_takes_as_long():
     state, count = flying.begin(first.traffic, first.exit_level_ticks), 0
     while bool(state.traffic.active[0]) and count < 600:
         state, count = step(state), count + 1
-    assert bool(state.memory.exited[0])
+    assert bool(state.memory.progress.exited[0])
     assert count == pytest.approx(expected.fastest[1], abs=1)
 
 
@@ -119,8 +119,8 @@ def test_a_sector_whose_shortest_route_takes_longer_is_refused(name, levels, dis
         check_cycles(task(name, cycles=needed - 1, **of))
     assert str(error.value) == (
         f"task.cycles is {needed - 1}, but the shortest route of north, WESTO EASTE EASTO, takes "
-        f"{needed} at {times.fastest_kt:.0f} kt (allowed: {needed} to 10000; --cycles or "
-        "task.cycles in the TOML raises it)"
+        f"{needed} at {times.fastest_kt:.0f} kt (allowed: {needed} to 10000; set it with "
+        "--cycles, or task.cycles in the TOML)"
     )
 
 
@@ -142,6 +142,6 @@ def test_every_shipped_experiment_can_be_flown_by_all(name):
 
 
 def test_the_limit_of_cycles():
-    assert msgspec.convert({"cycles": 10_000}, TaskSettings).cycles == 10_000
+    assert msgspec.convert({"cycles": 10_000}, NavigationSettings).cycles == 10_000
     with pytest.raises(msgspec.ValidationError):
-        msgspec.convert({"cycles": 10_001}, TaskSettings)
+        msgspec.convert({"cycles": 10_001}, NavigationSettings)

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from skystack.simulator.traffic import ticks
-from skystack.tasks.build import build_task, build_training_task
 from skystack.tasks.conformance import check_task
-from skystack.tasks.settings import RewardSettings, TaskSettings
+from skystack.tasks.registry import build_task, build_training_task
+from skystack.tasks.settings import NavigationSettings, RewardSettings
 
 from .conftest import BACK, STRAIGHT, TURNING
+from .memories import changed
 
 NONE, LEFT_1, RIGHT_1, LEFT_2, RIGHT_2 = range(5)
 
@@ -23,16 +24,16 @@ def action(number):
 @pytest.mark.parametrize("timing", ["cycle", "stack"])
 @pytest.mark.parametrize("actions", ["small", "large"])
 def test_tasks_conform_to_the_contract(timing, actions):
-    check_task(build_training_task(TaskSettings(timing=timing, actions=actions)))
+    check_task(build_training_task(NavigationSettings(timing=timing, actions=actions)))
 
 
 def test_action_tables_have_the_papers_sizes():
-    assert len(build_task(TaskSettings()).action_names) == 5
-    large = build_task(TaskSettings(actions="large"))
+    assert len(build_task(NavigationSettings()).action_names) == 5
+    large = build_task(NavigationSettings(actions="large"))
     assert len(large.action_names) == 37
-    assert [turn for _, turn in large.actions.changes[:9]] == [-10 * k for k in range(1, 10)]
-    assert [turn for _, turn in large.actions.changes[9:18]] == [10 * k for k in range(1, 10)]
-    assert {who for who, _ in large.actions.changes[18:]} == {1}
+    assert [action.change for action in large.actions[1:10]] == [-10 * k for k in range(1, 10)]
+    assert [action.change for action in large.actions[10:19]] == [10 * k for k in range(1, 10)]
+    assert {action.aircraft for action in large.actions[19:]} == {1}
 
 
 def test_observation_on_the_centreline(task, traffic_on):
@@ -70,41 +71,43 @@ def test_cleared_heading_moves_the_observation_at_once(task, traffic_on):
 def test_instructions_count_for_one_aircraft_only(task, traffic_on):
     state = task.begin(traffic_on(STRAIGHT, BACK))
     state = task.instruct(state, action(LEFT_2))
-    np.testing.assert_array_equal(state.memory.instructions, [0.0, 1.0])
-    np.testing.assert_array_equal(state.memory.cycles_since_instruction, [10.0, 0.0])
+    np.testing.assert_array_equal(state.memory.counts.instructions, [0.0, 1.0])
+    np.testing.assert_array_equal(state.memory.counts.cycles_since_instruction, [10.0, 0.0])
     state, _ = task.advance(state)
-    np.testing.assert_array_equal(state.memory.cycles_since_instruction, [10.0, 0.0])
+    np.testing.assert_array_equal(state.memory.counts.cycles_since_instruction, [10.0, 0.0])
     state, _ = task.advance(state)
-    np.testing.assert_array_equal(state.memory.cycles_since_instruction, [10.0, 1.0])
+    np.testing.assert_array_equal(state.memory.counts.cycles_since_instruction, [10.0, 1.0])
 
 
 def test_reward_of_a_quiet_cycle_on_the_centreline_is_zero(task, traffic_on):
     _, outcome = task.step(task.begin(traffic_on(STRAIGHT, BACK)), action(NONE))
-    assert float(outcome.reward) == pytest.approx(0.0, abs=1e-4)
+    assert float(outcome.reward[0]) == pytest.approx(0.0, abs=1e-4)
 
 
 def test_reward_of_an_instruction_is_damping_over_two_aircraft(task, traffic_on):
     """Weight 0.25, r_a = -1 for one of two aircraft; nobody has moved off the centreline yet."""
     _, outcome = task.step(task.begin(traffic_on(STRAIGHT, BACK)), action(LEFT_1))
-    assert float(outcome.reward) == pytest.approx(-0.25 / 2, abs=1e-4)
+    assert float(outcome.reward[0]) == pytest.approx(-0.25 / 2, abs=1e-4)
 
 
 def test_undamped_weights_price_no_instruction(traffic_on):
-    undamped = build_task(TaskSettings(reward=RewardSettings(damping=0.0, count_criterion=False)))
+    undamped = build_task(
+        NavigationSettings(reward=RewardSettings(damping=0.0, count_criterion=False))
+    )
     _, outcome = undamped.step(undamped.begin(traffic_on(STRAIGHT, BACK)), action(LEFT_1))
-    assert float(outcome.reward) == pytest.approx(0.0, abs=1e-4)
+    assert float(outcome.reward[0]) == pytest.approx(0.0, abs=1e-4)
 
 
 def test_a_burst_is_priced_once(traffic_on):
     """Ours: the same instruction in consecutive cycles is one burst, another one begins anew."""
     prices = RewardSettings(centreline=0.0, damping=0.0, burst=1.0)
-    priced = build_task(TaskSettings(reward=prices))
+    priced = build_task(NavigationSettings(reward=prices))
     state, paid = priced.begin(traffic_on(STRAIGHT, BACK)), []
     for number in (LEFT_1, LEFT_1, RIGHT_2, NONE, RIGHT_2):
         state, outcome = priced.step(state, action(number))
-        paid.append(float(outcome.reward))
+        paid.append(float(outcome.reward[0]))
     assert paid == [-1.0, 0.0, -1.0, 0.0, -1.0]
-    assert float(outcome.metrics.bursts) == 3.0
+    assert float(outcome.metrics["bursts"]) == 3.0
 
 
 def fly(task, traffic, cycles=300):
@@ -120,61 +123,61 @@ def fly(task, traffic, cycles=300):
 def test_straight_routes_succeed_uninstructed(task, traffic_on):
     """As in the real simulator: HERON-SWIFT and SWIFT-HERON pass without an instruction."""
     memory, outcome = fly(task, traffic_on(STRAIGHT, BACK))
-    over = int(np.argmax(outcome.terminated))
-    assert bool(outcome.metrics.success[over])
-    assert not bool(outcome.metrics.excursion[over])
-    np.testing.assert_array_equal(memory.exited_correctly[over], [True, True])
+    over = int(np.argmax(outcome.ended))
+    assert bool(outcome.metrics["success"][over])
+    assert not bool(outcome.metrics["excursion"][over])
+    np.testing.assert_array_equal(memory.progress.exited_correctly[over], [True, True])
     # 15 + 20 for the terminal set: both aircraft satisfy everything; the last cycle is quiet.
-    assert float(outcome.reward[over]) == pytest.approx(35.0, abs=1e-3)
+    assert float(outcome.reward[over, 0]) == pytest.approx(35.0, abs=1e-3)
     # They cross head-on near the middle.
-    assert float(outcome.metrics.min_separation_nm[over]) < 0.5
+    assert float(outcome.metrics["min_separation_nm"][over]) < 0.5
 
 
 def test_entry_exit_and_excursion_cycles_agree_with_geometry(task, traffic_on):
     """465.94 kt is 0.77657 NM a cycle; the arm end is 4.9922 NM ahead, the exit 93.9 NM on."""
     memory, outcome = fly(task, traffic_on(STRAIGHT, TURNING, positions=None))
     per_cycle = 465.940793 / 600.0
-    entered = np.argmax(np.asarray(memory.entered)[:, 0]) + 1
-    exited = np.argmax(np.asarray(memory.exited)[:, 0]) + 1
+    entered = np.argmax(np.asarray(memory.progress.entered)[:, 0]) + 1
+    exited = np.argmax(np.asarray(memory.progress.exited)[:, 0]) + 1
     assert entered == int(np.ceil(4.9922 / per_cycle))
     assert exited == int(np.ceil((4.9922 + 29.9533 + 20.8255 + 39.0807) / per_cycle))
     # Straight on at EGL leaves through the northern arm: no exit of the turning route.
-    assert bool(memory.excursion[-1, 1])
-    assert not bool(memory.exited[-1, 1])
-    assert int(np.argmax(outcome.terminated)) == 299
+    assert bool(memory.progress.excursion[-1, 1])
+    assert not bool(memory.progress.exited[-1, 1])
+    assert int(np.argmax(outcome.ended)) == 299
 
 
 def test_an_aircraft_outside_still_costs(task, traffic_on):
     memory, outcome = fly(task, traffic_on(TURNING, BACK))
-    excursion = int(np.argmax(np.asarray(memory.excursion)[:, 0]))
-    assert bool(memory.exited[-1, 1])
+    excursion = int(np.argmax(np.asarray(memory.progress.excursion)[:, 0]))
+    assert bool(memory.progress.exited[-1, 1])
     # Far from the route each cycle costs 1 / 2 (averaged over both aircraft).
-    assert float(outcome.reward[290]) == pytest.approx(-0.5, abs=1e-3)
+    assert float(outcome.reward[290, 0]) == pytest.approx(-0.5, abs=1e-3)
     assert excursion < 290
 
 
 def test_an_aircraft_that_never_enters_is_an_excursion(task, traffic_on):
     outwards = traffic_on(STRAIGHT, BACK, headings=[225.0, 45.0])
     memory, outcome = fly(task, outwards)
-    assert not np.any(memory.excursion[:-1])
-    np.testing.assert_array_equal(memory.excursion[-1], [True, True])
+    assert not np.any(memory.progress.excursion[:-1])
+    np.testing.assert_array_equal(memory.progress.excursion[-1], [True, True])
     # Only the count criterion holds: 5, and both are as far from the route as can be: -1.
-    assert float(outcome.reward[-1]) == pytest.approx(5.0 - 1.0, abs=1e-3)
+    assert float(outcome.reward[-1, 0]) == pytest.approx(5.0 - 1.0, abs=1e-3)
 
 
 def test_a_wrong_level_fails_the_exit_but_not_the_bounds(task, traffic_on):
     traffic = traffic_on(STRAIGHT, BACK)
     state = task.begin(traffic)
-    wanted = state.memory.exit_level_ticks.at[0].set(ticks(310))
-    state = state._replace(memory=state.memory._replace(exit_level_ticks=wanted))
+    wanted = state.memory.plan.exit_level_ticks.at[0].set(ticks(310))
+    state = state._replace(memory=changed(state.memory, exit_level_ticks=wanted))
     advance = jax.jit(task.advance)
     for _ in range(123):
         state, outcome = advance(state)
-    assert bool(outcome.terminated)
-    np.testing.assert_array_equal(state.memory.exited_correctly, [False, True])
-    assert not bool(outcome.metrics.excursion)
-    assert not bool(outcome.metrics.correct_exit)
-    assert float(outcome.reward) == pytest.approx(2.5 + 5.0 + 5.0, abs=1e-3)
+    assert bool(outcome.ended)
+    np.testing.assert_array_equal(state.memory.progress.exited_correctly, [False, True])
+    assert not bool(outcome.metrics["excursion"])
+    assert not bool(outcome.metrics["correct_exit"])
+    assert float(outcome.reward[0]) == pytest.approx(2.5 + 5.0 + 5.0, abs=1e-3)
 
 
 def test_exited_aircraft_are_silent_and_deaf(task, traffic_on):
@@ -190,9 +193,9 @@ def test_exited_aircraft_are_silent_and_deaf(task, traffic_on):
 def test_thirty_instructions_are_not_few(task, traffic_on):
     state = task.begin(traffic_on(STRAIGHT, BACK))
     for count, few in ((29.0, True), (30.0, False)):
-        memory = state.memory._replace(instructions=jnp.asarray([count, 0.0]))
+        memory = changed(state.memory, instructions=jnp.asarray([count, 0.0]))
         _, outcome = task.advance(state._replace(memory=memory))
-        assert bool(outcome.metrics.few_instructions) is few
+        assert bool(outcome.metrics["few_instructions"]) is few
 
 
 def test_stacks_stop_before_the_turn_would_go_the_other_way(task, traffic_on):
@@ -216,4 +219,4 @@ def test_settings_that_cannot_be_are_refused():
         ({"performance": "tables"}, "table"),
     ):
         with pytest.raises(InputError, match=message):
-            build_task(msgspec.structs.replace(TaskSettings(), **change))
+            build_task(msgspec.structs.replace(NavigationSettings(), **change))

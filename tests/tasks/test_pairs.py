@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from skystack.airspace.projection import METRES_PER_NM, WGS84, MercatorPlane
 from skystack.simulator.traffic import start, ticks
-from skystack.tasks.build import build_task
 from skystack.tasks.conformance import check_task
 from skystack.tasks.pairs import PAIR_FEATURES, RANGE_NM, observe_pairs, pair_names, pairs_of
-from skystack.tasks.settings import RewardSettings, TaskSettings
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings, RewardSettings
 
 from .conftest import BACK, STRAIGHT
 
@@ -81,7 +81,7 @@ def test_it_is_predicted_on_the_cleared_headings():
 def avoidance(**weights):
     quiet = {"centreline": 0.0, "damping": 0.0, "terminal": 0.0}
     return build_task(
-        TaskSettings(
+        NavigationSettings(
             name="avoidance",
             pair_features=("theta", "d"),
             reward=RewardSettings(**(quiet | weights)),
@@ -91,7 +91,7 @@ def avoidance(**weights):
 
 def test_a_task_with_pairs_keeps_the_contract():
     check_task(avoidance(safety=2.0))
-    every = TaskSettings(name="avoidance", aircraft=4, pair_features=tuple(PAIR_FEATURES))
+    every = NavigationSettings(name="avoidance", aircraft=4, pair_features=tuple(PAIR_FEATURES))
     check_task(build_task(every))
 
 
@@ -115,18 +115,18 @@ def test_who_has_left_is_seen_far_away_and_is_no_danger(traffic_on):
     both = traffic_on(STRAIGHT, BACK)
     state = task.begin(both._replace(active=jnp.array([True, False])))
     np.testing.assert_allclose(task.observe(state)[8:], [0.5, 1.0])
-    assert float(task.advance(state)[1].reward) == 0.0
+    assert float(task.advance(state)[1].reward[0]) == 0.0
 
 
 def test_the_safety_reward_is_paid_once_a_scenario_for_the_worst_pair():
-    settings = TaskSettings(name="avoidance", aircraft=3, pair_features=("theta", "d"))
+    settings = NavigationSettings(name="avoidance", aircraft=3, pair_features=("theta", "d"))
     weights = RewardSettings(centreline=0.0, damping=0.0, terminal=0.0, safety=2.0)
-    task = build_task(TaskSettings(**_fields(settings) | {"reward": weights}))
+    task = build_task(NavigationSettings(**_fields(settings) | {"reward": weights}))
     # Head-on 80 NM apart, and a third one far to the side of both.
     told = traffic([(0, 0), (0, 80), (60, 40)], [0, 180, 90])
     state = task.begin(told)
     _, outcome = jax.jit(task.advance)(state)
-    assert float(outcome.reward) == pytest.approx(2.0 * (80.0 - 1.6) / 150.0 - 2.0, abs=0.02)
+    assert float(outcome.reward[0]) == pytest.approx(2.0 * (80.0 - 1.6) / 150.0 - 2.0, abs=0.02)
 
 
 def _fields(struct):
@@ -151,7 +151,7 @@ def test_a_conflict_is_priced_by_its_depth(traffic_on):
     task = avoidance(conflict=1.0)
     at = [np.array([0.0, 0.0]), np.array([4.0, 0.0])]
     state = task.begin(traffic_on(STRAIGHT, STRAIGHT, positions=at, headings=[0.0, 0.0]))
-    assert float(task.advance(state)[1].reward) == pytest.approx(-1.5, abs=1e-3)
+    assert float(task.advance(state)[1].reward[0]) == pytest.approx(-1.5, abs=1e-3)
 
 
 @pytest.fixture(scope="module")

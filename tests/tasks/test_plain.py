@@ -15,9 +15,9 @@ from skystack.learning.inference import forward, normalise
 from skystack.learning.seeds import scenario_key
 from skystack.policies.shipped import find_policy
 from skystack.stacking import TwoPhase, stack, stack_traced
-from skystack.tasks.build import build_task
 from skystack.tasks.plain import PlainTask
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings
 
 from .test_conformance import Kept
 
@@ -53,14 +53,14 @@ def test_stacking_in_plain_python_is_stacking_in_a_compiled_program():
         ]
         seen, outcome = plain.advance(seen)
         state, judged = advance(state)
-        assert float(outcome.reward) == float(judged.reward)
+        assert float(outcome.reward[0]) == float(judged.reward[0])
         assert np.array_equal(plain.observe(seen), observe(state))
     assert spoken > 3
 
 
 @pytest.fixture(scope="module")
 def begun():
-    plain = PlainTask(build_task(TaskSettings()))
+    plain = PlainTask(build_task(NavigationSettings()))
     return plain, plain.reset(scenario_key(0, 0))
 
 
@@ -104,7 +104,7 @@ def test_every_call_is_the_tasks_own():
         (plain.step(seen, 1), state.value / 2.0),
     ):
         np.testing.assert_array_equal(plain.state_of(after).value, value)
-        np.testing.assert_array_equal(outcome.reward, value)
+        np.testing.assert_array_equal(outcome.reward[0], value)
     with pytest.raises(InputError, match=r"action is 2 \(allowed: whole numbers from 0 to 1\)"):
         plain.step(seen, 2)
 

@@ -51,7 +51,7 @@ def test_vertical(gap_fl, expected):
     assert float(rewards.vertical(jnp.float32(gap_fl))) == pytest.approx(expected, abs=1e-6)
 
 
-@pytest.mark.parametrize(("distance_nm", "expected"), [(4.9, 0.0), (-5.0, 0.0), (-7.5, 2.5)])
+@pytest.mark.parametrize(("distance_nm", "expected"), [(4.9, 0.0), (-5.0, 0.0), (-7.5, -2.5)])
 def test_outside_band(distance_nm, expected):
     assert float(rewards.outside_band(jnp.asarray(distance_nm), 5.0)) == pytest.approx(expected)
 

@@ -13,7 +13,7 @@ import pytest
 from skystack.airspace.projection import WGS84, MercatorPlane
 from skystack.airspace.sector import Sector
 from skystack.simulator.performance import TICKS_PER_FL
-from skystack.tasks.tracking import pair_distance_squared
+from skystack.tasks.separation import pair_distance_squared
 
 PAIRS = 100_000
 STEPS = 600

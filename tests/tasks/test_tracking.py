@@ -10,13 +10,16 @@ import pytest
 from skystack.airspace.projection import METRES_PER_NM, WGS84
 from skystack.airspace.sector import Sector
 from skystack.airspace.xplus import x_plus
-from skystack.simulator.generator import Crowd, LateralScenarios
+from skystack.simulator.crowd import Crowd
+from skystack.simulator.generator import LateralScenarios
 from skystack.simulator.performance import performance
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import start, ticks
-from skystack.tasks import tracking
+from skystack.tasks import progress as progress_module
 from skystack.tasks.features import centreline_distance, distance_in_hand, next_fix_distance
+from skystack.tasks.progress import ProgressTracker
 from skystack.tasks.tracking import Tracker
+from tests.tasks.memories import changed
 
 SQUARE = ((-1.2, -1.2), (-1.2, 1.2), (1.2, 1.2), (1.2, -1.2))
 HAIRPIN = Sector(
@@ -73,7 +76,7 @@ def progress(sector, points_deg):
         traffic = traffic_at(sector, [point])
         memory = tracker.begin(traffic, traffic.level_ticks) if memory is None else memory
         memory = track(memory, traffic)
-        found.append(int(memory.next_fix[0]))
+        found.append(int(memory.progress.next_fix[0]))
     return found
 
 
@@ -84,9 +87,9 @@ def test_starts_of_a_hairpin_route_are_before_its_second_fix():
     drawn = jax.vmap(lateral.draw, out_axes=-1)(jax.random.split(jax.random.key(0), 200)).traffic
     tracker = Tracker(HAIRPIN)
     memory = tracker.begin(drawn, drawn.level_ticks)
-    assert np.all(memory.next_fix == 1)
+    assert np.all(memory.progress.next_fix == 1)
     flown = simulator.advance(drawn)
-    assert np.all(tracker.track(memory, flown).next_fix == 1)
+    assert np.all(tracker.track(memory, flown).progress.next_fix == 1)
 
 
 def test_a_hairpin_is_passed_at_its_fixes_or_by_turning_early():
@@ -103,7 +106,9 @@ def test_a_crowd_begins_on_the_way_to_the_fix_ahead():
     crowd = Crowd(Simulator(FAR_NORTH, performance("table")), 50)
     traffic = crowd.draw(jax.random.key(0)).traffic
     memory = Tracker(FAR_NORTH).begin(traffic, traffic.level_ticks)
-    fixes = FAR_NORTH.route_table.fixes_nm[np.asarray(traffic.route), np.asarray(memory.next_fix)]
+    fixes = FAR_NORTH.route_table.fixes_nm[
+        np.asarray(traffic.route), np.asarray(memory.progress.next_fix)
+    ]
     ahead = fixes - np.asarray(traffic.position_nm)
     radians = np.radians(np.asarray(traffic.heading_deg))
     assert np.all(np.sum(ahead * np.stack([np.sin(radians), np.cos(radians)], 1), axis=1) > 0.0)
@@ -148,10 +153,10 @@ def test_an_exit_over_an_edge_that_bends_in_the_plane_is_no_excursion():
             inside, outside = ((edge_lat + sign * step, lon) for sign in (1.0, -1.0))
             before, after = (traffic_at(sector, [point], 1, 180.0) for point in (inside, outside))
             memory = tracker.track(tracker.begin(before, before.level_ticks), before)
-            assert bool(memory.entered[0])
+            assert bool(memory.progress.entered[0])
             memory = tracker.track(memory, after)
-            assert bool(memory.exited[0])
-            assert not bool(memory.excursion[0])
+            assert bool(memory.progress.exited[0])
+            assert not bool(memory.progress.excursion[0])
 
 
 def scene(levels_fl, apart_nm, active=True):
@@ -171,7 +176,7 @@ def scene(levels_fl, apart_nm, active=True):
 def tracked(*scenes, **changes):
     """The memories after each scene but the first, at which the scenario begins."""
     tracker, memories = Tracker(HAIRPIN), []
-    memory = tracker.begin(scenes[0], scenes[0].level_ticks)._replace(**changes)
+    memory = changed(tracker.begin(scenes[0], scenes[0].level_ticks), **changes)
     for traffic in scenes[1:]:
         memory = tracker.track(memory, traffic)
         memories.append(memory)
@@ -181,26 +186,26 @@ def tracked(*scenes, **changes):
 def test_losses_use_the_levels_at_the_start_of_a_cycle():
     """They part vertically in the first cycle; in the second they are 2,000 ft apart throughout."""
     first, second = tracked(scene([300, 305], 2.0), scene([300, 320], 2.0), scene([300, 320], 2.0))
-    assert float(first.separation_nm) == pytest.approx(2.0, abs=1e-3)
-    assert float(second.separation_nm) == np.inf
-    assert float(second.min_separation_nm) == pytest.approx(2.0, abs=1e-3)
-    assert second.previous_level_ticks.tolist() == [ticks(300.0), ticks(320.0)]
-    assert second.entry_level_ticks.tolist() == [ticks(300.0), ticks(305.0)]
+    assert float(first.separation.last_nm) == pytest.approx(2.0, abs=1e-3)
+    assert float(second.separation.last_nm) == np.inf
+    assert float(second.separation.least_nm) == pytest.approx(2.0, abs=1e-3)
+    assert second.progress.previous_level_ticks.tolist() == [ticks(300.0), ticks(320.0)]
+    assert second.plan.entry_level_ticks.tolist() == [ticks(300.0), ticks(305.0)]
 
 
 def test_losses_use_the_positions_at_the_start_of_a_cycle():
     first, second = tracked(scene([300, 300], 3.0), scene([300, 300], 9.0), scene([300, 300], 8.0))
-    assert float(first.separation_nm) == pytest.approx(3.0, abs=1e-3)
-    assert float(second.separation_nm) == pytest.approx(8.0, abs=1e-3)
-    assert float(second.min_separation_nm) == pytest.approx(3.0, abs=1e-3)
+    assert float(first.separation.last_nm) == pytest.approx(3.0, abs=1e-3)
+    assert float(second.separation.last_nm) == pytest.approx(8.0, abs=1e-3)
+    assert float(second.separation.least_nm) == pytest.approx(3.0, abs=1e-3)
 
 
 def test_aircraft_that_left_lose_no_separation():
     both = scene([300, 300], 3.0)
     alone = scene([300, 300], 3.0, active=[True, False])
     (memory,) = tracked(both, alone)
-    assert float(memory.separation_nm) == np.inf
-    assert float(tracked(scene([300], 0.0), scene([300], 0.0))[0].separation_nm) == np.inf
+    assert float(memory.separation.last_nm) == np.inf
+    assert float(tracked(scene([300], 0.0), scene([300], 0.0))[0].separation.last_nm) == np.inf
 
 
 @pytest.mark.parametrize(
@@ -208,68 +213,70 @@ def test_aircraft_that_left_lose_no_separation():
 )
 def test_entered_is_inside_the_levels_and_the_area(fl, inside):
     tracker, within = Tracker(HAIRPIN), scene([fl], 0.0)
-    assert tracker.begin(within, within.level_ticks).entered.tolist() == [inside]
+    assert tracker.begin(within, within.level_ticks).progress.entered.tolist() == [inside]
     outside = within._replace(position_nm=jnp.asarray([[0.0, 75.0]]))
     begun = tracker.begin(outside, outside.level_ticks)
-    assert begun.entered.tolist() == [False]
-    assert tracker.track(begun, within).entered.tolist() == [inside]
+    assert begun.progress.entered.tolist() == [False]
+    assert tracker.track(begun, within).progress.entered.tolist() == [inside]
     gone = within._replace(active=jnp.asarray([False]))
-    assert tracker.track(begun, gone).entered.tolist() == [False]
+    assert tracker.track(begun, gone).progress.entered.tolist() == [False]
 
 
-def test_only_active_aircraft_that_entered_can_stray():
+def test_only_active_aircraft_that_entered_can_leave():
     """The second one crosses the western edge, which is nobody's exit."""
     inside, outside = scene([300, 300], -40.0), scene([300, 300], -75.0)
-    assert tracked(inside, outside)[0].excursion.tolist() == [False, True]
-    assert tracked(inside, outside, entered=jnp.zeros(2, dtype=bool))[0].excursion.tolist() == [
+    assert tracked(inside, outside)[0].progress.excursion.tolist() == [False, True]
+    assert tracked(inside, outside, entered=jnp.zeros(2, dtype=bool))[
+        0
+    ].progress.excursion.tolist() == [
         False,
         False,
     ]
     gone = scene([300, 300], -75.0, active=[True, False])
-    assert tracked(inside, gone)[0].excursion.tolist() == [False, False]
+    assert tracked(inside, gone)[0].progress.excursion.tolist() == [False, False]
     back = tracked(inside, outside, inside)[1]
-    assert back.excursion.tolist() == [False, True]  # for good
+    assert back.progress.excursion.tolist() == [False, True]  # for good
     still = tracked(inside, outside, outside)[1]
-    assert still.excursion.tolist() == [False, True]
+    assert still.progress.excursion.tolist() == [False, True]
 
 
 def noted(memory, action, *aircraft):
     heard = jnp.asarray([number in aircraft for number in range(2)])
-    return Tracker(HAIRPIN).note_instruction(memory, heard, jnp.asarray(action, dtype=jnp.int32))
+    return Tracker(HAIRPIN).instruct(memory, heard, jnp.asarray(action, dtype=jnp.int32))
 
 
 def test_instructions_bursts_and_waiting_are_counted():
     """By hand: two of a kind in consecutive cycles are one burst, a pause or another begins one."""
     here, tracker = scene([300, 300], 20.0), Tracker(HAIRPIN)
     memory = tracker.begin(here, here.level_ticks)
-    assert memory.cycles_since_instruction.tolist() == [10.0, 10.0]
+    assert memory.counts.cycles_since_instruction.tolist() == [10.0, 10.0]
     waited, bursts, new = [], [], []
     for action, aircraft in ((1, [0]), (1, [0]), (3, [1]), (0, []), (3, [1]), (1, [])):
         memory = noted(memory, action, *aircraft)
-        new.append(float(memory.new_bursts))
+        new.append(float(memory.counts.new_bursts))
         memory = tracker.track(memory, here)
-        waited.append(memory.cycles_since_instruction.tolist())
-        bursts.append(float(memory.bursts))
-        assert float(memory.new_bursts) == 0.0
-        assert not np.any(memory.instructed)
+        waited.append(memory.counts.cycles_since_instruction.tolist())
+        bursts.append(float(memory.counts.bursts))
+        assert float(memory.counts.new_bursts) == 0.0
+        assert not np.any(memory.counts.instructed)
     assert waited == [[0, 10], [0, 10], [1, 0], [2, 1], [3, 0], [4, 1]]
     assert bursts == [1, 1, 2, 2, 3, 3]
     assert new == [1, 0, 1, 0, 1, 0]
-    assert memory.instructions.tolist() == [2.0, 2.0]
-    assert float(memory.cycles) == 6.0
-    assert int(memory.burst_action) == 0
+    assert memory.counts.instructions.tolist() == [2.0, 2.0]
+    assert float(memory.progress.cycles) == 6.0
+    assert int(memory.counts.burst_action) == 0
 
 
 def test_a_stack_of_instructions_in_one_cycle_is_one_burst():
     here = scene([300, 300], 20.0)
     memory = Tracker(HAIRPIN).begin(here, here.level_ticks)
     stacked = noted(noted(memory, 2, 0), 2, 0)
-    assert (float(stacked.new_bursts), float(stacked.bursts)) == (1.0, 1.0)
-    assert stacked.instructed.tolist() == [True, False]
+    assert (float(stacked.counts.new_bursts), float(stacked.counts.bursts)) == (1.0, 1.0)
+    assert stacked.counts.instructed.tolist() == [True, False]
     mixed = noted(noted(memory, 2, 0), 4, 1)
-    assert (float(mixed.new_bursts), float(mixed.bursts)) == (2.0, 2.0)
-    assert mixed.instructed.tolist() == [True, True]
-    assert mixed.cycles_since_instruction.tolist() == [0.0, 0.0]
+    assert (float(mixed.counts.new_bursts), float(mixed.counts.bursts)) == (2.0, 2.0)
+    assert mixed.counts.instructed.tolist() == [True, True]
+    assert mixed.counts.cycles_since_instruction.tolist() == [0.0, 0.0]
 
 
 @pytest.mark.parametrize(
@@ -290,16 +297,16 @@ def test_leaving_through_the_exit(fl, entered, active, exits, correctly):
     )
     tracker = Tracker(HAIRPIN)
     memory = tracker.begin(inside, jnp.asarray([ticks(300.0)], dtype=jnp.float32))
-    memory = memory._replace(entered=jnp.asarray([entered]))
+    memory = changed(memory, entered=jnp.asarray([entered]))
     memory = tracker.track(memory, outside._replace(active=jnp.asarray([active])))
-    assert memory.exited.tolist() == [exits]
-    assert memory.exited_correctly.tolist() == [correctly]
-    assert memory.excursion.tolist() == [False]
+    assert memory.progress.exited.tolist() == [exits]
+    assert memory.progress.exited_correctly.tolist() == [correctly]
+    assert memory.progress.excursion.tolist() == [False]
     later = tracker.track(memory, outside._replace(active=jnp.asarray([False])))
-    assert later.exited.tolist() == [exits]
-    assert later.exited_correctly.tolist() == [correctly]
+    assert later.progress.exited.tolist() == [exits]
+    assert later.progress.exited_correctly.tolist() == [correctly]
     again = tracker.track(tracker.track(memory, inside), outside)
-    assert again.exited.tolist() == [True]  # who had not left leaves now, who had has left
+    assert again.progress.exited.tolist() == [True]  # who had not left leaves now, who had has left
 
 
 def test_a_fix_is_passed_within_a_true_mile():
@@ -325,7 +332,7 @@ def test_a_fix_is_passed_abeam_at_any_distance():
             traffic = traffic_at(sector, [sector.plane.to_degrees(at)], route)
             tracker = Tracker(sector)
             memory = tracker.track(tracker.begin(traffic, traffic.level_ticks), traffic)
-            assert int(memory.next_fix[0]) == found
+            assert int(memory.progress.next_fix[0]) == found
 
 
 def test_progress_stays_at_the_last_fix_and_never_goes_back():
@@ -351,7 +358,7 @@ def test_the_next_fix_of_a_long_route_is_found_as_of_a_short_one(fixes, monkeypa
     begun = jnp.where(traffic.route == 0, begun, 1)
     found = []
     for unrolled in (16, 1000):
-        monkeypatch.setattr(tracking, "MOST_UNROLLED", unrolled)
-        found.append(np.asarray(Tracker(long)._next_fix(traffic, begun)))
+        monkeypatch.setattr(progress_module, "MOST_UNROLLED", unrolled)
+        found.append(np.asarray(ProgressTracker(long)._next_fix(traffic, begun)))
     np.testing.assert_array_equal(found[0], found[1])
     assert len(np.unique(found[0])) > 5

@@ -10,9 +10,9 @@ from skystack.learning.experiment import load_experiment
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import start, ticks
 from skystack.stacking import stack
-from skystack.tasks.build import build_task
 from skystack.tasks.conformance import check_task
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings
 
 NONE, DESCEND, CLIMB = range(3)
 STRAIGHT = ("HERON", "CRANE", "EGL", "MACAW", "QUAIL", "SWIFT")
@@ -101,19 +101,19 @@ def test_cleared_levels_stay_in_the_sector(task):
 def test_the_reward_of_a_cycle_is_of_the_cleared_level_and_the_damping(task):
     state = begin(task, 200.0, 250.0)
     _, quiet = task.step(state, action(NONE))
-    assert float(quiet.reward) == pytest.approx(np.exp(-50 / 40) - 1, abs=1e-5)
+    assert float(quiet.reward[0]) == pytest.approx(np.exp(-50 / 40) - 1, abs=1e-5)
     _, told = task.step(state, action(CLIMB))
-    assert float(told.reward) == pytest.approx(np.exp(-40 / 40) - 1 - 0.5, abs=1e-5)
+    assert float(told.reward[0]) == pytest.approx(np.exp(-40 / 40) - 1 - 0.5, abs=1e-5)
 
 
 def flown(task, state, policy, stacked):
     """Fly a scenario to its end; clearances, and the last outcome."""
     clearances, advance = 0, jax.jit(task.advance)
-    for _ in range(task.settings.cycles):
+    for _ in range(task.cycles):
         state, told = stack(task, policy, state, limit=None if stacked else 1)
         clearances += told.instructions > 0
         state, outcome = advance(state)
-        if outcome.terminated:
+        if outcome.ended:
             break
     return clearances, outcome
 
@@ -128,14 +128,14 @@ def to_exit_level(seen):
 def test_a_climb_of_150_levels_is_one_clearance_or_fifteen(task, stacked, clearances):
     issued, outcome = flown(task, begin(task, 100.0, 250.0), to_exit_level, stacked)
     assert issued == clearances
-    assert bool(outcome.metrics.success)
-    assert float(outcome.metrics.instructions) == 15.0
+    assert bool(outcome.metrics["success"])
+    assert float(outcome.metrics["instructions"]) == 15.0
 
 
 def test_leaving_at_the_wrong_level_is_no_correct_exit_but_no_excursion(task):
     _, outcome = flown(task, begin(task, 200.0, 250.0), lambda seen: action(NONE), True)
-    assert not bool(outcome.metrics.correct_exit)
-    assert not bool(outcome.metrics.excursion)
+    assert not bool(outcome.metrics["correct_exit"])
+    assert not bool(outcome.metrics["excursion"])
 
 
 @pytest.mark.parametrize(
@@ -152,4 +152,4 @@ def test_leaving_at_the_wrong_level_is_no_correct_exit_but_no_excursion(task):
 def test_settings_that_cannot_be_are_refused(changes, message):
     good = {"name": "vertical", "aircraft": 1, "actions": "levels", "levels_fl": (100, 300)}
     with pytest.raises(InputError, match=message):
-        build_task(TaskSettings(**(good | changes)))
+        build_task(NavigationSettings(**(good | changes)))

@@ -18,7 +18,7 @@ FILES = {"policy.json", "policy.safetensors", "measured.json", "card.md"}
 def package(tmp_path, monkeypatch):
     """An empty package, and few scenarios."""
     few = (Conditions(episodes=2, stacking=False), Conditions(episodes=3))
-    monkeypatch.setattr(ship_policies, "JUDGED", few)
+    monkeypatch.setattr(ship_policies, "CONDITIONS", few)
     folder = tmp_path / "policies"
     folder.mkdir()
     monkeypatch.setattr(shipped, "SHIPPED", folder)
@@ -59,7 +59,7 @@ def test_cards_are_written_anew_without_flying(package, monkeypatch):
     shutil.copytree(SHIPPED / "vertical", package / "vertical")
     card = package / "vertical" / "card.md"
     card.write_text("old")
-    monkeypatch.setattr(ship_policies, "judge", None)
+    monkeypatch.setattr(ship_policies, "evaluate", None)
     assert ship_policies.main(["--cards"]) == 0
     assert card.read_text() == (SHIPPED / "vertical" / "card.md").read_text()
     numbers = (package / "vertical" / "measured.json").read_bytes()
@@ -90,14 +90,14 @@ def prepared(run):
     ("arguments", "message"),
     [
         ([], "RUN is missing"),
-        (["{run}/nowhere"], "holds no train/<experiment>-s<seed>"),
+        (["{run}/nowhere"], "has no train/<experiment>-s<seed>"),
         (["{run}", "laterl"], "unknown policy of {run} 'laterl'; did you mean 'lateral'?"),
         (["{run}", "lateral-best"], "lateral-best-s0/policy.safetensors: cannot be read"),
         (["{run}", "lateral-tuned"], "other settings than experiment lateral-tuned (ppo)"),
-        (["{run}", "vertical"], "holds vertical, seed 4"),
+        (["{run}", "vertical"], "contains vertical, seed 4"),
         (["{run}", "lateral-large"], "lateral-large-s0/policy.json: cannot be read"),
         (["--measure", "lateral"], "unknown policy of the package 'lateral'"),
-        (["--cards", "avoidance-best"], "not there or of another policy; use --measure"),
+        (["--cards", "avoidance-best"], "missing, or measured with another policy (use --measure)"),
     ],
 )
 def test_what_is_missing_is_named_and_nothing_written(

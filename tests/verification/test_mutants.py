@@ -1,8 +1,14 @@
 """Our own small changes of a source, and what is printed of a change."""
 
+import re
+
 import pytest
 
+from tests.docs.blocks import ROOT
+from verification.mutation import parts
 from verification.mutation.mutants import change, own_places, statement_lines
+
+SOURCE = ROOT / "src" / "skystack"
 
 
 def changes(source):
@@ -53,3 +59,26 @@ def test_a_line_belongs_to_its_innermost_statement():
     lines = [list(statement_lines(source, line)) for line in range(1, 10)]
     first, condition = [1, 2, 3], [4, 5, 6]
     assert lines == [first] * 3 + [condition] * 3 + [[7], [8], [9]]
+
+
+def test_every_listed_module_and_test_exists():
+    listed = {SOURCE / name for name in (*parts.TESTS, *parts.IN_PROCESSES)}
+    listed |= {
+        SOURCE / name for package in parts.PRELOADED for name in parts.modules(ROOT, package)
+    }
+    listed |= {ROOT / test for tests in parts.TESTS.values() for test in tests}
+    assert {str(path) for path in listed if not path.exists()} == set()
+
+
+def test_every_test_that_is_left_out_exists():
+    tests = "".join(path.read_text() for path in ROOT.glob("tests/**/test_*.py"))
+    names = re.findall(r"def (test_\w+)", tests)
+    assert [part for part in parts.LEFT_OUT if not any(part in name for name in names)] == []
+
+
+@pytest.mark.parametrize("package", parts.PRELOADED)
+def test_equivalent_changes_quote_the_present_code(package):
+    for module, before, after in parts.equivalent(package):
+        lines = (SOURCE / module).read_text().splitlines()
+        assert before in " ".join(line.strip() for line in lines), (module, before)
+        assert before != after

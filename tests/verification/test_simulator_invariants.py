@@ -32,7 +32,7 @@ def test_nothing_is_found_in_20_000_cycles(flier):
     assert CYCLES * (len(STEERED) + len(NAVIGATING)) >= 20_000
     assert {name: tally.findings for name, tally in tallies.items() if tally.findings} == {}
     assert tallies.keys() == BOUNDS.keys()
-    assert all(tally.looked_at > 0 for tally in tallies.values())
+    assert all(tally.checked > 0 for tally in tallies.values())
 
 
 def moved(flown, part, field, add):
@@ -44,12 +44,12 @@ def moved(flown, part, field, add):
 
 
 FAULTS = [
-    ("told", "position_nm", 1e-4, "instruct changes nothing physical"),
-    ("told", "cleared_level_ticks", 60_000.0, "instruct clears what was said, no more"),
-    ("after", "heading_deg", 0.1, "an inactive aircraft changes in nothing"),
-    ("after", "heading_deg", 360.0, "everything is finite, headings in [0, 360)"),
-    ("after", "ground_speed_kt", np.nan, "everything is finite, headings in [0, 360)"),
-    ("after", "position_nm", 0.5, "moves no further than speed x time"),
+    ("instructed", "position_nm", 1e-4, "instruct changes nothing physical"),
+    ("instructed", "cleared_level_ticks", 60_000.0, "instruct changes only what is cleared"),
+    ("after", "heading_deg", 0.1, "an inactive aircraft does not change"),
+    ("after", "heading_deg", 360.0, "all values are finite, headings in [0, 360)"),
+    ("after", "ground_speed_kt", np.nan, "all values are finite, headings in [0, 360)"),
+    ("after", "position_nm", 0.5, "moves at most speed x time"),
     ("after", "heading_deg", 9.1, "turns no faster than the turn rate"),
     ("after", "level_ticks", 1.0, "no level beyond the one flown to"),
     ("after", "level_ticks", 1.0, "the level, to the tick"),
@@ -58,8 +58,8 @@ FAULTS = [
     ("after", "heading_deg", 0.001, "the heading"),
     ("after", "heading_deg", 0.0001, "a heading is captured exactly"),
     ("after", "position_nm", 0.0005, "the displacement"),
-    ("after", "flown_level_ticks", 60_000.0, "what was told is flown from the next cycle on"),
-    ("after", "turn_deg", 0.001, "a turn begins the way that was told"),
+    ("after", "flown_level_ticks", 60_000.0, "a clearance is flown from the next cycle on"),
+    ("after", "turn_deg", 0.001, "a turn begins the way that was cleared"),
 ]
 
 
@@ -73,7 +73,7 @@ def flight(flier):
 def passed(seen):
     """The invariants whose bound is passed."""
     tallies = {}
-    simulator_invariants.judge(seen, STEERED, tallies)
+    simulator_invariants.check(seen, STEERED, tallies)
     return {name for name, tally in tallies.items() if tally.findings}
 
 
@@ -82,25 +82,28 @@ def test_a_fault_of_one_cycle_is_found(flier, flight, part, field, by, name):
     world, flown, _ = flight
     faulty = moved(flown, part, field, lambda values: values + by)
     assert name in passed(
-        invariants(faulty, world.told, flier.limits, flier.simulator.sector.plane)
+        invariants(faulty, world.clearances, flier.limits, flier.simulator.sector.plane)
     )
 
 
 def test_standing_still_is_found(flier, flight):
     world, flown, _ = flight
-    after = flown.after._replace(position_nm=flown.told.position_nm)
+    after = flown.after._replace(position_nm=flown.instructed.position_nm)
     found = passed(
         invariants(
-            flown._replace(after=after), world.told, flier.limits, flier.simulator.sector.plane
+            flown._replace(after=after),
+            world.clearances,
+            flier.limits,
+            flier.simulator.sector.plane,
         )
     )
-    assert "moves no less than a turn allows" in found
+    assert "moves at least as its turn allows" in found
 
 
 @pytest.mark.parametrize(
     ("field", "by", "names"),
     [
-        ("position_nm", 0.02, {"told alone it flies as among others", "mirrored: position"}),
+        ("position_nm", 0.02, {"cleared alone it flies as among others", "mirrored: position"}),
         ("position_nm", 0.02, {"shifted: position", "float64: position"}),
         ("heading_deg", 0.002, {"mirrored: heading", "float64: heading"}),
         ("heading_deg", 0.002, {"two exchanged fly exchanged"}),
@@ -118,7 +121,7 @@ def test_a_fly_by_turn_that_is_too_tight_is_found(flier, flight):
     world, flown, _ = flight
     faulty = moved(flown, "after", "next_fix", lambda values: values + 1)
     faulty = moved(faulty, "after", "turn_radius_nm", lambda values: values + 0.1)
-    found = passed(invariants(faulty, world.told, flier.limits, flier.simulator.sector.plane))
+    found = passed(invariants(faulty, world.clearances, flier.limits, flier.simulator.sector.plane))
     assert "fly-by turns at 30 degrees of bank at most" in found
 
 
@@ -135,7 +138,7 @@ class Given:
 @pytest.mark.parametrize(
     ("field", "by", "name"),
     [
-        ("level_ticks", 1.0, "untold it flies as if nobody was told"),
+        ("level_ticks", 1.0, "uncleared it flies as if nothing was cleared"),
         ("position_nm", 0.3, "float64, own navigation: position"),
         ("heading_deg", 6.0, "float64, own navigation: heading"),
     ],

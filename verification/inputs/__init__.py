@@ -1,1 +1,1 @@
-"""Readers of files given millions of damaged and hostile inputs."""
+"""Test the readers of files with millions of damaged and hostile inputs."""

@@ -1,13 +1,13 @@
-"""Files made wrong in many ways: each must be read, or be refused in one clear line.
+"""Mutate valid files in many ways: each must be read, or refused with one clear line.
 
     python -m verification.inputs.mutated_inputs [--format NAME|all] [--count N] [--seed S]
         [--seconds LIMIT] [--guided] [--keep DIR]
 
 Input i of a format depends only on the seed and i; with `--guided` (extra `fuzzing`) also on the
-lines of skystack that those before it reached. Anything but a result without a NaN or one line of
-refusal is a finding: another exception, a warning, more than 10 s (50 s where they are guided),
-more than 1 GB of memory, the end of the process. Findings are printed and their files kept under
-DIR. Prints a table and exits 1 where there are any.
+lines of skystack that earlier inputs reached. Every outcome except a result without NaN and a
+one-line refusal is a finding: another exception, a warning, more than 10 s (50 s if guided), more
+than 1 GB of memory, or the death of the process. Findings are printed, and their files are kept
+under DIR. Prints a table; exit code 1 if there are findings.
 """
 
 import argparse
@@ -26,17 +26,17 @@ from verification.inputs.shares import Share
 def _options(arguments: Sequence[str] | None, formats: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--format", choices=[*formats, "all"], default="all")
-    parser.add_argument("--count", type=int, default=1000, help="inputs a format (default 1,000)")
+    parser.add_argument("--count", type=int, default=1000, help="inputs per format (default 1,000)")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--seconds", type=float, default=1e9, help="the most a format may take")
-    parser.add_argument("--guided", action="store_true", help="steered by the code they reach")
+    parser.add_argument("--seconds", type=float, default=1e9, help="time limit per format")
+    parser.add_argument("--guided", action="store_true", help="let a fuzzer choose the inputs")
     parser.add_argument("--keep", type=Path, help="folder for the files of findings")
     return parser.parse_args(arguments)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The command line; returns the exit code: 0 nothing found, 1 findings."""
-    from verification.inputs.untrusted_files import FORMATS  # noqa: PLC0415  (see tried_apart)
+    """The command line; returns the exit code: 0 no findings, 1 findings."""
+    from verification.inputs.untrusted_files import FORMATS  # noqa: PLC0415  (see isolation.py)
 
     options, console = _options(arguments, list(FORMATS)), Console(stderr=True)
     names = list(FORMATS) if options.format == "all" else [options.format]

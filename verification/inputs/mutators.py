@@ -1,4 +1,4 @@
-"""Files made wrong in many ways: bytes, JSON, TOML, Parquet and tensors; the generator decides."""
+"""Mutators of bytes, JSON, TOML, Parquet, tensors, ONNX and zip files, given a generator."""
 
 import io
 import json
@@ -20,7 +20,7 @@ _RAW += ("0x10", "'", "[" * 300)
 _RAW += ("[" * 20_000, '{"a":' * 900, "[" * 900 + "]" * 900, "[" * 5000 + "]" * 5000)
 _RAW += ("1979-05-27", "07:32:00", "1e-400", "-0.0", "", "\\ud800", '"\\ud800"', "null", "nan")
 _MARK = re.compile(r'"@raw:(\d+)"')
-"""What a writer would not write stands in its text as a string, and is put in afterwards."""
+"""A placeholder for text that no JSON or TOML writer produces; it is replaced after writing."""
 _STRANGE: tuple[Any, ...] = (
     *(None, True, False, 0, -1, 1, 10, 299, 360, 600, 2**31, 2**53, 2**63, 2**64, -(2**63), 10**30),
     *(0.5, -0.5, 1e-320, 1e30, 3.5e38, 1.8e308, -1e308, float("nan"), float("inf"), -float("inf")),
@@ -45,21 +45,21 @@ PATHS: tuple[str, ...] = (
     *("-rf", ".hidden", "a.", "a ", "CON", "$HOME", "`id`", "$(id)", "%2e%2e/x", "é", "e\u0301"),
     "x" * 5000,
 )
-"""Names that would lead elsewhere, or are no names on some system."""
+"""Names that lead to other folders, or that are invalid on some system."""
 FOR_TERMINALS: tuple[str, ...] = (
     *("\x1b[31mred", "\x1b]0;title\x07", "\x1b[2J", "\x9b31m", "\r over", "a\x08b", "a\nb", "\x07"),
     *("[/b]", "[b]", "[link=file:///etc/passwd]x[/link]", "[red]", "[", "]", "[/]", ":bomb:"),
     *("\u202eabc", "\u2066abc", "\u200fabc", "\ufeff", "\u2028", "\u0085", "\x7f", "a\u0300" * 300),
     *("<script>", "</script>", "<!--", "{{ 7*7 }}", "{x}", "%s", "$x^2$", "$\\input{x}$", "&amp;"),
 )
-"""Texts that a terminal, Rich, a browser, a template or Matplotlib would obey."""
+"""Texts that a terminal, Rich, a browser, a template engine or Matplotlib would interpret."""
 HOSTILE = (*PATHS, *FOR_TERMINALS)
 LONG = (10, 100, 1000, 9990)
-"""Names put into a route, so that it has up to 10,000 fixes."""
+"""Numbers of names inserted into a route, which then has up to 10,000 fixes."""
 
 
 def mutated_bytes(random: Random, data: bytes) -> bytes:
-    """Bits flipped, bytes set, cut, repeated, put in or taken out, at one to four places."""
+    """Bytes with one to four changes: bits flipped; bytes set, deleted, repeated or inserted."""
     changed = bytearray(data)
     for _ in range(random.randint(1, 4)):
         at = random.randrange(len(changed) + 1)
@@ -84,14 +84,14 @@ def mutated_bytes(random: Random, data: bytes) -> bytes:
 
 
 def mutated_value(random: Random, value: Any) -> Any:
-    """Plain values with one to three of them changed, taken out, repeated, renamed or exchanged."""
+    """A value with one to three parts changed, deleted, repeated, renamed or exchanged."""
     value = deepcopy(value)
     for _ in range(random.choice((1, 1, 1, 2, 3))):
         value = _changed_once(random, value)
     return value
 
 
-def _changed_once(random: Random, value: Any) -> Any:  # noqa: C901  (one branch a kind)
+def _changed_once(random: Random, value: Any) -> Any:  # noqa: C901  (one branch per kind)
     places = _places(value) if isinstance(value, dict | list) else []
     if not places or random.random() < 0.01:
         return deepcopy(random.choice(_STRANGE))
@@ -126,17 +126,17 @@ def _changed_once(random: Random, value: Any) -> Any:  # noqa: C901  (one branch
 
 
 def _lengthened(random: Random, holder: Any, key: Any) -> None:
-    """Another text, or a route that goes to and fro between its first fixes very often."""
+    """Insert a hostile text, or repeat the first fixes of a route many times."""
     value = holder[key]
-    named = isinstance(value, list) and len(value) > 1 and all(isinstance(x, str) for x in value)
-    if named:
+    is_route = isinstance(value, list) and len(value) > 1 and all(isinstance(x, str) for x in value)
+    if is_route:
         value[1:1] = [value[1], value[0]] * (random.choice(LONG) // 2)
     else:
         holder[key] = random.choice(HOSTILE)
 
 
 def _places(value: Any) -> list[tuple[Any, Any]]:
-    """Every place in nested lists and objects: what holds it and its key."""
+    """Every place in nested lists and objects, as its container and its key."""
     found: list[tuple[Any, Any]] = []
     rest = [value]
     while rest:
@@ -148,7 +148,7 @@ def _places(value: Any) -> list[tuple[Any, Any]]:
 
 
 def mutated_json(random: Random, data: bytes) -> bytes:
-    """JSON with its values mutated, a field twice, or its bytes mutated."""
+    """JSON with mutated values, a duplicate field, or mutated bytes."""
     if random.random() < 0.25:
         return mutated_bytes(random, data)
     text = json.dumps(mutated_value(random, json.loads(data)), ensure_ascii=random.random() < 0.8)
@@ -159,7 +159,7 @@ def mutated_json(random: Random, data: bytes) -> bytes:
 
 
 def mutated_json_lines(random: Random, data: bytes) -> bytes:
-    """One of the lines mutated, or the whole."""
+    """JSON lines with one line mutated, or with mutated bytes."""
     lines = data.splitlines(keepends=True)
     at = random.randrange(len(lines))
     if random.random() < 0.2:
@@ -169,12 +169,12 @@ def mutated_json_lines(random: Random, data: bytes) -> bytes:
 
 
 def mutated_toml(random: Random, values: bytes, loads: Any) -> bytes:
-    """TOML with its values mutated as far as TOML can say it, or its bytes mutated."""
+    """TOML with mutated values, as far as TOML can express them, or with mutated bytes."""
     if random.random() < 0.3:
         return mutated_bytes(random, values)
     try:
         text = tomli_w.dumps(_without_null(mutated_value(random, loads(values.decode()))))
-    except (TypeError, AttributeError):  # the whole is no table any more
+    except (TypeError, AttributeError):  # it is no longer a table
         return mutated_bytes(random, values)
     text = _MARK.sub(lambda found: _RAW[int(found[1]) % len(_RAW)], text)
     return text.encode("utf-8", "surrogatepass")
@@ -187,7 +187,7 @@ def _without_null(value: Any) -> Any:
 
 
 def mutated_safetensors(random: Random, data: bytes) -> bytes:
-    """The header mutated as JSON, numbers overwritten, or bytes mutated."""
+    """Safetensors with a header mutated as JSON, overwritten numbers, or mutated bytes."""
     kind = random.randrange(4)
     if kind == 0:
         return mutated_bytes(random, data)
@@ -207,7 +207,7 @@ def mutated_safetensors(random: Random, data: bytes) -> bytes:
 
 
 def mutated_onnx(random: Random, data: bytes) -> bytes:
-    """One to three fields of a graph changed, wherever they stand; or its bytes mutated."""
+    """ONNX with one to three changed fields anywhere in the graph, or with mutated bytes."""
     if random.random() < 0.25:
         return mutated_bytes(random, data)
     import onnx  # noqa: PLC0415  (an extra)
@@ -228,7 +228,7 @@ def _messages(message: Any) -> Iterator[Any]:
 
 
 def _field_changed(random: Random, message: Any) -> None:
-    """A field that is set taken out, repeated, or another value of its type put in its place."""
+    """Clear or repeat a field that is set, or give it another value of its type."""
     if not message.ListFields():
         return
     field, value = random.choice(message.ListFields())
@@ -252,21 +252,21 @@ def _another(random: Random, field: Any, value: Any) -> Any:
     if isinstance(value, float):
         return random.choice((0.0, -1.0, 1e30, float("nan"), float("inf"), value * 2.0))
     if field.enum_type is not None:
-        return random.choice(field.enum_type.values).number  # protobuf takes no others
+        return random.choice(field.enum_type.values).number  # protobuf accepts no others
     largest = 2**31 - 1 if field.type == field.TYPE_INT32 else 2**63 - 1
     return random.choice((0, 1, 2, 1000, -1, value + 1, 10**6, 2**31 - 1, largest, -largest))
 
 
 def mutated_zip(random: Random, data: bytes) -> bytes:
-    """Parts of a zip mutated, taken out, doubled or renamed; or its bytes mutated."""
+    """A zip file with one part mutated, deleted, duplicated or renamed, or with mutated bytes."""
     kind = random.randrange(5)
     if kind == 0:
         return mutated_bytes(random, data)
     with zipfile.ZipFile(io.BytesIO(data)) as file:
         parts = [(name, file.read(name)) for name in file.namelist()]
     names = [name for name, _ in parts]
-    read = [names.index("data"), names.index("policy.pth")]
-    at = random.choice([*read, random.randrange(len(names))])
+    essential = [names.index("data"), names.index("policy.pth")]
+    at = random.choice([*essential, random.randrange(len(names))])
     name, part = parts[at]
     if kind == 1:
         parts[at] = (random.choice(HOSTILE), part)
@@ -282,7 +282,7 @@ def mutated_zip(random: Random, data: bytes) -> bytes:
 
 
 def _inner_mutated(random: Random, data: bytes) -> bytes:
-    """One part of the zip of weights mutated: its pickle, or its numbers."""
+    """The zip of weights with one part mutated: its pickle, or its numbers."""
     with zipfile.ZipFile(io.BytesIO(data)) as file:
         parts = [(name, file.read(name)) for name in file.namelist()]
     at = random.randrange(len(parts))
@@ -295,7 +295,7 @@ def _inner_mutated(random: Random, data: bytes) -> bytes:
 def _zipped(random: Random, parts: list[tuple[str, bytes]], stored: bool = False) -> bytes:
     written, how = io.BytesIO(), random.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))
     with warnings.catch_warnings(), zipfile.ZipFile(written, "w") as file:
-        warnings.simplefilter("ignore")  # it says that a name is there twice
+        warnings.simplefilter("ignore")  # zipfile warns about duplicate names
         for name, part in parts:
             file.writestr(
                 name.partition("\0")[0] or "x", part, zipfile.ZIP_STORED if stored else how
@@ -304,9 +304,9 @@ def _zipped(random: Random, parts: list[tuple[str, bytes]], stored: bool = False
 
 
 def mutated_parquet(random: Random, table: pa.Table, data: bytes) -> bytes:
-    """A table with its columns, rows or metadata changed; or the bytes of its file mutated.
+    """A table with changed columns, rows or metadata, or with mutated bytes.
 
-    Half of those are in the last kilobytes, where the schema and the places of columns stand.
+    Half of the latter are in the last 3 kB, which hold the schema and the offsets of columns.
     """
     kind = random.randrange(6)
     if kind <= 1:

@@ -1,4 +1,4 @@
-"""Which inputs a process tries, and what came of them. Imports nothing of skystack."""
+"""The inputs that a process tries, and their results. Imports nothing of skystack."""
 
 import shutil
 from dataclasses import dataclass, field
@@ -7,12 +7,12 @@ from pathlib import Path
 
 @dataclass
 class Tally:
-    """What came of inputs so far."""
+    """The results of the inputs so far."""
 
     read: int = 0
     refused: int = 0
     findings: dict[int, str] = field(default_factory=dict)
-    """What was found, by the number of the input."""
+    """Descriptions of the findings by the number of the input."""
     wall_s: float = 0.0
 
     @property
@@ -28,7 +28,7 @@ class Tally:
 
 @dataclass(frozen=True)
 class Share:
-    """The inputs that a process tries, from the first number to the one before the end."""
+    """The inputs that a process tries: numbers `first` to `end` - 1."""
 
     format: str
     first: int
@@ -36,13 +36,13 @@ class Share:
     seed: int = 0
     seconds: float = 1e9
     guided: bool = False
-    """Steered by the lines that inputs reach, in place of at random."""
+    """Whether a fuzzer chooses the inputs by the lines that they reach; otherwise random."""
     keep: Path | None = None
-    """Where files of findings go, a folder each."""
+    """The folder for the files of findings, with a subfolder for each."""
 
 
-def kept(share: Share, number: int, folder: Path) -> None:
-    """Keep the files of an input that lie in a folder."""
+def keep_files(share: Share, number: int, folder: Path) -> None:
+    """Copy the files of an input from its folder to `share.keep`, if that is given."""
     if share.keep is not None:
         name = f"{share.format}-{share.seed}-{number}{'-guided' if share.guided else ''}"
         shutil.copytree(folder, share.keep / name, dirs_exist_ok=True)

@@ -1,6 +1,6 @@
-"""Every text in a file, whatever its format, and the file with another text in its place.
+"""Find every text in a file of any format, and replace one of them.
 
-Texts are found by walking a valid file: values, names of fields, columns, tensors and parts.
+Texts are found by walking a valid file: values, and names of fields, columns, tensors and parts.
 """
 
 import io
@@ -19,17 +19,17 @@ import pyarrow.parquet as pq
 import tomli_w
 
 Place = tuple[Any, ...]
-"""Keys and indices that lead to a text; the last is None where the text is the name before it."""
+"""Keys and indices that lead to a text; the last is None if the text is the key before it."""
 
 
 @lru_cache(maxsize=256)
 def texts_in(name: str, data: bytes) -> tuple[Place, ...]:
-    """Where the texts of a file are. Raises ValueError for a file that is not of its format."""
+    """The places of all texts in a file. Raises ValueError for a file of another format."""
     return tuple(_places(_opened(Path(name).suffix, data)))
 
 
 def text_at(name: str, data: bytes, place: Place) -> str:
-    """The text in one place."""
+    """The text at one place."""
     if place[-1] is None:
         return str(place[-2])
     value = _opened(Path(name).suffix, data)
@@ -39,9 +39,9 @@ def text_at(name: str, data: bytes, place: Place) -> str:
 
 
 def with_text(name: str, data: bytes, place: Place, text: str) -> bytes:
-    """The file with another text in one place.
+    """The file with another text at one place.
 
-    Raises ValueError where the format cannot hold it, as Parquet no lone surrogate.
+    Raises ValueError if the format cannot hold it, such as a lone surrogate in Parquet.
     """
     whole = deepcopy(_opened(Path(name).suffix, data))
     holder, (*steps, last) = whole, place
@@ -50,7 +50,7 @@ def with_text(name: str, data: bytes, place: Place, text: str) -> bytes:
         *steps, last = steps
     for step in steps:
         holder = holder[step]
-    if renamed:  # in its place among the others
+    if renamed:  # in the same position
         items = [(text if key == last else key, value) for key, value in holder.items()]
         holder.clear()
         holder.update(items)
@@ -64,7 +64,7 @@ def _places(value: Any, before: Place = ()) -> Iterator[Place]:
         yield before
     elif isinstance(value, dict):
         for key, each in value.items():
-            if isinstance(key, str):  # others are ours, not the file's
+            if isinstance(key, str):  # `_opened` adds keys that are not strings
                 yield (*before, key, None)
             yield from _places(each, (*before, key))
     elif isinstance(value, list):
@@ -74,7 +74,7 @@ def _places(value: Any, before: Place = ()) -> Iterator[Place]:
 
 @lru_cache(maxsize=256)
 def _opened(kind: str, data: bytes) -> Any:
-    """A file as nested lists and objects, its texts among them."""
+    """A file as nested lists and objects that contain its texts."""
     if kind in (".json", ".geojson"):
         return json.loads(data)
     others: dict[str, Callable[[bytes], Any]] = {
@@ -82,14 +82,14 @@ def _opened(kind: str, data: bytes) -> Any:
         ".toml": lambda data: tomllib.loads(data.decode()),
         ".safetensors": lambda data: _header(data)[0],
         ".parquet": _table,
-        ".onnx": lambda data: [text for _, _, text in _of_message(_model(data))],
+        ".onnx": lambda data: [text for _, _, text in _message_texts(_model(data))],
         ".zip": _zip,
     }
     return others[kind](data)
 
 
 def _closed(kind: str, data: bytes, whole: Any) -> bytes:
-    """The file of what `_opened` makes of one, changed."""
+    """The file with the contents `whole`, a changed result of `_opened`."""
     if kind in (".json", ".geojson"):
         return json.dumps(whole).encode()
     others: dict[str, Callable[[bytes, Any], bytes]] = {
@@ -114,7 +114,7 @@ def _header(data: bytes) -> tuple[Any, bytes]:
 
 
 def _table(data: bytes) -> dict[Any, Any]:
-    """The names of columns, one text of each column of texts, and the metadata."""
+    """The names of columns, one text of each text column, and the metadata."""
     table = pq.read_table(pa.BufferReader(data))
     metadata = table.schema.metadata or {}
     first = {
@@ -137,7 +137,7 @@ def _holds_texts(kind: pa.DataType) -> bool:
 
 
 def _parquet(data: bytes, whole: Any) -> bytes:
-    """With the changed text in every row that held the one before."""
+    """The table with the changed text in every row that had the old one."""
     table = pq.read_table(pa.BufferReader(data))
     known = _table(data)["first",]
     for (name,), text in whole["first",].items():
@@ -163,13 +163,13 @@ def _model(data: bytes) -> Any:
     return onnx.load_model_from_string(data)
 
 
-def _of_message(message: Any) -> Iterator[tuple[Any, Any, str]]:
-    """The texts of a protobuf message and of those in it: who holds it, where, and it itself."""
+def _message_texts(message: Any) -> Iterator[tuple[Any, Any, str]]:
+    """The texts in a protobuf message, nested ones included: message, field and index, text."""
     for field, value in message.ListFields():
         many = not isinstance(value, str | bytes | int | float) and not hasattr(value, "ListFields")
         if field.message_type is not None:
             for inner in value if many else [value]:
-                yield from _of_message(inner)
+                yield from _message_texts(inner)
         elif field.type == field.TYPE_STRING:
             for index, text in enumerate(value if many else [value]):
                 yield message, (field.name, index if many else None), text
@@ -177,7 +177,7 @@ def _of_message(message: Any) -> Iterator[tuple[Any, Any, str]]:
 
 def _onnx(data: bytes, whole: Any) -> bytes:
     model = _model(data)
-    for (holder, (name, index), old), new in zip(list(_of_message(model)), whole, strict=True):
+    for (holder, (name, index), old), new in zip(list(_message_texts(model)), whole, strict=True):
         if new != old and index is None:
             setattr(holder, name, new)
         elif new != old:
@@ -212,7 +212,7 @@ def _zipped(data: bytes, whole: Any) -> bytes:
                 saved = io.BytesIO()
                 torch.save(dict(zip(whole["tensors",], tensors.values(), strict=True)), saved)
                 part = saved.getvalue()
-            if not as_name.partition("\0")[0]:  # where zipfile ends it
-                raise ValueError("a part has a name")
+            if not as_name.partition("\0")[0]:  # zipfile cuts names at a null character
+                raise ValueError("the name of a part is empty")
             new.writestr(as_name, part)
     return written.getvalue()

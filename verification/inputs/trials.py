@@ -1,4 +1,4 @@
-"""Inputs given to the reader of their format, one after the other; what came of each is counted."""
+"""Give inputs to the reader of their format, one after the other, and count the results."""
 
 import os
 import resource
@@ -13,32 +13,32 @@ from typing import NoReturn
 
 from skystack.errors import InputError
 from verification.inputs.audit import watched
-from verification.inputs.shares import Share, Tally, kept
+from verification.inputs.shares import Share, Tally, keep_files
 from verification.inputs.untrusted_files import FORMATS, Files, Format
 
 Report = Callable[[int | None, Tally], None]
 
 LONGEST_S = 10.0
-"""Of computing: a machine that is shared may take longer."""
+"""The limit of processor time per input; on a shared machine the wall time may be longer."""
 SLOWER = 5.0
-"""By so much and more Python is slower when every line that it reaches is noted."""
+"""The factor by which instrumentation slows Python down, at least."""
 MOST_BYTES = 1_000_000_000
 LONGEST_LINE = 4000
 CORPUS = 200
-"""How many inputs at random a guided trial begins with."""
+"""The number of random inputs that a guided trial starts with."""
 CHOICES = 256
-"""Bytes that stand for the choices of one of them; most inputs need fewer than a hundred."""
+"""The greatest number of bytes that encode the choices of an input; most need fewer than 100."""
 
 
 def source(share: Share, number: int) -> Random:
-    """What decides an input: the seed, the format and its number."""
+    """The generator of an input, seeded with the seed, the format and the input's number."""
     return Random(f"{share.seed} {share.format} {number}")
 
 
 class Choices(Random):
-    """A generator whose choices are given bytes, so that a fuzzer can change each choice.
+    """A generator that reads its choices from given bytes, so that a fuzzer can change each choice.
 
-    When they are used up, it goes on at random, always in the same way.
+    When these are used up, it continues with pseudo-random numbers of a fixed seed.
     """
 
     def __init__(self, given: bytes) -> None:
@@ -61,24 +61,24 @@ class Trial:
     """Tries the inputs of a share, one by one, in a folder."""
 
     def __init__(self, kind: Format, share: Share, folder: Path) -> None:
-        """Read what is not mutated first; it also compiles all that is to be compiled."""
+        """First read the unmutated files, which also compiles all programs."""
         self._kind, self._share, self._folder = kind, share, folder
-        self._there: dict[str, bytes] = {}
+        self._present: dict[str, bytes] = {}
         for seed in kind.seeds:
-            self._lay_out(seed)
+            self._write_files(seed)
             kind.read(folder)
         self.number, self.tally = share.first, Tally()
-        self._begun = time.monotonic()
+        self._started = time.monotonic()
 
     def over(self) -> bool:
-        """Whether inputs or seconds are used up."""
-        self.tally.wall_s = time.monotonic() - self._begun
+        """Whether the inputs or the seconds are used up."""
+        self.tally.wall_s = time.monotonic() - self._started
         return self.number >= self._share.end or self.tally.wall_s > self._share.seconds
 
     def next(self, random: Random) -> None:
-        """Make the next input of these choices, read it and count what came of it."""
-        self._lay_out(self._kind.mutated(random))
-        before, begun, peak = self._names(), time.process_time(), _peak_bytes()
+        """Make the next input with these choices, read it and count the result."""
+        self._write_files(self._kind.mutated(random))
+        before, started, peak = self._names(), time.process_time(), _peak_bytes()
         finding, refused = None, False
         try:
             with watched(self._folder) as watch:
@@ -86,20 +86,20 @@ class Trial:
         except InputError as error:
             refused = True
             finding = _unclear(str(error))
-        except Exception as error:  # whatever it is, it should have been an InputError
+        except Exception as error:  # only an InputError is allowed
             finding = f"{type(error).__name__}: {str(error)[:200]!r} at {_place(error)}"
         if watch.found:
-            finding = f"touched what it must not: {watch.found[0]}"
+            finding = f"forbidden access: {watch.found[0]}"
         elif written := self._names() - before:
             finding = f"wrote {sorted(written)}"
-        took_s = time.process_time() - begun
+        took_s = time.process_time() - started
         if took_s > LONGEST_S * (SLOWER if self._share.guided else 1.0):
             finding = f"took {took_s:.0f} s"
         if _peak_bytes() - peak > MOST_BYTES:
             finding = f"took {(_peak_bytes() - peak) / 1e9:.1f} GB"
         if finding is not None:
             self.tally.findings[self.number] = finding
-            kept(self._share, self.number, self._folder)
+            keep_files(self._share, self.number, self._folder)
         elif refused:
             self.tally.refused += 1
         else:
@@ -107,7 +107,7 @@ class Trial:
         self.number += 1
 
     def _names(self) -> set[str]:
-        """All that lies in the folder, and the names beside it."""
+        """The names of everything in the folder, and of its siblings."""
         within = (
             str(Path(place, name).relative_to(self._folder))
             for place, folders, names in os.walk(self._folder)
@@ -115,18 +115,18 @@ class Trial:
         )
         return {*within, *(f"../{path.name}" for path in self._folder.parent.iterdir())}
 
-    def _lay_out(self, files: Files) -> None:
-        for name in self._there.keys() - files.keys():
+    def _write_files(self, files: Files) -> None:
+        for name in self._present.keys() - files.keys():
             (self._folder / name).unlink()
         for name, data in files.items():
-            if self._there.get(name) != data:
+            if self._present.get(name) != data:
                 (self._folder / name).parent.mkdir(parents=True, exist_ok=True)
                 (self._folder / name).write_bytes(data)
-        self._there = dict(files)
+        self._present = dict(files)
 
 
 def _unclear(line: str) -> str | None:
-    """Why a refusal is not one clear line; None where it is."""
+    """Why a refusal is not one clear line; None if it is."""
     if not line.isprintable() or not line:
         return f"the refusal is not one printable line: {line[:200]!r}"
     if len(line) > LONGEST_LINE:
@@ -135,7 +135,7 @@ def _unclear(line: str) -> str | None:
 
 
 def _place(error: BaseException) -> str:
-    """The innermost line of ours that an exception came through."""
+    """The innermost line of skystack in the traceback of an exception."""
     place, trace = "", error.__traceback__
     while trace is not None:
         code = trace.tb_frame.f_code
@@ -152,7 +152,7 @@ def _peak_bytes() -> int:
 def try_inputs(
     kind: Format, share: Share, folder: Path, report: Report = lambda at, tally: None
 ) -> Tally:
-    """Try a share of inputs in this process; `report` hears the number of each before it."""
+    """Try a share of inputs in this process; `report` is called before each, with its number."""
     trial = Trial(kind, share, folder)
     while not trial.over():
         report(trial.number, trial.tally)
@@ -161,15 +161,16 @@ def try_inputs(
 
 
 def try_guided(kind: Format, share: Share, folder: Path, report: Report) -> NoReturn:
-    """Try inputs whose choices Atheris (libFuzzer) makes, by the lines that others reached.
+    """Try inputs chosen by Atheris (libFuzzer), guided by the lines that earlier inputs reached.
 
-    The fuzzer does not return: `report` hears None after the last, then the process ends.
+    The fuzzer does not return: after the last input `report(None)` is called, and the process
+    exits.
     """
     import atheris  # noqa: PLC0415  (an extra)
 
     trial = Trial(kind, share, folder)
 
-    def one(choices: bytes) -> None:
+    def try_one(choices: bytes) -> None:
         report(trial.number, trial.tally)
         trial.next(Choices(choices))
         if trial.over():
@@ -181,22 +182,22 @@ def try_guided(kind: Format, share: Share, folder: Path, report: Report) -> NoRe
     for number in range(CORPUS):
         (corpus / str(number)).write_bytes(first.randbytes(CHOICES // 4))
     options = {"seed": first.randrange(1, 2**31), "max_len": CHOICES, "len_control": 0}
-    # Time and memory are watched by us; without a time it ends after a second of anything.
+    # Time and memory are checked in Trial; without a timeout the fuzzer would end after a second.
     options |= {"timeout": 1000, "rss_limit_mb": 0, "verbosity": 0}
-    words = [f"-{name}={value}" for name, value in options.items()]
-    atheris.Setup([sys.argv[0], *words, str(corpus)], one)
+    arguments = [f"-{name}={value}" for name, value in options.items()]
+    atheris.Setup([sys.argv[0], *arguments, str(corpus)], try_one)
     atheris.Fuzz()
-    raise AssertionError("the fuzzer came back")
+    raise AssertionError("the fuzzer returned")
 
 
 def work(share: Share, folder: Path, parent: Connection) -> None:
-    """In a process of its own: says what it tries next, and None when all is done."""
+    """The main function of the process: sends the number of each input first, None at the end."""
     warnings.simplefilter("error")
     limited = False
 
     def report(number: int | None, tally: Tally) -> None:
         nonlocal limited
-        if not limited:  # not before all is compiled
+        if not limited:  # only after all programs are compiled
             used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
             resource.setrlimit(resource.RLIMIT_AS, (used + 2 * MOST_BYTES,) * 2)
             limited = True

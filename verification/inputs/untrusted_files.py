@@ -1,4 +1,4 @@
-"""The formats that strangers' files may have: valid ones to begin with, and what reads each."""
+"""The formats of untrusted files: valid files to start from, and the reader of each format."""
 
 import hashlib
 import json
@@ -51,7 +51,7 @@ from skystack.reporting.results import read_run
 from skystack.reporting.trainings import read_runs
 from skystack.reporting.typical import kind_of_scenario, typical_scenario
 from skystack.simulator.scenario_file import Scenario, load_scenario
-from skystack.tasks.build import build_training_task
+from skystack.tasks.registry import build_training_task
 from verification.inputs import mutators
 from verification.inputs.mutators import HOSTILE
 from verification.inputs.texts import texts_in, with_text
@@ -67,32 +67,32 @@ FLOWN = f"{POLICY}-s0-skystack-stacked"
 
 
 ANOTHER_TEXT = 0.2
-"""How often a file is a valid one but for a text: a path, or what a terminal would obey."""
+"""The probability that a mutation only replaces one text, by a path or text for a terminal."""
 
 
 @dataclass(frozen=True)
 class Format:
-    """One format: valid folders, which of their files are mutated, and what reads a folder.
+    """One format: valid folders, which of their files are mutated, and the reader of a folder.
 
-    `read` uses what it has read; it raises InputError, and AssertionError for a result that holds
-    a non-finite number.
+    `read` also uses the contents. It raises InputError for a refused file, and AssertionError for a
+    result with a non-finite number.
     """
 
     name: str
     seeds: tuple[Files, ...]
     read: Callable[[Path], object]
     mutates: str = ""
-    """The ending of the files that are mutated; all where none is given."""
-    settle: Callable[[Random, dict[str, bytes]], None] = lambda random, folder: None
-    """What is put right afterwards, so that more than the first check is reached."""
+    """The suffix of the files that are mutated; all files by default."""
+    repair: Callable[[Random, dict[str, bytes]], None] = lambda random, folder: None
+    """A repair after the mutation, so that more than the first check is reached."""
 
     def mutated(self, random: Random) -> dict[str, bytes]:
-        """A valid folder with one or two of its files made wrong."""
+        """A valid folder with one or two of its files mutated."""
         folder = dict(random.choice(self.seeds))
         names = sorted(name for name in folder if name.endswith(self.mutates))
         for name in random.sample(names, min(len(names), random.choice((1, 1, 1, 2)))):
             folder[name] = _mutated(random, name, folder[name])
-        self.settle(random, folder)
+        self.repair(random, folder)
         return folder
 
 
@@ -101,7 +101,7 @@ def _mutated(random: Random, name: str, data: bytes) -> bytes:
     if places:
         try:
             return with_text(name, data, random.choice(places), random.choice(HOSTILE))
-        except (ValueError, pa.ArrowException):  # the format cannot say it
+        except (ValueError, pa.ArrowException):  # the format cannot hold the text
             return mutators.mutated_bytes(random, data)
     return _MUTATORS.get(Path(name).suffix, mutators.mutated_bytes)(random, data)
 
@@ -124,7 +124,7 @@ _MUTATORS: Mapping[str, Callable[[Random, bytes], bytes]] = {
 
 
 def _folder(root: Path, *names: str, **others: Path) -> Files:
-    """Files of a folder under their own names; others under `name` with their own ending."""
+    """Files of a folder under their own names, and others under `name` with their own suffix."""
     renamed = {f"{name}{path.suffix}": path.read_bytes() for name, path in others.items()}
     return {name: (root / name).read_bytes() for name in names} | renamed
 
@@ -143,7 +143,7 @@ def _scenario() -> Format:
         _finite("the start", *jax.tree.leaves(scenario.initial_traffic(simulator)))
         if len(known) < 4:
             known.append((scenario, Skystack()))
-        for seed, platform in known:  # others would be compiled anew, each of them
+        for seed, platform in known:  # any other would have to be compiled
             if len(seed.aircraft) == len(scenario.aircraft) and seed.simulator() == simulator:
                 _finite("the flight", *fly_scenario(platform, replace(scenario, cycles=2)).reports)
                 break
@@ -192,7 +192,7 @@ def _experiment() -> Format:
 
 
 def _policy() -> Format:
-    shipped = sorted((PACKAGE / "policies").iterdir())
+    shipped = sorted(path.parent for path in (PACKAGE / "policies").glob("*/policy.json"))
     seeds = [_folder(folder, "policy.json", "policy.safetensors") for folder in shipped]
     random = np.random.default_rng(0)
 
@@ -200,14 +200,14 @@ def _policy() -> Format:
         policy = load_policy(folder)
         size = len(policy.description.observation)
         observations = random.random((4, size), dtype=np.float32).round(random.integers(4))
-        _finite("the answer", policy.logits(observations))
+        _finite("the output", policy.logits(observations))
         policy_task(policy)
 
-    return Format("policy", tuple(seeds), read, settle=_hash_again)
+    return Format("policy", tuple(seeds), read, repair=_update_hash)
 
 
-def _hash_again(random: Random, folder: dict[str, bytes]) -> None:
-    """The sha256 of what the weights have become: mostly, the hash is not what is tried."""
+def _update_hash(random: Random, folder: dict[str, bytes]) -> None:
+    """Mostly update the sha256 of the weights, so that other checks are reached."""
     try:
         described = json.loads(folder["policy.json"])
     except (ValueError, RecursionError):
@@ -235,12 +235,12 @@ def _sb3() -> Format:
     from stable_baselines3 import DQN, PPO  # noqa: PLC0415  (an extra)
 
     spaces = gymnasium.spaces
-    environment = _Nothing(spaces.Box(0.0, 1.0, (8,), np.float32), spaces.Discrete(5))
+    environment = _OnlySpaces(spaces.Box(0.0, 1.0, (8,), np.float32), spaces.Discrete(5))
     seeds = []
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "policy.zip"
         for kind, settings in ((PPO, {}), (DQN, {"buffer_size": 10})):
-            layers = {"net_arch": [4]}  # most of a file is not to be weights
+            layers = {"net_arch": [4]}  # so that weights are not most of the file
             model = kind("MlpPolicy", environment, policy_kwargs=layers, device="cpu", **settings)
             model.save(path)
             seeds.append(_folder(Path(folder), path.name))
@@ -248,15 +248,15 @@ def _sb3() -> Format:
     return Format("sb3", tuple(seeds), lambda folder: read(folder / path.name))
 
 
-class _Nothing(gymnasium.Env[Any, Any]):
-    """Has spaces."""
+class _OnlySpaces(gymnasium.Env[Any, Any]):
+    """An environment that has only its spaces."""
 
     def __init__(self, observation: Any, action: Any) -> None:
         self.observation_space, self.action_space = observation, action
 
 
 def _read_agent(path: Path, experiment: str | None) -> None:
-    """As the verb `evaluate` reads it; and it is asked."""
+    """Read an agent as the verb `evaluate` does, and query it."""
     agent = find_agent(str(path))
     assert isinstance(agent, Agent)
     task = agent_task(agent, experiment)
@@ -288,11 +288,11 @@ def _evaluation() -> tuple[Files, dict[str, Any]]:
     """The tables of a small evaluation, and its row."""
     with tempfile.TemporaryDirectory() as name:
         policy = load_policy(PACKAGE / "policies" / POLICY)
-        judged = evaluate(policy, Conditions(episodes=2), Path(name))
+        evaluated = evaluate(policy, Conditions(episodes=2), Path(name))
         folder = evaluation_folder(Path(name), POLICY, 0, stacking=True)
         tables = _folder(folder, *(path.name for path in sorted(folder.glob("*.parquet"))))
-    whole = aggregate([judged.row], [judged.episodes])
-    return tables, {"rows": [whole], "rows_by_seed": [judged.row]}
+    whole = aggregate([evaluated.row], [evaluated.episodes])
+    return tables, {"rows": [whole], "rows_by_seed": [evaluated.row]}
 
 
 def _tables() -> Format:
@@ -337,7 +337,7 @@ def _run_folder() -> Format:
 
 
 def _read_run(folder: Path) -> None:
-    """All that `skystack report` reads, and its tables; pictures are left out: each takes long."""
+    """Read all that `skystack report` reads and make its tables; pictures would take too long."""
     run = read_run(folder)
     for family, rows in run.results.families.items():
         number = typical_scenario(run, rows)

@@ -1,1 +1,1 @@
-"""Whether the tests notice small changes to the code."""
+"""Mutation testing: whether the tests detect small changes to the code."""

@@ -1,8 +1,8 @@
-"""Small changes to a module's source, each of which some test should notice.
+"""Small changes to a module's source, each of which some test should detect.
 
-Most are those of cosmic-ray: another operator, another number, a condition negated. The rest are
-ours, of kinds that reviews have found: arguments, elements or branches exchanged; a call such as
-`clip` dropped; a keyword argument dropped.
+Most are made by cosmic-ray: another operator, another number, a negated condition. The others are
+our own, for mistakes that reviews have found: exchanged arguments, elements or branches, a dropped
+call such as `clip`, a dropped keyword argument.
 """
 
 import ast
@@ -16,8 +16,8 @@ POINTLESS = re.compile(
     rf"Binary\w+_({ARITHMETIC})_({BITS}|FloorDiv|Mod|Pow)|Binary\w+_({BITS})_({ARITHMETIC}|.Shift)"
     r"|Comparison\w+_Is(Not)?$"
 )
-"""Operators that end in a type error here (bits of floats, sums of truth values, identity), or say
-no more than another one does."""
+"""Operators that only cause type errors here (bits of floats, sums of truth values, identity), or
+that test nothing beyond another one."""
 
 _NAMES = (
     "abs ceil clip dict exp floor frozenset list log max maximum min minimum round set sorted sqrt"
@@ -32,7 +32,7 @@ COMMUTATIVE = frozenset(
 
 
 class Place(NamedTuple):
-    """Where a source can be changed, and how: the changed source is made when it is asked for."""
+    """A possible change of a source; the changed source is made on demand."""
 
     line: int
     operator: str
@@ -40,7 +40,7 @@ class Place(NamedTuple):
 
 
 class Change(NamedTuple):
-    """What a change looks like: the lines that differ, without their indentation."""
+    """The lines that a change affects, joined and without their indentation."""
 
     line: int
     before: str
@@ -48,7 +48,7 @@ class Change(NamedTuple):
 
 
 def places(source: str) -> list[Place]:
-    """Every change of one operator at one place, in the order of lines."""
+    """All changes, of every operator at every place, in the order of lines."""
     found = sorted((*_by_cosmic_ray(source), *own_places(source)), key=lambda place: place.line)
     annotated = _annotation_lines(source)
     return [place for place in found if place.line not in annotated]
@@ -68,7 +68,7 @@ def change(before: str, after: str) -> Change:
 
 
 def statement_lines(source: str, line: int) -> range:
-    """The lines of the innermost statement that a line belongs to, without the statement's body."""
+    """The lines of the innermost statement that contains a line, without the statement's body."""
     best = range(line, line + 1)
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.stmt) and node.lineno <= line <= (node.end_lineno or line):
@@ -101,7 +101,7 @@ def _by_cosmic_ray(source: str) -> Iterator[Place]:
 
 
 def own_places(source: str) -> Iterator[Place]:
-    """Those of our operators, in no order."""
+    """The changes of our own operators, in no particular order."""
     text, tree = _Text(source), ast.parse(source)
     types, typed = _types(tree)
     for node in ast.walk(tree):
@@ -118,7 +118,7 @@ def own_places(source: str) -> Iterator[Place]:
 
 
 def _neighbours(node: ast.AST) -> Iterable[tuple[ast.expr, ast.expr]]:
-    """The pairs of expressions in a node whose exchange may mean something else."""
+    """The pairs of expressions in a node whose exchange may change the meaning."""
     if isinstance(node, ast.Call) and _name(node.func) not in COMMUTATIVE:
         return pairwise(node.args[1:] if _name(node.func) == "where" else node.args)
     if isinstance(node, ast.Tuple):
@@ -127,7 +127,7 @@ def _neighbours(node: ast.AST) -> Iterable[tuple[ast.expr, ast.expr]]:
 
 
 def _types(tree: ast.AST) -> tuple[set[ast.AST], dict[str, str]]:
-    """The nodes that are in annotations, and what parameters are annotated with."""
+    """The nodes inside annotations, and the annotation of each parameter."""
     types: set[ast.AST] = set()
     typed: dict[str, str] = {}
     for node in ast.walk(tree):
@@ -140,7 +140,7 @@ def _types(tree: ast.AST) -> tuple[set[ast.AST], dict[str, str]]:
 
 
 def _alike(one: ast.expr, other: ast.expr, typed: dict[str, str]) -> bool:
-    """Whether two expressions differ and may be of one type: else their exchange proves little."""
+    """Whether two expressions differ and may have the same type, so that an exchange is useful."""
     kinds = []
     for each in (one, other):
         if isinstance(each, ast.Starred | ast.Slice):
@@ -152,7 +152,7 @@ def _alike(one: ast.expr, other: ast.expr, typed: dict[str, str]) -> bool:
 
 
 class _Text:
-    """A source in which nodes can be replaced by other nodes."""
+    """A source whose nodes can be replaced by other nodes."""
 
     def __init__(self, source: str) -> None:
         self._bytes = source.encode()
@@ -201,7 +201,7 @@ def _name(function: ast.expr) -> str:
 
 
 def _annotation_lines(source: str) -> set[int]:
-    """Lines that hold nothing but types: a change there ends in an error on import, or in none."""
+    """Lines with nothing but types, where a change fails at import or has no effect."""
     lines: set[int] = set()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.AnnAssign) and node.value is None:

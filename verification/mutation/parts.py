@@ -1,10 +1,10 @@
-"""What `mutation_run` changes: the modules of some packages, and the tests that should notice."""
+"""The modules that `verification.mutation.run` changes, and the tests that should detect it."""
 
 import tomllib
 from pathlib import Path
 
 BASE = ("tests.conftest", "skystack.simulator.generator", "optax", "pyarrow", "scipy.stats")
-TASKS = (*BASE, "skystack.tasks.build")
+TASKS = (*BASE, "skystack.tasks.registry")
 LEARNING = (*TASKS, "skystack.learning.policy")
 PRELOADED = {
     "stacking": BASE,
@@ -15,8 +15,8 @@ PRELOADED = {
     "gym": LEARNING,
     "reporting": (*LEARNING, "matplotlib.figure", "matplotlib.backends.backend_agg"),
 }
-"""The packages that can be changed, and what is imported once for all their tests: nothing of it
-imports what is changed."""
+"""The packages that can be changed, and the modules imported once for all their tests. These must
+not import any module of the package."""
 
 CHOSEN = {
     "stacking": ("stacking.py",),
@@ -25,20 +25,27 @@ CHOSEN = {
         for name in ("claims", "comparison", "labels", "results", "tables", "typical")
     ),
 }
-"""The modules of a package of which not all are changed: of reporting those that judge."""
+"""The changed modules of packages of which not all are changed."""
 
-CYCLES = ("tests/tasks/test_cycle_rewards.py",)
+BUILD, CYCLES = "tests/tasks/test_build.py", "tests/tasks/test_cycle_rewards.py"
+TRACKING = "tests/tasks/test_tracking.py"
 TESTS = {
     "stacking.py": ("tests/test_stacking.py",),
-    "tasks/compiled.py": ("tests/tasks/test_plain.py",),
-    "tasks/build.py": ("tests/tasks/test_flight_time.py",),
-    "tasks/contract.py": CYCLES,
-    "tasks/features.py": ("tests/tasks/test_tracking.py",),
-    "tasks/settings.py": ("tests/tasks/test_build.py",),
-    "tasks/wrapper.py": ("tests/tasks/test_build.py", "tests/tasks/test_batch.py"),
-    "tasks/navigation.py": CYCLES,
-    "tasks/rewards.py": CYCLES,
-    "tasks/tracking.py": ("tests/tasks/test_separation.py",),
+    "tasks/contract.py": (CYCLES,),
+    "tasks/features.py": (TRACKING,),
+    "tasks/instruction_counts.py": (TRACKING, CYCLES),
+    "tasks/kinds.py": ("tests/tasks/test_registry.py",),
+    "tasks/metrics.py": ("tests/tasks/test_navigation.py", CYCLES),
+    "tasks/navigation.py": (CYCLES,),
+    "tasks/navigation_kinds.py": (BUILD, "tests/tasks/test_flight_time.py"),
+    "tasks/pairs.py": (CYCLES,),
+    "tasks/programs.py": ("tests/tasks/test_plain.py", "tests/gym/test_copies.py"),
+    "tasks/progress.py": (TRACKING,),
+    "tasks/registry.py": (BUILD,),
+    "tasks/rewards.py": (CYCLES,),
+    "tasks/separation.py": (TRACKING,),
+    "tasks/settings.py": (BUILD,),
+    "tasks/wrapper.py": (BUILD, "tests/tasks/test_batch.py"),
     "learning/inference.py": ("tests/learning/test_network.py",),
     "learning/network.py": ("tests/learning/test_ppo.py",),
     "platforms/bluebird.py": (
@@ -50,18 +57,19 @@ TESTS = {
     "platforms/own.py": ("tests/platforms/test_flight.py",),
     "platforms/protocol.py": ("tests/platforms/test_flight.py",),
     "evaluation/columns.py": ("tests/evaluation/test_stored.py",),
-    "evaluation/elsewhere.py": ("tests/evaluation/test_rollout.py",),
-    "evaluation/hosted.py": ("tests/evaluation/test_rollout.py",),
-    "evaluation/judge.py": (
+    "evaluation/evaluate.py": (
         "tests/evaluation/test_evaluation.py",
         "tests/evaluation/test_platform_rollout.py",
     ),
+    "evaluation/hosted.py": ("tests/evaluation/test_rollout.py",),
     "evaluation/paper.py": ("tests/evaluation/test_summary.py",),
+    "evaluation/platform_rollout.py": ("tests/evaluation/test_rollout.py",),
     "evaluation/rollout.py": ("tests/evaluation/test_evaluation.py",),
     "gym/environment.py": ("tests/gym/test_radar.py",),
     "gym/vector.py": ("tests/gym/test_radar.py", "tests/gym/test_sb3.py"),
 }
-"""Tests of a module beside those of its own name; where it has neither, all of its package."""
+"""Tests of a module in addition to those of its own name. A module without either is tested by all
+tests of its package."""
 
 LEFT_OUT = (
     *("same_clearances", "physical", "cap_of_the_lateral"),  # stacking
@@ -71,16 +79,16 @@ LEFT_OUT = (
     *("a_crowd_begins", "bends_in_the_plane", "stacking_in_a_compiled_program"),
     *("known_answer", "bit_for_bit", "compiled_once"),  # learning
 )
-"""Parts of the names of tests that are not asked: whole flights and trainings, which take long and
-show little more of a change than the small cases do."""
+"""Parts of the names of tests that are not run: whole flights and trainings, which take long and
+detect few changes that the small cases do not."""
 
 IN_PROCESSES = frozenset({"gym/vector.py", "platforms/processes.py", "platforms/guard.py"})
-"""Modules that tests run in other processes too, where the lines that are run are not noted: all
+"""Modules that tests also run in other processes, where the executed lines are not recorded: all
 their changes are tried."""
 
 
 def modules(root: Path, package: str) -> tuple[str, ...]:
-    """The modules of a package that are changed, relative to `src/skystack`."""
+    """The changed modules of a package, relative to `src/skystack`."""
     source = root / "src" / "skystack"
     found = sorted(str(path.relative_to(source)) for path in (source / package).glob("*.py"))
     return CHOSEN.get(package) or tuple(name for name in found if not name.endswith("__init__.py"))
@@ -97,9 +105,9 @@ def tests(root: Path, module: str) -> tuple[str, ...]:
 
 
 def equivalent(package: str) -> dict[tuple[str, str, str], str]:
-    """Changes that mean the same as before, by module and changed lines, and why.
+    """The reasons why changes are equivalent, by module and changed lines.
 
-    In `equivalent_mutants/PACKAGE.toml`, by module: `before`, `after` and `why` of each.
+    They are listed in `equivalent_mutants/PACKAGE.toml`, by module: `before`, `after` and `why`.
     """
     path = Path(__file__).parent / "equivalent_mutants" / f"{package}.toml"
     if not path.exists():

@@ -1,15 +1,15 @@
-"""Change the code a little, again and again: each time a test must fail.
+"""Mutation testing: make small changes to the code; after each one a test must fail.
 
     python -m verification.mutation.run --package tasks --sample 150 --seed 1 --results tasks.jsonl
 
-Needs the extra `mutation` (cosmic-ray, which makes most changes) beside `test`. Copies of the
-project are changed, never the project. A change is tried with the tests nearest to its module that
-run its lines (`mutation_parts`), the fastest first, up to the first that fails. Where none runs
-them, it survives untried.
+Needs the extras `mutation` (cosmic-ray, which makes most changes) and `test`. Only copies of the
+project are changed. For each change, the tests nearest to its module that execute the changed lines
+are run (see `parts`), the fastest first, until one fails. If no test executes them, the change
+counts as survived.
 
-Results are lines of JSON: with the same file again, only what is missing is tried, and tests that
-are the same are not run again to see which lines they run (`RESULTS.kept`). Prints the survivors
-and a row for each package; exit code 1 where one survives that `equivalent_mutants` does not
+Results are lines of JSON. With the same results file, only missing changes are tried, and unchanged
+tests are not run again to record the lines that they execute (`RESULTS.kept`). Prints the survivors
+and a row for each package; exit code 1 if a change survives that `equivalent_mutants` does not
 explain.
 """
 
@@ -33,7 +33,7 @@ from typing import NamedTuple
 
 from verification.mutation import parts
 from verification.mutation.mutants import Place, change, places, statement_lines
-from verification.mutation.server import Answer, Job, Noted
+from verification.mutation.server import Answer, Job, Recorded
 
 ROOT = Path(__file__).resolve().parents[2]
 COPIED = (
@@ -48,9 +48,9 @@ COPIED = (
     "README.md",
 )
 UNCHANGED_S = 3600
-"""The most that the tests of one file take without a change."""
+"""The time limit for the tests of one file without a change."""
 LONGER = 3
-"""How much longer a second try may take where the first has timed out."""
+"""The factor by which a second try may take longer after a time-out."""
 
 
 class Mutant(NamedTuple):
@@ -60,7 +60,7 @@ class Mutant(NamedTuple):
 
 
 class Result(NamedTuple):
-    """What became of a change: a line of the results."""
+    """The result of a change: one line of the results file."""
 
     module: str
     line: int
@@ -68,7 +68,7 @@ class Result(NamedTuple):
     before: str
     after: str
     end: str
-    """killed, survived, not run (survived: no test runs the line), or timed out, twice."""
+    """killed, survived, not run (no test executes the line), or timed out (twice)."""
     seconds: float
 
     @property
@@ -77,7 +77,7 @@ class Result(NamedTuple):
 
 
 class Server:
-    """A `mutation_server` in a copy of the project."""
+    """A process of `verification.mutation.server` in a copy of the project."""
 
     def __init__(self, folder: Path, preloaded: Sequence[str]) -> None:
         for name in COPIED:
@@ -91,7 +91,7 @@ class Server:
         variables = {
             "PYTHONPATH": str(folder / "src"),
             "PYTHONDONTWRITEBYTECODE": "1",
-            "XLA_FLAGS": "--xla_backend_optimization_level=0",  # what is computed is little
+            "XLA_FLAGS": "--xla_backend_optimization_level=0",  # the tests compute little
         }
         self.folder = folder
         self._process = subprocess.Popen(
@@ -125,10 +125,10 @@ class Server:
 
 
 class File(NamedTuple):
-    """A file of tests, run without a change."""
+    """A test file and its run without a change."""
 
     name: str
-    noted: Noted
+    recorded: Recorded
     wall_s: float
     cpu_s: float
 
@@ -141,58 +141,58 @@ class Run:
         for server in servers:
             self._servers.put(server)
         self._workers, self._slowest_s = len(servers), slowest_s
-        self._notes, self._programs = kept / "notes", kept / "programs"
-        for folder in (self._notes, self._programs):
+        self._records, self._programs = kept / "notes", kept / "programs"
+        for folder in (self._records, self._programs):
             folder.mkdir(parents=True, exist_ok=True)
         self._sources = _digest(
             *sorted(ROOT.glob("src/**/*.py")), *sorted(ROOT.rglob("conftest.py"))
         )
         self._files: dict[str, File] = {}
 
-    def note(self, names: Iterable[str]) -> None:
-        """Run files of tests without a change."""
+    def record(self, names: Iterable[str]) -> None:
+        """Run test files without a change, and record the lines that they execute."""
         with ThreadPoolExecutor(self._workers) as pool:
-            for file in pool.map(self._noted, names):
+            for file in pool.map(self._recorded, names):
                 self._files[file.name] = file
-                for test in file.noted.failed:
+                for test in file.recorded.failed:
                     say(f"left out: {test}: fails without a change")
-                for test, seconds in file.noted.seconds.items():
+                for test, seconds in file.recorded.seconds.items():
                     if seconds > self._slowest_s:
-                        say(f"left out: {test}: takes {seconds:.0f} s of a processor")
-                say(f"{file.name}: {len(file.noted.seconds)} tests, {file.wall_s:.0f} s")
+                        say(f"left out: {test}: takes {seconds:.0f} s of processor time")
+                say(f"{file.name}: {len(file.recorded.seconds)} tests, {file.wall_s:.0f} s")
 
     def try_all(self, mutants: Iterable[Mutant]) -> Iterator[Result]:
         with ThreadPoolExecutor(self._workers) as pool:
             yield from pool.map(self._tried, mutants)
 
-    def _noted(self, name: str) -> File:
-        path = self._notes / f"{_digest(ROOT / name)}-{self._sources}.json"
+    def _recorded(self, name: str) -> File:
+        path = self._records / f"{_digest(ROOT / name)}-{self._sources}.json"
         if not path.exists():
             file = self._run_unchanged(name)
-            path.write_text(json.dumps([file.noted, *file[2:]]))
-        noted, wall_s, cpu_s = json.loads(path.read_text())
-        return File(name, Noted(*noted), wall_s, cpu_s)
+            path.write_text(json.dumps([file.recorded, *file[2:]]))
+        recorded, wall_s, cpu_s = json.loads(path.read_text())
+        return File(name, Recorded(*recorded), wall_s, cpu_s)
 
     def _run_unchanged(self, name: str) -> File:
         server = self._servers.get()
         try:
             programs = Path(tempfile.mkdtemp(dir=server.folder))
-            note = programs / "noted.json"
+            record = programs / "recorded.json"
             left_out, limit_s = list(parts.LEFT_OUT), UNCHANGED_S
-            job = Job("", [name], left_out, {}, str(programs), str(note), limit_s, limit_s)
+            job = Job("", [name], left_out, {}, str(programs), str(record), limit_s, limit_s)
             answer = server.run(job)
-            if not note.exists():
-                sys.exit(f"mutation_run: {name} {answer.end}: {_last(server)}")
-            noted = Noted(**json.loads(note.read_text()))
-            if noted.failed:
+            if not record.exists():
+                sys.exit(f"verification.mutation.run: {name} {answer.end}: {_last(server)}")
+            recorded = Recorded(**json.loads(record.read_text()))
+            if recorded.failed:
                 say(_last(server))
-            note.unlink()
+            record.unlink()
             for path in programs.iterdir():
                 if not (self._programs / path.name).exists():
                     path.replace(self._programs / path.name)
         finally:
             self._servers.put(server)
-        return File(name, noted, answer.wall_s, answer.cpu_s)
+        return File(name, recorded, answer.wall_s, answer.cpu_s)
 
     def _tried(self, mutant: Mutant) -> Result:
         server = self._servers.get()
@@ -200,19 +200,23 @@ class Run:
             with server.changed(mutant):
                 original = (ROOT / "src" / "skystack" / mutant.module).read_text()
                 files = self._running(mutant, original)
-                began = time.monotonic()
+                started = time.monotonic()
                 end = self._end(server, mutant, files) if files else "not run"
-                seen = change(original, mutant.source)
-                seconds = time.monotonic() - began
+                lines = change(original, mutant.source)
                 return Result(
-                    mutant.module, seen.line, mutant.place.operator, seen.before, seen.after, end,
-                    round(seconds, 1),
-                )  # fmt: skip
+                    module=mutant.module,
+                    line=lines.line,
+                    operator=mutant.place.operator,
+                    before=lines.before,
+                    after=lines.after,
+                    end=end,
+                    seconds=round(time.monotonic() - started, 1),
+                )
         finally:
             self._servers.put(server)
 
     def _running(self, mutant: Mutant, original: str) -> list[File]:
-        """The files of tests that run the changed statement, the fastest first."""
+        """The test files that execute the changed statement, the fastest first."""
         lines = set(statement_lines(original, mutant.place.line))
         path = f"skystack/{mutant.module}"
         names = parts.tests(ROOT, mutant.module)
@@ -221,7 +225,7 @@ class Run:
                 file
                 for file in map(self._files.__getitem__, names)
                 if mutant.module in parts.IN_PROCESSES
-                or lines & set(file.noted.lines.get(path, ()))
+                or lines & set(file.recorded.lines.get(path, ()))
             ),
             key=lambda file: file.wall_s,
         )
@@ -230,9 +234,9 @@ class Run:
         seconds: dict[str, float] = {}
         left_out = list(parts.LEFT_OUT)
         for file in files:
-            seconds |= file.noted.seconds
-            slow = [test for test, took in file.noted.seconds.items() if took > self._slowest_s]
-            left_out += file.noted.failed + slow
+            seconds |= file.recorded.seconds
+            slow = [test for test, took in file.recorded.seconds.items() if took > self._slowest_s]
+            left_out += file.recorded.failed + slow
         module = "skystack." + mutant.module.removesuffix(".py").replace("/", ".")
         for times in (1, LONGER):
             cpu_s = int(times * (30.0 + 3.0 * sum(file.cpu_s for file in files)))
@@ -242,7 +246,8 @@ class Run:
                 Job(module, names, left_out, seconds, str(self._programs), None, cpu_s, wall_s)
             )
             if answer.end == "no tests":
-                sys.exit(f"mutation_run: {mutant.module}: no tests were run: {_last(server)}")
+                reason = _last(server)
+                sys.exit(f"verification.mutation.run: {mutant.module}: no tests were run: {reason}")
             if answer.end != "timed out":
                 return "survived" if answer.end == "passed" else "killed"
         return "timed out"
@@ -259,7 +264,7 @@ def say(line: str) -> None:
 
 
 def chosen(modules: Sequence[str], sample: int | None, seed: int) -> list[Mutant]:
-    """All changes of the modules, or a random sample that has of each in proportion."""
+    """All changes of the modules, or a random sample, spread over them in proportion."""
     generator = random.Random(seed)
     every: list[tuple[str, str, Place]] = []
     for module in modules:
@@ -270,7 +275,7 @@ def chosen(modules: Sequence[str], sample: int | None, seed: int) -> list[Mutant
     if sample is not None and sample < len(every):
         offset = generator.random()
         every = [every[int((number + offset) * len(every) / sample)] for number in range(sample)]
-        generator.shuffle(every)  # a part of the sample is a sample too
+        generator.shuffle(every)  # so that a part of the sample is a sample too
     mutants = (Mutant(module, place, place.changed()) for module, _, place in every)
     return [new for new, (_, source, _) in zip(mutants, every, strict=True) if new.source != source]
 
@@ -283,7 +288,7 @@ def read_results(path: Path | None) -> dict[tuple[str, int, str, str], Result]:
 
 
 def run_package(package: str, modules: Sequence[str], options: argparse.Namespace) -> Counter[str]:
-    """Try the changes of a package that have no result yet; the survivors are printed."""
+    """Try the changes of a package that have no result yet, and print the survivors."""
     known = read_results(options.results)
     if options.retry:
         known = {key: result for key, result in known.items() if result.end == "killed"}
@@ -299,7 +304,7 @@ def run_package(package: str, modules: Sequence[str], options: argparse.Namespac
             kept = options.results.with_suffix(".kept") if options.results else folder
             run = Run(_servers(stack, folder, package, options), kept, options.slowest)
             names = {name: None for new in missing for name in parts.tests(ROOT, new.module)}
-            run.note(names)
+            run.record(names)
             for number, result in enumerate(run.try_all(missing), start=1):
                 results.append(result)
                 if options.results:
@@ -346,37 +351,36 @@ def _counted(package: str, results: Sequence[Result]) -> Counter[str]:
 
 
 def row(package: str, counts: Counter[str], seconds: float) -> str:
-    """What became of the changes of a package: the summary line."""
-    able = counts.total() - counts["equivalent"]
+    """The summary line of a package."""
+    effective = counts.total() - counts["equivalent"]
     ends = ("killed", "survived", "not run", "timed out", "equivalent")
-    words = ", ".join(f"{counts[end]} {end}" for end in ends)
-    share = 100.0 * counts["killed"] / max(able, 1)
-    return f"{package}: {counts.total()} changes: {words}; {share:.0f} % killed; {seconds:.0f} s"
+    numbers = ", ".join(f"{counts[end]} {end}" for end in ends)
+    share = 100.0 * counts["killed"] / max(effective, 1)
+    return f"{package}: {counts.total()} changes: {numbers}; {share:.0f} % killed; {seconds:.0f} s"
 
 
 def main(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--package", choices=parts.PRELOADED, help="one package")
-    parser.add_argument("--only", metavar="MODULE", help="one module, as in tasks/pairs.py")
-    parser.add_argument("--sample", type=int, metavar="N", help="so many changes of each package")
-    parser.add_argument("--seed", type=int, default=0, help="of the sample")
-    parser.add_argument("--workers", type=int, default=1)
-    slowest = "leave out tests that take more seconds of a processor without a change"
+    parser.add_argument("--package", choices=parts.PRELOADED, help="only this package")
+    parser.add_argument("--only", metavar="MODULE", help="only this module, such as tasks/pairs.py")
+    parser.add_argument("--sample", type=int, metavar="N", help="try N changes of each package")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the sample")
+    parser.add_argument("--workers", type=int, default=1, help="number of parallel processes")
+    slowest = "leave out tests that take more processor time than this without a change"
     parser.add_argument("--slowest", type=float, default=30.0, metavar="S", help=slowest)
-    parser.add_argument("--results", type=Path, help="a file that results are added to")
-    parser.add_argument("--retry", action="store_true", help="try again what was not killed")
+    parser.add_argument("--results", type=Path, help="file to which results are appended")
+    parser.add_argument("--retry", action="store_true", help="try changes again that survived")
     options = parser.parse_args(arguments)
-    wanted = _wanted(parser, options)
     survived = 0
-    for package, modules in wanted.items():
-        began = time.monotonic()
+    for package, modules in _selected(parser, options).items():
+        started = time.monotonic()
         counts = run_package(package, modules, options)
-        say(row(package, counts, time.monotonic() - began))
+        say(row(package, counts, time.monotonic() - started))
         survived += counts["survived"] + counts["not run"] + counts["timed out"]
     return 1 if survived else 0
 
 
-def _wanted(
+def _selected(
     parser: argparse.ArgumentParser, options: argparse.Namespace
 ) -> dict[str, tuple[str, ...]]:
     every = {package: parts.modules(ROOT, package) for package in parts.PRELOADED}
@@ -385,7 +389,7 @@ def _wanted(
             package: (options.only,) for package, names in every.items() if options.only in names
         }
         if not every:
-            parser.error(f"no module {options.only} is changed")
+            parser.error(f"{options.only} is not one of the modules that are changed")
     return {
         package: names for package, names in every.items() if options.package in (None, package)
     }

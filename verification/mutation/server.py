@@ -1,9 +1,9 @@
-"""A process that has imported what is slow to import, and forks to run tests: `mutation_run`'s.
+"""The server of `verification.mutation.run`: imports slow modules once, and forks to run tests.
 
     python -m verification.mutation.server MODULE...
 
-Reads a job on each line of standard input and answers it with a line of JSON. Runs in a copy of the
-project, whose sources are changed between jobs.
+Reads one job per line of standard input and answers each with one line of JSON. Runs in a copy of
+the project, whose sources are changed between jobs.
 """
 
 import importlib
@@ -24,35 +24,35 @@ from typing import Any, NamedTuple
 import pytest
 
 NO_TESTS = 5
-"""pytest's exit code where it found none."""
+"""pytest's exit code if it found no tests."""
 
 
 class Job(NamedTuple):
-    """Tests to run in a process of their own."""
+    """Tests to run in a forked process."""
 
     module: str
-    """The module that is changed, as Python names it: it must not be imported before."""
+    """The changed module, as a dotted name; it must not be imported before."""
     files: list[str]
-    """The first is run first."""
+    """The test files, in the order in which they are run."""
     left_out: list[str]
-    """Tests that are not run, by names or parts of them."""
+    """Tests that are not run, by their names or parts of these."""
     order: dict[str, float]
-    """What tests took, where that is known: within a file the fastest are run first."""
+    """Known durations of tests; within a file the fastest are run first."""
     programs: str
-    """Folder of compiled programs: read, and written where lines are noted."""
-    note: str | None
-    """Where to write what was found (`Noted`), if anywhere; then failures do not end the run."""
+    """The cache folder of compiled programs, written only if lines are recorded."""
+    record: str | None
+    """The file for the recorded lines (`Recorded`), if any; then failures do not end the run."""
     cpu_s: int
     wall_s: float
 
 
-class Noted(NamedTuple):
-    """What a run of unchanged sources found."""
+class Recorded(NamedTuple):
+    """The record of a run with unchanged sources."""
 
     lines: dict[str, list[int]]
-    """The lines of each source file that were run."""
+    """The executed lines of each source file."""
     seconds: dict[str, float]
-    """What each test took of a processor: however busy it is, the same."""
+    """The processor time of each test, which does not depend on other work on the machine."""
     failed: list[str]
 
 
@@ -64,7 +64,7 @@ class Answer(NamedTuple):
 
 
 class Plugin:
-    """Orders tests, leaves some out, shares compiled programs, and notes what happens."""
+    """Orders tests, leaves some out, shares compiled programs, and records results."""
 
     def __init__(self, job: Job) -> None:
         self._job = job
@@ -74,10 +74,10 @@ class Plugin:
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(self, fixturedef: pytest.FixtureDef[Any]) -> Generator[None, Any, Any]:
         result = yield
-        if fixturedef.argname == "compile_once":  # the conftest's folder is new in each process
-            import jax  # noqa: PLC0415  (the server has it already; nothing else here needs it)
+        if fixturedef.argname == "compile_once":  # conftest's cache folder is new in each process
+            import jax  # noqa: PLC0415  (the server has imported it already)
 
-            least_s = 0.1 if self._job.note else 1e9  # a killed process may leave half a file
+            least_s = 0.1 if self._job.record else 1e9  # a killed process may leave half a file
             for name, value in (
                 ("jax_compilation_cache_dir", self._job.programs),
                 ("jax_persistent_cache_min_compile_time_secs", least_s),
@@ -96,9 +96,9 @@ class Plugin:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Generator[None, Any, Any]:
-        began = time.process_time()
+        started = time.process_time()
         result = yield
-        self.seconds[item.nodeid] = time.process_time() - began
+        self.seconds[item.nodeid] = time.process_time() - started
         return result
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
@@ -107,7 +107,7 @@ class Plugin:
 
 
 def main(modules: Sequence[str]) -> None:
-    sys.dont_write_bytecode = True  # it would be taken for that of the next change
+    sys.dont_write_bytecode = True  # it would be reused after the next change
     sys.path[:0] = [str(Path.cwd()), str(Path("src").absolute())]
     for name in modules:
         importlib.import_module(name)
@@ -119,27 +119,27 @@ def main(modules: Sequence[str]) -> None:
 
 def _answer(job: Job) -> Answer:
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    began, cpu_before = time.monotonic(), used.ru_utime + used.ru_stime
+    started, cpu_before = time.monotonic(), used.ru_utime + used.ru_stime
     folder = tempfile.mkdtemp(dir=".")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # JAX is imported, but does not run here
+        warnings.simplefilter("ignore")  # JAX warns about forks, but has not started here
         child = os.fork()
     if child == 0:
         _run(job, folder)
     status, parent = None, os.getppid()
-    # Where the run was killed, nothing of it goes on.
-    while status is None and time.monotonic() - began < job.wall_s and os.getppid() == parent:
+    # Stop waiting, and kill the child, if this server's parent has died.
+    while status is None and time.monotonic() - started < job.wall_s and os.getppid() == parent:
         ended, code = os.waitpid(child, os.WNOHANG)
         status = code if ended else None
         time.sleep(0.0 if ended else 0.02)
     with suppress(ProcessLookupError):
-        os.killpg(child, signal.SIGKILL)  # with what it may have started
+        os.killpg(child, signal.SIGKILL)  # including processes that it started
     if status is None:
         os.waitpid(child, 0)
     shutil.rmtree(folder, ignore_errors=True)
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return Answer(
-        _end(status), time.monotonic() - began, used.ru_utime + used.ru_stime - cpu_before
+        _end(status), time.monotonic() - started, used.ru_utime + used.ru_stime - cpu_before
     )
 
 
@@ -151,32 +151,32 @@ def _end(status: int | None) -> str:
 
 
 def _run(job: Job, folder: str) -> None:
-    """In the child: never returns."""
+    """Run the tests in the child process; never returns."""
     code: int = 70
     try:
         os.setsid()
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         resource.setrlimit(resource.RLIMIT_CPU, (job.cpu_s, job.cpu_s + 5))
-        nowhere = os.open(os.devnull, os.O_RDWR)
+        devnull = os.open(os.devnull, os.O_RDWR)
         log = os.open("log.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
-        for stream, target in ((0, nowhere), (1, log), (2, log)):
+        for stream, target in ((0, devnull), (1, log), (2, log)):
             os.dup2(target, stream)
         if job.module in sys.modules:
-            code = NO_TESTS  # it would not be the changed one
+            code = NO_TESTS  # the tests would not see the change
             raise ImportError(f"{job.module} was imported before it was changed")
-        code = _tested(job, folder)
+        code = _run_tests(job, folder)
     finally:
         sys.stdout.flush()
         os._exit(code)
 
 
-def _tested(job: Job, folder: str) -> int:
+def _run_tests(job: Job, folder: str) -> int:
     plugin = Plugin(job)
-    quiet = ("-W", "ignore::pytest.PytestAssertRewriteWarning")  # plugins are imported before
+    quiet = ("-W", "ignore::pytest.PytestAssertRewriteWarning")  # plugins are already imported
     options = ["-n0", "-p", "no:cacheprovider", "--tb=short", f"--basetemp={folder}/tests", *quiet]
-    if job.note is None:
+    if job.record is None:
         return int(pytest.main(["-x", *options, *job.files], plugins=[plugin]))
-    import coverage  # noqa: PLC0415  (slow, and seldom needed)
+    import coverage  # noqa: PLC0415  (slow, and rarely needed)
 
     measured = coverage.Coverage(data_file=None, include=["src/skystack/*"], config_file=False)
     measured.start()
@@ -187,7 +187,8 @@ def _tested(job: Job, folder: str) -> int:
         str(Path(name).relative_to(source)): list(data.lines(name) or ())
         for name in data.measured_files()
     }
-    Path(job.note).write_text(json.dumps(Noted(lines, plugin.seconds, plugin.failed)._asdict()))
+    recorded = Recorded(lines, plugin.seconds, plugin.failed)
+    Path(job.record).write_text(json.dumps(recorded._asdict()))
     return code
 
 

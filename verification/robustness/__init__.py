@@ -1,1 +1,1 @@
-"""Commands that are interrupted or killed, other processors, an empty environment."""
+"""Commands that are interrupted or killed, other processors and versions, an empty environment."""

@@ -1,11 +1,11 @@
-"""The main job from the wheel alone: in an empty environment, another folder and without a network.
+"""Run a reproduction from the wheel alone: in an empty environment and without a network.
 
     python -m verification.robustness.empty_environment [ARGUMENT ...]
 
-Builds the wheel, installs it with its dependencies into a new virtual environment, and there runs
-`skystack reproduce` with the arguments (default: the quick one) with nothing of this checkout in
-sight. Needs hatchling, and an index or a cache of packages to install from. Prints what was
-installed and how long it took; exit code 1 where something of it fails.
+Builds the wheel, installs it with its dependencies into a new virtual environment, and runs
+`skystack reproduce` there with the arguments (default: --quick), in a folder without access to this
+checkout. Needs hatchling, and an index or a cache of packages to install from. Prints what was
+installed and the times; exit code 1 if anything fails.
 """
 
 import os
@@ -19,7 +19,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 PIP = ["-I", "-m", "pip", "--disable-pip-version-check"]
-"""By itself: a package in PYTHONPATH would pass for one that is installed."""
+"""Isolated (-I), because pip would regard packages in PYTHONPATH as installed."""
 LIMIT_S = 3600.0
 
 NO_NETWORK = """
@@ -33,11 +33,11 @@ def refuse(event, arguments):
 
 sys.addaudithook(refuse)
 """
-"""Every Python of the environment begins with it; addresses that are paths stay in the machine."""
+"""The environment's `sitecustomize` module. Addresses that are paths are local, and allowed."""
 
 
 class BrokenError(Exception):
-    """Something did not work from the wheel alone."""
+    """A step failed from the wheel alone."""
 
 
 def build(out: Path) -> tuple[Path, Path]:
@@ -48,9 +48,9 @@ def build(out: Path) -> tuple[Path, Path]:
 
 
 def make_environment(folder: Path, wheel: Path, borrowed: Sequence[str] | None = None) -> Path:
-    """An environment with the wheel in it and no network; returns its Python.
+    """Create an environment with the wheel and without a network; returns its Python.
 
-    Dependencies are installed, unless they are `borrowed`: folders that they are imported from.
+    Dependencies are installed, or imported from the folders in `borrowed`.
     """
     venv.create(folder, with_pip=borrowed is None)
     python = folder / "bin" / "python"
@@ -59,21 +59,21 @@ def make_environment(folder: Path, wheel: Path, borrowed: Sequence[str] | None =
         constraints = ["--constraint", str(ROOT / "constraints.txt")]
         _run([str(python), *PIP, "install", "--quiet", *constraints, str(wheel)])
     else:
-        there = ["--no-deps", "--no-index", "--target", str(site)]
-        _run([sys.executable, *PIP, "install", "--quiet", *there, str(wheel)])
+        target = ["--no-deps", "--no-index", "--target", str(site)]
+        _run([sys.executable, *PIP, "install", "--quiet", *target, str(wheel)])
         (site / "borrowed.pth").write_text("\n".join(borrowed) + "\n")
     (site / "sitecustomize.py").write_text(NO_NETWORK)
     return python
 
 
 def run_clean(command: Sequence[str], folder: Path, **variables: str) -> str:
-    """What a command says that runs in a folder, with none of this environment's variables."""
-    kept = {"PATH": os.environ["PATH"], "HOME": str(folder)}
-    return _run(command, cwd=folder, env=kept | variables)
+    """The output of a command run in a folder, without this environment's variables."""
+    needed = {"PATH": os.environ["PATH"], "HOME": str(folder)}
+    return _run(command, cwd=folder, env=needed | variables)
 
 
 def without_network() -> list[str]:
-    """What cuts a command off from every network, compiled code too; nothing if not allowed."""
+    """The prefix that removes all networks from a command, or nothing if that is not permitted."""
     prefix = ["unshare", "--map-root-user", "--net"]
     try:
         subprocess.run([*prefix, "true"], check=True, capture_output=True)
@@ -90,36 +90,36 @@ def _run(
     )
     if done.returncode != 0:
         raise BrokenError(
-            f"{' '.join(command)} ended with {done.returncode}: {done.stderr[-2000:]}"
+            f"{' '.join(command)} exited with {done.returncode}: {done.stderr[-2000:]}"
         )
     return done.stdout
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Returns the exit code: 0 it works, 1 it does not."""
+    """Returns the exit code: 0 success, 1 failure."""
     with tempfile.TemporaryDirectory(prefix="empty-") as name:
-        begun, folder = time.monotonic(), Path(name)
+        started, folder = time.monotonic(), Path(name)
         try:
             wheel, source = build(folder)
             sizes = f"{wheel.stat().st_size / 1e6:.1f}, {source.stat().st_size / 1e6:.1f}"
             sys.stdout.write(f"wheel, source distribution, MB: {sizes}\n")
             python = make_environment(folder / "environment", wheel)
-            installed_s = time.monotonic() - begun
-            listed = _run([str(python), *PIP, "list", "--format", "freeze"]).splitlines()
+            installed_s = time.monotonic() - started
+            distributions = _run([str(python), *PIP, "list", "--format", "freeze"]).splitlines()
             size = sum(path.stat().st_size for path in (folder / "environment").rglob("*"))
             sys.stdout.write(
-                f"installed in {installed_s:.0f} s: {len(listed)} distributions, "
+                f"installed in {installed_s:.0f} s: {len(distributions)} distributions, "
                 f"{size / 1e6:.0f} MB\n"
             )
             (folder / "home").mkdir()
             job = [str(python), "-m", "skystack", "reproduce", *arguments]
-            said = run_clean([*without_network(), *job], folder / "home")
-        except BrokenError as wrong:
-            sys.stdout.write(f"{wrong}\n")
+            output = run_clean([*without_network(), *job], folder / "home")
+        except BrokenError as error:
+            sys.stdout.write(f"{error}\n")
             return 1
-        way = "none at all" if without_network() else "refused to Python's sockets"
-        took_s = time.monotonic() - begun - installed_s
-        sys.stdout.write(f"{said}network: {way}; {took_s:.0f} s\n")
+        network = "none" if without_network() else "refused to Python's sockets"
+        took_s = time.monotonic() - started - installed_s
+        sys.stdout.write(f"{output}network: {network}; {took_s:.0f} s\n")
     return 0
 
 

@@ -1,12 +1,13 @@
-"""Kill a training, or a small reproduction, again and again: each must come to the same end.
+"""Kill trainings or small reproductions repeatedly: the results must not change.
 
     python -m verification.robustness.killed_trainings [--kills N] [--seed S] [--what reproduction]
 
-Each is compared with one that nobody disturbed: the policies and all fields of `metrics.jsonl` but
-`wall_s` must be the same bit for bit. Half of the kills (SIGKILL) come at a random moment of the
-run, starting included, half as soon as a file that is being written appears. A training then meets
-a disk that takes no more (a limit on the size of its files) and a read-only folder: each must end
-in one line and leave the checkpoint as it was. Prints what was done; exit code 1 at a difference.
+Each result is compared with an undisturbed run: the policies and all fields of `metrics.jsonl`
+except `wall_s` must be bit-identical. Half of the kills (SIGKILL) come at a random moment of the
+run, including its start, half as soon as a file that is being written appears. A training is then
+resumed with a full disk (a limit on the size of its files) and with a read-only folder: each must
+end with a one-line error and leave the checkpoint unchanged. Prints the counts; exit code 1 if
+there is a difference.
 """
 
 import argparse
@@ -57,21 +58,21 @@ READ_ONLY = 'mount --bind "$0" "$0" && mount -o remount,ro,bind "$0" && exec "$@
 
 
 class DifferentError(Exception):
-    """Something did not survive."""
+    """A killed command gave another result."""
 
 
 class Subject(NamedTuple):
-    """What is killed."""
+    """A kind of command to kill."""
 
     command: Callable[[Path], list[str]]
     metrics: str
-    """Pattern of the metrics of its trainings."""
+    """The pattern of the metrics files of its trainings."""
     faults: bool
-    """Whether it meets full disks and read-only folders too."""
+    """Whether it is also tested with a full disk and a read-only folder."""
 
 
 def train_command(folder: Path) -> list[str]:
-    """A small training with a checkpoint at every update, gone on with where there is one."""
+    """A small training with a checkpoint at every update, resumed if there is one."""
     changes = [word for setting in SETTINGS for word in ("--set", setting)]
     words = ["train", "lateral-best", "--resume", "--checkpoint-every", "0", "--out", str(folder)]
     return [sys.executable, "-m", "skystack", *words, *changes]
@@ -83,7 +84,7 @@ def reproduce_command(
     seeds: int = 2,
     settings: Sequence[str] = SETTINGS,
 ) -> list[str]:
-    """Small trainings in processes of their own, judged on three scenarios."""
+    """Small trainings in separate processes, evaluated on three scenarios."""
     return [sys.executable, "-c", REPRODUCTION, str(folder), experiment, str(seeds), *settings]
 
 
@@ -94,45 +95,45 @@ SUBJECTS = {
 
 
 def outcome(subject: Subject, folder: Path) -> list[tuple[bytes, list[dict[str, Any]]]]:
-    """Of each training its policy and metrics, but for `wall_s`."""
+    """The policy and the metrics of each training, without `wall_s`."""
     found = []
     for path in sorted(folder.glob(subject.metrics)):
         lines = path.read_text().splitlines()
         metrics = [json.loads(line) | {"wall_s": None} for line in lines]
         if [line["update"] for line in metrics] != list(range(1, UPDATES + 1)):
-            raise DifferentError(f"{path}: has a gap or a double")
+            raise DifferentError(f"{path}: has a gap or a duplicate")
         found.append(((path.parent / "policy.safetensors").read_bytes(), metrics))
     return found
 
 
 def finish(command: Sequence[str], limit_s: float = LIMIT_S) -> float:
-    """Run to the end; returns how long it took, in seconds."""
-    begun = time.monotonic()
+    """Run a command to its end; returns the time it took, in seconds."""
+    started = time.monotonic()
     done = subprocess.run(command, capture_output=True, text=True, timeout=limit_s, check=False)
     if done.returncode != 0:
-        raise DifferentError(f"{command}: ended with {done.returncode}: {done.stderr[-2000:]}")
-    return time.monotonic() - begun
+        raise DifferentError(f"{command}: exited with {done.returncode}: {done.stderr[-2000:]}")
+    return time.monotonic() - started
 
 
 def killed(command: Sequence[str], due: Callable[[], bool]) -> bool:
-    """Start it and kill it as soon as it is due; False if it had ended by then."""
+    """Start a command and kill it when that is due; False if it had ended before."""
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     while process.poll() is None and not due():
         time.sleep(0.0002)
     process.kill()
-    _, said = process.communicate()
+    _, stderr = process.communicate()
     if process.returncode > 0:
-        raise DifferentError(f"ended with {process.returncode}: {said.decode()[-2000:]}")
+        raise DifferentError(f"exited with {process.returncode}: {stderr.decode()[-2000:]}")
     return process.returncode < 0
 
 
 def at(moment: float) -> Callable[[], bool]:
-    """Due at a moment of the clock."""
+    """Due at a time of the monotonic clock."""
     return lambda: time.monotonic() >= moment
 
 
 def writing(folder: Path, skipped: int) -> Callable[[], bool]:
-    """Due when a file that is being written is seen for the so many-th time."""
+    """Due when a temporary file is seen, after `skipped` others."""
     seen: set[str] = set()
 
     def due() -> bool:
@@ -143,92 +144,97 @@ def writing(folder: Path, skipped: int) -> Callable[[], bool]:
     return due
 
 
-def meet_faults(folder: Path) -> list[str]:
-    """A full disk and a read-only folder, in the middle of a training; returns what was not met."""
+def check_faults(folder: Path) -> list[str]:
+    """Resume a training with a full disk and a read-only folder; returns what was not tested."""
     checkpoint = folder / CHECKPOINT
     size = checkpoint.stat().st_size // 2
 
-    def little_room() -> None:
+    def limit_file_size() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
-    _refused(train_command(folder), checkpoint, little_room)
+    _check_refusal(train_command(folder), checkpoint, limit_file_size)
     if os.geteuid() != 0:
-        return ["read-only folder: only as root, by a mount"]
-    alone = ["unshare", "--mount", "sh", "-c", READ_ONLY, str(folder)]
+        return ["read-only folder: needs root, to mount it"]
+    read_only = ["unshare", "--mount", "sh", "-c", READ_ONLY, str(folder)]
     try:
-        subprocess.run([*alone, "true"], check=True, capture_output=True)
+        subprocess.run([*read_only, "true"], check=True, capture_output=True)
     except (OSError, subprocess.CalledProcessError):
-        return ["read-only folder: this system lets nobody mount"]
-    _refused([*alone, *train_command(folder)], checkpoint)
+        return ["read-only folder: this system does not permit mounting"]
+    _check_refusal([*read_only, *train_command(folder)], checkpoint)
     return []
 
 
-def _refused(
+def _check_refusal(
     command: Sequence[str], checkpoint: Path, prepare: Callable[[], None] | None = None
 ) -> None:
     before = checkpoint.read_bytes()
     done = subprocess.run(
         command, capture_output=True, text=True, timeout=LIMIT_S, check=False, preexec_fn=prepare
     )
-    said = done.stderr.splitlines()[-1:]
-    clear = said and said[0].startswith("skystack: ") and "Traceback" not in done.stderr
-    if done.returncode != 2 or not clear or " written" not in said[0]:
+    lines = done.stderr.splitlines()[-1:]
+    clear = lines and lines[0].startswith("skystack: ") and "Traceback" not in done.stderr
+    if done.returncode != 2 or not clear or " written" not in lines[0]:
         raise DifferentError(
             f"no clear refusal, exit code {done.returncode}: {done.stderr[-2000:]}"
         )
     if checkpoint.read_bytes() != before:
-        raise DifferentError(f"{checkpoint}: changed by a training that could not write")
+        raise DifferentError(f"{checkpoint}: was changed by a training that could not write")
 
 
 class Done(NamedTuple):
-    """What was survived."""
+    """The counts of all kills."""
 
     kills: int
     while_writing: int
-    """Kills that left a half-written file."""
+    """The number of kills that left a half-written file."""
     trainings: int
-    not_met: list[str]
+    not_tested: list[str]
 
 
 def survive(subject: Subject, kills: int, seed: int, out: Path) -> Done:
-    """Kill and go on, until so many kills are survived. Raises DifferentError where one is not."""
-    chance = random.Random(seed)
+    """Kill and resume until the number of kills is reached.
+
+    Raises DifferentError if a result differs.
+    """
+    generator = random.Random(seed)
     undisturbed = out / "undisturbed"
     finish(subject.command(undisturbed))  # compiles
     expected = outcome(subject, undisturbed)
     again_s = finish(subject.command(out / "again"))
     if not expected or outcome(subject, out / "again") != expected:
         raise DifferentError("two undisturbed runs differ")
-    count, left, trainings = 0, 0, 0
-    not_met: list[str] = []
+    count, while_writing, trainings = 0, 0, 0
+    not_tested: list[str] = []
     while count < kills:
         folder = out / f"killed-{trainings}"
-        command, going_on = subject.command(folder), True
-        while going_on and count < kills:
-            random_moment = at(time.monotonic() + chance.uniform(0.0, again_s))
-            going_on = killed(
+        command, unfinished = subject.command(folder), True
+        while unfinished and count < kills:
+            random_moment = at(time.monotonic() + generator.uniform(0.0, again_s))
+            unfinished = killed(
                 command,
-                random_moment if chance.random() < 0.5 else writing(folder, chance.randrange(25)),
+                random_moment
+                if generator.random() < 0.5
+                else writing(folder, generator.randrange(25)),
             )
-            count += going_on
-            left += going_on and any(folder.rglob("*.aside"))
+            count += unfinished
+            while_writing += unfinished and any(folder.rglob("*.aside"))
         if subject.faults and not trainings and (folder / CHECKPOINT).exists():
-            not_met = meet_faults(folder)
-        if going_on:
+            not_tested = check_faults(folder)
+        if unfinished:
             finish(command)
         if outcome(subject, folder) != expected:
             raise DifferentError(
-                f"{folder}: another end than undisturbed (seed {seed}, {count} kills)"
+                f"{folder}: differs from the undisturbed run (seed {seed}, {count} kills)"
             )
         trainings += 1
         sys.stderr.write(
-            f"{count} kills, {left} of them while writing, {trainings} runs the same\n"
+            f"{count} kills, {while_writing} of them while writing, {trainings} identical runs\n"
         )
-    return Done(count, left, trainings, not_met)
+    return Done(count, while_writing, trainings, not_tested)
 
 
 def main() -> int:
-    """Returns the exit code: 0 all survived, 1 something did not."""
+    """Returns the exit code: 0 all results are identical, 1 one differs."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
@@ -238,13 +244,13 @@ def main() -> int:
         os.environ.setdefault("SKYSTACK_CACHE", f"{folder}/programs")
         try:
             done = survive(SUBJECTS[options.what], options.kills, options.seed, Path(folder))
-        except DifferentError as wrong:
-            sys.stdout.write(f"{wrong}\n")
+        except DifferentError as error:
+            sys.stdout.write(f"{error}\n")
             return 1
     sys.stdout.write(
-        f"{done.kills} kills survived, {done.while_writing} of them while a file was written: "
-        f"{done.trainings} runs of {options.what} came to the same end\n"
-        + "".join(f"not met: {what}\n" for what in done.not_met)
+        f"{done.kills} kills, {done.while_writing} of them while a file was being written: all "
+        f"{done.trainings} runs of {options.what} gave the same result\n"
+        + "".join(f"not tested: {what}\n" for what in done.not_tested)
     )
     return 0
 

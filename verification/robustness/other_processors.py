@@ -1,11 +1,11 @@
-"""Shipped policies on other processors: the same clearances, and the numbers of their cards.
+"""Compare shipped policies on other processors: the clearances, and the numbers on their cards.
 
     python -m verification.robustness.other_processors [POLICY ...] [--episodes N]
 
-Without a POLICY: all that ship. Each is flown stacked, in processes of its own, on this processor
-and as on older ones: XLA is allowed fewer instructions (x86-64 only), so that it rounds otherwise.
-On this one its row is held to what is recorded beside it, if all 1,000 scenarios are flown. Prints
-a table; exit code 1 where something is further apart than docs/reliability.md promises.
+Without a POLICY: all that ship. Each is evaluated stacked, on this processor and as on older ones,
+for which XLA uses fewer instructions (x86-64 only) and so rounds differently. With 1,000 scenarios,
+the row on this processor is also compared with the record next to the policy. Prints a table; exit
+code 1 if a difference is larger than docs/reliability.md promises.
 """
 
 import argparse
@@ -27,35 +27,38 @@ from skystack.policies.measured import read_measured
 from skystack.policies.shipped import SHIPPED, shipped_policies
 
 PROCESSORS = {"SSE4.2": "SSE4_2", "AVX": "AVX", "AVX2": "AVX2"}
-"""The most that XLA may use, by the name that it has there."""
+"""XLA's names of the instruction sets that it is limited to."""
 LEAST_SAME = 0.99
-"""Promised: the part of the scenarios that are the same, and how near rates stay."""
+"""Promised: the least share of identical scenarios; rates differ by at most 1 minus this."""
 OFTEN_TIPPED = {"avoidance-tuned": 0.9}
-"""Less is promised of a policy that is often undecided between two answers."""
+"""The lower promise for a policy that is often undecided between two answers."""
 MOST_APART_NM = 0.01
-"""Promised: how near every aircraft of those stays."""
+"""Promised: the greatest distance between the same aircraft in identical scenarios."""
 MEANS = {"clearances_mean": 0.01, "instructions_mean": 0.01}
-"""Promised of a recorded row: how near a mean stays, as a part of it."""
+"""Promised for a recorded row: the greatest relative difference of a mean."""
 RATES = ("success_rate", "correct_exit_rate", "excursion_rate", "few_clearances_rate")
 
 
 class Likeness(NamedTuple):
-    """How alike two evaluations of the same scenarios are."""
+    """How similar two evaluations of the same scenarios are."""
 
     same: int
-    """Scenarios with the same clearances in the same cycles and all the same outcomes."""
+    """The number of scenarios with the same clearances in the same cycles and the same outcomes."""
     scenarios: int
     apart_nm: float
-    """Greatest distance between an aircraft and itself in those."""
+    """The greatest distance between the same aircraft in those scenarios."""
 
     def holds(self, policy: str) -> bool:
-        """Whether it is what is promised of a policy."""
+        """Whether the promise for a policy is kept."""
         least = OFTEN_TIPPED.get(policy, LEAST_SAME)
         return self.same >= least * self.scenarios and self.apart_nm <= MOST_APART_NM
 
 
 def flown(policy: str, episodes: int, out: Path, most: str | None = None) -> Path:
-    """The tables of a shipped policy, flown in a process of its own, with `most` instructions."""
+    """Evaluate a shipped policy in a new process limited to the instruction set `most`.
+
+    Returns the folder of its tables.
+    """
     flags = os.environ.get("XLA_FLAGS", "") + (f" --xla_cpu_max_isa={most}" if most else "")
     words = ["evaluate", policy, "--episodes", str(episodes), "--out", str(out)]
     environment = os.environ | {"XLA_FLAGS": flags, "SKYSTACK_CACHE": "off"}
@@ -67,12 +70,12 @@ def flown(policy: str, episodes: int, out: Path, most: str | None = None) -> Pat
 
 def likeness(ours: Path, theirs: Path) -> Likeness:
     """Compare the tables of two evaluations."""
-    episodes, said = (
+    episodes, clearances = (
         [pq.read_table(folder / f"{name}.parquet") for folder in (ours, theirs)]
         for name in ("episodes", "clearances")
     )
     numbers = episodes[0]["scenario"].to_pylist()
-    same = np.array(same_clearances(said[0], said[1], numbers, cycles=0))
+    same = np.array(same_clearances(clearances[0], clearances[1], numbers, cycles=0))
     for field in episodes[0].schema:
         if not pa.types.is_floating(field.type):
             first, second = (table[field.name].to_numpy() for table in episodes)
@@ -84,37 +87,37 @@ def likeness(ours: Path, theirs: Path) -> Likeness:
 
 
 def _positions_nm(folder: Path, scenarios: np.ndarray) -> np.ndarray:
-    """North and east: a minute of arc is a mile, as the sector lies at the equator."""
+    """Positions north and east. A minute of arc is a mile, because the sector is on the equator."""
     table = pq.read_table(folder / "trajectories.parquet", columns=["scenario", "lat", "lon"])
-    kept = np.isin(table["scenario"].to_numpy(), scenarios)
-    return np.array([table[name].to_numpy()[kept] * 60.0 for name in ("lat", "lon")])
+    chosen = np.isin(table["scenario"].to_numpy(), scenarios)
+    return np.array([table[name].to_numpy()[chosen] * 60.0 for name in ("lat", "lon")])
 
 
 def off_the_record(policy: str, tables: Path) -> list[str]:
-    """Which numbers of all its recorded scenarios are not those recorded beside the policy."""
+    """The numbers of an evaluation that differ too much from the record next to the policy."""
     measured = read_measured(SHIPPED / policy)
     if measured is None:
         return ["no record"]
     episodes = pq.read_table(tables / "episodes.parquet")
-    row, recorded = summarise(policy, 0, "", True, True, 0.0, episodes), measured.stacked
+    row, recorded = summarise(policy, "", 0, "", True, True, 0.0, episodes), measured.stacked
     allowed = {name: part * recorded[name] for name, part in MEANS.items()}
     allowed |= dict.fromkeys(RATES, 1.0 - LEAST_SAME)
     return [
-        f"{name} is {row[name]:.6g}, recorded {recorded[name]:.6g}"
+        f"{name} is {row[name]:.6g} (recorded: {recorded[name]:.6g})"
         for name, most in allowed.items()
         if abs(row[name] - recorded[name]) > most
     ]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Returns the exit code: 0 all as promised, 1 something was not."""
+    """Returns the exit code: 0 all promises are kept, 1 one is not."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("policies", nargs="*", metavar="POLICY")
     parser.add_argument("--episodes", type=int, default=1000)
     options = parser.parse_args(arguments)
     holds = True
     sys.stdout.write(
-        "| policy | processor | the same | of | apart, NM |\n|---|---|---:|---:|---:|\n"
+        "| policy | processor | identical | of | distance, NM |\n|---|---|---:|---:|---:|\n"
     )
     for policy in options.policies or shipped_policies():
         with tempfile.TemporaryDirectory(prefix="processors-") as folder:

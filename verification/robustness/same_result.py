@@ -1,10 +1,10 @@
-"""Two reproductions of the same seeds come to the same, whatever cores and kept programs there are.
+"""Check that a reproduction depends neither on the number of cores nor on cached programs.
 
     python -m verification.robustness.same_result
 
-Makes a small reproduction, with a worker a core, then makes it again on one core, first with the
-programs that the other kept, then with none kept. Policies, metrics, tables and results must be
-equal but for times; exit code 1 where one is not.
+Makes a small reproduction with one worker per core, then again on one core, first with the cached
+programs of the first, then without a cache. Policies, metrics, tables and results must be equal
+except for times; exit code 1 if they are not.
 """
 
 import json
@@ -24,24 +24,24 @@ FILES = (
     "train/*/policy.safetensors",
     "evaluation/*/*.parquet",
 )
-"""Of a reproduction: all but what holds times alone, or hashes of what holds them."""
+"""The compared files of a reproduction: all except those with only times, or hashes of times."""
 OF_THE_RUN = ("wall_s", "steps_per_s", "machine")
-"""Fields that tell of the run, not of the result."""
-WAYS = {"one core, kept programs": "programs", "one core, none kept": "off"}
-"""How it is made again, and where programs are kept."""
+"""Fields that describe the run, not its result."""
+WAYS = {"one core, cached programs": "programs", "one core, no cache": "off"}
+"""The ways in which it is repeated, and their cache folders."""
 
 
 class Again(NamedTuple):
-    """A reproduction made again."""
+    """A repeated reproduction."""
 
     way: str
     files: int
-    other: list[str]
-    """Files that are not those of the first."""
+    different: list[str]
+    """The files that differ from those of the first reproduction."""
 
 
 def contents(run: Path) -> dict[str, Any]:
-    """What a reproduction came to, by file: bytes, or JSON without what tells of the run."""
+    """The results of a reproduction by file: bytes, or JSON without the fields `OF_THE_RUN`."""
     found = {}
     for path in (each for pattern in FILES for each in sorted(run.glob(pattern))):
         whole: Any = path.read_bytes()
@@ -59,31 +59,31 @@ def _result_of(read: Any) -> Any:
 
 
 def made_again(out: Path, ways: dict[str, str]) -> Iterator[Again]:
-    """A reproduction, made anew in each of the ways."""
+    """Make a reproduction, then repeat it in each of the ways."""
     expected = _made(out / "first", "programs", [])
     one_core = ["taskset", "--cpu-list", str(min(os.sched_getaffinity(0)))]
     for way, programs in ways.items():
         again = _made(out / way, programs, one_core)
         names = sorted(expected.keys() | again.keys())
-        other = [name for name in names if expected.get(name) != again.get(name)]
-        yield Again(way, len(names), other)
+        different = [name for name in names if expected.get(name) != again.get(name)]
+        yield Again(way, len(names), different)
 
 
-def _made(folder: Path, programs: str, on: list[str]) -> dict[str, Any]:
-    kept = programs if programs == "off" else str(folder.parent / programs)
-    finish(["env", f"SKYSTACK_CACHE={kept}", *on, *reproduce_command(folder)])
+def _made(folder: Path, programs: str, prefix: list[str]) -> dict[str, Any]:
+    cache = programs if programs == "off" else str(folder.parent / programs)
+    finish(["env", f"SKYSTACK_CACHE={cache}", *prefix, *reproduce_command(folder)])
     return contents(folder)
 
 
 def main() -> int:
-    """Returns the exit code: 0 all the same, 1 something was not."""
+    """Returns the exit code: 0 all files are equal, 1 a file differs."""
     same = True
     with tempfile.TemporaryDirectory(prefix="same-") as folder:
         for again in made_again(Path(folder), WAYS):
-            found = f"{len(again.other)} of {again.files} files differ"
-            sys.stdout.write(f"{again.way}: {found}\n")
-            sys.stdout.writelines(f"  {name}\n" for name in again.other)
-            same &= not again.other
+            count = f"{len(again.different)} of {again.files} files differ"
+            sys.stdout.write(f"{again.way}: {count}\n")
+            sys.stdout.writelines(f"  {name}\n" for name in again.different)
+            same &= not again.different
     return 0 if same else 1
 
 

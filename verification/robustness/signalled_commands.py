@@ -2,21 +2,21 @@
 
     python -m verification.robustness.signalled_commands [--signals N] [--seed S] [--only WHAT ...]
 
-Each signal comes at a random moment of a run, starting and ending included, half of the SIGINTs to
-the whole process group, as a terminal sends them. A process is stopped before and goes on after,
-so that it surely lived when the signal came. Then:
+Each signal comes at a random moment of a run, including its start and end. Half of the SIGINTs are
+sent to the whole process group, as a terminal does. A process is stopped before its signal and
+continued afterwards, so that it is certainly alive at that moment. Afterwards:
 
-- the exit code is 130 (SIGINT) or 143 (SIGTERM), or the process died of the signal itself, which a
-  shell reports as the same number: before Python runs our first line, and after our last (where
-  `python -m` itself is interrupted while it starts, Python ends with 1; counted with these);
-- standard error has no traceback, but where Python itself is interrupted before our first line;
-- no file is half-written, nothing is left beside the output, in the folder for temporary files or
-  in the cache of programs (folders of killed workers must be deleted by a command a minute later;
-  checked once, at the end);
+- the exit code is 130 (SIGINT) or 143 (SIGTERM), or the process was killed by the signal itself,
+  which a shell reports as the same number: before Python runs skystack's first line, or after its
+  last one (if `python -m` is interrupted while it starts, Python exits with 1; counted with these);
+- standard error has no traceback, unless Python is interrupted before skystack's first line;
+- no file is half-written, and nothing is left next to the output, in the folder for temporary files
+  or in the cache of programs (folders of killed workers must be deleted by a command a minute
+  later, which is checked once, at the end);
 - no process is left.
 
-A training is resumed after each signal and must come to the end of one that nobody disturbed.
-Prints the counts of each verb; exit code 1 when anything was wrong.
+A training is resumed after each signal and must give the result of an undisturbed one. Prints the
+counts for each verb; exit code 1 if anything is wrong.
 """
 
 import argparse
@@ -46,14 +46,14 @@ SKYSTACK = (sys.executable, "-m", "skystack")
 CODES = {signal.SIGINT: 130, signal.SIGTERM: 143}
 LIMIT_S = 1800.0
 ORPHAN_S = 10.0
-"""For processes of a command that has ended to notice it."""
+"""The time that the processes of a command have to end after it."""
 QUICK = {
     "JAX_DISABLE_MOST_OPTIMIZATIONS": "1",
     "XLA_FLAGS": "--xla_cpu_use_fusion_emitters=false",
 }
-"""Programs need not be fast here: made like this they take a third of the time."""
+"""Compilation takes a third of the time with these; the programs need not be fast."""
 MARK = "SKYSTACK_SIGNALLED"
-"""In the environment of a command and of all its children."""
+"""A variable in the environment of a command, inherited by all its children."""
 
 REPRODUCTION = """
 import sys
@@ -62,19 +62,21 @@ from skystack.reproduction import plan
 
 if __name__ == "__main__":
     plan.QUICK_STEPS = 8192
-    plan.FAMILIES["lateral"] = ("lateral",)
+    plan.families_of_experiments = lambda: {"lateral": ["lateral"]}
     sys.argv[0] = "skystack"
     run()
 """
 
 
 class Place(NamedTuple):
-    """Where a command works, and what it reads."""
+    """The folders that a command uses."""
 
     folder: Path
-    """Of its own."""
+    """Its own working folder."""
     evaluation: Path
+    """An evaluation to read."""
     training: Path
+    """A training to read."""
 
 
 class Subject(NamedTuple):
@@ -84,7 +86,7 @@ class Subject(NamedTuple):
     weight: int = 1
     """Its share of the signals."""
     compiles: bool = False
-    """Whether it takes less time once its programs are kept."""
+    """Whether it is faster once its programs are cached."""
     has_workers: bool = False
     """Whether it kills its own workers, which then leave folders in the cache."""
 
@@ -93,12 +95,12 @@ def _train(place: Place) -> list[str]:
     return train_command(place.folder / "run")
 
 
-def _evaluate(place: Place, *words: str) -> list[str]:
+def _evaluate(place: Place, *options: str) -> list[str]:
     out = str(place.folder / "evaluations")
-    return [*SKYSTACK, "evaluate", "lateral", "--episodes", "20", "--out", out, *words]
+    return [*SKYSTACK, "evaluate", "lateral", "--episodes", "20", "--out", out, *options]
 
 
-def _elsewhere(place: Place) -> list[str]:
+def _evaluate_on_bluebird(place: Place) -> list[str]:
     return _evaluate(place, "--platform", "bluebird", "--episodes", "2")
 
 
@@ -133,7 +135,7 @@ def _export(place: Place) -> list[str]:
 SIGNALLED = {
     "simulate": Subject(_simulate, 3),
     "evaluate": Subject(_evaluate, 4, compiles=True),
-    "evaluate --platform": Subject(_elsewhere, 2, compiles=True, has_workers=True),
+    "evaluate --platform": Subject(_evaluate_on_bluebird, 2, compiles=True, has_workers=True),
     "train": Subject(_train, 4),
     "reproduce": Subject(_reproduce, 3, compiles=True, has_workers=True),
     "replay, a page": Subject(lambda place: _replay(place, ".html"), 2),
@@ -152,8 +154,9 @@ class Ended(NamedTuple):
     """How a signalled command ended."""
 
     how: str
-    """`code`: with the exit code; `signal`: by the signal itself; `before`: before it came."""
+    """`code`: with the exit code; `signal`: killed by the signal; `before`: before the signal."""
     wrong: tuple[str, ...]
+    """Descriptions of everything that is wrong."""
 
 
 def signalled(
@@ -164,7 +167,7 @@ def signalled(
     due: Callable[[], bool],
     has_workers: bool = False,
 ) -> Ended:
-    """Start a command, signal it as soon as it is due and look at what is left."""
+    """Start a command, signal it when that is due, and check what is left."""
     scratch = place.folder.parent / "scratch"
     scratch.mkdir(exist_ok=True)
     running = _running()
@@ -176,35 +179,35 @@ def signalled(
             stderr=err,
             start_new_session=True,
             env=os.environ | {"TMPDIR": str(scratch), MARK: mark},
-            # A background process of a script ignores SIGINT, and its children would inherit that.
-            preexec_fn=_as_at_a_terminal,  # noqa: PLW1509  (this has no threads)
+            # Background processes of a script ignore SIGINT, and their children inherit that.
+            preexec_fn=_reset_sigint,  # noqa: PLW1509  (this process has no threads)
         )
         while process.poll() is None and not due():
             time.sleep(0.001)
-        came = _signal(process, number, to_group)
+        sent = _signal(process, number, to_group)
         try:
             code = process.wait(LIMIT_S)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-            return Ended("code", (f"went on for {LIMIT_S:.0f} s",))
+            return Ended("code", (f"continued for {LIMIT_S:.0f} s",))
         err.seek(0)
-        said = err.read().decode(errors="replace")
+        stderr = err.read().decode(errors="replace")
     left = (*_left_behind(place.folder, scratch), *_orphans(mark))
     if not has_workers:
         left += tuple(f"left behind: {path}" for path in _running() - running)
-    if not came:
-        return Ended("before", (*_failed(code, said), *left))
-    how, wrong = _judge_exit(code, number, said)
+    if not sent:
+        return Ended("before", (*_failed(code, stderr), *left))
+    how, wrong = _check_exit(code, number, stderr)
     return Ended(how, (*wrong, *left))
 
 
-def _as_at_a_terminal() -> None:
+def _reset_sigint() -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _signal(process: subprocess.Popen[bytes], number: signal.Signals, to_group: bool) -> bool:
-    """Send the signal to a process that is stopped meanwhile; False if it had ended by then."""
+    """Stop a process, send it the signal and continue it; False if it had ended before."""
     if process.poll() is not None:
         return False
     os.kill(process.pid, signal.SIGSTOP)
@@ -218,24 +221,24 @@ def _signal(process: subprocess.Popen[bytes], number: signal.Signals, to_group: 
     return True
 
 
-def _failed(code: int, said: str) -> Iterator[str]:
+def _failed(code: int, stderr: str) -> Iterator[str]:
     if code != 0:
-        yield f"ended with {code} undisturbed: {said[-2000:]}"
+        yield f"exited with {code} without a signal: {stderr[-2000:]}"
 
 
-def _judge_exit(code: int, number: signal.Signals, said: str) -> tuple[str, tuple[str, ...]]:
-    if code == -number or said.startswith("Could not import runpy module"):
-        return "signal", ()  # a traceback is that of Python, interrupted before our first line
+def _check_exit(code: int, number: signal.Signals, stderr: str) -> tuple[str, tuple[str, ...]]:
+    if code == -number or stderr.startswith("Could not import runpy module"):
+        return "signal", ()  # any traceback is from Python, before skystack's first line
     wrong = []
     if code != CODES[number]:
-        wrong.append(f"exit code {code} after {number.name}: {said[-2000:]}")
-    if "Traceback" in said or "Error" in said or "xception" in said:
-        wrong.append(f"a traceback after {number.name} ({code}): {said[-3000:]}")
+        wrong.append(f"exit code {code} after {number.name}: {stderr[-2000:]}")
+    if "Traceback" in stderr or "Error" in stderr or "xception" in stderr:
+        wrong.append(f"a traceback after {number.name} ({code}): {stderr[-3000:]}")
     return "code", tuple(wrong)
 
 
 def _left_behind(folder: Path, scratch: Path) -> Iterator[str]:
-    """What should not be there after a command has ended."""
+    """Files that must not exist after a command has ended."""
     for path in (*folder.rglob("*.aside"), *scratch.iterdir()):
         yield f"left behind: {path}"
     for path in sorted(folder.rglob("*")):
@@ -244,12 +247,12 @@ def _left_behind(folder: Path, scratch: Path) -> Iterator[str]:
 
 
 def _running() -> set[Path]:
-    """The cache folders of running processes, and of processes that were killed."""
+    """The cache folders of processes that are running or were killed."""
     return set(Path(os.environ["SKYSTACK_CACHE"]).rglob(f"{RUNNING}*"))
 
 
 def _whole(path: Path) -> bool:
-    """Whether a file is one that could have been written to its end."""
+    """Whether a file is complete."""
     data = path.read_bytes()
     try:
         if path.suffix == ".parquet":
@@ -260,7 +263,7 @@ def _whole(path: Path) -> bool:
             json.loads(data)
         elif path.suffix == ".jsonl":
             [json.loads(line) for line in data.splitlines()]
-    except Exception:  # each reader has its own
+    except Exception:  # each reader has its own errors
         return False
     ends = {
         ".html": b"</html>",
@@ -272,14 +275,14 @@ def _whole(path: Path) -> bool:
 
 
 def _orphans(mark: str) -> Iterator[str]:
-    """Processes of the command that are still there after a while."""
+    """Processes of the command that are still running after `ORPHAN_S`; they are killed."""
     deadline = time.monotonic() + ORPHAN_S
-    while (there := _marked(mark)) and time.monotonic() < deadline:
+    while (running := _marked(mark)) and time.monotonic() < deadline:
         time.sleep(0.1)
-    for number, words in there.items():
+    for number, command in running.items():
         with suppress(ProcessLookupError):
             os.kill(number, signal.SIGKILL)
-        yield f"still running: {words}"
+        yield f"still running: {command}"
 
 
 def _marked(mark: str) -> dict[int, str]:
@@ -289,21 +292,21 @@ def _marked(mark: str) -> dict[int, str]:
             if entry.name.isdigit() and f"{MARK}={mark}".encode() in (
                 entry / "environ"
             ).read_bytes().split(b"\0"):
-                words = (entry / "cmdline").read_bytes().replace(b"\0", b" ")
-                found[int(entry.name)] = words.decode(errors="replace")[-200:]
+                command = (entry / "cmdline").read_bytes().replace(b"\0", b" ")
+                found[int(entry.name)] = command.decode(errors="replace")[-200:]
     return found
 
 
 def at(moment: float) -> Callable[[], bool]:
-    """Due at a moment of the clock."""
+    """Due at a time of the monotonic clock."""
     return lambda: time.monotonic() >= moment
 
 
 class Study:
-    """All signals: where they work, how often, and what came of them."""
+    """Sends all signals and counts the results."""
 
     def __init__(self, folder: Path, seed: int) -> None:
-        self._folder, self._chance = folder, random.Random(seed)
+        self._folder, self._random = folder, random.Random(seed)
         evaluation = folder / "known" / "evaluations" / "lateral-s0-skystack-stacked"
         self._known = Place(folder / "known", evaluation, folder / "known" / "run")
         self.counts: dict[str, Counter[str]] = {}
@@ -311,7 +314,7 @@ class Study:
         self._took: dict[str, float] = {}
 
     def prepare(self, names: Sequence[str]) -> None:
-        """Run what the others read, and each command until what it compiles is kept."""
+        """Make what the commands read, and run each one until its programs are cached."""
         self._known.folder.mkdir()
         reads = {"evaluate": _READ_EVALUATION, "train": _READ_TRAINING}
         for name, readers in reads.items():
@@ -322,13 +325,13 @@ class Study:
                 place = self._known._replace(folder=self._folder / f"{name}-{number}")
                 place.folder.mkdir()
                 self._took[name] = finish(SIGNALLED[name].command(place), LIMIT_S)
-            sys.stderr.write(f"{name}: {self._took[name]:.1f} s undisturbed\n")
+            sys.stderr.write(f"{name}: {self._took[name]:.1f} s without a signal\n")
 
     def signal_all(self, names: Sequence[str], count: int) -> None:
-        """So many signals, shared among the commands by their weights."""
+        """Send `count` signals, shared among the commands by their weights."""
         weights = [SIGNALLED[name].weight for name in names]
         for number in range(count):
-            name = self._chance.choices(names, weights)[0]
+            name = self._random.choices(names, weights)[0]
             while not self._once(name, number):
                 pass
             if number % 10 == 9:
@@ -339,7 +342,7 @@ class Study:
             self._clean_cache()
 
     def _once(self, name: str, number: int) -> bool:
-        """One command; False when it had ended before the signal came."""
+        """Signal one command; False if it had ended before."""
         with tempfile.TemporaryDirectory(dir=self._folder) as folder:
             work = Path(folder) / "work"
             work.mkdir()
@@ -347,27 +350,27 @@ class Study:
             if name == "train":
                 place = self._known._replace(folder=self._folder / "resumed")
                 place.folder.mkdir(exist_ok=True)
-            which = self._chance.choice(list(CODES))
-            to_group = which == signal.SIGINT and self._chance.random() < 0.5
-            begun = time.monotonic()
-            moment = begun + self._chance.uniform(0.0, self._took[name])
+            which = self._random.choice(list(CODES))
+            to_group = which == signal.SIGINT and self._random.random() < 0.5
+            started = time.monotonic()
+            moment = started + self._random.uniform(0.0, self._took[name])
             subject = SIGNALLED[name]
             command = subject.command(place)
             ended = signalled(command, place, which, to_group, at(moment), subject.has_workers)
         self.counts.setdefault(name, Counter())[ended.how] += 1
         if ended.wrong:
             self.counts[name]["wrong"] += 1
-            sent = f"{which.name} to {'the group' if to_group else 'it'}"
+            sent = f"{which.name} to {'the group' if to_group else 'the process'}"
             self.wrong.append("\n".join((f"signal {number}, {name}, {sent}:", *ended.wrong)))
             sys.stderr.write(self.wrong[-1] + "\n")
         if ended.how == "before":  # the machine has become less busy
-            self._took[name] = min(self._took[name], time.monotonic() - begun)
+            self._took[name] = min(self._took[name], time.monotonic() - started)
             if name == "train":
                 self._finish_training()
         return ended.how != "before"
 
     def _clean_cache(self) -> None:
-        """Check that a later command deletes what killed workers left in the cache."""
+        """Check that a later command deletes the folders of killed workers in the cache."""
         for path in _running():
             os.utime(path, (time.time() - 2 * IDLE_S,) * 2)
         place = self._known._replace(folder=self._folder / "later")
@@ -384,12 +387,12 @@ class Study:
             for folder in (self._known.training, place.folder / "run")
         )
         if resumed != known:
-            self.wrong.append("a training that was resumed came to another end")
+            self.wrong.append("a resumed training gave another result")
         place.folder.rename(self._folder / f"finished-{time.monotonic_ns()}")
 
 
 def main() -> int:
-    """Returns the exit code: 0 all as it should be, 1 something was not."""
+    """Returns the exit code: 0 nothing is wrong, 1 something is wrong."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--signals", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
@@ -409,7 +412,7 @@ def main() -> int:
         sent = counts["code"] + counts["signal"]
         sys.stdout.write(
             f"{name}: {sent} signals, {counts['code']} ended with the exit code, "
-            f"{counts['signal']} by the signal itself, {counts['wrong']} wrong\n"
+            f"{counts['signal']} killed by the signal itself, {counts['wrong']} wrong\n"
         )
     for wrong in study.wrong:
         sys.stdout.write(f"{wrong}\n")

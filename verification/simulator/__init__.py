@@ -1,1 +1,1 @@
-"""The simulator against closed forms, BluebirdDT, and itself in random traffic."""
+"""Check the simulator against closed forms, BluebirdDT, and itself in random traffic."""

@@ -1,17 +1,17 @@
-"""Our simulator against the real BluebirdDT: random scenarios flown in both, row by row.
+"""Compare skystack's simulator with the real BluebirdDT: random scenarios in both, row by row.
 
-Two aircraft, 300 cycles, in every sector that ships and in four that try the earth: 59 to 66 N,
-62 to 68 N (400 NM), 33 to 38 S, and across the antimeridian. Under both performance models:
-instructed flights (headings by direction and the shorter way, over 180 degrees, levels, both at
-once, some repeated before the last is complete) and flights on own navigation with changes of
-level. Rows count while an aircraft is within 400 NM of the origin. Separations that the simulator
-measures are compared with geodesics. Needs the extra `[bluebird]`.
+Two aircraft fly 300 cycles in every shipped sector and in four that test the geodesy: 59 to 66 N,
+62 to 68 N (400 NM), 33 to 38 S, and across the antimeridian. Under both performance models there
+are instructed flights (headings by direction and the shorter way, over 180 degrees, levels, both at
+once, some issued before the previous one is complete) and flights on own navigation with changes of
+level. Rows count while an aircraft is within 400 NM of the origin. Separations measured by the
+simulator are compared with geodesics. Needs the extra `[bluebird]`.
 
     python -m verification.simulator.bluebird_agreement [INSTRUCTED [OWN_NAVIGATION]]
 
 The defaults are 40 and 10 scenarios.
 
-Prints the greatest differences in each sector as JSON; exit code 1 when one is above its bound.
+Prints the greatest differences in each sector as JSON; exit code 1 if one exceeds its bound.
 """
 
 import json
@@ -39,85 +39,86 @@ from skystack.simulator.scenario_file import Aircraft, Scenario, ScheduledCleara
 CYCLES = 300
 MODELS = ("table", "constant")
 DISC_NM = 4.0
-"""Round a first fix."""
+"""The radius around a first fix in which aircraft start."""
 MIDDLE_NM = 40.0
-"""Round the origin."""
+"""The radius around the origin in which aircraft start."""
 BESIDE_NM = 15.0
-"""Round the other aircraft: every other pair starts so close, and has a separation to measure."""
+"""The radius around the other aircraft: every second pair starts this close."""
 SEPARATION_WITHIN_NM = 20.0
 """Separations below this are compared."""
 EARTH = ("north", "arctic", "south", "dateline")
-"""Files in the folder `sectors` beside this module."""
+"""Files in the folder `sectors` next to this module."""
 CLEARANCES = 24
-"""For both aircraft of an instructed flight."""
+"""The number of clearances for both aircraft of an instructed flight."""
 SNAP_DEG = 1.5
-"""What an aircraft turns in a second."""
+"""The angle that an aircraft turns in a second."""
 
 
 class Worst(NamedTuple):
-    """The greatest differences of rows that count; both bounds and measurements."""
+    """The greatest differences over the rows that count, as measurements or as bounds."""
 
     position_nm: float
     separation_nm: float
-    """Of the plane's distance from the geodesic, between our two aircraft."""
+    """The error of the plane's distance between skystack's two aircraft."""
     heading_deg: float
     level_fl: float
-    """Apart from rows in which only one of the two has captured a level."""
+    """Without the rows in which only one simulator has captured a level."""
     capture_rows: float
-    """Rows for which only one of the two has captured a level."""
+    """The number of successive rows in which only one simulator has captured a level."""
     cleared_heading_deg: float
     cleared_fl: float
 
 
 class Measured(NamedTuple):
-    """What comparing some scenarios came to."""
+    """The result of comparing some scenarios."""
 
     worst: Worst
     rows: int
-    """How many were compared, each of one aircraft."""
+    """The number of compared rows of one aircraft each."""
     snaps: int
-    """Flights that `snaps` cut short."""
+    """The number of flights cut short because BluebirdDT snapped to a heading."""
 
 
 INSTRUCTED = Worst(0.02, 0.005, 0.001, 0.001, 1.0, 0.001, 0.0)
 OWN_NAVIGATION = Worst(0.02, 0.005, 0.2, 0.001, 1.0, 0.2, 0.0)
-"""On own navigation the cleared heading is the actual one. Half a mile before a fix a thousandth of
-a mile to the side is a tenth of a degree of bearing."""
+"""On own navigation the cleared heading is the actual one. Half a mile before a fix, a lateral
+difference of 0.001 NM changes the bearing by 0.1 degrees."""
 
 
 @cache
 def sector_of(name: str) -> Sector:
-    """A sector that ships, or one of `EARTH`."""
+    """A shipped sector, or one of `EARTH`."""
     if name not in EARTH:
         return sector_named(name)
     return make_sector(read_sector(Path(__file__).parent / "sectors" / f"{name}.json"))
 
 
 def random_scenario(seed: int, performance: str, own_navigation: bool, sector: Sector) -> Scenario:
-    """Two aircraft near first fixes or anywhere in the sector's middle, instructed at random."""
+    """Two aircraft near first fixes or in the middle of the sector, with random clearances."""
     rng = np.random.default_rng([seed, own_navigation])
     first = _random_aircraft(rng, "AC1", own_navigation, sector)
     beside = None if seed % 2 == 0 or own_navigation else (first.lat, first.lon)
     second = _random_aircraft(rng, "AC2", own_navigation, sector, beside)
     aircraft = (first, second)
-    told: list[ScheduledClearance] = []
+    clearances: list[ScheduledClearance] = []
     for _ in range(2 if own_navigation else CLEARANCES):
         callsign = f"AC{rng.integers(1, 3)}"
-        # Every third follows the last one within two cycles, while that is still being flown.
-        soon = bool(told) and rng.random() < 1 / 3
-        cycle = told[-1].cycle + int(rng.integers(1, 3)) if soon else int(rng.integers(0, CYCLES))
+        # One in three follows the previous one within two cycles, while that is still being flown.
+        soon = bool(clearances) and rng.random() < 1 / 3
+        last = clearances[-1] if soon else None
+        cycle = last.cycle + int(rng.integers(1, 3)) if last else int(rng.integers(0, CYCLES))
         heading = None if own_navigation or rng.random() < 0.3 else int(rng.integers(0, 360))
         level = rng.random() < 0.3 or heading is None
-        told.append(
+        clearances.append(
             ScheduledClearance(
                 cycle=min(cycle, CYCLES - 1),
-                callsign=told[-1].callsign if soon else callsign,
+                callsign=last.callsign if last else callsign,
                 heading_deg=heading,
                 turn=None if heading is None else str(rng.choice(["shortest", "left", "right"])),
                 fl=int(rng.integers(20, 41)) * 10 if level else None,
             )
         )
-    return Scenario(sector, performance, CYCLES, aircraft, tuple(told))
+    return Scenario(sector, performance, CYCLES, aircraft, tuple(clearances))
 
 
 def _random_aircraft(
@@ -144,7 +145,7 @@ def rows(flight: Flight) -> Report:
 
 
 def compare(scenario: Scenario, ours: Flight, theirs: Flight) -> Worst:
-    """The greatest differences of the rows that count."""
+    """The greatest differences over the rows that count."""
     us, them = rows(ours), rows(theirs)
     counts = rows_that_count(scenario, them)
     offset_nm = WGS84.inv(us.lon, us.lat, them.lon, them.lat)[2] / METRES_PER_NM
@@ -165,7 +166,7 @@ def compare(scenario: Scenario, ours: Flight, theirs: Flight) -> Worst:
 
 
 def _separation_error_nm(sector: Sector, us: Report) -> float:
-    """How far the distance of the two in the plane is from the geodesic, while they are close."""
+    """The greatest error of the plane's distance between two close aircraft."""
     plane, (lat, lon) = sector.plane, (us.lat.T, us.lon.T)
     first, second = plane.to_plane(lat, lon)
     measured = np.hypot(*(first - second).T) / plane.scale((first + second)[:, 1] / 2.0)
@@ -174,7 +175,7 @@ def _separation_error_nm(sector: Sector, us: Report) -> float:
 
 
 def rows_that_count(scenario: Scenario, them: Report) -> Bool[np.ndarray, "rows aircraft"]:
-    """Up to the first row that is far out, or in which BluebirdDT snaps to a heading."""
+    """The rows before an aircraft is far from the origin or BluebirdDT snaps to a heading."""
     lat, lon = scenario.sector.origin
     zero = np.zeros_like(them.lat)
     far = WGS84.inv(zero + lon, zero + lat, them.lon, them.lat)[2] > MAX_DISTANCE_NM * METRES_PER_NM
@@ -185,14 +186,14 @@ def rows_that_count(scenario: Scenario, them: Report) -> Bool[np.ndarray, "rows 
 
 
 def snaps(scenario: Scenario, them: Report) -> Iterator[tuple[int, str, float]]:
-    """(cycle, callsign, heading) where BluebirdDT snaps to a heading the short way.
+    """(cycle, callsign, heading) of every snap of BluebirdDT to a heading the short way.
 
-    Its documented bug: a turn by direction that starts within what is turned in a second of its
-    target is over at once, whichever way was given. Ours obeys the direction.
+    This is its documented bug: a turn by direction that starts within one second of turning of its
+    target ends at once, whichever direction was given. Skystack obeys the direction.
     """
     index = {aircraft.callsign: number for number, aircraft in enumerate(scenario.aircraft)}
-    for cycle, told in scenario.transmissions().items():
-        for given in told:
+    for cycle, transmissions in scenario.transmissions().items():
+        for given in transmissions:
             if given.heading_deg is None or given.turn not in {"left", "right"}:
                 continue
             actual = them.heading_deg[cycle + 1, index[given.callsign]]
@@ -243,7 +244,7 @@ def main(arguments: list[str]) -> int:
     for name in (*sector_names(), *EARTH):
         for own_navigation, bound in ((False, INSTRUCTED), (True, OWN_NAVIGATION)):
             for model in MODELS:
-                begun = time.monotonic()
+                started = time.monotonic()
                 seeds = range(counts[own_navigation])
                 found = measure(platforms, seeds, model, own_navigation, sector_of(name))
                 pairs = zip(found.worst, bound, strict=True)
@@ -257,7 +258,7 @@ def main(arguments: list[str]) -> int:
                     "within_bounds": within,
                     "rows": found.rows,
                     "snaps": found.snaps,
-                    "wall_s": round(time.monotonic() - begun, 1),
+                    "wall_s": round(time.monotonic() - started, 1),
                 }
                 sys.stdout.write(json.dumps(line | found.worst._asdict()) + "\n")
                 sys.stdout.flush()

@@ -1,7 +1,8 @@
-"""One radar cycle as closed forms in float64: where its six seconds must lead.
+"""The expected result of one radar cycle, as closed forms in float64.
 
-Written beside the simulator, not with it: nothing here is stepped, each second's value follows from
-the state at the beginning of the cycle. Arrays are `[aircraft, *batch]` or have more axes before.
+These are independent of the simulator's code: nothing is stepped, and the value of each second
+follows from the state at the start of the cycle. Arrays are `[aircraft, *batch]`, possibly with
+more axes before.
 """
 
 from typing import Any, NamedTuple
@@ -20,21 +21,21 @@ _KT_PER_FT_MIN = 0.3048 * 60.0 / 1852.0
 
 Values = Float[np.ndarray, "..."]
 Rows = Any
-"""A `Traffic` or a `Clearance` of numpy arrays: in the package their arrays are JAX's."""
+"""A `Traffic` or a `Clearance` with numpy arrays; their declared types are JAX arrays."""
 
 
 class Limits(NamedTuple):
-    """What a performance model allows, by kind of aircraft."""
+    """The limits of a performance model, by kind of aircraft."""
 
     airspeed_kt: Float[np.ndarray, "kinds 3 levels"]
-    """At every flight level from 0 to 600, in climb, level flight and descent."""
+    """True airspeeds at the flight levels 0 to 600, in climb, level flight and descent."""
     rate_ft_min: Float[np.ndarray, " kinds"]
     ceiling: Float[np.ndarray, " kinds"]
-    """In ticks."""
+    """Ceilings in ticks."""
 
 
 def limits(model: Fleet | TablePerformance | ConstantPerformance) -> Limits:
-    """Of a model's aircraft."""
+    """The limits of a performance model."""
     tables = model.tables if isinstance(model, Fleet) else (model,)
     return Limits(
         np.stack(
@@ -51,21 +52,21 @@ def limits(model: Fleet | TablePerformance | ConstantPerformance) -> Limits:
 
 
 class Expected(NamedTuple):
-    """The end of a cycle, for an aircraft that flies neither another heading nor another level than
-    it was flying to; speeds, rates and levels hold on own navigation too."""
+    """The expected end of a cycle in which the heading and the level flown to stay the same. On own
+    navigation, only the speeds, rates and levels hold."""
 
     level_ticks: Values
     vertical_speed_ft_min: Values
-    """Over the last second."""
+    """The vertical speed in the last second."""
     speed_kt: Float[np.ndarray, "6 ..."]
-    """Over the ground, in each second."""
+    """The ground speed in each second."""
     heading_deg: Values
     along_deg: Float[np.ndarray, "6 ..."]
-    """The track flown in each second: the heading in the middle of it."""
+    """The track in each second: the heading in its middle."""
 
 
 def expected(before: Rows, allowed: Limits) -> Expected:
-    """The closed forms of a cycle from its beginning."""
+    """The closed forms of a cycle, from the state at its start."""
     level, vertical_speed, speed = _climb(before, allowed)
     turn = before.turn_deg.astype(float)
     turned = np.sign(turn) * np.minimum(TURN_RATE_DEG_S * _seconds(turn.ndim), np.abs(turn))
@@ -74,23 +75,23 @@ def expected(before: Rows, allowed: Limits) -> Expected:
 
 
 def _seconds(axes: int) -> Int[np.ndarray, "7 ..."]:
-    """0 to 6 along an axis before others."""
+    """The numbers 0 to 6 along an axis before `axes` others."""
     return np.arange(SECONDS + 1).reshape(-1, *([1] * axes))
 
 
 def _climb(before: Rows, allowed: Limits) -> tuple[Values, Values, Values]:
-    """Level and vertical speed at the end, ground speed in each second."""
-    begun, target = before.level_ticks.astype(float), before.flown_level_ticks.astype(float)
-    to_go, sign = np.abs(target - begun), np.sign(target - begun)
+    """Level and vertical speed at the end, and the ground speed in each second."""
+    start, target = before.level_ticks.astype(float), before.flown_level_ticks.astype(float)
+    to_go, sign = np.abs(target - start), np.sign(target - start)
     rate, ceiling = allowed.rate_ft_min[before.kind], allowed.ceiling[before.kind]
-    room = np.where(sign > 0.0, rate * np.ceil(np.maximum(ceiling - begun, 0.0) / rate), np.inf)
-    climbed = np.minimum(np.minimum(rate * _seconds(begun.ndim), to_go), room)
+    room = np.where(sign > 0.0, rate * np.ceil(np.maximum(ceiling - start, 0.0) / rate), np.inf)
+    climbed = np.minimum(np.minimum(rate * _seconds(start.ndim), to_go), room)
     phase = np.where(climbed < to_go, sign, 0.0)[:-1]
-    climbs = phase * (climbed[:-1] < room) * rate
-    level = begun + sign * climbed
+    vertical_speed = phase * (climbed[:-1] < room) * rate
+    level = start + sign * climbed
     airspeed = _airspeed_kt(level[:-1], phase, before.kind, allowed)
-    speed = np.sqrt(airspeed**2 - (climbs * _KT_PER_FT_MIN) ** 2)
-    return level[-1], np.where(climbed[-1] < to_go, climbs[-1], 0.0), speed
+    speed = np.sqrt(airspeed**2 - (vertical_speed * _KT_PER_FT_MIN) ** 2)
+    return level[-1], np.where(climbed[-1] < to_go, vertical_speed[-1], 0.0), speed
 
 
 def _airspeed_kt(
@@ -105,10 +106,10 @@ def _airspeed_kt(
 
 
 def greatest_turn_deg(before: Rows, after: Rows, speed_kt: Values) -> Values:
-    """The most that a heading may change in a cycle.
+    """The greatest change of heading in a cycle.
 
-    1.5 degrees a second; on own navigation also what a fly-by turn of the radius reported makes of
-    it, or one at 30 degrees of bank where a fix was passed within the cycle.
+    This is 1.5 degrees per second. On own navigation it may also be that of a fly-by turn with the
+    reported radius, or at 30 degrees of bank if a fix was passed within the cycle.
     """
     slowest, fastest = speed_kt.min(axis=0), speed_kt.max(axis=0)
     tightest = np.where(after.next_fix != before.next_fix, least_radius_nm(slowest), np.inf)
@@ -119,5 +120,5 @@ def greatest_turn_deg(before: Rows, after: Rows, speed_kt: Values) -> Values:
 
 
 def least_radius_nm(speed_kt: Values) -> Values:
-    """Of a coordinated turn at the greatest bank."""
+    """The radius of a coordinated turn at the greatest bank."""
     return (speed_kt / 3600.0) ** 2 / (_G_NM_S2 * np.tan(np.radians(GREATEST_BANK_DEG)))

@@ -1,6 +1,6 @@
-"""Flights that must come to the same: mirrored, shifted, exchanged, told in part, in float64.
+"""Flights that must agree: mirrored, shifted, exchanged, with fewer clearances, and in float64.
 
-Each is flown by the program that flew the world itself, float64 by one of its own.
+Each one uses the program of the original flight, except for float64, which has its own.
 """
 
 from functools import partial
@@ -24,10 +24,10 @@ from verification.simulator.invariants import (
 from verification.simulator.random_worlds import Flier, FlownWorld, World
 
 UNDECIDED_DEG = 0.01
-"""A turn so near to half or to no turn that rounding decides its side is not compared."""
+"""Turns this close to 180 degrees or to zero are not compared: rounding decides their direction."""
 BOUNDS = {
-    "told alone it flies as among others": EXACT,
-    "untold it flies as if nobody was told": EXACT,
+    "cleared alone it flies as among others": EXACT,
+    "uncleared it flies as if nothing was cleared": EXACT,
     "two exchanged fly exchanged": EXACT,
     "mirrored: position": Tolerance(0.002, "NM"),
     "mirrored: heading": Tolerance(0.001, "deg"),
@@ -40,7 +40,7 @@ BOUNDS = {
     "float64, own navigation: position": Tolerance(0.2, "NM"),
     "float64, own navigation: heading": Tolerance(5.0, "deg"),
 }
-"""Over all cycles of a world.
+"""The bounds over all cycles of a world.
 
 Between 128 and 256 NM from the origin float32 rounds to 1.5e-5 NM. At worst each of 60 cycles adds
 half of that along both axes: 0.0007 NM, and twice that between two flights in float32. On own
@@ -49,18 +49,18 @@ navigation rounding may let a fly-by turn begin a second earlier or later.
 
 
 class Change(NamedTuple):
-    """What is done to a world to get the other one; one entry a world."""
+    """How worlds are changed for the comparison, with one entry per world."""
 
     shift_nm: Float[np.ndarray, " worlds"]
-    """To the east."""
+    """The shift to the east."""
     order: Int[np.ndarray, "aircraft worlds"]
-    """Two aircraft exchanged."""
+    """The order of the aircraft, with two exchanged."""
     alone: Bool[np.ndarray, "aircraft worlds"]
-    """The one that is told."""
+    """The aircraft that alone is cleared."""
 
 
 def draw_change(seed: int, number: int, aircraft: int) -> Change:
-    """Of a world, by its number; without a batch axis."""
+    """The change of the world with a number, without a batch axis."""
     random = np.random.default_rng([seed, number, 1])
     order = np.arange(aircraft)
     pair = random.permutation(aircraft)[:2]
@@ -70,9 +70,9 @@ def draw_change(seed: int, number: int, aircraft: int) -> Change:
 
 
 def comparisons(flier: Flier, world: World, flown: FlownWorld, change: Change) -> Quantities:
-    """All that is compared with other flights."""
+    """All comparisons with other flights."""
     return {
-        **_told_in_part(flier, world, flown, change),
+        **_cleared_in_part(flier, world, flown, change),
         **_exchanged(flier, world, flown, change),
         **_mirrored(flier, world, flown, change),
         **_shifted(flier, world, flown, change),
@@ -80,20 +80,20 @@ def comparisons(flier: Flier, world: World, flown: FlownWorld, change: Change) -
     }
 
 
-def _told_in_part(flier: Flier, world: World, flown: FlownWorld, change: Change) -> Quantities:
+def _cleared_in_part(flier: Flier, world: World, flown: FlownWorld, change: Change) -> Quantities:
     one = np.broadcast_to(change.alone, flown.after.active.shape)
-    told = world.told
-    silence = told._replace(
-        turn=np.full_like(told.turn, NO_TURN), changes_level=np.zeros_like(told.changes_level)
+    every = world.clearances
+    none = every._replace(
+        turn=np.full_like(every.turn, NO_TURN), changes_level=np.zeros_like(every.changes_level)
     )
-    to_one = told._replace(
-        turn=np.where(one, told.turn, NO_TURN), changes_level=told.changes_level & one
+    for_one = every._replace(
+        turn=np.where(one, every.turn, NO_TURN), changes_level=every.changes_level & one
     )
-    alone = flier.fly(world._replace(told=to_one)).after
-    silent = flier.fly(world._replace(told=silence)).after
+    alone = flier.fly(world._replace(clearances=for_one)).after
+    uncleared = flier.fly(world._replace(clearances=none)).after
     return {
-        "told alone it flies as among others": (changed(flown.after, alone), one),
-        "untold it flies as if nobody was told": (changed(silent, alone), ~one),
+        "cleared alone it flies as among others": (changed(flown.after, alone), one),
+        "uncleared it flies as if nothing was cleared": (changed(uncleared, alone), ~one),
     }
 
 
@@ -107,7 +107,7 @@ def _exchanged(flier: Flier, world: World, flown: FlownWorld, change: Change) ->
     other = World(
         jax.tree.map(partial(exchange, axis=0), world.start),
         exchange(world.active, 1),
-        jax.tree.map(partial(exchange, axis=1), world.told),
+        jax.tree.map(partial(exchange, axis=1), world.clearances),
     )
     after = flier.fly(other).after
     there = jax.tree.map(partial(exchange, axis=1), after)
@@ -116,23 +116,23 @@ def _exchanged(flier: Flier, world: World, flown: FlownWorld, change: Change) ->
 
 
 def _mirrored(flier: Flier, world: World, flown: FlownWorld, change: Change) -> Quantities:
-    """At the meridian of the origin. Routes stay as they are: without who flies them."""
-    begun = world.start
+    """Mirrored at the meridian of the origin, without aircraft on own navigation: routes stay."""
+    start, clearances = world.start, world.clearances
 
     def mirror(heading: Values) -> Values:
         return (360.0 - heading.astype(float)).astype(np.float32) % np.float32(360.0)
 
-    start = begun._replace(
-        position_nm=_westward(begun.position_nm), heading_deg=mirror(begun.heading_deg)
+    mirrored_start = start._replace(
+        position_nm=_westward(start.position_nm), heading_deg=mirror(start.heading_deg)
     )
-    other_way = np.select([world.told.turn == LEFT, world.told.turn == RIGHT], [RIGHT, LEFT])
-    told = world.told._replace(
-        heading_deg=mirror(world.told.heading_deg),
-        turn=np.where(other_way, other_way, world.told.turn).astype(np.int32),
+    other_way = np.select([clearances.turn == LEFT, clearances.turn == RIGHT], [RIGHT, LEFT])
+    mirrored_clearances = clearances._replace(
+        heading_deg=mirror(clearances.heading_deg),
+        turn=np.where(other_way, other_way, clearances.turn).astype(np.int32),
     )
-    there = flier.fly(world._replace(start=start, told=told)).after
-    here = flown.after
-    compared = ~begun.own_navigation & decided(flown)
+    mirrored = world._replace(start=mirrored_start, clearances=mirrored_clearances)
+    there, here = flier.fly(mirrored).after, flown.after
+    compared = ~start.own_navigation & decided(flown)
     vertical = ("level_ticks", "ground_speed_kt", "vertical_speed_ft_min")
     return {
         "mirrored: position": (
@@ -142,23 +142,23 @@ def _mirrored(flier: Flier, world: World, flown: FlownWorld, change: Change) -> 
         "mirrored: heading": (apart_deg(there.heading_deg, 360.0 - here.heading_deg), compared),
         "mirrored: level, speeds": (
             changed(here, there, vertical),
-            ~begun.own_navigation & _all(here),
+            ~start.own_navigation & _all(here),
         ),
     }
 
 
 def _westward(position_nm: Float[np.ndarray, "*axes 2 worlds"]) -> np.ndarray:
-    """West for east."""
+    """Positions with west and east exchanged."""
     return position_nm * np.array([[-1.0], [1.0]], dtype=position_nm.dtype)
 
 
 def _shifted(flier: Flier, world: World, flown: FlownWorld, change: Change) -> Quantities:
-    """To the east or west, where the earth is the same."""
-    begun, here = world.start, flown.after
+    """Shifted to the east or west, along which the earth does not change."""
+    start, here = world.start, flown.after
     shift = np.stack([change.shift_nm, np.zeros_like(change.shift_nm)])
-    moved = (begun.position_nm + shift).astype(np.float32)
-    there = flier.fly(world._replace(start=begun._replace(position_nm=moved))).after
-    compared = ~begun.own_navigation & _all(here)
+    moved = (start.position_nm + shift).astype(np.float32)
+    there = flier.fly(world._replace(start=start._replace(position_nm=moved))).after
+    compared = ~start.own_navigation & _all(here)
     others = tuple(name for name in Traffic._fields if name != "position_nm")
     return {
         "shifted: position": (
@@ -184,15 +184,17 @@ def _precise(flier: Flier, world: World, flown: FlownWorld) -> Quantities:
 
 
 def decided(flown: FlownWorld) -> Where:
-    """Where no turn so far was so near to half or to no turn that rounding decides its side.
+    """Where no turn so far is within `UNDECIDED_DEG` of zero or 180 degrees.
 
-    By the rule that half a turn passes through no north, it has another side in a mirrored world.
+    Rounding may decide the direction of such turns. An exact half turn avoids north, so its
+    direction is also different in a mirrored world.
     """
-    told, after = flown.told, flown.after
-    new = told.active & (told.pending_turn != NO_TURN)
+    instructed, after = flown.instructed, flown.after
+    new = instructed.active & (instructed.pending_turn != NO_TURN)
     turn = np.abs(after.turn_deg)
-    half = (told.pending_turn == SHORTEST) & (np.abs(turn - 180.0) < UNDECIDED_DEG)
-    none = (told.pending_turn != SHORTEST) & (np.minimum(turn, 360.0 - turn) < UNDECIDED_DEG)
+    shortest = instructed.pending_turn == SHORTEST
+    half = shortest & (np.abs(turn - 180.0) < UNDECIDED_DEG)
+    none = ~shortest & (np.minimum(turn, 360.0 - turn) < UNDECIDED_DEG)
     return ~np.logical_or.accumulate(new & (half | (none & (turn > 0.0))), axis=0)
 
 
@@ -203,7 +205,7 @@ def apart_nm(a: np.ndarray, b: np.ndarray) -> Values:
 
 
 def apart_deg(a: np.ndarray, b: np.ndarray) -> Values:
-    """Angles between headings, without their side."""
+    """Absolute angles between headings."""
     return np.abs(angle_deg(a.astype(float), b.astype(float)))
 
 

@@ -1,7 +1,7 @@
-"""Random worlds for trying the simulator: who flies where, and what is said to whom in which cycle.
+"""Random worlds for testing the simulator: aircraft, and their clearances in each cycle.
 
-A world depends on the seed and its number alone. Worlds of one setting fly together, as the last
-axis of every array.
+A world depends only on the seed and its number. Worlds of one setting are flown together, along the
+last axis of every array.
 """
 
 from typing import Any, NamedTuple, TypeVar
@@ -21,11 +21,11 @@ from verification.simulator.closed_form import Rows, limits
 Tree = TypeVar("Tree")
 
 CYCLES = 60
-"""Of a world: six minutes."""
+"""The number of cycles of a world: six minutes."""
 HALF_WIDTH_NM = 140.0
-"""Of the square in which aircraft start: no further from the origin than anything may lie."""
+"""Half the width of the square in which aircraft start, within the limits of a sector."""
 HIGHEST_FL = 450
-"""Levels start from FL10; the table's ceiling is FL400."""
+"""The highest level; the lowest is FL10, and the table's ceiling is FL400."""
 FLEET = fleet(
     (
         AircraftType(),
@@ -40,7 +40,7 @@ MODELS: dict[str, Any] = {**PERFORMANCE, "fleet": FLEET}
 
 
 class Setting(NamedTuple):
-    """What a compiled program is made for."""
+    """The properties that worlds of one compiled program share."""
 
     sector: str
     model: str
@@ -52,23 +52,23 @@ class Setting(NamedTuple):
 
 
 _NAVIGATING = (0, 5, 7, 10)
-"""In each sector once, and under each model."""
+"""The settings with own navigation: one in each sector, and each model at least once."""
 _SECTORS, _MODELS = sector_names(), list(MODELS)
 SETTINGS = tuple(
     Setting(_SECTORS[n % len(_SECTORS)], _MODELS[n % len(_MODELS)], n in _NAVIGATING, n + 1)
     for n in range(12)
 )
-"""1 to 12 aircraft, every shipped sector under every performance model. World n is of setting
+"""1 to 12 aircraft, and every shipped sector with every performance model. World n has the setting
 n modulo 12."""
 
 
 def setting_of(number: int) -> Setting:
-    """Which setting the world of a number is of."""
+    """The setting of the world with a number."""
     return SETTINGS[number % len(SETTINGS)]
 
 
 class Start(NamedTuple):
-    """Aircraft at the beginning: the fields of `Traffic` that are drawn."""
+    """The aircraft at the start: the fields of `Traffic` that are drawn."""
 
     position_nm: np.ndarray
     heading_deg: np.ndarray
@@ -80,38 +80,43 @@ class Start(NamedTuple):
 
 
 class World(NamedTuple):
-    """Start, and what happens in each cycle; of one world, or of many along the last axis."""
+    """The start and all clearances of one world, or of many along the last axis."""
 
     start: Start
     active: Bool[np.ndarray, "cycles aircraft *batch"]
-    told: Rows
-    """`[cycles, aircraft, *batch]`."""
+    clearances: Rows
+    """`Clearance` arrays `[cycles, aircraft, *batch]`."""
 
 
 class FlownWorld(NamedTuple):
-    """A flight, `[cycles, ...]`: before each cycle, with what was said, and one cycle later."""
+    """A flight as `Traffic` arrays `[cycles, ...]`."""
 
     before: Rows
-    told: Rows
+    """The traffic before each cycle."""
+    instructed: Rows
+    """The same traffic after `instruct`."""
     after: Rows
+    """The traffic after `advance`."""
 
 
 def draw(seed: int, number: int) -> World:
-    """The world of a number, without a batch axis."""
+    """The world with a number, without a batch axis."""
     setting = setting_of(number)
     random = np.random.default_rng([seed, number])
     shape = (CYCLES, setting.aircraft)
     return World(
         start=_start(random, setting),
         active=_active(random, shape),
-        told=_clearances(random, shape),
+        clearances=_clearances(random, shape),
     )
 
 
 def _start(random: np.random.Generator, setting: Setting) -> Start:
-    """Anywhere, at any heading and level (half of them whole degrees and tens), flying level.
+    """Level flight at any position, heading and level.
 
-    Half are near the leg to their next fix, and point along it: so fly-by turns come often.
+    Half of the headings are whole degrees, and half of the levels are multiples of 10.
+    Half of the aircraft are near the leg to their next fix and point along it, so that fly-by turns
+    are frequent.
     """
     count, table = setting.aircraft, sector_named(setting.sector).route_table
     position = random.uniform(-HALF_WIDTH_NM, HALF_WIDTH_NM, (count, 2))
@@ -121,12 +126,12 @@ def _start(random: np.random.Generator, setting: Setting) -> Start:
     route = random.integers(0, len(table.last_fix), count, dtype=np.int32)
     fix = 1 + (random.random(count) * table.last_fix[route]).astype(np.int32)
     leg = table.fixes_nm[route, fix] - table.fixes_nm[route, fix - 1]
-    beside = table.fixes_nm[route, fix] - random.random((count, 1)) * leg
-    beside += random.uniform(-2.0, 2.0, (count, 2))
+    near_leg = table.fixes_nm[route, fix] - random.random((count, 1)) * leg
+    near_leg += random.uniform(-2.0, 2.0, (count, 2))
     routed, along = random.random(count) < 0.5, np.degrees(np.arctan2(leg[:, 0], leg[:, 1]))
     heading = np.where(routed, along + random.uniform(-20.0, 20.0, count), heading)
     return Start(
-        position_nm=np.where(routed[:, None], beside, position).astype(np.float32),
+        position_nm=np.where(routed[:, None], near_leg, position).astype(np.float32),
         heading_deg=heading.astype(np.float32) % np.float32(360.0),
         level_ticks=np.round(level * TICKS_PER_FL).astype(np.float32),
         route=route,
@@ -137,39 +142,39 @@ def _start(random: np.random.Generator, setting: Setting) -> Start:
 
 
 def _active(random: np.random.Generator, shape: tuple[int, int]) -> Bool[np.ndarray, "c aircraft"]:
-    """All the time; two in five are inactive for a while, at the start or at the end too."""
+    """When aircraft are active: always, except that two in five are inactive in one period."""
     cycle = np.arange(shape[0])[:, None]
     first, last = np.sort(random.integers(-10, shape[0] + 10, (2, shape[1])), axis=0)
     return (random.random(shape[1]) < 0.6) | (cycle < first) | (cycle >= last)
 
 
 def _clearances(random: np.random.Generator, shape: tuple[int, int]) -> Rows:
-    """Headings, by each way of turning, often, now and then or never; a level in a cycle of ten.
+    """Random clearances: headings in 30 %, 10 % or none of the cycles, levels in 10 %.
 
-    Every other heading is near one that the aircraft likes: the same again, ten degrees beside it
-    or the opposite come often.
+    Half of the headings are an aircraft's favourite, 10 degrees next to it or its opposite, so that
+    repeated headings and half turns are frequent.
     """
     share = random.choice([0.0, 0.1, 0.3], shape[1])
-    liked = random.integers(0, 360, shape[1]) + random.choice([0, 0, 10, -10, 180], shape)
-    heading = np.where(random.random(shape) < 0.5, liked, random.integers(0, 360, shape)) % 360
+    favourite = random.integers(0, 360, shape[1]) + random.choice([0, 0, 10, -10, 180], shape)
+    heading = np.where(random.random(shape) < 0.5, favourite, random.integers(0, 360, shape)) % 360
     turn = np.where(random.random(shape) < share, random.integers(1, 4, shape), NO_TURN)
     level = 10 * random.integers(1, HIGHEST_FL // 10 + 1, shape) * TICKS_PER_FL
-    told: Any = {
+    fields: Any = {
         "turn": turn.astype(np.int32),
         "heading_deg": heading.astype(np.float32),
         "changes_level": random.random(shape) < 0.1,
         "level_ticks": level.astype(np.float32),
     }
-    return Clearance(**told)
+    return Clearance(**fields)
 
 
 def concatenate_worlds(each: list[Tree]) -> Tree:
-    """What there is of each world, along the last axis."""
+    """The same trees of several worlds, stacked along the last axis."""
     return jax.tree.map(lambda *leaves: np.stack(leaves, axis=-1), *each)
 
 
 class Flier:
-    """Flies worlds of one setting; one program for as many worlds and each precision."""
+    """Flies worlds of one setting, with one program per number of worlds and precision."""
 
     def __init__(self, setting: Setting) -> None:
         self.simulator = setting.simulator()
@@ -177,30 +182,30 @@ class Flier:
         self._compiled = jax.jit(self._fly)
 
     def fly(self, world: World, dtype: str = "float32") -> FlownWorld:
-        """All cycles, as numpy arrays; "float64" computes in that from the same start."""
+        """Fly all cycles from the same start, computed in `dtype`; returns numpy arrays."""
         with jax.enable_x64(dtype == "float64"), jax.numpy_dtype_promotion("standard"):
-            wanted = jax.tree.map(
+            converted = jax.tree.map(
                 lambda leaf: leaf.astype(dtype) if leaf.dtype.kind == "f" else leaf, world
             )
-            return jax.tree.map(np.asarray, self._compiled(wanted))
+            return jax.tree.map(np.asarray, self._compiled(converted))
 
     def _fly(self, world: Any) -> FlownWorld:
-        def cycle(before: Traffic, happens: Any) -> tuple[Traffic, FlownWorld]:
-            active, told = happens
+        def cycle(before: Traffic, inputs: Any) -> tuple[Traffic, FlownWorld]:
+            active, clearance = inputs
             before = before._replace(active=active)
-            instructed = instruct(before, told)
+            instructed = instruct(before, clearance)
             after = self.simulator.advance(instructed)
             return after, FlownWorld(before, instructed, after)
 
-        begun = world.start
+        initial = world.start
         traffic = start(
-            begun.position_nm,
-            begun.heading_deg,
-            begun.level_ticks,
-            begun.route,
-            jnp.zeros_like(begun.level_ticks),  # not known before the first cycle
-            begun.own_navigation,
-            begun.kind,
+            initial.position_nm,
+            initial.heading_deg,
+            initial.level_ticks,
+            initial.route,
+            jnp.zeros_like(initial.level_ticks),  # not known before the first cycle
+            initial.own_navigation,
+            initial.kind,
         )
-        traffic = traffic._replace(next_fix=begun.next_fix)
-        return jax.lax.scan(cycle, traffic, (world.active, world.told))[1]
+        traffic = traffic._replace(next_fix=initial.next_fix)
+        return jax.lax.scan(cycle, traffic, (world.active, world.clearances))[1]

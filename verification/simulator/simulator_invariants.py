@@ -1,13 +1,12 @@
-"""Fly random worlds and look at every cycle: the invariants of the simulator, at scale.
+"""Fly random worlds and check the simulator's invariants in every cycle.
 
     python -m verification.simulator.simulator_invariants [--count N] [--seed S] [--seconds LIMIT]
         [--world NUMBER]
 
-A cycle is one `advance` of one world of 1 to 12 aircraft; the further flights that each world is
-compared with are not counted. World i depends only on the seed and i, and `--world` flies it alone.
-Prints for every invariant how often it was looked at, its bound and the worst that was met; what
-passes a bound is a finding, printed with its world, cycle and aircraft. Exit code 1 where there are
-any.
+A cycle is one `advance` of one world of 1 to 12 aircraft; the flights that it is compared with are
+not counted. World i depends only on the seed and i, and `--world` flies it alone. Prints for every
+invariant the number of checks, its bound and the worst value. A value beyond its bound is a
+finding, printed with its world, cycle and aircraft. Exit code 1 if there are findings.
 """
 
 import argparse
@@ -40,11 +39,11 @@ from verification.simulator.random_worlds import (
 BOUNDS = {**ALONE, **COMPARED}
 MOST_AT_ONCE = 256
 SHOWN = 5
-"""Findings of an invariant that are printed."""
+"""The number of findings that are printed for each invariant."""
 
 
 class Finding(NamedTuple):
-    """Where a bound was passed."""
+    """A value beyond its bound."""
 
     world: int
     cycle: int
@@ -54,10 +53,10 @@ class Finding(NamedTuple):
 
 @dataclass
 class Tally:
-    """What came of one invariant."""
+    """The results of one invariant."""
 
-    looked_at: int = 0
-    """Cycles of aircraft."""
+    checked: int = 0
+    """The number of checked values, one per aircraft and cycle."""
     worst: float = -math.inf
     findings: list[Finding] = field(default_factory=list)
 
@@ -66,22 +65,21 @@ Tallies = dict[str, Tally]
 
 
 def try_worlds(flier: Flier, numbers: Sequence[int], seed: int, tallies: Tallies) -> None:
-    """Fly worlds of the flier's setting, and add what is seen to the tallies."""
+    """Fly worlds of the flier's setting, and add the results to the tallies."""
     world = concatenate_worlds([draw(seed, number) for number in numbers])
     aircraft = world.start.level_ticks.shape[0]
     change = concatenate_worlds([draw_change(seed, number, aircraft) for number in numbers])
     flown = flier.fly(world)
-    judge(
-        invariants(flown, world.told, flier.limits, flier.simulator.sector.plane), numbers, tallies
-    )
-    judge(comparisons(flier, world, flown, change), numbers, tallies)
+    plane = flier.simulator.sector.plane
+    check(invariants(flown, world.clearances, flier.limits, plane), numbers, tallies)
+    check(comparisons(flier, world, flown, change), numbers, tallies)
 
 
-def judge(seen: Quantities, numbers: Sequence[int], tallies: Tallies) -> None:
-    """Add quantities to the tallies; what is beyond its bound, or NaN, is a finding."""
-    for name, (values, where) in seen.items():
+def check(quantities: Quantities, numbers: Sequence[int], tallies: Tallies) -> None:
+    """Add quantities to the tallies; values beyond their bound, and NaN, are findings."""
+    for name, (values, where) in quantities.items():
         tally = tallies.setdefault(name, Tally())
-        tally.looked_at += int(where.sum())
+        tally.checked += int(where.sum())
         if where.any():
             tally.worst = float(np.fmax(tally.worst, np.max(values[where])))
         for at in np.argwhere(where & ~(values <= BOUNDS[name].most)):
@@ -90,7 +88,7 @@ def judge(seen: Quantities, numbers: Sequence[int], tallies: Tallies) -> None:
 
 
 def batches(count: int) -> list[range]:
-    """Numbers of the worlds for at least so many cycles, in turn some of each setting."""
+    """The numbers of the worlds for at least `count` cycles, in batches of one setting each."""
     each = math.ceil(count / CYCLES / len(SETTINGS))
     rounds = math.ceil(each / MOST_AT_ONCE)
     size = math.ceil(each / rounds)  # the same for all: as many programs as settings
@@ -102,27 +100,27 @@ def batches(count: int) -> list[range]:
     ]
 
 
-def shown(tallies: Tallies) -> Table:
+def as_table(tallies: Tallies) -> Table:
     """The tallies as a table."""
-    table = Table("invariant", "looked at", "bound", "worst", "unit", "findings")
+    table = Table("invariant", "checked", "bound", "worst", "unit", "findings")
     for column in table.columns[1:4]:
         column.justify = "right"
     for name, tally in tallies.items():
-        bound, worst = BOUNDS[name], f"{tally.worst:.2g}" if tally.looked_at else "-"
+        bound, worst = BOUNDS[name], f"{tally.worst:.2g}" if tally.checked else "-"
         found = f"{len(tally.findings):,}"
-        table.add_row(name, f"{tally.looked_at:,}", f"{bound.most:g}", worst, bound.unit, found)
+        table.add_row(name, f"{tally.checked:,}", f"{bound.most:g}", worst, bound.unit, found)
     return table
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The command line; returns the exit code: 0 nothing found, 1 findings."""
+    """The command line; returns the exit code: 0 no findings, 1 findings."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--count", type=int, default=20_000, help="cycles (default 20,000)")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--seconds", type=float, default=math.inf, help="stop when so many passed")
-    parser.add_argument("--world", type=int, help="only the world of this number")
+    parser.add_argument("--seconds", type=float, default=math.inf, help="stop after this time")
+    parser.add_argument("--world", type=int, help="fly only the world with this number")
     options = parser.parse_args(arguments)
-    console, begun = Console(stderr=True), time.monotonic()
+    console, started = Console(stderr=True), time.monotonic()
     alone = options.world is not None
     work = [range(options.world, options.world + 1)] if alone else batches(options.count)
     fliers: dict[Setting, Flier] = {}
@@ -131,7 +129,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with Progress(console=console) as bars:
         bar = bars.add_task("worlds", total=sum(len(numbers) for numbers in work))
         for numbers in work:
-            if time.monotonic() - begun > options.seconds:
+            if time.monotonic() - started > options.seconds:
                 break
             setting = setting_of(numbers[0])
             if setting not in fliers:
@@ -143,8 +141,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for found in tally.findings[:SHOWN]:
             where = f"world {found.world}, cycle {found.cycle}, aircraft {found.aircraft}"
             console.print(f"{name}: seed {options.seed}, {where}: {found.value}", highlight=False)
-    Console(width=110).print(shown(tallies))
-    wall_s = time.monotonic() - begun
+    Console(width=110).print(as_table(tallies))
+    wall_s = time.monotonic() - started
     console.print(f"{worlds * CYCLES:,} cycles of {worlds:,} worlds in {wall_s:.0f} s")
     return 1 if any(tally.findings for tally in tallies.values()) else 0
 

@@ -1,14 +1,13 @@
-"""Thirty days of flight without a pause: after 432,000 cycles nothing has drifted.
+"""Fly for thirty days (432,000 cycles) without a pause and check that nothing drifts.
 
     python -m verification.simulator.thirty_days [--cycles N]
 
-Aircraft circle, and fly holding patterns, to either side, near the origin and 200 NM from it; half
-of them climb and descend by 20 levels all the time. Their laps lie evenly to both sides of the
-equator: elsewhere the earth itself moves a lap flown by heading, since meridians converge. The
-simulator keeps no clock: a time is 6 s times the number of the cycle. What could drift is therefore
-what an aircraft is doing at a time. Heading and level must be those of the closed form in every
-cycle, to the last bit; the position must be back after every lap but for rounding. Prints the worst
-that was met; exit code 1 where it is beyond a bound.
+Aircraft circle and fly holding patterns, in both directions, near the origin and 200 NM from it;
+half of them climb and descend by 20 levels all the time. Their laps are centred on the equator:
+elsewhere converging meridians move a lap that is flown by headings. The simulator keeps no clock,
+so only the state of an aircraft could drift. Heading and level must equal the closed form in every
+cycle, to the last bit; the position must return after every lap, except for rounding. Prints the
+worst values; exit code 1 if one is beyond its bound.
 """
 
 import argparse
@@ -34,18 +33,19 @@ from skystack.simulator.traffic import LEFT, NO_TURN, RIGHT, Clearance, Traffic,
 
 DAYS, DAY = 30, 24 * 3600 // 6
 AT_ONCE = 7200
-"""Cycles of one call: half a day, whole laps."""
+"""The number of cycles per call: half a day, a whole number of laps."""
 LAP, LEG, CHANGE = 80, 40, 10
-"""Cycles: two circles or one holding pattern; half of that; between two changes of level."""
+"""Numbers of cycles: of two circles or one holding pattern, of half of that, and between two
+changes of level."""
 LOW_FL, CLIMB_FL = 300.0, 20.0
 PATTERNS = np.array(list(product((False, True), (LEFT, RIGHT), (False, True), (0.0, 200.0))))
-"""Holding or circling, side, climbing or not, distance from the origin [NM]."""
+"""For each aircraft: holding or not, side, climbing or not, distance from the origin [NM]."""
 HOLDS, SIDE, CLIMBS, FAR_NM = PATTERNS[:, 0] > 0, PATTERNS[:, 1], PATTERNS[:, 2] > 0, PATTERNS[:, 3]
 BOUNDS = {"heading": (0.0, "deg"), "level": (0.0, "ticks"), "back after a lap": (0.1, "NM")}
 
 
 class Rows(NamedTuple):
-    """What is looked at after every cycle."""
+    """The values that are checked after every cycle."""
 
     heading_deg: Float[Array, "cycles aircraft"]
     level: Float[Array, "cycles aircraft"]
@@ -53,7 +53,7 @@ class Rows(NamedTuple):
 
 
 def begin(simulator: Simulator, north_nm: Float[np.ndarray, " aircraft"]) -> Traffic:
-    """All patterns, heading north, so far north of the equator."""
+    """The start of all patterns: heading north, `north_nm` north of the equator."""
     count = len(PATTERNS)
     level = jnp.full(count, LOW_FL * TICKS_PER_FL, dtype=jnp.float32)
     return start(
@@ -66,11 +66,11 @@ def begin(simulator: Simulator, north_nm: Float[np.ndarray, " aircraft"]) -> Tra
     )
 
 
-def told(cycle: Int[Array, ""]) -> Clearance:
-    """What is said before a cycle: a quarter of a circle more every 10, half a one every 40."""
+def clearances(cycle: Int[Array, ""]) -> Clearance:
+    """The clearances before a cycle: a turn by 90 degrees every 10 cycles, or by 180 every 40."""
     every, by = jnp.where(HOLDS, LEG, 10), jnp.where(HOLDS, 180, 90)
-    onward = (cycle // every + 1) * by % 360
-    heading = jnp.where(SIDE == RIGHT, onward, -onward % 360)
+    to_the_right = (cycle // every + 1) * by % 360
+    heading = jnp.where(SIDE == RIGHT, to_the_right, -to_the_right % 360)
     high = cycle // CHANGE % 2 == 0
     level = jnp.where(high, LOW_FL + CLIMB_FL, LOW_FL) * TICKS_PER_FL
     side = jnp.asarray(SIDE, dtype=jnp.int32)
@@ -83,10 +83,10 @@ def told(cycle: Int[Array, ""]) -> Clearance:
 
 
 def fly(simulator: Simulator, traffic: Traffic, first: Int[Array, ""]) -> tuple[Traffic, Rows]:
-    """A call's cycles from a number on."""
+    """Fly `AT_ONCE` cycles, starting with number `first`."""
 
     def cycle(now: Traffic, number: Int[Array, ""]) -> tuple[Traffic, Rows]:
-        after = simulator.advance(instruct(now, told(number)))
+        after = simulator.advance(instruct(now, clearances(number)))
         return after, Rows(after.heading_deg, after.level_ticks, after.position_nm)
 
     numbers = first + jnp.arange(AT_ONCE, dtype=jnp.int32)
@@ -95,67 +95,67 @@ def fly(simulator: Simulator, traffic: Traffic, first: Int[Array, ""]) -> tuple[
 
 
 def heading_deg(cycle: Int[np.ndarray, " cycles"]) -> Float[np.ndarray, "cycles aircraft"]:
-    """After each cycle: 9 degrees in each since the first, standing still in the straight legs."""
+    """The heading after each cycle: a turn by 9 degrees per cycle, except on straight legs."""
     cycle = cycle[:, None]
-    circled = 9.0 * cycle
-    held = 180.0 * (cycle // LEG) + np.minimum(9.0 * (cycle % LEG), 180.0)
-    right = np.where(HOLDS, held, circled)
+    circling = 9.0 * cycle
+    holding = 180.0 * (cycle // LEG) + np.minimum(9.0 * (cycle % LEG), 180.0)
+    right = np.where(HOLDS, holding, circling)
     return np.where(SIDE == RIGHT, right, -right) % 360.0
 
 
 def level(
     cycle: Int[np.ndarray, " cycles"], rate_ft_min: float
 ) -> Float[np.ndarray, "cycles aircraft"]:
-    """After each cycle, in ticks: six seconds of climb a cycle, to the level and no further."""
+    """The level after each cycle, in ticks: six seconds of climb per cycle, up to the target."""
     climb = CLIMB_FL * TICKS_PER_FL
     moved = np.minimum(6.0 * rate_ft_min * (cycle % CHANGE), climb)
-    # In the cycle of a clearance the aircraft is still where the last one led.
+    # In the cycle of a clearance, the aircraft is still at the previous level.
     up = cycle // CHANGE % 2 == 0
     above = np.where(up, moved, climb - moved)[:, None]
     return LOW_FL * TICKS_PER_FL + np.where(CLIMBS, above, 0.0)
 
 
-def worst(simulator: Simulator, cycles: int, shown: Console) -> dict[str, float]:
-    """The greatest that each quantity becomes over so many cycles (rounded up to half days)."""
+def worst(simulator: Simulator, cycles: int, console: Console) -> dict[str, float]:
+    """The greatest value of each quantity over `cycles` cycles, rounded up to half days."""
     rate = float(simulator.performance.vertical_speed_ft_min(*jnp.ones((2, 1)))[0])
     compiled = jax.jit(partial(fly, simulator))
     on_equator = begin(simulator, np.zeros(len(PATTERNS)))
     first_lap_nm = compiled(on_equator, jnp.int32(0))[1].position_nm[:LAP]
-    # Half of each lap is then on either side of the equator.
+    # Centre the laps on the equator.
     traffic, lap_nm = begin(simulator, -np.mean(first_lap_nm[..., 1], axis=0)), None
     found = dict.fromkeys(BOUNDS, 0.0)
-    for first in track(range(0, cycles, AT_ONCE), console=shown):
+    for first in track(range(0, cycles, AT_ONCE), console=console):
         traffic, flown = compiled(traffic, jnp.int32(first))
         heading, climb, position = (np.asarray(leaf, dtype=float) for leaf in flown)
         number = np.arange(first, first + AT_ONCE)
         laps = position.reshape(-1, LAP, *position.shape[1:])
         lap_nm = laps[0] if lap_nm is None else lap_nm
-        seen = {
+        errors = {
             "heading": heading - heading_deg(number),
             "level": climb - level(number, rate),
             "back after a lap": np.hypot(*np.moveaxis(laps - lap_nm, -1, 0)),
         }
-        for name, values in seen.items():
-            found[name] = float(np.maximum(found[name], np.max(np.abs(values))))  # NaN stays
+        for name, values in errors.items():
+            found[name] = float(np.maximum(found[name], np.max(np.abs(values))))  # keeps NaN
     return found
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The command line; returns the exit code: 0 within the bounds, 1 not."""
+    """The command line; returns the exit code: 0 within all bounds, 1 otherwise."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--cycles", type=int, default=DAYS * DAY, help="default: thirty days")
     options = parser.parse_args(arguments)
-    console, begun, good = Console(stderr=True), time.monotonic(), True
+    console, started, within = Console(stderr=True), time.monotonic(), True
     table = Table("model", "quantity", "bound", "worst", "unit")
     for model, performance in PERFORMANCE.items():
         simulator = Simulator(sector_named("x-plus"), performance)
         for name, value in worst(simulator, options.cycles, console).items():
             bound, unit = BOUNDS[name]
             table.add_row(model, name, f"{bound:g}", f"{value:.2g}", unit)
-            good = good and value <= bound
+            within = within and value <= bound
     Console(width=100).print(table)
-    console.print(f"{options.cycles:,} cycles of each in {time.monotonic() - begun:.0f} s")
-    return 0 if good else 1
+    console.print(f"{options.cycles:,} cycles of each in {time.monotonic() - started:.0f} s")
+    return 0 if within else 1
 
 
 if __name__ == "__main__":

@@ -1,1 +1,1 @@
-"""Controllers that are not trained here: ONNX and Stable-Baselines3 files, plain functions."""
+"""Controllers that skystack did not train: ONNX and Stable-Baselines3 files, plain functions."""

@@ -1,4 +1,4 @@
-"""An agent: what decides outside compiled programs, whatever library it comes from."""
+"""An agent: a controller that runs outside compiled programs, from any library."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,33 +14,34 @@ from skystack.io.names import as_name
 from skystack.policies.facts import Facts
 
 AnswerFunction = Callable[[Float[np.ndarray, "*scenarios observation"]], Any]
+"""A function from observations to actions or scores."""
 
 
 @dataclass(frozen=True)
 class Agent:
-    """A controller that is asked from Python; it has `act`, `scores` or both. Picklable."""
+    """A controller that is called from Python; it has `act`, `scores` or both. Picklable."""
 
     name: str
-    """Of its row; also part of the name of the folder with its tables."""
+    """Its name in results, and part of the name of the folder with its tables."""
     act: AnswerFunction | None = None
-    """From observations to action numbers."""
+    """Maps observations to action numbers."""
     scores: AnswerFunction | None = None
-    """From observations to a number for each action; without `act` the greatest is taken."""
+    """Maps observations to a score for each action. Without `act`, the highest score is taken."""
     logits: bool = False
-    """Whether scores are unnormalised log probabilities, which can be sampled from."""
+    """Whether the scores are logits, from which actions can be sampled."""
     batched: bool = True
-    """Whether both map `[scenarios, observation]`, or a single `[observation]`."""
+    """Whether both take `[scenarios, observation]` rather than a single `[observation]`."""
     observations: int | None = None
-    """How many values it observes, where that is known."""
+    """The number of observed values, if known."""
     actions: int | None = None
-    """How many actions it has, where that is known."""
+    """The number of actions, if known."""
     facts: Facts | None = None
-    """What an export of our own policies says of itself."""
+    """The description in an export of one of our own policies."""
 
 
 @dataclass(frozen=True)
 class Batched:
-    """Marks a function as one of many observations at once.
+    """Marks a function as a policy that takes many observations at once.
 
     It maps float32 `[scenarios, observation]` to action numbers `[scenarios]`; the number of
     scenarios differs from call to call.
@@ -50,12 +51,11 @@ class Batched:
 
 
 def agent_of(policy: Any, name: str | None = None) -> Agent:
-    """The agent of a function, a `Batched` function or a model with `predict`; or it itself.
+    """Make an agent of a function, a `Batched` function or a model; an agent is returned as it is.
 
-    Without a name it has that of the function or of the model's class.
-
-    `predict(observations, deterministic=True)` is that of Stable-Baselines3: it returns actions
-    and a state, which must be None. Raises InputError for anything else.
+    A model has Stable-Baselines3's `predict(observations, deterministic=True)`, which returns
+    actions and a state that must be None. The default name is that of the function or of the
+    model's class. Raises InputError for anything else.
     """
     if isinstance(policy, Agent):
         return policy
@@ -77,12 +77,12 @@ def _name(policy: Any) -> str:
 
 
 def file_name(path: Path) -> str:
-    """The name of the row of a policy file."""
+    """The row name for a policy file."""
     return as_name(path.stem)
 
 
 class _Picklable:
-    """A function that reaches other processes: those of `__main__` and lambdas too."""
+    """A function that can be pickled, even if it is a lambda or is defined in `__main__`."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._function = function
@@ -91,15 +91,15 @@ class _Picklable:
         return self._function(*arguments)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _received, (cloudpickle.dumps(self._function),)
+        return _unpickle, (cloudpickle.dumps(self._function),)
 
 
-def _received(data: bytes) -> _Picklable:
+def _unpickle(data: bytes) -> _Picklable:
     return _Picklable(cloudpickle.loads(data))
 
 
 def _agent_of_model(model: Any, name: str) -> Agent:
-    # The policy alone: a model holds its environments, which cannot be sent to other processes.
+    # Only the policy: a model holds its environments, which cannot be sent to other processes.
     policy = getattr(model, "policy", model)
     predict = policy.predict if callable(getattr(policy, "predict", None)) else model.predict
     normalise = _normaliser(model)
@@ -109,7 +109,9 @@ def _agent_of_model(model: Any, name: str) -> Agent:
     def act(observations: np.ndarray) -> Any:
         answer, state = predict(normalise(observations), deterministic=True)
         if state is not None:
-            raise InputError("it remembers (allowed: policies that decide by the observation)")
+            raise InputError(
+                "it is recurrent (allowed: policies that depend on the observation only)"
+            )
         return answer
 
     return Agent(
@@ -121,16 +123,16 @@ def _agent_of_model(model: Any, name: str) -> Agent:
 
 
 def _normaliser(model: Any) -> AnswerFunction:
-    """What a model's `VecNormalize` does to observations, as it is now."""
-    find = getattr(model, "get_vec_normalize_env", None)
-    environment = find() if callable(find) else None
+    """The observation normalisation of a model's `VecNormalize`, with its current statistics."""
+    get_environment = getattr(model, "get_vec_normalize_env", None)
+    environment = get_environment() if callable(get_environment) else None
     if environment is None or not environment.norm_obs:
         return lambda observations: observations
     mean, variance = environment.obs_rms.mean.copy(), environment.obs_rms.var.copy()
-    smallest, clip = environment.epsilon, environment.clip_obs
+    epsilon, clip = environment.epsilon, environment.clip_obs
 
     def normalise(observations: np.ndarray) -> np.ndarray:
-        scaled = (observations - mean) / np.sqrt(variance + smallest)
+        scaled = (observations - mean) / np.sqrt(variance + epsilon)
         return np.clip(scaled, -clip, clip).astype(np.float32)
 
     return normalise

@@ -1,4 +1,4 @@
-"""Policies by name or file: ours, and those of other libraries."""
+"""Find policies by name or file: ours and those of other libraries."""
 
 from pathlib import Path
 
@@ -10,13 +10,13 @@ from skystack.learning.policy import Policy
 from skystack.policies.shipped import find_policy
 
 READERS = {".onnx": read_onnx, ".zip": read_sb3}
-"""By the end of the file's name."""
+"""The readers of policy files by suffix."""
 
 
 def find_agent(name: AnyPath) -> Policy | Agent:
-    """A policy as `find_policy` finds it, or that in an ONNX (.onnx) or SB3 (.zip) file.
+    """The policy in an ONNX (.onnx) or Stable-Baselines3 (.zip) file, or that of `find_policy`.
 
-    Raises InputError when there is none, or it cannot be used.
+    Raises InputError if it does not exist or cannot be used.
     """
     path = Path(name)
     read = READERS.get(path.suffix.lower())

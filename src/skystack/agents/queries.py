@@ -1,4 +1,4 @@
-"""Asking an agent: what it answers is checked and copied, and what goes wrong names where."""
+"""Query an agent: answers are checked and copied, and errors name the scenario and cycle."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -19,10 +19,10 @@ def query_actions(
     cycle: int,
     actions: int,
 ) -> Int[np.ndarray, " scenarios"]:
-    """The actions that an agent takes: the greatest score where it has no other way to act.
+    """The actions that an agent takes: those with the highest score if it has no `act`.
 
-    `numbers` are those of the scenarios, for messages. Raises InputError, which names scenario and
-    cycle, for an agent that fails or answers with what is not one of the actions 0, 1, ...
+    `numbers` are the scenario numbers, for messages. Raises InputError, which names scenario and
+    cycle, for an agent that fails or returns anything but one of the actions 0, 1, ...
     """
     if agent.act is None:
         return query_scores(agent, observations, numbers, cycle, actions).argmax(axis=1)
@@ -41,7 +41,7 @@ def query_scores(
     actions: int,
 ) -> Float[np.ndarray, "scenarios actions"]:
     """An agent's score of each action; raises InputError as `query_actions` does."""
-    assert agent.scores is not None, "the caller knows"
+    assert agent.scores is not None, "checked by the caller"
     checked = []
     for number, answer in _answers(agent.scores, agent.batched, observations, numbers, cycle):
         scores = np.array(answer, dtype=np.float32)
@@ -59,7 +59,7 @@ def _answers(
     numbers: Int[np.ndarray, " scenarios"],
     cycle: int,
 ) -> Iterator[tuple[int, Any]]:
-    """Each scenario's number and answer, in order."""
+    """The number and the answer of each scenario, in order."""
     if not batched:
         for number, observation in zip(numbers.tolist(), observations, strict=True):
             with _at([number], cycle):
@@ -70,18 +70,18 @@ def _answers(
         answers = _plain(decide(observations))
         if not isinstance(answers, list | tuple) or len(answers) != len(numbers):
             count = len(answers) if isinstance(answers, list | tuple) else repr(answers)
-            raise InputError(f"its answers are {count} (allowed: {len(numbers)}, one for each)")
+            raise InputError(f"its answers are {count} (allowed: {len(numbers)}, one per scenario)")
     yield from zip(numbers.tolist(), answers, strict=True)
 
 
 def _plain(answer: Any) -> Any:
-    """An array of any library as plain numbers, which nothing changes afterwards."""
+    """An array of any library as plain numbers, which later changes to the array cannot affect."""
     return answer.tolist() if hasattr(answer, "tolist") else answer
 
 
 @contextmanager
 def _at(numbers: Sequence[int], cycle: int) -> Iterator[None]:
-    """Whatever is raised inside becomes one line that says which scenario was decided on, when."""
+    """Convert any exception inside to an InputError that names the scenario and the cycle."""
     others = f" and {len(numbers) - 1} more" if len(numbers) > 1 else ""
     where = f"scenario {numbers[0]}{others}, cycle {cycle}"
     try:

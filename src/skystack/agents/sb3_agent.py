@@ -1,7 +1,7 @@
-"""Policies of Stable-Baselines3 (`model.save`), read without running what is in the file.
+"""Policies of Stable-Baselines3 (`model.save`), read without executing code from the file.
 
-Such a zip holds pickles, which `PPO.load` executes. Here its description is read as JSON without
-them, the weights as plain tensors, and the network, always the same, is rebuilt in numpy.
+The zip contains pickles, which `PPO.load` executes. Here they are ignored: the description is read
+as JSON and the weights as plain tensors, and the network, whose form is fixed, is rebuilt in numpy.
 """
 
 import io
@@ -24,20 +24,20 @@ from skystack.io.files import MOST_BYTES, read_whole
 ALLOWED = "allowed: PPO, A2C, DQN of Stable-Baselines3 with MlpPolicy and Discrete actions"
 MOST_DESCRIPTION = 16_000_000
 MOST_PARTS = 1000
-"""Of a zip."""
+"""The maximum number of files in a zip."""
 SAFE_TORCH = (2, 6)
-"""Before it `weights_only=True` could be bypassed (CVE-2025-32434)."""
+"""The first version in which `weights_only=True` cannot be bypassed (CVE-2025-32434)."""
 Layer = tuple[np.ndarray, np.ndarray]
-"""Weights, outputs by inputs, and biases."""
+"""Weights `[outputs, inputs]` and biases `[outputs]`."""
 
 _POLICIES = {
     "stable_baselines3.common.policies": ("Tanh", "mlp_extractor.policy_net.", "action_net."),
     "stable_baselines3.dqn.policies": ("ReLU", "q_net.q_net.", None),
 }
-"""By the policy's module: its activation unless another is named, the names of its layers' tensors,
-and of those of the last one where it is apart."""
+"""By the policy's module: the default activation, the prefix of the layers' tensors, and the prefix
+of the output layer if it is separate."""
 _TENSORS = ("mlp_extractor.", "action_net.", "value_net.", "q_net.", "q_net_target.")
-"""All that such policies have."""
+"""The prefixes of all tensors that such policies have."""
 _SETTINGS = {
     "activation_fn",
     "net_arch",
@@ -47,12 +47,12 @@ _SETTINGS = {
     "ortho_init",
     "share_features_extractor",
 }
-"""Of a policy: those that do not change its answers, or are read here or from the tensors."""
+"""The accepted policy settings: without effect on the output, or read here or from the tensors."""
 
 
 @dataclass(frozen=True)
 class Network:
-    """A fully-connected network as Stable-Baselines3 makes them."""
+    """A fully-connected network as built by Stable-Baselines3."""
 
     layers: tuple[Layer, ...]
     activation: str
@@ -71,9 +71,9 @@ class Network:
 def read_sb3(path: Path) -> Agent:
     """The policy in a zip of Stable-Baselines3: PPO, A2C or DQN with `MlpPolicy`.
 
-    Its deterministic answer is the action of the greatest output. Nothing in the file is executed.
-    Raises InputError for a file that is missing, damaged or of another kind, and where PyTorch is
-    missing or older than 2.6.
+    Its deterministic action is that of the largest output. Nothing in the file is executed. Raises
+    InputError for a file that is missing, damaged or of another kind, and if PyTorch is missing or
+    older than 2.6.
     """
     with error_context(str(path)):
         description, weights = _parts(read_whole(path))
@@ -93,12 +93,12 @@ def read_sb3(path: Path) -> Agent:
 
 
 def _parts(data: bytes) -> tuple[Mapping[str, Any], bytes]:
-    """The description and the file of weights."""
+    """The description and the weights file."""
     with _zip(data) as file:
         names = file.namelist()
         missing = [name for name in ("data", "policy.pth") if names.count(name) != 1]
         if missing:
-            raise InputError(f"has no part {missing[0]!r}, or several ({ALLOWED})")
+            raise InputError(f"does not have exactly one part {missing[0]!r} ({ALLOWED})")
         text = _read(file, "data", MOST_DESCRIPTION)
         weights = _read(file, "policy.pth", MOST_BYTES)
     try:
@@ -106,7 +106,7 @@ def _parts(data: bytes) -> tuple[Mapping[str, Any], bytes]:
     except (ValueError, RecursionError) as error:
         raise InputError(f"its part 'data' is not JSON ({error})") from None
     if not isinstance(description, dict):
-        raise InputError(f"its part 'data' is no JSON object ({ALLOWED})")
+        raise InputError(f"its part 'data' is not a JSON object ({ALLOWED})")
     return description, weights
 
 
@@ -121,7 +121,7 @@ def _zip(data: bytes) -> zipfile.ZipFile:
 
 
 def _read(file: zipfile.ZipFile, name: str | zipfile.ZipInfo, most_bytes: int) -> bytes:
-    """A part of at most so many bytes, whatever size it claims."""
+    """Read a part of at most `most_bytes`, whatever size it claims to have."""
     try:
         with file.open(name) as part:
             data = part.read(most_bytes + 1)
@@ -138,11 +138,11 @@ def _named(part: str | zipfile.ZipInfo) -> str:
 
 
 def _kind(description: Mapping[str, Any]) -> tuple[str, str]:
-    """The policy's module and its activation, from what is readable of both."""
+    """The policy's module and its activation, from their names in the description."""
     policy, settings = (_table(description, name) for name in ("policy_class", "policy_kwargs"))
     module = policy.get("__module__")
     if not isinstance(module, str) or module not in _POLICIES:
-        raise InputError(f"its policy is of {module!r} ({ALLOWED})")
+        raise InputError(f"its policy class is from {module!r} ({ALLOWED})")
     names = {name for name in settings if not name.startswith(":")}
     if names - _SETTINGS:
         raise InputError(
@@ -169,19 +169,19 @@ def _torch(path: str) -> Any:
     except ImportError:
         raise missing_extra(path, "torch", "sb3") from None
     if tuple(int(part) for part in torch.__version__.split(".")[:2]) < SAFE_TORCH:
-        raise InputError(f"{path} needs torch 2.6 or newer, here is {torch.__version__}")
+        raise InputError(f"{path} needs torch 2.6 or newer, installed is {torch.__version__}")
     return torch
 
 
 def _tensors(torch: Any, data: bytes) -> dict[str, np.ndarray]:
-    """The weights by name. They are a zip too, whose parts are looked at before PyTorch does."""
+    """The weights by name. They are in a zip too, whose size is checked before PyTorch reads it."""
     with _zip(data) as file:
-        left = MOST_BYTES
+        remaining = MOST_BYTES
         for part in file.infolist():
-            left -= len(_read(file, part, left))
+            remaining -= len(_read(file, part, remaining))
     try:
         found = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
-    except Exception as error:  # PyTorch raises its own kinds for each kind of damage
+    except Exception as error:  # PyTorch has many exceptions for damaged files
         raise InputError(f"its part 'policy.pth' is damaged: {error}") from None
     if not isinstance(found, dict) or not all(
         isinstance(name, str) and isinstance(tensor, torch.Tensor) for name, tensor in found.items()
@@ -190,7 +190,7 @@ def _tensors(torch: Any, data: bytes) -> dict[str, np.ndarray]:
     tensors = {}
     for name, tensor in found.items():
         if not name.startswith(_TENSORS):
-            raise InputError(f"has the tensor {name!r} ({ALLOWED})")
+            raise InputError(f"has an unexpected tensor {name!r} ({ALLOWED})")
         plain = tensor.layout is torch.strided and tensor.is_contiguous()
         if not plain or tensor.dtype is not torch.float32 or tensor.device.type != "cpu":
             raise InputError(f"tensor {name!r} is {tensor.dtype} (allowed: dense float32)")
@@ -201,15 +201,15 @@ def _tensors(torch: Any, data: bytes) -> dict[str, np.ndarray]:
 
 
 def _layers(tensors: Mapping[str, np.ndarray], hidden: str, last: str | None) -> tuple[Layer, ...]:
-    """In order; the numbers between theirs are activations."""
+    """The layers in order; the odd indices are activations."""
     pattern = re.compile(re.escape(hidden) + r"(\d{1,3})\.weight")
     numbers = sorted(int(found[1]) for name in tensors if (found := pattern.fullmatch(name)))
     if numbers != list(range(0, 2 * len(numbers), 2)):
         raise InputError(f"its layers are {hidden}{numbers} ({ALLOWED})")
-    stems = [f"{hidden}{number}." for number in numbers] + [last] * (last is not None)
+    prefixes = [f"{hidden}{number}." for number in numbers] + [last] * (last is not None)
     layers: list[Layer] = []
-    for stem in stems:
-        weights, biases = (tensors.get(f"{stem}{part}") for part in ("weight", "bias"))
+    for prefix in prefixes:
+        weights, biases = (tensors.get(f"{prefix}{part}") for part in ("weight", "bias"))
         inputs = layers[-1][1].size if layers else None
         fits = (
             weights is not None
@@ -219,7 +219,7 @@ def _layers(tensors: Mapping[str, np.ndarray], hidden: str, last: str | None) ->
             and inputs in (None, weights.shape[1])
         )
         if not fits:
-            raise InputError(f"tensors {stem}weight and .bias do not fit ({ALLOWED})")
+            raise InputError(f"tensors {prefix}weight and .bias do not fit ({ALLOWED})")
         layers.append((weights, biases))  # type: ignore[arg-type]
     if not layers:
         raise InputError(f"has no tensors {hidden}* ({ALLOWED})")
@@ -227,14 +227,14 @@ def _layers(tensors: Mapping[str, np.ndarray], hidden: str, last: str | None) ->
 
 
 def _sizes(description: Mapping[str, Any], layers: tuple[Layer, ...]) -> tuple[int, int]:
-    """How many values are observed and how many actions there are; both spaces must say so."""
-    observed, acted = (_table(description, f"{name}_space") for name in ("observation", "action"))
+    """The numbers of observed values and of actions, which must match the two spaces."""
+    spaces = [_table(description, f"{name}_space") for name in ("observation", "action")]
     sizes = layers[0][0].shape[1], layers[-1][0].shape[0]
-    kinds = [str(space.get(":type:")) for space in (observed, acted)]
-    shape = re.findall(r"\d+", str(observed.get("_shape")))
+    kinds = [str(space.get(":type:")) for space in spaces]
+    shape = re.findall(r"\d+", str(spaces[0].get("_shape")))
     if "spaces.box.Box" not in kinds[0] or shape != [str(sizes[0])]:
         raise InputError(f"its observation space is {kinds[0]} {shape} (allowed: a flat Box)")
-    count, start = (str(acted.get(name, 0)) for name in ("n", "start"))
+    count, start = (str(spaces[1].get(name, 0)) for name in ("n", "start"))
     if "spaces.discrete.Discrete" not in kinds[1] or (count, start) != (str(sizes[1]), "0"):
         raise InputError(f"its action space is {kinds[1]}, n {count}, start {start} ({ALLOWED})")
     return sizes

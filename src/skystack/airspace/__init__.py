@@ -1,1 +1,1 @@
-"""Where aircraft fly: geometry on arrays, projection, fixes, routes and sectors."""
+"""Airspace: geometry on arrays, the projection, fixes, routes and sectors."""

@@ -1,7 +1,7 @@
-"""The area of a sector as GeoJSON (RFC 7946): read into one ring, strictly.
+"""Strict reading of a sector's area from GeoJSON (RFC 7946) into one ring.
 
-Real files hold more than a plain polygon: a MultiPolygon of one, altitudes, vertices that repeat,
-an area cut in two at the antimeridian.
+Besides a plain Polygon, files in practice contain a MultiPolygon of one polygon, altitudes,
+repeated vertices, or an area that is split at the antimeridian.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,46 +18,46 @@ from skystack.airspace.projection import (
 )
 from skystack.airspace.sector import STRAIGHT_WITHIN_NM, LatLon
 from skystack.errors import InputError
-from skystack.io.json_file import not_allowed
+from skystack.io.validation import not_allowed
 
 MAX_LONGITUDE_DEG = 360.0
-"""Some tools write areas across the antimeridian as 179, 181; longitudes are wrapped."""
+"""Some tools write longitudes across the antimeridian as 179, 181. Longitudes are wrapped."""
 MAX_VERTICES = 500
 MAX_POSITIONS = 10_000
-"""Of a ring as it is written, before vertices are merged."""
+"""The maximum number of positions in a ring of the file, before vertices are merged."""
 SAME_PLACE_M = 1.0
-"""Vertices closer than this are one."""
-EXCHANGED = "; are they exchanged? GeoJSON has the longitude first"
+"""Vertices closer together than this are merged."""
+EXCHANGED = "; are they swapped? GeoJSON lists the longitude first"
 
 _SAME_LONGITUDE_DEG = 1e-5
-"""A metre on the equator."""
+"""About one metre at the equator."""
 
 
 def outer_ring(area: Any) -> list[LatLon]:
     """The vertices of an area, not closed, at least a metre apart, longitudes in [-180, 180).
 
-    `area` is a Polygon without holes, a MultiPolygon of one or of the parts of an area that was
-    cut at the antimeridian, or a Feature or collection of one of these. Altitudes are ignored.
-    Neighbours more than 180 degrees of longitude apart lie on both sides of the antimeridian.
-    Raises InputError for anything else.
+    `area` is a Polygon without holes; a MultiPolygon of one polygon, or of the parts of an area
+    that is split at the antimeridian; or a Feature or FeatureCollection of one of these. Altitudes
+    are ignored. An edge whose ends differ by more than 180 degrees of longitude crosses the
+    antimeridian. Raises InputError for anything else.
     """
     rings = _rings(area)
     ring = rings[0] if len(rings) == 1 else _joined_at_antimeridian(rings)
     lat, lon = np.array(ring).reshape(-1, 2).T
-    found = merge_near(
+    merged = merge_near(
         [(float(n), float(e)) for n, e in zip(lat, wrap_longitude(lon), strict=True)]
     )
-    if not 3 <= len(found) <= MAX_VERTICES:
+    if not 3 <= len(merged) <= MAX_VERTICES:
         raise InputError(
-            f"has {len(found)} vertices at least a metre apart (allowed: 3 to {MAX_VERTICES})"
+            f"has {len(merged)} vertices at least a metre apart (allowed: 3 to {MAX_VERTICES})"
         )
-    if abs(np.diff(unwrapped([*found, found[0]])[[0, -1], 0])[0]) > 180.0:
-        raise InputError("leads round a pole (allowed: an area that does not hold one)")
-    return found
+    if abs(np.diff(unwrapped([*merged, merged[0]])[[0, -1], 0])[0]) > 180.0:
+        raise InputError("contains a pole (allowed: an area that does not)")
+    return merged
 
 
 def merge_near(ring: Sequence[LatLon]) -> list[LatLon]:
-    """A ring without the vertices that are less than a metre from the one kept before them."""
+    """A ring without vertices that are less than a metre from the previous vertex kept."""
     kept: list[LatLon] = []
     for vertex in ring:
         if not kept or _metres(kept[-1], vertex) >= SAME_PLACE_M:
@@ -68,13 +68,13 @@ def merge_near(ring: Sequence[LatLon]) -> list[LatLon]:
 
 
 def unwrapped(ring: Sequence[LatLon]) -> Float[np.ndarray, "vertices 2"]:
-    """(Longitude, latitude) of a ring's vertices [deg], continuous across the antimeridian."""
+    """The vertices of a ring as (longitude, latitude) [deg], continuous at the antimeridian."""
     lat, lon = np.array(ring).T
     return np.stack([np.unwrap(lon, period=360.0), lat], axis=1)
 
 
 def polygon_of(ring: Sequence[LatLon]) -> dict[str, Any]:
-    """The ring as GeoJSON."""
+    """The ring as a GeoJSON Polygon."""
     closed = [*ring, ring[0]]
     return {"type": "Polygon", "coordinates": [[[lon, lat] for lat, lon in closed]]}
 
@@ -93,18 +93,18 @@ def _rings(area: Any) -> list[list[LatLon]]:
     if kind == "Polygon":
         return [_ring_of("coordinates", coordinates)]
     if not isinstance(coordinates, list | tuple) or not coordinates:
-        raise InputError("coordinates holds no polygon (allowed: a MultiPolygon of one polygon)")
+        raise InputError("coordinates has no polygon (allowed: a MultiPolygon of one polygon)")
     if len(coordinates) > MAX_VERTICES:
         raise _separate(len(coordinates))
     return [_ring_of(f"coordinates[{n}]", polygon) for n, polygon in enumerate(coordinates)]
 
 
 def _geometry(area: Any) -> Any:
-    """What a Feature, or a FeatureCollection of one, is about."""
+    """The geometry of a Feature or of a FeatureCollection with one Feature."""
     if isinstance(area, Mapping) and area.get("type") == "FeatureCollection":
         features = area.get("features")
         if not isinstance(features, list | tuple) or len(features) != 1:
-            raise InputError("is a FeatureCollection (allowed: of just one Feature)")
+            raise InputError("is a FeatureCollection (allowed: one with exactly one Feature)")
         area = features[0]
     if isinstance(area, Mapping) and area.get("type") == "Feature":
         return area.get("geometry")
@@ -113,7 +113,7 @@ def _geometry(area: Any) -> Any:
 
 def _ring_of(where: str, polygon: Any) -> list[LatLon]:
     if not isinstance(polygon, list | tuple) or len(polygon) != 1:
-        raise InputError(f"{where} must hold one ring (allowed: a Polygon without holes)")
+        raise InputError(f"{where} must contain one ring (allowed: a Polygon without holes)")
     (positions,) = polygon
     if not isinstance(positions, list | tuple) or not positions:
         raise InputError(f"{where}[0] is not a ring (allowed: a list of positions)")
@@ -125,15 +125,15 @@ def _ring_of(where: str, polygon: Any) -> list[LatLon]:
 
 
 def _position(where: str, position: Any) -> LatLon:
-    """Latitude and longitude; the RFC allows an altitude, and to ignore whatever follows it."""
-    numbers = isinstance(position, list | tuple) and all(
+    """Latitude and longitude. The RFC allows an altitude, and ignoring any further values."""
+    all_numbers = isinstance(position, list | tuple) and all(
         isinstance(each, int | float) and not isinstance(each, bool) for each in position
     )
     allowed = (
         f"[longitude, latitude], from {-MAX_LONGITUDE_DEG:.0f} to {MAX_LONGITUDE_DEG:.0f} and "
         f"from {-MAX_LATITUDE_DEG:.0f} to {MAX_LATITUDE_DEG:.0f} degrees; an altitude is ignored"
     )
-    if not numbers or len(position) < 2:
+    if not all_numbers or len(position) < 2:
         raise not_allowed(where, position, allowed)
     lon, lat = position[:2]
     if not abs(lon) <= MAX_LONGITUDE_DEG or not abs(lat) <= MAX_LATITUDE_DEG:
@@ -144,14 +144,14 @@ def _position(where: str, position: Any) -> LatLon:
 
 def _separate(count: int) -> InputError:
     return InputError(
-        f"is a MultiPolygon of {count} separate polygons (allowed: one, or one area cut at the "
-        "antimeridian; keep one of them, or write a sector file for each)"
+        f"is a MultiPolygon of {count} separate polygons (allowed: one polygon, or one area split "
+        "at the antimeridian; keep one polygon, or write one sector file per polygon)"
     )
 
 
 def _joined_at_antimeridian(rings: list[list[LatLon]]) -> list[LatLon]:
-    """The area that RFC 7946 (section 3.1.9) cuts into polygons that meet along +180 and -180."""
-    # Only areas of several polygons need it.
+    """The area joined from parts that are split at the antimeridian (RFC 7946, section 3.1.9)."""
+    # Imported here because only areas with several polygons need it.
     from shapely import Polygon, is_valid_reason, union_all  # noqa: PLC0415
 
     parts = []
@@ -159,7 +159,7 @@ def _joined_at_antimeridian(rings: list[list[LatLon]]) -> list[LatLon]:
         if len(ring) < 3:
             raise InputError(f"coordinates[{number}][0] has {len(ring)} vertices (allowed: 3)")
         lat, lon = np.array(ring).T
-        lon = np.mod(lon, 360.0)  # so that the antimeridian is an inner line
+        lon = np.mod(lon, 360.0)  # makes the antimeridian an interior line
         lon = np.where(np.abs(lon - 180.0) < _SAME_LONGITUDE_DEG, 180.0, lon)
         parts.append(np.stack([lon, lat], axis=1))
     west = [part for part in parts if part[:, 0].max() == 180.0]
@@ -169,7 +169,7 @@ def _joined_at_antimeridian(rings: list[list[LatLon]]) -> list[LatLon]:
     for number, part in enumerate(parts):
         reason = is_valid_reason(Polygon(part))
         if reason != "Valid Geometry":
-            raise InputError(f"coordinates[{number}] is no plain polygon: {reason}")
+            raise InputError(f"coordinates[{number}] is not a simple polygon: {reason}")
     joined = union_all([Polygon(part) for part in parts])
     if joined.geom_type != "Polygon":
         raise _separate(len(rings))
@@ -180,16 +180,16 @@ def _joined_at_antimeridian(rings: list[list[LatLon]]) -> list[LatLon]:
 
 
 def _without_cuts(ring: list[LatLon]) -> list[LatLon]:
-    """The ring without the vertices that cutting it at the antimeridian (180) put on its edges."""
+    """The ring without the vertices that the split at the antimeridian (180) added to its edges."""
     kept = list(ring)
     for vertex in ring:
         if vertex[1] != 180.0 or len(kept) <= 3:
             continue
         number = kept.index(vertex)
         before, after = kept[number - 1], kept[(number + 1) % len(kept)]
-        across = np.cos(np.radians(vertex[0])), 1.0
+        scale = np.cos(np.radians(vertex[0])), 1.0
         edge, offset = (
-            60.0 * np.array([end[1] - before[1], end[0] - before[0]]) * across
+            60.0 * np.array([end[1] - before[1], end[0] - before[0]]) * scale
             for end in (after, vertex)
         )
         off_nm = abs(edge[0] * offset[1] - edge[1] * offset[0]) / max(np.hypot(*edge), 1e-9)

@@ -1,10 +1,10 @@
 """Plane geometry on JAX arrays: angles, routes as polylines, areas, closest approach.
 
-Positions are NM in the sector's plane, angles are compass degrees. A point or vector is
-`[n, 2, *batch]`, its components (east, north) along axis 1; whatever axes follow are a batch, and a
-batch along the last axis is computed fastest. For that reason too the legs of a route and the edges
-of an area are written out one after the other, not as an axis: the compiler then makes one loop of
-it all, without arrays in between.
+Positions are in NM in the sector's plane, angles in compass degrees. A point or vector is
+`[n, 2, *batch]` with the components (east, north) along axis 1. Batch axes come last, because
+arithmetic along the last axis is fastest. The legs of a route and the edges of an area are unrolled
+instead of being an array axis, so the compiler fuses them into one loop without intermediate
+arrays.
 """
 
 from collections.abc import Sequence
@@ -17,44 +17,51 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 MOST_UNROLLED = 64
-"""Most edges of an area to unroll in compiled programs; longer ones become a loop, same result."""
+"""Areas with at most this many edges are unrolled in compiled programs. Larger areas use a loop,
+with the same result."""
 
 
 def wrap_180(angle_deg: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """The same angle in [-180, 180): float32 rounds just below -180 to 180, which is -180."""
+    """The same angle in [-180, 180).
+
+    In float32 an angle just below -180 wraps to exactly 180, which is returned as -180.
+    """
     wrapped = angle_deg - 360.0 * jnp.floor((angle_deg + 180.0) / 360.0)
     return jnp.where(wrapped >= 180.0, -180.0, jnp.maximum(wrapped, -180.0))
 
 
 def wrap_360(angle_deg: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """The same angle in [0, 360): float32 rounds a tiny negative angle to 360, which is 0."""
+    """The same angle in [0, 360).
+
+    In float32 a tiny negative angle wraps to exactly 360, which is returned as 0.
+    """
     wrapped = angle_deg - 360.0 * jnp.floor(angle_deg / 360.0)
     return jnp.where(wrapped >= 360.0, 0.0, jnp.maximum(wrapped, 0.0))
 
 
 def direction(heading_deg: Float[Array, "n *batch"]) -> Float[Array, "n 2 *batch"]:
-    """Unit vectors of compass headings."""
+    """Unit vectors (east, north) of compass headings."""
     radians = jnp.radians(heading_deg)
     return jnp.stack([jnp.sin(radians), jnp.cos(radians)], axis=1)
 
 
 def bearing(offset_nm: Float[Array, "n 2 *batch"]) -> Float[Array, "n *batch"]:
-    """Compass bearing [deg, -180 to 180] of a displacement; 0 for none."""
+    """Compass bearing [deg, -180 to 180] of a displacement; 0 for a zero displacement."""
     return jnp.degrees(jnp.arctan2(offset_nm[:, 0], offset_nm[:, 1]))
 
 
 def cross(a: Float[Array, "n 2 *batch"], b: Float[Array, "n 2 *batch"]) -> Float[Array, "n *batch"]:
-    """Twice the area spanned: positive where `b` points to the left of `a`."""
+    """The cross product: positive where `b` points to the left of `a`."""
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
 def dot(a: Float[Array, "n 2 *batch"], b: Float[Array, "n 2 *batch"]) -> Float[Array, "n *batch"]:
-    """Product of the lengths and of the cosine between."""
+    """The dot product."""
     return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]
 
 
 def length(vector: Float[Array, "n 2 *batch"]) -> Float[Array, "n *batch"]:
-    """Length of vectors."""
+    """The length of each vector."""
     return jnp.sqrt(dot(vector, vector))
 
 
@@ -65,9 +72,9 @@ def distance_right_of_route(
 ) -> Float[Array, "aircraft *batch"]:
     """Distance [NM] to the nearest point of a polyline, positive to the right of its direction.
 
-    A route shorter than the others repeats its last fix: legs without length do not count. Where
-    two legs are equally near (at their common fix) the first one decides the side. With `bulges_nm`
-    legs are flat arcs, their middle so far to the right of the straight line.
+    Shorter routes are padded with their last fix; legs of zero length are ignored. Where two legs
+    are equally near (at their common fix), the first leg determines the side. With `bulges_nm`,
+    each leg is a flat arc whose midpoint is that far to the right of the straight leg.
     """
     least2 = jnp.full_like(position_nm[:, 0], jnp.inf)
     side = jnp.ones_like(least2)
@@ -77,9 +84,9 @@ def distance_right_of_route(
         along = jnp.clip(dot(offset, leg) / jnp.maximum(length2, 1e-9), 0.0, 1.0)
         gap = offset - along[:, None] * leg
         if bulges_nm:
-            aside = 4.0 * along * (1.0 - along) * bulges_nm[number]
-            aside = aside / jnp.sqrt(jnp.maximum(length2, 1e-9))
-            gap -= aside[:, None] * jnp.stack([leg[:, 1], -leg[:, 0]], axis=1)
+            bulge = 4.0 * along * (1.0 - along) * bulges_nm[number]
+            bulge = bulge / jnp.sqrt(jnp.maximum(length2, 1e-9))
+            gap -= bulge[:, None] * jnp.stack([leg[:, 1], -leg[:, 0]], axis=1)
             offset = gap
         distance2 = jnp.where(length2 > 0.0, dot(gap, gap), jnp.inf)
         nearer = distance2 < least2
@@ -89,7 +96,7 @@ def distance_right_of_route(
 
 
 def edges(area_nm: Float[np.ndarray, "vertices 2"]) -> Float[np.ndarray, "vertices 2 2"]:
-    """The edges of a polygon: start and end, in its order; rounded to float32."""
+    """The edges of a polygon in its order, each as start and end, rounded to float32."""
     corners = area_nm.astype(np.float32).astype(np.float64)
     return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
 
@@ -97,7 +104,7 @@ def edges(area_nm: Float[np.ndarray, "vertices 2"]) -> Float[np.ndarray, "vertic
 def inside_area(
     position_nm: Float[Array, "aircraft 2 *batch"], area_nm: Float[np.ndarray, "vertices 2"]
 ) -> Bool[Array, "aircraft *batch"]:
-    """Whether points lie in a simple polygon: even-odd rule, a ray to the east."""
+    """Whether points are inside a simple polygon, by the even-odd rule with a ray to the east."""
     x, y = position_nm[:, 0], position_nm[:, 1]
     inside = jnp.zeros_like(x, dtype=bool)
     rows = [
@@ -111,7 +118,7 @@ def inside_area(
         spans = (y < ay) != (y < by)
         return inside ^ (spans & (x < ax + (y - ay) * slope)), None
 
-    if len(rows) > MOST_UNROLLED:  # unrolled, it would take minutes and gigabytes to compile
+    if len(rows) > MOST_UNROLLED:  # unrolling would take minutes and gigabytes to compile
         columns = tuple(np.array(column, dtype=np.float32) for column in zip(*rows, strict=True))
         looped: Bool[Array, "aircraft *batch"] = jax.lax.scan(crossed, inside, columns)[0]
         return looped
@@ -126,9 +133,9 @@ def crosses_outward(
     start: Float[Array, "aircraft 2 *batch"],
     end: Float[Array, "aircraft 2 *batch"],
 ) -> Bool[Array, "aircraft *batch"]:
-    """Whether the segment flown crosses an edge, given by its ends, from its left to its right.
+    """Whether the flown segment crosses an edge from left to right.
 
-    Areas are listed counter-clockwise, so that left of an edge is inside.
+    Areas are counter-clockwise, so the left side of an edge is inside.
     """
     edge, flown = end - start, after_nm - before_nm
     left_before = cross(edge, before_nm - start) >= 0.0
@@ -140,7 +147,7 @@ def crosses_outward(
 def first_and_second(values: Array) -> tuple[Array, Array]:
     """The rows of the first and of the second aircraft of every pair: `[pairs, ...]` each."""
     count = values.shape[0]
-    if count == 2:  # looking rows up costs more than all that is done with them
+    if count == 2:  # a gather would cost more than all later work on the rows
         return values[:1], values[1:]
     first, second = np.triu_indices(count, k=1)
     return values[first], values[second]
@@ -152,9 +159,10 @@ def closest_approach(
     from_time: Float[Array, "n *batch"],
     until_time: Float[Array, "n *batch"],
 ) -> Float[Array, "n *batch"]:
-    """Least distance [NM] of a point in straight relative motion within a span of time.
+    """Least distance [NM] from the origin of a point in straight motion, within a time interval.
 
-    `velocity` is NM per unit of the times. A span that ends before it begins gives infinity.
+    `velocity` is in NM per unit of the times. The result is infinite for an empty interval
+    (`until_time` before `from_time`).
     """
     squared = closest_approach_squared(offset_nm, velocity, from_time, until_time)
     return jnp.where(until_time >= from_time, jnp.sqrt(squared), jnp.inf)
@@ -166,7 +174,7 @@ def closest_approach_squared(
     from_time: Float[Array, "n *batch"],
     until_time: Float[Array, "n *batch"],
 ) -> Float[Array, "n *batch"]:
-    """The square [NM2] of `closest_approach`, for spans that do not end before they begin."""
+    """The square [NM2] of `closest_approach`. The interval must not be empty."""
     speed2 = dot(velocity, velocity)
     approach = -dot(offset_nm, velocity) / jnp.where(speed2 > 0.0, speed2, 1.0)
     nearest = offset_nm + jnp.clip(approach, from_time, until_time)[:, None] * velocity
@@ -174,7 +182,7 @@ def closest_approach_squared(
 
 
 def value_of(values: np.ndarray, index: Int[Array, "n *batch"]) -> Array:
-    """Entries of a constant table `[entries]`; the index must lie within it."""
+    """Values of a constant table `[entries]`. The index must be within bounds."""
     table = jnp.asarray(values)
     return table.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
@@ -182,12 +190,15 @@ def value_of(values: np.ndarray, index: Int[Array, "n *batch"]) -> Array:
 def points_of(
     points: Float[np.ndarray, "entries points 2"], index: Int[Array, "n *batch"]
 ) -> list[Float[Array, "n 2 *batch"]]:
-    """Each point of the entries of a constant table, such as the fixes of routes."""
+    """Entries of a constant table of point sequences, as one array per point of the sequence.
+
+    Used for the fixes of routes, for example. The index must be within bounds.
+    """
     return [point_of(points[:, number], index) for number in range(points.shape[1])]
 
 
 def point_of(
     points: Float[np.ndarray, "entries 2"], index: Int[Array, "n *batch"]
 ) -> Float[Array, "n 2 *batch"]:
-    """Points of a constant table; the index must lie within it."""
+    """Points of a constant table. The index must be within bounds."""
     return jnp.stack([value_of(points[:, axis], index) for axis in range(2)], axis=1)

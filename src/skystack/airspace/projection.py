@@ -1,8 +1,8 @@
-"""Between latitude and longitude and the plane in which everything is computed.
+"""Conversion between latitude and longitude and the plane that is used for all computations.
 
 The plane is the ellipsoidal Mercator projection (WGS 84), scaled to 1 at the sector's origin. It is
 conformal and its north is true north everywhere, so headings, tracks and turns are exact. Lengths
-are not: a plane length is the true length times the local scale, which depends on y alone.
+are not: a plane length is the true length times the local scale, which depends only on y.
 """
 
 import math
@@ -21,12 +21,14 @@ METRES_PER_NM = 1852.0
 WGS84 = Geod(ellps="WGS84")
 
 MAX_LATITUDE_DEG = 75.0
-"""Sectors lie between 75 S and 75 N: further out the scale changes too fast for the accuracy."""
+"""Sectors must be between 75 S and 75 N. Closer to the poles the scale changes too fast for the
+required accuracy."""
 SCALE_RANGE_NM = 800.0
-"""The local scale is a polynomial within this many plane NM north and south of the origin, and
-constant beyond. Twice what a sector may extend; at 75 N it reaches 83.6 N."""
+"""The local scale is a polynomial in y within this many plane NM north and south of the origin, and
+constant beyond. This is twice the maximum distance of a sector's points from its origin; for an
+origin at 75 N it reaches 83.6 N."""
 SCALE_ERROR = 2e-8
-"""Greatest error of that polynomial; float32 resolves 6e-8."""
+"""The maximum error of that polynomial; float32 resolves 6e-8."""
 
 Values = TypeVar("Values", np.ndarray, Array)
 
@@ -41,17 +43,17 @@ def wrap_longitude(lon_deg: ArrayLike) -> Float[np.ndarray, "*n"]:
 
 @dataclass(frozen=True)
 class LocalScale:
-    """The scale of the plane as a function of y; works on numpy and on JAX arrays."""
+    """The scale of the plane as a function of y, for numpy and JAX arrays."""
 
     coefficients: tuple[float, ...]
-    """Of y / `SCALE_RANGE_NM`, the constant one first."""
+    """Coefficients of a polynomial in y / `SCALE_RANGE_NM`, the constant term first."""
 
     def __call__(self, y_nm: Values) -> Values:
-        """Plane length per true length at a distance [NM] north of the origin."""
+        """Plane length per true length at plane coordinate y [NM]."""
         return _polynomial(self.coefficients, y_nm)
 
     def slope(self, y_nm: Values) -> Values:
-        """How the scale changes with y [1/NM]."""
+        """The derivative of the scale with respect to y [1/NM]."""
         powers = enumerate(self.coefficients[1:], start=1)
         slope = tuple(power * each / SCALE_RANGE_NM for power, each in powers)
         return _polynomial(slope, y_nm)
@@ -67,7 +69,7 @@ def _polynomial(coefficients: tuple[float, ...], y_nm: Values) -> Values:
 
 @dataclass(frozen=True)
 class MercatorPlane:
-    """A plane of nautical miles, x to the east and y to the north of an origin."""
+    """A plane in nautical miles, with x to the east and y to the north of an origin."""
 
     origin_lat_deg: float
     origin_lon_deg: float
@@ -79,13 +81,13 @@ class MercatorPlane:
 
     @cached_property
     def _origin_m(self) -> float:
-        """Distance of the origin from the equator in the plane."""
+        """Distance [m] of the origin from the equator in the plane."""
         return float(self._projection(self.origin_lon_deg, self.origin_lat_deg)[1])
 
     def to_plane(self, lat_deg: ArrayLike, lon_deg: ArrayLike) -> Float[np.ndarray, "*shape 2"]:
-        """Positions [NM] of points given in degrees; float64.
+        """Plane positions [NM] of points in degrees; float64.
 
-        Longitudes count from the origin, the shorter way round the earth.
+        Longitudes are relative to the origin, the shorter way around the earth.
         """
         lat, lon = np.broadcast_arrays(
             np.asarray(lat_deg, dtype=np.float64), np.asarray(lon_deg, dtype=np.float64)
@@ -94,7 +96,7 @@ class MercatorPlane:
         return np.stack([x, np.asarray(y) - self._origin_m], axis=-1) / METRES_PER_NM
 
     def to_degrees(self, position_nm: ArrayLike) -> Float[np.ndarray, "*shape 2"]:
-        """Latitude and longitude (in this order, degrees, float64) of positions in the plane.
+        """Latitude and longitude [deg], in this order, of positions in the plane; float64.
 
         Longitudes are in [-180, 180).
         """
@@ -111,19 +113,20 @@ class MercatorPlane:
             latitude = np.radians(self.to_degrees(np.stack([np.zeros_like(y_nm), y_nm], -1))[:, 0])
             return _parallel_nm(math.radians(self.origin_lat_deg)) / _parallel_nm(latitude)
 
-        check = np.linspace(-1.0, 1.0, 257)
+        samples = np.linspace(-1.0, 1.0, 257)
         for degree in range(2, 20):
             fitted = Chebyshev.interpolate(exact, degree)
-            if float(np.max(np.abs(fitted(check) - exact(check)))) < SCALE_ERROR:
+            if float(np.max(np.abs(fitted(samples) - exact(samples)))) < SCALE_ERROR:
                 break
         return LocalScale(tuple(fitted.convert(kind=np.polynomial.Polynomial).coef.tolist()))
 
     @cached_property
     def _sphere(self) -> tuple[float, float]:
-        """(plane NM per radian of longitude, isometric latitude of the origin) on Gauss's sphere.
+        """(Plane NM per radian of longitude, isometric latitude of the origin) on Gauss's sphere.
 
-        The conformal sphere that fits the ellipsoid best at the origin: it has the same plane, and
-        geodesics of the ellipsoid are great circles on it, within 0.001 NM over a sector.
+        This is the conformal sphere that best fits the ellipsoid at the origin. Its Mercator plane
+        is the same, and geodesics of the ellipsoid are great circles on it within 0.001 NM across a
+        sector.
         """
         latitude = math.radians(self.origin_lat_deg)
         squared = WGS84.es
@@ -134,10 +137,11 @@ class MercatorPlane:
     def geodesic_direction(
         self, position_nm: Float[Array, "n 2 *batch"], target_nm: Float[Array, "n 2 *batch"]
     ) -> Float[Array, "n 2 *batch"]:
-        """A vector (east, north) along the geodesic from a position to a target, where it begins.
+        """The initial direction (east, north) of the geodesic from a position to a target.
 
-        A straight line in the plane keeps its heading and is longer. Spherical trigonometry in
-        isometric latitudes, free of cancellation at short range.
+        The vector is not normalised. The straight line in the plane would be a rhumb line, which is
+        longer. Uses spherical trigonometry in isometric latitudes, without cancellation at short
+        range.
         """
         radian_nm, origin = self._sphere
         offset = (target_nm - position_nm) / radian_nm
@@ -149,15 +153,16 @@ class MercatorPlane:
     def densified(
         self, start_deg: tuple[float, float], end_deg: tuple[float, float], within_nm: float
     ) -> Float[np.ndarray, "points 2"]:
-        """The plane's points [NM] of an edge that is straight in longitude and latitude (RFC 7946).
+        """Plane points [NM] along an edge that is straight in longitude and latitude (RFC 7946).
 
-        As many as keep the pieces between them within `within_nm` of it; both ends are included.
+        There are enough points that the straight pieces between them stay within `within_nm` of the
+        edge. Both ends are included.
         """
         span = np.array(end_deg) - np.array(start_deg)
         span[1] = float(wrap_longitude(span[1]))
         for pieces in 2 ** np.arange(9):
-            part = np.linspace(0.0, 1.0, 2 * int(pieces) + 1)[:, None]
-            lat, lon = (np.array(start_deg) + part * span).T
+            fraction = np.linspace(0.0, 1.0, 2 * int(pieces) + 1)[:, None]
+            lat, lon = (np.array(start_deg) + fraction * span).T
             points = self.to_plane(lat, lon)
             piece, middle = points[2::2] - points[:-2:2], points[1::2] - points[:-2:2]
             across = piece[:, 0] * middle[:, 1] - piece[:, 1] * middle[:, 0]
@@ -167,7 +172,7 @@ class MercatorPlane:
 
 
 def _parallel_nm(latitude: ArrayLike) -> Float[np.ndarray, "*n"]:
-    """Length of a radian of longitude at a latitude [rad]."""
+    """Length [NM] of one radian of longitude at a latitude [rad]."""
     squash = 1.0 - WGS84.es * np.sin(latitude) ** 2
     return np.asarray(WGS84.a / np.sqrt(squash) * np.cos(latitude) / METRES_PER_NM)
 

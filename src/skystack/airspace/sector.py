@@ -1,4 +1,4 @@
-"""A sector: its area and levels, its fixes, and the routes that lead through it."""
+"""A sector: its area and levels, its fixes, and the routes through it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,42 +15,45 @@ from skystack.errors import InputError, unknown_name
 LatLon = tuple[float, float]
 
 MAX_DISTANCE_NM = 400.0
-"""Nothing lies further from a sector's origin: room for areas 500 NM across, corners included."""
+"""The maximum distance of any point from the sector's origin. It allows areas 500 NM across,
+including their corners."""
 STRAIGHT_WITHIN_NM = 0.05
-"""Edges of the area are straight in longitude and latitude, and in the plane within this much."""
+"""Lines that deviate from a straight line in the plane by at most this are treated as straight.
+Edges of the area are straight in longitude and latitude, and legs of routes are geodesics."""
 SEPARATION_TOLERANCE_NM = 0.0005
-"""Positions are float32: a distance of the standard itself is not a loss, a metre less is."""
+"""Allows for rounding of float32 positions. A distance of exactly the standard is not a loss of
+separation; one metre less is."""
 
 
 class RouteTable(NamedTuple):
-    """All routes of a sector as arrays, shorter ones padded with their last fix; float32, NM."""
+    """All routes of a sector as float32 arrays. Shorter routes are padded with their last fix."""
 
     fixes_nm: Float[np.ndarray, "routes fixes 2"]
     last_fix: Int[np.ndarray, " routes"]
     """Index of the last fix."""
     leg_nm: Float[np.ndarray, "routes legs"]
-    """Geodesic length of each leg, 0 where padded."""
+    """Geodesic length of each leg; 0 for padding."""
     leg_bulge_nm: Float[np.ndarray, "routes legs"]
-    """How far the middle of the geodesic lies to the right of the straight leg in the plane."""
+    """Distance of the geodesic's midpoint to the right of the straight leg in the plane."""
     leg_direction: Float[np.ndarray, "routes fixes 2"]
-    """Unit vector (east, north) of the geodesic leg that begins at each fix, 0 at the last."""
+    """Unit vector (east, north) at each fix along the geodesic leg to the next; 0 at the last."""
     bisector: Float[np.ndarray, "routes fixes 2"]
-    """Normal of the plane through each fix that halves the angle between its legs."""
+    """Normal (east, north) of the line through each fix that bisects the angle between its legs."""
     sharp: Bool[np.ndarray, "routes fixes"]
     """Whether the route turns by more than 90 degrees at the fix."""
     first_heading_deg: Float[np.ndarray, " routes"]
     """Geodesic bearing of the first leg."""
     exit_edge_nm: Float[np.ndarray, "routes points 2"]
-    """The edge of the area on which the last but one fix lies, the inside to its left. More than
-    its two ends where it bends in the plane; padded with its end."""
+    """The edge of the area with the exit fix (the last but one), with the inside to its left. It
+    has extra points where it bends in the plane, and is padded with its end."""
 
 
 @dataclass(frozen=True)
 class Sector:
     """An airspace sector. Points are (latitude, longitude) in degrees.
 
-    `area` is listed counter-clockwise; `levels_fl` are the lowest and the highest level, both
-    inside; a route starts and ends outside, its last but one fix lying on the area's edge.
+    `area` is counter-clockwise. `levels_fl` are the lowest and the highest level, both inclusive. A
+    route starts and ends outside the area, and its last but one fix is on the area's edge.
     """
 
     name: str
@@ -60,9 +63,10 @@ class Sector:
     fixes: Mapping[str, LatLon]
     routes: tuple[tuple[str, ...], ...]
     separation_nm: float = 5.0
-    """Two aircraft less than this apart, and less than `separation_fl`, have lost separation."""
+    """Horizontal separation standard. Two aircraft closer than both standards have lost
+    separation."""
     separation_fl: int = 10
-    """Vertical separation in flight levels: 1,000 ft."""
+    """Vertical separation standard in flight levels. 10 is 1,000 ft."""
 
     @cached_property
     def plane(self) -> MercatorPlane:
@@ -70,35 +74,38 @@ class Sector:
 
     @property
     def loss_below_nm(self) -> float:
-        """Computed distances below this are losses of separation."""
+        """A computed distance below this is a loss of separation."""
         return self.separation_nm - SEPARATION_TOLERANCE_NM
 
     @cached_property
     def _edges_nm(self) -> list[Float[np.ndarray, "points 2"]]:
-        """Each edge of the area in the plane, both ends included."""
+        """Each edge of the area as points in the plane, including both ends."""
         ends = pairwise((*self.area, self.area[0]))
         return [self.plane.densified(start, end, STRAIGHT_WITHIN_NM) for start, end in ends]
 
     @cached_property
     def area_nm(self) -> Float[np.ndarray, "vertices 2"]:
-        """Vertices of the area in the plane, float64; more than the area has where edges bend."""
+        """Vertices of the area in the plane, with extra ones where edges bend; float64."""
         return np.concatenate([edge[:-1] for edge in self._edges_nm])
 
     @cached_property
     def fixes_nm(self) -> dict[str, Float[np.ndarray, "2"]]:
-        """Positions of the fixes in the plane, float64."""
+        """Positions of the fixes in the plane; float64."""
         return {name: self.plane.to_plane(*point) for name, point in self.fixes.items()}
 
     def path_nm(self, fixes: tuple[str, ...]) -> Float[np.ndarray, "points 2"]:
-        """The geodesic legs between fixes in the plane, to be drawn: the fixes, and points between
-        where a leg bends by more than `STRAIGHT_WITHIN_NM`."""
+        """The geodesic legs between fixes in the plane, for drawing.
+
+        The points are the fixes, and others in between where a leg bends by more than
+        `STRAIGHT_WITHIN_NM`.
+        """
         points = [np.array([self.fixes_nm[fix] for fix in fixes[:1]]).reshape(-1, 2)]
         for start, end in pairwise(fixes):
             points += [self._between(start, end), self.fixes_nm[end][None]]
         return np.concatenate(points)
 
     def _between(self, start: str, end: str) -> Float[np.ndarray, "points 2"]:
-        """Points on the geodesic between two fixes, none where it is straight enough."""
+        """Points on the geodesic between two fixes; none if it is straight enough."""
         (lat1, lon1), (lat2, lon2) = self.fixes[start], self.fixes[end]
         ends_nm = self.fixes_nm[start], self.fixes_nm[end]
         middle = WGS84.npts(lon1, lat1, lon2, lat2, 1)
@@ -107,13 +114,13 @@ class Sector:
         )
         if bend_nm <= STRAIGHT_WITHIN_NM:
             return np.empty((0, 2))
-        # Pieces of an arc bend with the square of their number.
+        # Splitting an arc into n pieces divides its bend by n squared.
         pieces = int(np.ceil(np.sqrt(bend_nm / STRAIGHT_WITHIN_NM)))
         lon, lat = np.array(WGS84.npts(lon1, lat1, lon2, lat2, pieces)).T
         return self.plane.to_plane(lat, lon)
 
     def route_index(self, route: tuple[str, ...]) -> int:
-        """Index of a route. Raises InputError when the sector has no such route."""
+        """Index of a route. Raises InputError if the sector has no such route."""
         for name in route:
             if name not in self.fixes:
                 raise unknown_name("fix", name, self.fixes)
@@ -137,8 +144,8 @@ class Sector:
         before, after = _directions(legs[..., 2]), _directions(legs[..., 1])
         known = legs[..., :1] > 0.0  # padded legs have no direction
         before, after = before * known, after * known
-        nothing = np.zeros_like(fixes[:, :1])
-        before, after = np.append(nothing, before, axis=1), np.append(after, nothing, axis=1)
+        no_leg = np.zeros_like(fixes[:, :1])
+        before, after = np.append(no_leg, before, axis=1), np.append(after, no_leg, axis=1)
         return RouteTable(
             fixes_nm=fixes.astype(np.float32),
             last_fix=np.array([len(route) - 1 for route in self.routes], dtype=np.int32),
@@ -160,7 +167,7 @@ class Sector:
         return np.stack([metres / METRES_PER_NM, start, np.add(back, 180.0)], axis=1)
 
     def edge_through(self, fix: str) -> Float[np.ndarray, "points 2"]:
-        """The edge of the area nearest to a fix: its points in the plane, counter-clockwise."""
+        """The edge of the area nearest to a fix, as points in the plane, counter-clockwise."""
         point = self.fixes_nm[fix]
         return min(self._edges_nm, key=lambda edge: _distance_to_line(point, edge))
 
@@ -174,7 +181,7 @@ def _distance_to_line(point: Float[np.ndarray, "2"], line: Float[np.ndarray, "po
 
 
 def _padded(lines: list[Float[np.ndarray, "_ 2"]]) -> Float[np.ndarray, "lines most 2"]:
-    """Polylines as one array, shorter ones padded with their end; float32."""
+    """Polylines as one float32 array. Shorter ones are padded with their last point."""
     most = max(map(len, lines))
     full = [np.append(line, np.repeat(line[-1:], most - len(line), axis=0), 0) for line in lines]
     return np.array(full, dtype=np.float32)
@@ -190,7 +197,7 @@ def _bulge_nm(
 ) -> Float[np.ndarray, "routes legs"]:
     """Sagitta of each geodesic leg in the plane, positive to the right of its direction.
 
-    The geodesic turns by the difference of its bearings, evenly enough to be an arc.
+    The leg is treated as a circular arc that turns by the difference of its bearings.
     """
     length = np.linalg.norm(np.diff(fixes_nm, axis=1), axis=2)
     turn = np.radians((legs[..., 2] - legs[..., 1] + 180.0) % 360.0 - 180.0)
@@ -198,6 +205,6 @@ def _bulge_nm(
 
 
 def turns_deg(route: tuple[str, ...], fixes: Mapping[str, LatLon]) -> list[float]:
-    """Change of geodesic bearing at every inner fix of a route, positive to the right."""
+    """Change of geodesic bearing [deg] at each inner fix of a route, positive to the right."""
     legs = [geodesic_leg(fixes[a], fixes[b])[0] for a, b in pairwise(route)]
     return [(b - a + 180.0) % 360.0 - 180.0 for a, b in pairwise(legs)]

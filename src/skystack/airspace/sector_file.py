@@ -1,4 +1,4 @@
-"""Sectors from files: JSON, its area as GeoJSON, checked before anything is computed with it.
+"""Sector files: JSON, with the area as GeoJSON, fully checked before use.
 
 `docs/formats.md` (section "Sector file") describes the fields.
 """
@@ -29,88 +29,89 @@ from skystack.airspace.projection import (
 )
 from skystack.airspace.sector import MAX_DISTANCE_NM, LatLon, Sector
 from skystack.errors import InputError, error_context, unknown_name
-from skystack.io.json_file import convert, is_name, not_allowed, read_json
+from skystack.io.json_file import is_name, read_json
+from skystack.io.validation import convert, not_allowed
 
 MOST_FIXES, MOST_ROUTES, MOST_FIXES_OF_ROUTE = 1000, 200, 100
-"""Limits that keep compilation and flight to seconds; real sectors have a few tens of each."""
+"""Limits that keep compilation and simulation to seconds. Real sectors have a few tens of each."""
 ON_EDGE_NM = 0.5
-"""An exit fix lies this close to the area's edge, and further from its corners."""
+"""An exit fix must be within this distance of the area's edge, and further from its corners."""
 
 Latitude = Annotated[float, Meta(ge=-MAX_LATITUDE_DEG, le=MAX_LATITUDE_DEG)]
 Longitude = Annotated[float, Meta(ge=-MAX_LONGITUDE_DEG, le=MAX_LONGITUDE_DEG)]
-"""As it may be written; in a sector it is in [-180, 180)."""
+"""A longitude in a file. In a `Sector` longitudes are in [-180, 180)."""
 Level = Annotated[int, Meta(ge=0, le=600, multiple_of=10)]
 
 
 class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A place in degrees."""
+    """A point in degrees."""
 
     lat: Latitude
     lon: Longitude
 
 
 class SectorEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A sector as it stands in a file, and in the settings of who flies in it."""
+    """A sector as in a sector file or in the settings of a task."""
 
     name: str
     levels_fl: tuple[Level, Level]
     area: Any
-    """GeoJSON, see `skystack.airspace.geojson`; in a file also the name of a `.geojson` beside
-    it."""
+    """GeoJSON, see `skystack.airspace.geojson`. In a file it can also be the name of a `.geojson`
+    file in the same folder or below."""
     fixes: dict[str, Point]
     routes: tuple[tuple[str, ...], ...]
     origin: Point | None = None
-    """Where the plane's scale is 1; the middle of the area where none is given."""
+    """The point where the plane's scale is 1. The default is the centre of the area."""
     separation_nm: Annotated[float, Meta(ge=0.1, le=50.0)] = 5.0
-    """Two aircraft closer than this, and closer than `separation_fl`, have lost separation."""
+    """Horizontal separation standard. Two aircraft closer than both standards have lost
+    separation."""
     separation_fl: Annotated[int, Meta(ge=1, le=100)] = 10
-    """Vertical separation in flight levels."""
-
-
-_ENTRIES: dict[str, type[msgspec.Struct]] = {"": SectorEntry, "origin": Point, "fixes.*": Point}
+    """Vertical separation standard in flight levels."""
 
 
 def read_sector(path: Path) -> SectorEntry:
-    """The sector of a file, checked, its area within.
+    """The checked sector of a file, including its area.
 
-    Raises InputError for a file that cannot be read or is no sector: one line with the file, the
-    field, its value and what is allowed.
+    Raises InputError for a file that cannot be read or is not a valid sector. The message is one
+    line with the file, the field, its value and the allowed values.
     """
     with error_context(str(path)):
         raw = read_json(path)
         if isinstance(raw, dict) and isinstance(raw.get("area"), str):
             with error_context(f"area: {raw['area']}"):
                 raw["area"] = read_json(file_beside(path.parent, raw["area"], ".geojson"))
-        entry: SectorEntry = convert(raw, _ENTRIES)
+        entry: SectorEntry = convert(raw, SectorEntry)
         make_sector(entry)
-    # What else a Feature tells, of any type, is not for a configuration.
+    # Drop the other members of a Feature: they can have types that configurations do not support.
     return msgspec.structs.replace(entry, area=polygon_of(outer_ring(entry.area)))
 
 
 def file_beside(folder: Path, name: str, suffix: str) -> Path:
-    """A file in a folder or below it. Raises InputError for a name that leads elsewhere."""
-    path = PureWindowsPath(name)  # of both kinds of separators, drives and roots
+    """The path of a file in a folder or below. Raises InputError for a path that leaves it."""
+    path = PureWindowsPath(name)  # recognises both separators, drives and roots
     if path.anchor or ".." in path.parts or "\0" in name or path.suffix != suffix:
-        raise InputError(f"is not allowed (allowed: the name of a {suffix} file beside this one)")
+        raise InputError(
+            f"is not allowed (allowed: the name of a {suffix} file in the folder of this file)"
+        )
     return folder / name
 
 
 def make_sector(entry: SectorEntry) -> Sector:
-    """The sector of an entry. Raises InputError that names the field, the value, what is allowed.
+    """The sector of an entry, with its area counter-clockwise as in GeoJSON.
 
-    The area becomes counter-clockwise, as GeoJSON has it.
+    Raises InputError. The message states the field, its value and the allowed values.
     """
     _check_name("name", entry.name)
     low, high = entry.levels_fl
     if low >= high:
-        raise not_allowed("levels_fl", [low, high], "the lowest level, then a higher one")
+        raise not_allowed("levels_fl", [low, high], "the lowest level, then a higher level")
     with error_context("area"):
         ring = outer_ring(entry.area)
         origin = _origin(entry, ring)
         plane = MercatorPlane(*origin)
         area = _area(ring, plane)
-    _check_number("fixes", len(entry.fixes), MOST_FIXES)
-    _check_number("routes", len(entry.routes), MOST_ROUTES)
+    _check_count("fixes", len(entry.fixes), MOST_FIXES)
+    _check_count("routes", len(entry.routes), MOST_ROUTES)
     for name, point in entry.fixes.items():
         _check_name(f"fixes: {name!r}", name)
         _check_distance(f"fixes.{name}", plane, point.lat, point.lon)
@@ -128,21 +129,21 @@ def make_sector(entry: SectorEntry) -> Sector:
         entry.separation_fl,
     )
     with error_context("area"):
-        _check_plain(sector.area_nm)  # edges that bend in the plane may cross there
+        _check_simple(sector.area_nm)  # edges that bend in the plane may cross there
     for index, route in enumerate(entry.routes):
         with error_context(f"routes[{index}]"):
             _check_route(route, index, sector)
     return sector
 
 
-def _check_number(where: str, number: int, most: int) -> None:
-    if number > most:
-        raise InputError(f"{where} has {number} entries (allowed: at most {most})")
+def _check_count(where: str, count: int, most: int) -> None:
+    if count > most:
+        raise InputError(f"{where} has {count} entries (allowed: at most {most})")
 
 
 def _check_name(where: str, name: str) -> None:
     if not is_name(name) or len(name) > 40:
-        allowed = "1 to 40 printable characters, none of them a blank at either end"
+        allowed = "1 to 40 printable characters, without leading or trailing spaces"
         raise not_allowed(where, name, allowed)
 
 
@@ -159,70 +160,70 @@ def _origin(entry: SectorEntry, ring: list[LatLon]) -> LatLon:
 
 
 def _area(ring: list[LatLon], plane: MercatorPlane) -> tuple[LatLon, ...]:
-    """The ring counter-clockwise, if it is a plain polygon of a sector's size."""
-    # Only sectors from files need it.
+    """The ring counter-clockwise. Raises InputError unless it is a simple polygon within limits."""
+    # Imported here because only sectors from files need it.
     from shapely import LinearRing, is_ccw  # noqa: PLC0415
 
     for lat, lon in ring:
         _check_distance("a vertex", plane, lat, lon)
     corners = unwrapped(ring)  # edges are straight in degrees
-    _check_plain(corners)
+    _check_simple(corners)
     return tuple(ring if is_ccw(LinearRing(corners)) else ring[::-1])
 
 
-def _check_plain(corners: Float[np.ndarray, "corners 2"]) -> None:
+def _check_simple(corners: Float[np.ndarray, "corners 2"]) -> None:
     from shapely import Polygon, is_valid_reason  # noqa: PLC0415
 
     reason = is_valid_reason(Polygon(corners))
     if reason != "Valid Geometry":
-        raise InputError(f"is no plain polygon: {_with_place(reason)}")
+        raise InputError(f"is not a simple polygon: {_with_coordinates(reason)}")
 
 
-def _with_place(reason: str) -> str:
-    """What shapely says is wrong, its place in words: `Self-intersection[3.1 -7.2]`."""
-    what, _, place = reason.partition("[")
+def _with_coordinates(reason: str) -> str:
+    """Shapely's reason, such as `Self-intersection[3.1 -7.2]`, with labelled coordinates."""
+    defect, _, point = reason.partition("[")
     try:
-        lon, lat = (float(number) for number in place.rstrip("]").split())
+        lon, lat = (float(number) for number in point.rstrip("]").split())
     except ValueError:
         return reason
-    return f"{what} at lat {lat:.4f}, lon {float(wrap_longitude(lon)):.4f}"
+    return f"{defect} at lat {lat:.4f}, lon {float(wrap_longitude(lon)):.4f}"
 
 
 def _check_distance(where: str, plane: MercatorPlane, lat: float, lon: float) -> None:
     origin = plane.origin_lat_deg, plane.origin_lon_deg
     distance_nm = geodesic_leg(origin, (lat, lon))[1]
     if distance_nm > MAX_DISTANCE_NM:
-        exchanged_nm = geodesic_leg(origin, (lon, lat))[1] if abs(lon) <= 90.0 else np.inf
+        swapped_nm = geodesic_leg(origin, (lon, lat))[1] if abs(lon) <= 90.0 else np.inf
         raise InputError(
             f"{where} is {distance_nm:.0f} NM from the origin at lat {lat}, lon {lon} "
             f"(allowed: at most {MAX_DISTANCE_NM:.0f} NM"
-            + (EXCHANGED if exchanged_nm < distance_nm / 3.0 else "")
+            + (EXCHANGED if swapped_nm < distance_nm / 3.0 else "")
             + ")"
         )
 
 
 def _check_route(route: tuple[str, ...], index: int, sector: Sector) -> None:
-    """A route leads from outside through the area, over its exit fix on the edge, and out."""
+    """Check that a route enters the area and leaves it over the exit fix on its edge."""
     from shapely import LineString, Polygon, contains_xy  # noqa: PLC0415
 
-    _check_number("it", len(route), MOST_FIXES_OF_ROUTE)
+    _check_count("the route", len(route), MOST_FIXES_OF_ROUTE)
     if len(route) < 3:
-        raise not_allowed("it", list(route), "at least three fixes: outside, exit, outside")
+        raise not_allowed("the route", list(route), "at least three fixes: outside, exit, outside")
     for fix in route:
         if fix not in sector.fixes:
             raise unknown_name("fix", fix, sector.fixes)
     if route in sector.routes[:index]:
-        raise not_allowed("it", list(route), "every route once")
+        raise not_allowed("the route", list(route), "every route only once")
     legs = (geodesic_leg(sector.fixes[a], sector.fixes[b])[1] for a, b in pairwise(route))
     if min(legs) * METRES_PER_NM < SAME_PLACE_M:
-        raise not_allowed("it", list(route), "no fix at the place of the one before")
+        raise not_allowed("the route", list(route), "consecutive fixes at different positions")
     area, scale = Polygon(sector.area_nm), sector.plane.scale
     for name in (route[0], route[-1]):
         if contains_xy(area, *sector.fixes_nm[name]):
             raise InputError(f"starts or ends at {name} inside the area (allowed: outside)")
     within = area.intersection(LineString([sector.fixes_nm[name] for name in route]))
     if within.is_empty or within.length < scale(np.array([within.centroid.y]))[0]:  # 1 NM
-        raise not_allowed("it", list(route), "a route through the area")
+        raise not_allowed("the route", list(route), "a route through the area")
     exit_fix, last = route[-2:]
     _check_exit(exit_fix, sector.fixes_nm[exit_fix], sector.fixes_nm[last], sector)
 
@@ -230,31 +231,32 @@ def _check_route(route: tuple[str, ...], index: int, sector: Sector) -> None:
 def _check_exit(
     name: str, exit_nm: Float[np.ndarray, "2"], last_nm: Float[np.ndarray, "2"], sector: Sector
 ) -> None:
-    """The exit fix is on one edge, and the last leg leaves the area over that edge."""
+    """Check that the exit fix is on one edge and that the last leg leaves the area across it."""
     from shapely import LineString, Point  # noqa: PLC0415
 
-    allowed = f"the last fix but one on the area's edge, within {ON_EDGE_NM} NM, at no corner"
-    edge, at = LineString(sector.edge_through(name)), Point(exit_nm)
-    room = ON_EDGE_NM * float(sector.plane.scale(exit_nm[1:])[0])
-    if edge.length <= 2.0 * room:
+    edge, exit_point = LineString(sector.edge_through(name)), Point(exit_nm)
+    tolerance = ON_EDGE_NM * float(sector.plane.scale(exit_nm[1:])[0])
+    if edge.length <= 2.0 * tolerance:
         raise InputError(
-            f"its exit {name} is nearest to an edge of {edge.length / room * ON_EDGE_NM:.2f} NM "
-            f"(allowed: an edge of more than {2.0 * ON_EDGE_NM:.0f} NM; leave vertices out there)"
+            f"its exit fix {name} is nearest to an edge of "
+            f"{edge.length / tolerance * ON_EDGE_NM:.2f} NM (allowed: an edge of more than "
+            f"{2.0 * ON_EDGE_NM:.0f} NM; remove vertices there)"
         )
-    along = edge.project(at)
-    if edge.distance(at) > room or not room < along < edge.length - room:
-        corner = min(2.0 * room, edge.length / 2.0)
+    along = edge.project(exit_point)
+    if edge.distance(exit_point) > tolerance or not tolerance < along < edge.length - tolerance:
+        corner = min(2.0 * tolerance, edge.length / 2.0)
         clear = float(np.clip(along, corner, edge.length - corner))
         nearest = np.array(edge.interpolate(clear).coords[0])
         lat, lon = sector.plane.to_degrees(nearest)
         off_nm = geodesic_leg(sector.fixes[name], (lat, lon))[1]
         raise InputError(
-            f"its exit {name} is not on an edge but {off_nm:.2f} NM off lat {lat:.4f}, "
-            f"lon {lon:.4f}, which is (allowed: {allowed})"
+            f"its exit fix {name} is not on an edge of the area; lat {lat:.4f}, lon {lon:.4f} is, "
+            f"{off_nm:.2f} NM away (allowed: the last fix but one within {ON_EDGE_NM} NM of an "
+            "edge, and not at a corner)"
         )
     before, after = (
-        np.array(edge.interpolate(along + step * room).coords[0]) for step in (-1.0, 1.0)
+        np.array(edge.interpolate(along + step * tolerance).coords[0]) for step in (-1.0, 1.0)
     )
-    direction, beyond = after - before, last_nm - before
-    if direction[0] * beyond[1] - direction[1] * beyond[0] >= 0.0:
-        raise InputError(f"its last leg does not lead out over the edge of {name}")
+    direction, to_last = after - before, last_nm - before
+    if direction[0] * to_last[1] - direction[1] * to_last[0] >= 0.0:
+        raise InputError(f"its last leg does not leave the area across the edge at {name}")

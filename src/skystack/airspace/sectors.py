@@ -1,6 +1,7 @@
-"""Sectors by name: the paper's, ours (files of the package), and other simulators' where installed.
+"""Sectors by name: the paper's sector, the package's sector files, and those of other simulators.
 
-`bluebird:NAME` is a sector of BluebirdDT, read from it when asked for; no copy of it is kept here.
+`bluebird:NAME` is a sector of BluebirdDT. It is read from the installed package; skystack does not
+include a copy.
 """
 
 from functools import cache
@@ -16,43 +17,43 @@ from skystack.errors import of_extra, unknown_name
 from skystack.io.files import AnyPath
 
 AnySector = AnyPath | SectorEntry
-"""A name, a file (.json) or the sector itself."""
+"""The name of a sector, the path of a `.json` file, or the sector itself."""
 _FOLDER = files("skystack").joinpath("sectors")
-_ELSEWHERE = {"bluebird": "skystack.platforms.bluebird"}
-"""By name, not by import: adapters stand at the edge, and their packages are extras."""
+_ADAPTERS = {"bluebird": "skystack.platforms.bluebird"}
+"""Imported by name when needed: the adapters are in a higher layer and need optional packages."""
 
 
 def sector_names() -> list[str]:
-    """The sectors that come with the package."""
+    """The names of the sectors in the package."""
     shipped = (entry.name for entry in _FOLDER.iterdir())
     return ["x-plus", *sorted(n.removesuffix(".json") for n in shipped if n.endswith(".json"))]
 
 
 @cache
 def sector_named(name: str) -> Sector:
-    """The sector of a name. Raises InputError for an unknown one."""
+    """The sector with the given name. Raises InputError if it is unknown."""
     if name == "x-plus":
         return x_plus()
     platform, colon, inner = name.partition(":")
-    if colon and platform in _ELSEWHERE:
-        return _from_elsewhere(platform, inner)
+    if colon and platform in _ADAPTERS:
+        return _platform_sector(platform, inner)
     if name not in sector_names():
         raise unknown_name("sector", name, sector_names(), [f"{name}.json"])
     with as_file(_FOLDER.joinpath(f"{name}.json")) as path:
         return make_sector(read_sector(path))
 
 
-def _from_elsewhere(platform: str, name: str) -> Sector:
+def _platform_sector(platform: str, name: str) -> Sector:
     with of_extra(f"sector {platform}:{name}", platform):
-        adapter = import_module(_ELSEWHERE[platform])
-    found: Sector = adapter.sector_named(name)
-    return found
+        adapter = import_module(_ADAPTERS[platform])
+    sector: Sector = adapter.sector_named(name)
+    return sector
 
 
 def find_sector(name: AnyPath, folder: AnyPath) -> Sector:
-    """The sector of a name, or of a `.json` file beside the one that names it.
+    """The sector with the given name, or the sector of a `.json` file in a folder or below it.
 
-    Raises InputError for an unknown name or a file that is no sector.
+    Raises InputError for an unknown name or an invalid sector file.
     """
     name = fspath(name)
     if name.endswith(".json"):
@@ -60,23 +61,23 @@ def find_sector(name: AnyPath, folder: AnyPath) -> Sector:
     return sector_named(name)
 
 
-def sector_from(given: str | SectorEntry) -> Sector:
-    """The sector of settings: a name, or the sector itself."""
-    return sector_named(given) if isinstance(given, str) else make_sector(given)
+def sector_from(setting: str | SectorEntry) -> Sector:
+    """The sector of a task's `sector` setting: a name, or the sector itself."""
+    return sector_named(setting) if isinstance(setting, str) else make_sector(setting)
 
 
-def named_or_read(given: AnySector, folder: Path | None = None) -> str | SectorEntry:
-    """A sector for task settings: names and entries as given; `.json` files are read.
+def named_or_read(sector: AnySector, folder: Path | None = None) -> str | SectorEntry:
+    """The value for a task's `sector` setting. A `.json` file is read; others are unchanged.
 
-    Where a file in `folder` says it, the sector's file lies beside that one or below it; what a
-    user says (no folder) may lie anywhere. Raises InputError for an unknown name or a file that is
-    no sector.
+    `folder` is the folder of the file that names the sector; a sector file must then be in it or
+    below it. Without `folder` (the user names the sector) any path is allowed. Raises InputError
+    for an unknown name or an invalid sector file.
     """
-    if isinstance(given, SectorEntry):
-        return given
-    given = fspath(given)
-    if given.endswith(".json"):
-        path = Path(given) if folder is None else file_beside(folder, given, ".json")
+    if isinstance(sector, SectorEntry):
+        return sector
+    name = fspath(sector)
+    if name.endswith(".json"):
+        path = Path(name) if folder is None else file_beside(folder, name, ".json")
         return read_sector(path)
-    sector_named(given)
-    return given
+    sector_named(name)
+    return name

@@ -1,7 +1,8 @@
 """The X-Plus sector of the paper (section "Airspace"), generated from its parameters.
 
-Four airways meet in the middle: three at right angles and one aslant; a fifth cuts the corner
-between two of them. The layout is drawn at 60 NM per degree, as its authors do, then projected.
+Four arms meet in the middle: three at right angles and one slanted. A diagonal airway cuts the
+corner between two of them. The layout is converted to degrees at 60 NM per degree, as the paper's
+authors do, and then projected.
 """
 
 import math
@@ -21,34 +22,34 @@ THROUGH_THE_MIDDLE = {
     "south": ("HERON", "CRANE"),
     "slanted": ("ROBIN", "FINCH"),
 }
-"""Fixes of each arm from the outside inwards; all arms meet at EGL."""
+"""The fixes of each arm from the outside inwards. All arms meet at EGL."""
 
 
 @dataclass(frozen=True)
 class XPlus:
-    """Parameters of the sector; arms are named as they lie before the rotation."""
+    """Parameters of the sector. Arms are named by their direction before the rotation."""
 
     half_width_nm: float = 10.0
-    """Half the width of an airway."""
+    """Half the width of each airway."""
     north_arm_nm: float = 60.0
     west_arm_nm: float = 50.0
     south_arm_nm: float = 30.0
     slanted_arm_nm: float = 45.0
     slanted_bearing_deg: float = 60.0
-    """Direction of the slanted arm, clockwise from the northern one."""
+    """Direction of the slanted arm, clockwise from the northern arm."""
     diagonal_half_widths: float = 2.5
-    """Where the diagonal airway's outer edge meets the arms, in half widths from the middle."""
+    """Distance from the middle to the diagonal's outer edge along the arms, in half widths."""
     outside_nm: float = 5.0
-    """How far beyond the sector's edge the first and the last fix of a route lie."""
+    """Distance of the first and last fix of each route beyond the sector's edge."""
     rotation_deg: float = 45.0
-    """Clockwise turn of the whole layout."""
+    """Clockwise rotation of the whole layout."""
     levels_fl: tuple[int, int] = (200, 400)
     max_turn_deg: float = 90.0
-    """Routes with a sharper (geodesic) turn are left out."""
+    """Routes with a sharper turn of the geodesic bearing are excluded."""
     origin: LatLon = (0.0, 0.0)
 
     def fixes_layout_nm(self) -> dict[str, Float[np.ndarray, "2"]]:
-        """The eleven fixes in the layout, rotated."""
+        """The eleven fixes in the rotated layout."""
         slant = math.radians(self.slanted_bearing_deg)
         arms = {
             "QUAIL": (np.array([0.0, 1.0]), self.north_arm_nm, "SWIFT"),
@@ -56,7 +57,7 @@ class XPlus:
             "CRANE": (np.array([0.0, -1.0]), self.south_arm_nm, "HERON"),
             "FINCH": (np.array([math.sin(slant), math.cos(slant)]), self.slanted_arm_nm, "ROBIN"),
         }
-        # The diagonal's centreline runs half a width inside its outer edge.
+        # The diagonal's centreline is half a width inside its outer edge.
         corner = self.half_width_nm * (self.diagonal_half_widths + 1.0 - math.sqrt(2.0))
         points = {
             "EGL": np.zeros(2),
@@ -69,13 +70,13 @@ class XPlus:
         return {name: self._rotated(point) for name, point in points.items()}
 
     def area_layout_nm(self) -> Float[np.ndarray, "14 2"]:
-        """The area's vertices in the layout, counter-clockwise, rotated."""
+        """The vertices of the area in the rotated layout, counter-clockwise."""
         w, cut = self.half_width_nm, self.half_width_nm * self.diagonal_half_widths
         slant = math.radians(self.slanted_bearing_deg)
         along = np.array([math.sin(slant), math.cos(slant)])
         right = w * np.array([math.cos(slant), -math.sin(slant)])
         end = along * self.slanted_arm_nm
-        # Where the slanted arm's two edges meet the eastern edge (x = w) of the north-south airway.
+        # The slanted arm's two edges meet the eastern edge (x = w) of the north-south airway here.
         joint_right = right + along * (w - right[0]) / along[0]
         joint_left = -right + along * (w + right[0]) / along[0]
         vertices = [
@@ -97,7 +98,7 @@ class XPlus:
         return np.array([self._rotated(np.array(vertex)) for vertex in vertices])
 
     def sector(self) -> Sector:
-        """The sector with the routes that survive the turn limit: ten with the default values."""
+        """The sector with the routes within the turn limit: ten with the default values."""
         fixes = {name: self._degrees(point) for name, point in self.fixes_layout_nm().items()}
         routes = tuple(
             route
@@ -119,7 +120,7 @@ class XPlus:
 
 
 def _all_routes() -> tuple[tuple[str, ...], ...]:
-    """Every pair of arms through the middle, and the two ways along the diagonal."""
+    """Routes between every two arms through the middle, and both directions of the diagonal."""
     arms = THROUGH_THE_MIDDLE
     through = [
         arms[a] + ("EGL",) + arms[b][::-1] for a in sorted(arms) for b in sorted(arms) if a != b

@@ -1,1 +1,1 @@
-"""How fast it is: our own figures, and those of what a user would pick instead."""
+"""Speed: figures of skystack, and of its alternatives."""

@@ -1,4 +1,4 @@
-"""How long one stacked decision takes with a policy in numpy: what a live system would wait for."""
+"""The time of one stacked decision with a policy in numpy, as in a live system."""
 
 import time
 
@@ -15,35 +15,36 @@ CYCLES = 150
 
 
 def decision_figures(name: str, scenarios: int) -> list[Figure]:
-    """Microseconds from traffic to observation, and of a decision with and without a clearance."""
+    """Microseconds from traffic to observation, and per decision with and without a clearance."""
     policy = find_policy(name)
     task = policy_task(policy)
     environment = PlainTask(task)
-    look: list[float] = []
-    silent: list[float] = []
-    spoken: list[float] = []
+    observing: list[float] = []
+    without_clearance: list[float] = []
+    with_clearance: list[float] = []
     for number in range(scenarios + 1):
-        seen = environment.reset(scenario_key(0, number))
+        state = environment.reset(scenario_key(0, number))
         for _ in range(CYCLES):
-            # As another simulator would report it: many small arrays.
-            reported = jax.device_get(environment.state_of(seen))
-            begun = time.perf_counter()
-            seen = environment.begin(reported)
-            environment.observe(seen)
-            looked = time.perf_counter()
-            seen, issued = stack(environment, policy, seen)
-            environment.observe(seen)  # nothing is left under way
-            done = time.perf_counter()
-            if number:  # the first compiles
-                look.append(1e6 * (looked - begun))
-                (spoken if issued.instructions else silent).append(1e6 * (done - looked))
-            seen, outcome = environment.advance(seen)
-            if outcome.terminated:
+            # Many small arrays, as another simulator would report them.
+            reported = jax.device_get(environment.state_of(state))
+            started = time.perf_counter()
+            state = environment.begin(reported)
+            environment.observe(state)
+            observed = time.perf_counter()
+            state, issued = stack(environment, policy, state)
+            environment.observe(state)  # waits until all work is done
+            decided = time.perf_counter()
+            if number:  # the first scenario compiles
+                observing.append(1e6 * (observed - started))
+                times = with_clearance if issued.instructions else without_clearance
+                times.append(1e6 * (decided - observed))
+            state, outcome = environment.advance(state)
+            if outcome.ended:
                 break
-    how = f"policy `{name}` in numpy, two aircraft, {scenarios} scenarios; "
-    deciding = how + "`skystack.stacking.stack`, all queries of a cycle"
+    setup = f"policy `{name}` in numpy, two aircraft, {scenarios} scenarios; "
+    decision = setup + "`skystack.stacking.stack`, all queries of a cycle"
     return [
-        Figure("traffic to observation", "us", tuple(look), how + "`PlainTask.begin`"),
-        Figure("stacked decision, nothing to say", "us", tuple(silent), deciding),
-        Figure("stacked decision, a clearance", "us", tuple(spoken), deciding),
+        Figure("traffic to observation", "us", tuple(observing), setup + "`PlainTask.begin`"),
+        Figure("stacked decision, no clearance", "us", tuple(without_clearance), decision),
+        Figure("stacked decision, one clearance", "us", tuple(with_clearance), decision),
     ]

@@ -8,7 +8,7 @@ from skystack.reporting.tables import Table
 
 
 def figures_table(figures: Sequence[Figure]) -> Table:
-    """One line a figure: median and extremes."""
+    """One row per figure: median, range, unit and number of repetitions."""
     lines = tuple(
         (
             figure.name,
@@ -19,17 +19,17 @@ def figures_table(figures: Sequence[Figure]) -> Table:
         )
         for figure in figures
     )
-    return Table(("figure", "median", "range", "unit", "times"), lines)
+    return Table(("figure", "median", "range", "unit", "runs"), lines)
 
 
 def number(value: float) -> str:
-    """Three digits at least, no more after the point than those need."""
+    """At least three digits, with no more decimals than these need."""
     size = abs(value)
     return f"{value:,.{0 if size >= 100 else 1 if size >= 10 else 2}f}"
 
 
 def machine_line(machine: Mapping[str, Any]) -> str:
-    """The machine in a line."""
+    """The machine in one line."""
     packages = ", ".join(f"{name} {version}" for name, version in machine["packages"].items())
     where = f"{machine['processor']}, {machine['cores']} cores, {machine['system']}"
     return f"{where}, Python {machine['python']}, {packages}, {machine['date']}"

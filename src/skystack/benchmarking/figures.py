@@ -1,4 +1,4 @@
-"""A figure of speed: what was measured, how often, and what came out."""
+"""A figure of speed: its name, its configuration and all its measurements."""
 
 import statistics
 import time
@@ -7,14 +7,14 @@ from typing import Any, NamedTuple
 
 
 class Figure(NamedTuple):
-    """Repeated measurements of one thing."""
+    """Repeated measurements of one quantity."""
 
     name: str
     unit: str
     values: tuple[float, ...]
-    """One a repetition."""
+    """One value per repetition."""
     configuration: str
-    """Everything that somebody else would need to measure it again."""
+    """What is needed to repeat the measurement."""
 
     @property
     def median(self) -> float:
@@ -22,7 +22,7 @@ class Figure(NamedTuple):
 
     @property
     def as_json(self) -> dict[str, Any]:
-        """The figure with its median and its extremes."""
+        """The figure with its median and extremes."""
         return self._asdict() | {
             "median": self.median,
             "least": min(self.values),
@@ -31,11 +31,14 @@ class Figure(NamedTuple):
 
 
 def rates(run: Callable[[], Any], amount: float, repetitions: int) -> tuple[float, ...]:
-    """Amount a second of something that does that much; the first, uncounted run warms up."""
+    """The rate per second of a function that does `amount` per call, once per repetition.
+
+    An additional first call warms up and is not counted.
+    """
     run()
-    found = []
+    measured = []
     for _ in range(repetitions):
-        begun = time.perf_counter()
+        started = time.perf_counter()
         run()
-        found.append(amount / (time.perf_counter() - begun))
-    return tuple(found)
+        measured.append(amount / (time.perf_counter() - started))
+    return tuple(measured)

@@ -1,4 +1,4 @@
-"""What a user would pick instead, measured in the same run. Each peer in a process of its own."""
+"""Alternatives to skystack, measured in the same run, each in its own process."""
 
 import io
 import os
@@ -21,31 +21,36 @@ from skystack.learning.seeds import scenario_key
 from skystack.platforms.conversion import scenario_of
 from skystack.platforms.registry import open_platform
 from skystack.simulator.traffic import callsigns
-from skystack.tasks.build import build_task
+from skystack.tasks.navigation_kinds import build_navigation
+from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings
 
 SB3_STEPS = 2048
-"""Of one measurement: Stable-Baselines3's own default between updates."""
+"""Steps per measurement: Stable-Baselines3's default between updates."""
 PEER_STEPS = 300
 
 
 class Peer(NamedTuple):
-    """Something to measure."""
+    """An alternative to measure."""
 
     name: str
     ours: str
-    """Our figure for the same work."""
+    """The name of skystack's figure for the same work."""
     measure: Callable[[int], tuple[float, ...]]
-    """Steps a second, as often as is asked for."""
+    """Returns the steps per second of each of a number of repetitions."""
     configuration: str
 
 
 def measure_peers(
-    effort: Effort, told: Callable[[str], None]
+    effort: Effort, on_peer: Callable[[str], None]
 ) -> tuple[list[Figure], dict[str, str]]:
-    """Figures of the peers that are installed, and why there are none of the others."""
+    """The figures of the installed peers, and the reason why each other one is missing.
+
+    `on_peer` is called with the name of each peer before it is measured.
+    """
     figures, missing = [], {}
     for peer in PEERS:
-        told(peer.name)
+        on_peer(peer.name)
         try:
             found = alone(peer.measure, effort.processes)
         except (ImportError, InputError, PlatformError) as error:
@@ -56,7 +61,7 @@ def measure_peers(
 
 
 def ratios(figures: list[Figure]) -> dict[str, float]:
-    """How many times as fast ours is as each peer, medians of one run."""
+    """How many times as fast as each peer skystack is, by the medians of one run."""
     medians = {figure.name: figure.median for figure in figures}
     return {
         peer.name: medians[peer.ours] / medians[peer.name]
@@ -107,7 +112,7 @@ def bluebird_environment(repetitions: int) -> tuple[float, ...]:
 
 
 def _bluebird() -> Any:
-    """X-Plus with two aircraft under one controller: the paper's five actions."""
+    """X-Plus with two aircraft under one controller, with the paper's five actions."""
     from bluebird_gymnasium.envs import SectorXPlusEnv  # noqa: PLC0415
 
     config = SectorXPlusEnv.get_default_env_config()
@@ -119,7 +124,7 @@ def _bluebird() -> Any:
 
 def bluesky_environment(repetitions: int) -> tuple[float, ...]:
     with tempfile.TemporaryDirectory() as folder:
-        os.environ["HOME"] = folder  # it writes there
+        os.environ["HOME"] = folder  # BlueSky writes there
         import bluesky_gym  # noqa: PLC0415
         import gymnasium  # noqa: PLC0415
 
@@ -142,25 +147,24 @@ def _random_steps(environment: Any, repetitions: int) -> tuple[float, ...]:
 
 
 def platform(name: str, repetitions: int) -> tuple[float, ...]:
-    """Another simulator by itself: cycles of two aircraft, nothing observed, judged or said."""
-    task = build_task(load_experiment("lateral").task)
+    """Another simulator by itself: two aircraft, no observations, rewards or instructions."""
+    task = build_navigation(NavigationSettings())
     traffic, exit_level_ticks = jax.device_get(jax.jit(task.scenarios.draw)(scenario_key(0, 0)))
     names = callsigns(len(traffic.level_ticks))
-    settings = task.settings
     scenario = scenario_of(
-        traffic, task.simulator, settings.performance, PEER_STEPS, names, exit_level_ticks
+        traffic, task.simulator, task.performance, PEER_STEPS, names, exit_level_ticks
     )
     with tempfile.TemporaryDirectory() as folder:
-        flying = open_platform(name, Path(folder))
+        simulator = open_platform(name, Path(folder))
 
         def run() -> None:
-            flying.reset(scenario)
+            simulator.reset(scenario)
             for _ in range(PEER_STEPS):
-                flying.advance()
+                simulator.advance()
 
-        found = rates(run, PEER_STEPS, repetitions)
-        flying.close()
-    return found
+        measured = rates(run, PEER_STEPS, repetitions)
+        simulator.close()
+    return measured
 
 
 TRAINING, STEPPING = "training, lateral", "simulator, 2 aircraft"
@@ -169,19 +173,19 @@ PEERS = (
         "plain JAX PPO on our task",
         TRAINING,
         pure_jax,
-        "as PureJaxRL writes it, settings of `lateral`, see skystack/benchmarking/plain_ppo.py",
+        "written like PureJaxRL, settings of `lateral`, see skystack/benchmarking/plain_ppo.py",
     ),
     Peer(
         "Stable-Baselines3 PPO on our environment",
         TRAINING,
         sb3_on_ours,
-        f"`lateral`, one environment, its defaults, two layers of 64, {SB3_STEPS} steps",
+        f"`lateral`, one environment, default settings, two layers of 64, {SB3_STEPS} steps",
     ),
     Peer(
         "Stable-Baselines3 PPO on bluebird-gymnasium",
         TRAINING,
         sb3_on_bluebird,
-        f"SectorXPlusEnv, two aircraft, else the same; {SB3_STEPS} steps",
+        f"SectorXPlusEnv, two aircraft, default settings, two layers of 64, {SB3_STEPS} steps",
     ),
     Peer(
         "bluebird-gymnasium",
@@ -193,7 +197,7 @@ PEERS = (
         "BluebirdDT by itself",
         STEPPING,
         partial(platform, "bluebird"),
-        f"two aircraft, nothing said, {PEER_STEPS} cycles",
+        f"two aircraft, no instructions, {PEER_STEPS} cycles",
     ),
     Peer(
         "BlueSky-Gym",
@@ -205,6 +209,6 @@ PEERS = (
         "BlueSky by itself",
         STEPPING,
         partial(platform, "bluesky"),
-        f"two aircraft, nothing said, {PEER_STEPS} cycles of 6 s",
+        f"two aircraft, no instructions, {PEER_STEPS} cycles of 6 s",
     ),
 )

@@ -1,9 +1,10 @@
-"""PPO as PureJaxRL writes it, on our task: what the trainer would be without its own tricks.
+"""PPO written like PureJaxRL, on skystack's task: the trainer without its optimisations.
 
-The same algorithm and sizes as `skystack.learning.ppo`, plainly: scenarios vmapped along the first
-axis, a key for every step, a categorical distribution sampled by Gumbel noise, a fresh scenario
-drawn for everybody in every step, values carried along, the batch shuffled by a permutation of
-every array. For measuring speed; observations are normalised by fixed constants.
+The same algorithm and sizes as `skystack.learning.ppo`, in the simplest form: scenarios are vmapped
+over the first axis, every step has its own key, actions are sampled with Gumbel noise, every step
+draws a new scenario for every environment, values are stored in the rollout, and the batch is
+shuffled by permuting every array. Only for measuring speed; observations are normalised by
+constants.
 """
 
 from typing import Any, NamedTuple
@@ -37,7 +38,7 @@ class Transition(NamedTuple):
 
 
 def start(task: Task, settings: PPOSettings, key: PRNGKeyArray) -> Carry:
-    """A learner in fresh scenarios."""
+    """A learner with new scenarios."""
     network_key, reset_key, key = jax.random.split(key, 3)
     parameters = network.init(
         network_key, len(task.observation_names), settings.hidden, len(task.action_names)
@@ -54,18 +55,18 @@ def adam(settings: PPOSettings) -> optax.GradientTransformation:
 
 
 def update(task: Task, settings: PPOSettings, carry: Carry) -> tuple[Carry, Array]:
-    """Collect, judge, learn."""
+    """One update: collect steps, compute advantages, learn."""
     carry, steps = jax.lax.scan(lambda c, _: step(task, settings, c), carry, None, settings.steps)
     last = forward(carry.parameters.critic, _centred(carry.observations))[:, 0]
 
-    def back(later: tuple[Array, Array], now: Transition) -> tuple[tuple[Array, Array], Array]:
+    def gae(later: tuple[Array, Array], now: Transition) -> tuple[tuple[Array, Array], Array]:
         advantage, next_value = later
-        goes_on = 1.0 - now.ended.astype(jnp.float32)
-        error = now.reward + settings.gamma * next_value * goes_on - now.value
-        advantage = error + settings.gamma * settings.gae_lambda * goes_on * advantage
+        continues = 1.0 - now.ended.astype(jnp.float32)
+        error = now.reward + settings.gamma * next_value * continues - now.value
+        advantage = error + settings.gamma * settings.gae_lambda * continues * advantage
         return (advantage, now.value), advantage
 
-    _, advantages = jax.lax.scan(back, (jnp.zeros_like(last), last), steps, reverse=True)
+    _, advantages = jax.lax.scan(gae, (jnp.zeros_like(last), last), steps, reverse=True)
     batch = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), (steps, advantages))
 
     def epoch(carry: Carry, _: Any) -> tuple[Carry, Array]:
@@ -86,23 +87,23 @@ def update(task: Task, settings: PPOSettings, carry: Carry) -> tuple[Carry, Arra
 def step(task: Task, settings: PPOSettings, carry: Carry) -> tuple[Carry, Transition]:
     """One step of every environment."""
     key, action_key, reset_key = jax.random.split(carry.key, 3)
-    seen = _centred(carry.observations)
-    logits = forward(carry.parameters.actor, seen)
+    inputs = _centred(carry.observations)
+    logits = forward(carry.parameters.actor, inputs)
     action = jax.random.categorical(action_key, logits).astype(jnp.int32)
-    chosen = jnp.take_along_axis(jax.nn.log_softmax(logits), action[:, None], axis=1)[:, 0]
+    log_probability = jnp.take_along_axis(jax.nn.log_softmax(logits), action[:, None], axis=1)[:, 0]
     states, outcome = jax.vmap(task.step)(carry.states, action)
-    ended = outcome.terminated | outcome.truncated
+    ended = outcome.ended
     fresh = jax.vmap(task.reset)(jax.random.split(reset_key, settings.environments))
     states = jax.tree.map(
         lambda new, old: jnp.where(ended.reshape(-1, *(1,) * (old.ndim - 1)), new, old),
         fresh,
         states,
     )
-    value = forward(carry.parameters.critic, seen)[:, 0]
-    reward = outcome.reward * settings.reward_scale
-    taken = Transition(carry.observations, action, chosen, value, reward, ended)
+    value = forward(carry.parameters.critic, inputs)[:, 0]
+    reward = outcome.reward[:, 0] * settings.reward_scale
+    transition = Transition(carry.observations, action, log_probability, value, reward, ended)
     observations = jax.vmap(task.observe)(states)
-    return carry._replace(states=states, observations=observations, key=key), taken
+    return carry._replace(states=states, observations=observations, key=key), transition
 
 
 def learn(settings: PPOSettings, carry: Carry, batch: Any) -> tuple[Carry, Array]:
@@ -112,14 +113,14 @@ def learn(settings: PPOSettings, carry: Carry, batch: Any) -> tuple[Carry, Array
     advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
 
     def loss(parameters: network.Parameters) -> Array:
-        seen = _centred(steps.observation)
-        logarithms = jax.nn.log_softmax(forward(parameters.actor, seen))
-        chosen = jnp.take_along_axis(logarithms, steps.action[:, None], axis=1)[:, 0]
+        inputs = _centred(steps.observation)
+        log_probabilities = jax.nn.log_softmax(forward(parameters.actor, inputs))
+        chosen = jnp.take_along_axis(log_probabilities, steps.action[:, None], axis=1)[:, 0]
         ratio = jnp.exp(chosen - steps.log_probability)
         clipped = jnp.clip(ratio, 1.0 - settings.clip, 1.0 + settings.clip)
         policy = -jnp.minimum(ratio * advantage, clipped * advantage).mean()
-        value = forward(parameters.critic, seen)[:, 0]
-        entropy = -(jnp.exp(logarithms) * logarithms).sum(axis=1).mean()
+        value = forward(parameters.critic, inputs)[:, 0]
+        entropy = -(jnp.exp(log_probabilities) * log_probabilities).sum(axis=1).mean()
         error = 0.5 * ((value - target) ** 2).mean()
         return policy + settings.value_coefficient * error - settings.entropy * entropy
 

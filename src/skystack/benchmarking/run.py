@@ -1,4 +1,4 @@
-"""All figures, each group in a process of its own: none meets another's memory or programs."""
+"""All figures, each group in a new process, so that groups share no memory or programs."""
 
 import math
 import multiprocessing
@@ -24,30 +24,30 @@ from skystack.compilation.cores import cores, processor_lines
 from skystack.learning.policy import package_versions
 
 SOONEST = "lateral-best"
-"""The configuration that learns lateral navigation soonest."""
+"""The experiment that learns lateral navigation in the shortest time."""
 
 Result = TypeVar("Result")
 
 
 class Effort(NamedTuple):
-    """How often things are measured."""
+    """How much is measured."""
 
     repetitions: int = 7
     processes: int = 3
-    """Of what takes a process of its own each time."""
+    """The number of repetitions of figures that need a new process for each."""
     scenarios: int = 20
     trainings: tuple[str, ...] = ("lateral", "lateral-best", "avoidance", "avoidance-best")
     aircraft: tuple[int, ...] = (2, 10, 50, 200)
     seeds: int = 3
-    """For the time to success."""
+    """The number of trainings for the time to success."""
 
 
 QUICK = Effort(1, 1, scenarios=1, trainings=("lateral",), aircraft=(2,), seeds=0)
-"""To see that it works."""
+"""A minimal effort, as a check."""
 
 
-def measure_ourselves(effort: Effort, told: Callable[[str], None]) -> list[Figure]:
-    """Our own figures; `told` is called with what is about to be measured."""
+def measure_ourselves(effort: Effort, on_group: Callable[[str], None]) -> list[Figure]:
+    """Skystack's figures; `on_group` is called with the title of each group before it starts."""
     groups: list[tuple[str, Callable[[], list[Figure]]]] = [
         ("start", partial(starting_figures, effort.processes)),
         ("simulator", partial(alone, simulator_figures, effort.aircraft, effort.repetitions)),
@@ -61,33 +61,33 @@ def measure_ourselves(effort: Effort, told: Callable[[str], None]) -> list[Figur
     ]
     figures: list[Figure] = []
     for title, measure in groups:
-        told(title)
+        on_group(title)
         figures += measure()
     return figures
 
 
 def alone(measure: Callable[..., Result], *arguments: Any) -> Result:
-    """The function's result from a fresh process."""
+    """The function's result, computed in a new process."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
         return pool.submit(measure, *arguments).result()
 
 
 def success_figures(seeds: int) -> list[Figure]:
-    """Seconds from the start of a process until training in it has led to success, by seed."""
+    """Seconds from the start of a process until its training reaches success, for each seed."""
     values = []
     for seed in range(seeds):
-        begun = time.perf_counter()
+        started = time.perf_counter()
         reached = alone(reaches_success, SOONEST, seed)
-        values.append(time.perf_counter() - begun if reached else math.inf)
-    how = (
-        f"`{SOONEST}`, seeds from 0, imports and compilation included, until {SUCCESS} on "
+        values.append(time.perf_counter() - started if reached else math.inf)
+    setup = (
+        f"`{SOONEST}`, seeds from 0, including imports and compilation, until {SUCCESS} on "
         f"{SCENARIOS} held-out scenarios, stacked"
     )
-    return [Figure(f"time to success {SUCCESS}", "s", tuple(values), how)]
+    return [Figure(f"time to success {SUCCESS}", "s", tuple(values), setup)]
 
 
 def machine() -> dict[str, Any]:
-    """What the figures were measured on."""
+    """The machine and the software that the figures were measured with."""
     return {
         "system": platform.platform(terse=True),
         "processor": _processor(),

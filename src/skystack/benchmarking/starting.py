@@ -1,4 +1,4 @@
-"""How long a user waits before anything happens: whole commands, each in its own process."""
+"""Start-up times: whole commands, each in its own process."""
 
 import os
 import subprocess
@@ -15,29 +15,29 @@ FIRST_UPDATE = ("train", "lateral", "--set", "ppo.total_steps=8192", "--out")
 
 
 def starting_figures(repetitions: int) -> list[Figure]:
-    """Help, import, and the first update of a training, without and with kept programs."""
-    importing = [_seconds(["-c", "import skystack.learning.run"]) for _ in range(repetitions)]
-    helping = [_seconds(["-m", "skystack", "--help"]) for _ in range(repetitions)]
+    """Help, import, and the first update of a training, without and with cached programs."""
+    imports = [_seconds(["-c", "import skystack.learning.run"]) for _ in range(repetitions)]
+    helps = [_seconds(["-m", "skystack", "--help"]) for _ in range(repetitions)]
     cold, warm = [], []
     with tempfile.TemporaryDirectory() as folder:
         for number in range(repetitions):
-            out, kept = f"{folder}/{number}", f"{folder}/kept-{number}"
+            out, cache = f"{folder}/{number}", f"{folder}/cache-{number}"
             train = ["-m", "skystack", *FIRST_UPDATE]
-            cold.append(_seconds([*train, f"{out}-cold"], kept))
-            warm.append(_seconds([*train, f"{out}-warm"], kept))
+            cold.append(_seconds([*train, f"{out}-cold"], cache))
+            warm.append(_seconds([*train, f"{out}-warm"], cache))
     update = f"`skystack {' '.join(FIRST_UPDATE[:-1])}`, start to end"
     return [
-        Figure("skystack --help", "s", tuple(helping), "whole process"),
-        Figure("import of the trainer", "s", tuple(importing), "whole process"),
-        Figure("first update, cold", "s", tuple(cold), f"{update}, no kept programs"),
-        Figure("first update, warm", "s", tuple(warm), f"{update}, programs kept before"),
+        Figure("skystack --help", "s", tuple(helps), "whole process"),
+        Figure("import of the trainer", "s", tuple(imports), "whole process"),
+        Figure("first update, cold", "s", tuple(cold), f"{update}, no cached programs"),
+        Figure("first update, warm", "s", tuple(warm), f"{update}, with cached programs"),
     ]
 
 
-def _seconds(arguments: list[str], kept: str = "off") -> float:
-    begun = time.perf_counter()
-    environment = os.environ | {CACHE_VARIABLE: kept}
-    done = subprocess.run(
+def _seconds(arguments: list[str], cache: str = "off") -> float:
+    started = time.perf_counter()
+    environment = os.environ | {CACHE_VARIABLE: cache}
+    process = subprocess.run(
         [sys.executable, *arguments],
         env=environment,
         capture_output=True,
@@ -45,6 +45,6 @@ def _seconds(arguments: list[str], kept: str = "off") -> float:
         check=False,
         cwd=Path.cwd(),
     )
-    if done.returncode != 0:
-        raise TrainingError(f"{' '.join(arguments)}: {done.stderr.strip().splitlines()[-1]}")
-    return time.perf_counter() - begun
+    if process.returncode != 0:
+        raise TrainingError(f"{' '.join(arguments)}: {process.stderr.strip().splitlines()[-1]}")
+    return time.perf_counter() - started

@@ -1,7 +1,8 @@
-"""The command line: `skystack <verb>`. Thin: parses, calls, prints.
+"""The command line: `skystack VERB`. It only parses, calls and prints.
 
-Results go to standard output, progress and prose to standard error. Exit code 0: done; 1: failed
-while running; 2: wrong usage or input, told in one line. Heavy imports wait until they are needed.
+Results go to standard output, progress and messages to standard error. Exit codes: 0 success; 1
+failure while running; 2 invalid usage or input, with one line of explanation. Heavy imports are
+delayed until they are needed.
 """
 
 import sys
@@ -44,7 +45,9 @@ def _main(arguments: list[str]) -> int:
             return complain(str(error), FAILED)
         except ClosedPipeError:
             return PIPE_CLOSED
-        except OSError as error:  # a file may fail before it is read: name too long
+        except (
+            OSError
+        ) as error:  # raised before a file is read, such as for a name that is too long
             if error.filename is None:
                 raise
             return complain(str(InputError(f"{error.filename}: {error.strerror}")), WRONG)
@@ -57,7 +60,7 @@ def _run(arguments: list[str]) -> int:
     try:
         options = parse(arguments)
         code: int = options.run(options)
-    except SystemExit:  # of --help and --version
+    except SystemExit:  # from --help and --version
         StandardOutput().flush()
         raise
     StandardOutput().flush()

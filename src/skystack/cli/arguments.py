@@ -1,10 +1,11 @@
-"""The verbs and their arguments; mistakes are told in one line, with the nearest word."""
+"""The verbs and their arguments. Errors are one line, with the nearest valid word."""
 
 import argparse
 import difflib
+import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import skystack
 from skystack.cli import verbs
@@ -13,27 +14,50 @@ from skystack.io.streams import StandardOutput
 
 
 class _Parser(argparse.ArgumentParser):
-    """An argument parser that complains in one line, with the nearest option."""
+    """An argument parser that reports errors in one line, with the nearest option."""
 
     def error(self, message: str) -> NoReturn:
         message = " ".join(message.split())
         if message.startswith("unrecognized arguments: "):
             word = message.split()[2].split("=")[0]
-            near = difflib.get_close_matches(word, self._option_string_actions, n=1, cutoff=0.7)
+            options = set(re.findall(r"--?[a-z][a-z-]*", self.format_help()))
+            near = difflib.get_close_matches(word, sorted(options), n=1, cutoff=0.7)
             message += f" (did you mean {near[0]}?)" if near else f" (see {self.prog} --help)"
         verb = self.prog.partition(" ")[2]
         raise InputError(f"{verb}: {message}" if verb else message)
 
-    def _print_message(self, message: str, file: Any = None) -> None:
-        """Print help and version; argparse itself ignores write errors."""
-        StandardOutput().write(message)
+    def print_help(self, file: Any = None) -> None:
+        """Print help to standard output; argparse itself ignores write errors."""
+        StandardOutput().write(self.format_help())
+
+
+class _HelpFormatter(argparse.HelpFormatter):
+    """Leaves room for the longest verb; argparse does not count the indentation of verbs."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog)
+        self._action_max_length = len("    reproduce")
+
+
+class _Version(argparse.Action):
+    """Print the version to standard output; argparse itself ignores write errors."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *values: Any, **named: Any) -> NoReturn:
+        StandardOutput().write(f"skystack {skystack.__version__}\n")
+        parser.exit()
+
+
+class Commands(NamedTuple):
+    """The parser of the command line, and those of its verbs."""
+
+    parser: argparse.ArgumentParser
+    verbs: dict[str, argparse.ArgumentParser]
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
-    """The options of a command line; `run` is what does it. Raises InputError for a wrong one."""
-    parser = build_parser()
-    known = verbs_of(parser)
-    # argparse would list all verbs but name no near one.
+    """The options of a command line; `options.run` is the verb's function. Raises InputError."""
+    parser, known = build_parser()
+    # argparse would list all verbs but not suggest the nearest one.
     verb = next((word for word in arguments if not word.startswith("-")), None)
     if verb is not None and verb not in known:
         near = difflib.get_close_matches(verb, known, n=1)
@@ -45,28 +69,28 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     return options
 
 
-def verbs_of(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
-    """The parser of each verb."""
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            return dict(action.choices)
-    return {}
-
-
-def build_parser() -> argparse.ArgumentParser:
-    """All verbs with all their arguments."""
+def build_parser() -> Commands:
+    """The parser of the command line with all verbs and arguments."""
     parser = _Parser(
         prog="skystack",
         description="Online action-stacking for air traffic control.",
+        epilog="`skystack VERB --help` describes the arguments of a verb.",
         allow_abbrev=False,
+        formatter_class=_HelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"skystack {skystack.__version__}")
-    subparsers = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
+    version = "show the version and exit"
+    parser.add_argument("--version", action=_Version, nargs=0, help=version)
+    subparsers = parser.add_subparsers(title="verbs", dest="verb", required=True, metavar="VERB")
+    parsers: dict[str, argparse.ArgumentParser] = {}
 
     def verb(name: str, does: str, run: Callable[[argparse.Namespace], int]) -> _Parser:
-        sub: _Parser = subparsers.add_parser(name, help=does, description=does, allow_abbrev=False)
+        sentence = f"{does[0].upper()}{does[1:]}."
+        sub: _Parser = subparsers.add_parser(
+            name, help=does, description=sentence, allow_abbrev=False
+        )
         sub.set_defaults(run=run)
         sub.add_argument("--json", action="store_true", help="print one JSON object")
+        parsers[name] = sub
         return sub
 
     def platform(sub: _Parser) -> None:
@@ -74,84 +98,64 @@ def build_parser() -> argparse.ArgumentParser:
             "--platform",
             default="skystack",
             metavar="NAME",
-            help="the simulator to fly in: skystack (default), bluebird, bluesky (extras)",
+            help="simulator: skystack (default), bluebird or bluesky (extras)",
         )
         sub.add_argument(
             "--time-limit",
             type=_positive,
             default=120,
             metavar="S",
-            help="seconds for one scenario in another simulator (default 120)",
+            help="seconds per scenario in another simulator (default 120)",
         )
 
-    verb("list", "experiments, tasks, sectors, shipped policies", verbs.list_all)
+    verb("list", "list experiments, tasks, sectors, policies and other names", verbs.list_all)
 
     sub = verb(
-        "reproduce", "train, evaluate, compare with the paper, write the report", verbs.reproduce
+        "reproduce", "train, evaluate, compare with the paper and write a report", verbs.reproduce
     )
     _reproduce_arguments(sub)
 
     sub = verb("train", "train a policy", verbs.train)
-    sub.add_argument("experiment", metavar="EXPERIMENT", help="a name (see list) or a .toml file")
-    sub.add_argument("--seed", type=_seed, default=0, help="default 0")
-    sub.add_argument("--out", type=Path, metavar="DIR", help="default runs/EXPERIMENT-sSEED")
-    sub.add_argument("--resume", action="store_true", help="go on from the folder's checkpoint")
-    sub.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        dest="changes",
-        help="change a setting, as ppo.total_steps=500000; may be repeated",
-    )
-    _cycles(sub)
-    sub.add_argument(
-        "--checkpoint-every",
-        type=_seed,
-        default=60,
-        metavar="S",
-        help="seconds between checkpoints (default 60; 0: after every update)",
-    )
-    sub.add_argument(
-        "--tensorboard",
-        action="store_true",
-        help="write the curves for TensorBoard too (extra), into the folder",
-    )
+    _train_arguments(sub)
 
-    sub = verb("evaluate", "judge a policy on held-out scenarios", verbs.evaluate)
+    sub = verb("evaluate", "evaluate a policy on held-out scenarios", verbs.evaluate)
     _evaluate_arguments(sub)
     platform(sub)
 
     sub = verb("report", "write the report of a run again, or compare several runs", verbs.report)
     sub.add_argument(
-        "runs", nargs="+", type=Path, metavar="RUN", help="a folder of reproduce or of train"
+        "runs", nargs="+", type=Path, metavar="RUN", help="a run folder of reproduce or train"
     )
     sub.add_argument(
         "-o",
         dest="output",
         type=Path,
         metavar="FILE.html",
-        help="the page of a comparison (default comparison.html)",
+        help="page of the comparison (default comparison.html)",
     )
 
-    sub = verb("sector", "check a sector, describe and draw it", verbs.sector)
+    sub = verb("sector", "check, describe and draw a sector", verbs.sector)
     sub.add_argument("sector", metavar="SECTOR", help="a name (see list) or a sector file (.json)")
-    sub.add_argument("-o", dest="output", type=Path, metavar="FILE", help="a map: .png or .svg")
+    sub.add_argument(
+        "-o", dest="output", type=Path, metavar="FILE", help="write a map: .png or .svg"
+    )
     _cycles(sub, "300", 300)
 
-    sub = verb("replay", "write a page that replays what was flown, as on a radar", verbs.replay)
+    sub = verb("replay", "replay flights as on a radar: page, picture or film", verbs.replay)
     _replay_arguments(sub)
 
     sub = verb("simulate", "fly a scenario file", verbs.simulate)
-    sub.add_argument("scenario", type=Path, metavar="SCENARIO.json")
-    sub.add_argument("-o", dest="output", type=Path, metavar="FILE", help="trajectories (Parquet)")
+    sub.add_argument("scenario", type=Path, metavar="SCENARIO.json", help="a scenario file")
+    sub.add_argument(
+        "-o", dest="output", type=Path, metavar="FILE", help="write the trajectories (Parquet)"
+    )
     platform(sub)
 
-    sub = verb("export", "write a flown scenario or a policy for another program", verbs.export)
+    sub = verb("export", "export a flown scenario or a policy for another program", verbs.export)
     sub.add_argument(
         "source",
         metavar="SOURCE",
-        help="scn: a scenario file, or the folder of an evaluation; else: a policy, as in evaluate",
+        help="scn: a scenario file or the folder of an evaluation; onnx, numpy: a policy",
     )
     sub.add_argument(
         "--format",
@@ -159,13 +163,22 @@ def build_parser() -> argparse.ArgumentParser:
         default="scn",
         help="scn: a scenario for BlueSky (default); onnx (extra), numpy: a policy",
     )
-    sub.add_argument("--scenario", type=_seed, metavar="N", help="which of the folder, default 0")
-    sub.add_argument("-o", dest="output", type=Path, required=True, metavar="FILE")
+    sub.add_argument(
+        "--scenario",
+        type=_natural,
+        metavar="N",
+        help="scn: the scenario of the evaluation (default 0)",
+    )
+    sub.add_argument(
+        "-o", dest="output", type=Path, required=True, metavar="FILE", help="the file to write"
+    )
 
-    sub = verb("bench", "measure how fast it is here", verbs.bench)
-    sub.add_argument("--peers", action="store_true", help="and what others are, where installed")
-    sub.add_argument("--quick", action="store_true", help="few things, once: to see that it works")
-    return parser
+    sub = verb("bench", "measure the speed on this machine", verbs.bench)
+    sub.add_argument(
+        "--peers", action="store_true", help="also measure other programs that are installed"
+    )
+    sub.add_argument("--quick", action="store_true", help="measure few figures once, as a check")
+    return Commands(parser, parsers)
 
 
 def _reproduce_arguments(sub: argparse.ArgumentParser) -> None:
@@ -173,30 +186,75 @@ def _reproduce_arguments(sub: argparse.ArgumentParser) -> None:
         "families",
         nargs="*",
         metavar="FAMILY",
-        help="lateral, vertical, avoidance, all (default: lateral --quick)",
+        help="lateral, vertical, avoidance or all (default: lateral --quick)",
     )
-    sub.add_argument("--seeds", type=_positive, default=1, help="training seeds (default 1)")
-    sub.add_argument("--episodes", type=_positive, help="scenarios to judge on (default 1000)")
-    sub.add_argument("--out", type=Path, metavar="DIR", help="folder for everything written")
-    sub.add_argument("--quick", action="store_true", help="a short training, to see it work")
+    sub.add_argument(
+        "--seeds",
+        type=_positive,
+        default=1,
+        metavar="N",
+        help="training seeds per experiment (default 1)",
+    )
+    sub.add_argument(
+        "--episodes",
+        type=_positive,
+        metavar="N",
+        help="scenarios per evaluation (default 1000, with --quick 200)",
+    )
+    sub.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/FAMILY)")
+    sub.add_argument("--quick", action="store_true", help="short trainings, as a check")
     sub.add_argument(
         "--platform",
         action="append",
         default=[],
         metavar="NAME",
         dest="platforms",
-        help="fly the policies in another simulator too: bluebird, bluesky; may be repeated",
+        help="also fly in another simulator: bluebird, bluesky; may be repeated",
     )
     sub.add_argument(
         "--engine",
         choices=["processes", "ray"],
         default="processes",
-        help="where it trains: processes, one a core (default); ray, on a cluster (extra)",
+        help="run in processes, one per core (default), or on a Ray cluster (extra)",
     )
     sub.add_argument(
         "--ray-address",
         metavar="HOST:PORT",
-        help="the cluster (default: what RAY_ADDRESS names, or this machine's)",
+        help="address of the cluster (default: $RAY_ADDRESS, else this machine's)",
+    )
+
+
+def _train_arguments(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("experiment", metavar="EXPERIMENT", help="a name (see list) or a .toml file")
+    sub.add_argument(
+        "--seed", type=_natural, default=0, metavar="N", help="training seed (default 0)"
+    )
+    sub.add_argument(
+        "--out", type=Path, metavar="DIR", help="run folder (default runs/EXPERIMENT-sSEED)"
+    )
+    sub.add_argument(
+        "--resume", action="store_true", help="continue from the checkpoint in the run folder"
+    )
+    sub.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        dest="changes",
+        help="change a setting, such as ppo.total_steps=500000; may be repeated",
+    )
+    _cycles(sub)
+    sub.add_argument(
+        "--checkpoint-every",
+        type=_natural,
+        default=60,
+        metavar="S",
+        help="seconds between checkpoints (default 60; 0: after every update)",
+    )
+    sub.add_argument(
+        "--tensorboard",
+        action="store_true",
+        help="also write event files for TensorBoard into the run folder (extra)",
     )
 
 
@@ -204,29 +262,42 @@ def _evaluate_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "policy",
         metavar="POLICY",
-        help="a shipped policy's name, a run folder, or a file: .onnx, .zip (Stable-Baselines3)",
+        help="a shipped policy, a run folder, or a file: .onnx, .zip (Stable-Baselines3)",
     )
     sub.add_argument(
         "--experiment",
         metavar="NAME",
-        help="what a file is for: an experiment (see list) or its .toml file",
+        help="for a file: the experiment it was trained for, a name or a .toml file",
     )
-    sub.add_argument("--episodes", type=_positive, default=1000, help="default 1000")
-    sub.add_argument("--seed", type=_seed, default=0, help="of the scenarios, default 0")
+    sub.add_argument(
+        "--episodes",
+        type=_positive,
+        default=1000,
+        metavar="N",
+        help="number of scenarios (default 1000)",
+    )
+    sub.add_argument(
+        "--seed", type=_natural, default=0, metavar="N", help="seed of the scenarios (default 0)"
+    )
     sub.add_argument(
         "--stacking",
         action=argparse.BooleanOptionalAction,
         default=True,
-        help="compile bursts into single clearances (default) or not",
+        help="compile bursts into single clearances (default: yes)",
     )
     how = sub.add_mutually_exclusive_group()
-    how.add_argument("--greedy", action="store_true", help="the most probable action (default)")
-    how.add_argument("--sample", action="store_true", help="an action drawn by its probability")
+    how.add_argument(
+        "--greedy", action="store_true", help="take the most probable action (default)"
+    )
+    how.add_argument("--sample", action="store_true", help="draw actions by their probability")
     sub.add_argument(
-        "--out", type=Path, metavar="DIR", help="where a folder of tables (Parquet) is made"
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="write the tables (Parquet) into a new folder in DIR",
     )
     sub.add_argument(
-        "--sector", metavar="NAME", help="another sector (see list) or a sector file (.json)"
+        "--sector", metavar="NAME", help="another sector: a name (see list) or a file (.json)"
     )
     _cycles(sub)
 
@@ -236,10 +307,10 @@ def _cycles(
 ) -> None:
     sub.add_argument(
         "--cycles",
-        type=_most_cycles,
+        type=_cycle_limit,
         default=value,
         metavar="N",
-        help=f"the most cycles of a scenario, in place of task.cycles (default: {default})",
+        help=f"longest scenario in radar cycles (default: {default})",
     )
 
 
@@ -248,10 +319,10 @@ def _replay_arguments(sub: argparse.ArgumentParser) -> None:
         "recorded",
         type=Path,
         metavar="RUN",
-        help="the folder of an evaluation, or trajectories of simulate (.parquet)",
+        help="the folder of an evaluation, or the .parquet file of simulate",
     )
     sub.add_argument(
-        "other", type=Path, nargs="?", metavar="OTHER", help="another of the same scenarios"
+        "other", type=Path, nargs="?", metavar="OTHER", help="a second run of the same scenarios"
     )
     sub.add_argument(
         "-o",
@@ -259,22 +330,24 @@ def _replay_arguments(sub: argparse.ArgumentParser) -> None:
         type=Path,
         default=Path("replay.html"),
         metavar="FILE",
-        help="a page, .html (default replay.html), or a picture: .png, .svg, or a film: .gif",
+        help="page .html (default replay.html), picture .png or .svg, or film .gif",
     )
     sub.add_argument(
         "--scenarios",
         type=_positive,
         metavar="N",
-        help="page: the first N (default 100)",
+        help="page: the first N scenarios (default 100)",
     )
-    sub.add_argument("--scenario", type=_seed, metavar="N", help="picture: which (default 0)")
+    sub.add_argument(
+        "--scenario", type=_natural, metavar="N", help="picture, film: the scenario (default 0)"
+    )
     for word, default in (("from", "the start"), ("to", "the end")):
         sub.add_argument(
             f"--{word}",
             dest=f"{word}_s",
-            type=_seed,
+            type=_natural,
             metavar="S",
-            help=f"picture: seconds into the scenario (default {default})",
+            help=f"picture, film: {word} this second (default {default})",
         )
 
 
@@ -289,7 +362,7 @@ def _integer(text: str, least: int, most: int = MOST_NUMBER) -> int:
     return number
 
 
-def _most_cycles(text: str) -> int:
+def _cycle_limit(text: str) -> int:
     return _integer(text, least=1, most=10_000)
 
 
@@ -297,5 +370,5 @@ def _positive(text: str) -> int:
     return _integer(text, least=1)
 
 
-def _seed(text: str) -> int:
+def _natural(text: str) -> int:
     return _integer(text, least=0)

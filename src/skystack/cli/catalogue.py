@@ -1,4 +1,4 @@
-"""The verb `list`: experiments, tasks, sectors, features, and the shipped policies."""
+"""The output of the verb `list`: everything that has a name, and the shipped policies."""
 
 from typing import Any
 
@@ -13,31 +13,35 @@ from skystack.policies import shipped
 from skystack.policies.measured import read_measured
 from skystack.reporting.tables import NOTHING, mean_and_std, percent
 from skystack.simulator.performance import PERFORMANCE
-from skystack.tasks.build import TASKS
 from skystack.tasks.features import FEATURES
+from skystack.tasks.metrics import METRICS
 from skystack.tasks.pairs import PAIR_FEATURES
+from skystack.tasks.registry import tasks
+from skystack.tasks.rewards import REWARDS
 
 
 def catalogue() -> dict[str, Any]:
-    """Everything that has a name, with what is to be said of each."""
+    """Everything that has a name, with descriptions where there are any."""
     experiments = [load_experiment(name) for name in experiment_names()]
     return {
         "experiments": {each.name: each.description for each in experiments},
-        "tasks": list(TASKS),
+        "tasks": list(tasks()),
         "sectors": sector_names(),
         "performance": list(PERFORMANCE),
         "features": {name: each.meaning for name, each in FEATURES.items()},
         "pair features": {name: each.meaning for name, each in PAIR_FEATURES.items()},
+        "rewards": {name: each.description for name, each in REWARDS.items()},
+        "metrics": {name: each.description for name, each in METRICS.items()},
         "policies": {name: _policy(name) for name in shipped.shipped_policies()},
     }
 
 
 def _policy(name: str) -> dict[str, Any]:
-    """A shipped policy: its task, its row when stacked, and what the paper reports."""
+    """A shipped policy: its task, its measured row with stacking, and the paper's result."""
     described = load_policy(shipped.SHIPPED / name).description
     measured = read_measured(shipped.SHIPPED / name)
     if measured is not None and measured.sha256 != described.sha256:
-        measured = None  # numbers of another policy are worse than none
+        measured = None  # measured with another policy
     paper = (
         found | {"stacking": stacking}
         for stacking in (True, False)
@@ -53,7 +57,7 @@ def _policy(name: str) -> dict[str, Any]:
 
 
 def catalogue_table(found: dict[str, Any]) -> list[Table]:
-    """The catalogue for a terminal."""
+    """The catalogue as tables for a terminal."""
     tables = []
     for title, entries in found.items():
         if title == "policies":
@@ -79,9 +83,9 @@ def _policies_table(policies: dict[str, Any]) -> Table:
                 percent(row["success_rate"]),
                 f"{row['loss_of_separation_count']} of {row['episodes']}",
             ]
-        stated = NOTHING
+        reported = NOTHING
         if paper is not None:
-            way = "" if paper["stacking"] else " unstacked"
-            stated = mean_and_std(paper["clearances_mean"], paper["clearances_std"]) + way
-        table.add_row(f"  {name}", *measured, stated)
+            suffix = "" if paper["stacking"] else " unstacked"
+            reported = mean_and_std(paper["clearances_mean"], paper["clearances_std"]) + suffix
+        table.add_row(f"  {name}", *measured, reported)
     return table

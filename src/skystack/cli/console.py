@@ -1,6 +1,7 @@
-"""Tables on standard output and progress on standard error, for people at a terminal.
+"""Tables on standard output and progress on standard error.
 
-Names in them come from files: nothing in a text is markup, and what is not printable is escaped.
+Names may come from files: texts are never interpreted as markup, and unprintable characters are
+escaped.
 """
 
 import math
@@ -15,35 +16,35 @@ from rich.text import Text
 
 from skystack.errors import printable
 from skystack.io.streams import StandardError, StandardOutput
-from skystack.learning.run import Progress as Step
+from skystack.learning.run import TrainingProgress
 
 PLAIN_EVERY_S = 10.0
-"""Without a terminal, a line this often in place of a moving bar."""
+"""The interval of progress lines, printed instead of a bar when there is no terminal."""
 VISIBLE_AFTER_S = 2.0
-"""Shorter work shows no progress."""
+"""Work that takes less time shows no progress."""
 
 
 class PlainConsole(Console):
-    """Prints every text literally, in tables and titles too."""
+    """Prints every text literally, also in tables and titles."""
 
-    def render_str(self, text: str, **how: Any) -> Text:
+    def render_str(self, text: str, **options: Any) -> Text:
         plain = {"markup": False, "emoji": False, "highlight": False}
-        return super().render_str(printable(text), **(how | plain))
+        return super().render_str(printable(text), **(options | plain))
 
     def on_broken_pipe(self) -> None:
-        """Raise it to the caller: rich would end the process."""
+        """Raise the error to the caller; rich would exit the process."""
         raise BrokenPipeError
 
 
 def output() -> Console:
-    """For results. Wide enough for the tables when it is no terminal."""
+    """The console for results; without a terminal it is wide enough for the tables."""
     file: Any = StandardOutput()
     console = PlainConsole(file=file)
     return console if console.is_terminal else PlainConsole(file=file, width=160)
 
 
 def prose() -> Console:
-    """For everything else."""
+    """The console for progress and messages."""
     file: Any = StandardError()
     return PlainConsole(file=file)
 
@@ -56,7 +57,7 @@ class _Description(ProgressColumn):
 
 
 @contextmanager
-def show_progress() -> Iterator[Callable[[str, Step], None]]:
+def show_progress() -> Iterator[Callable[[str, TrainingProgress], None]]:
     """Show the progress of named trainings: steps, speed, time left, return and success."""
     console = prose()
     if not console.is_terminal:
@@ -72,7 +73,7 @@ def show_progress() -> Iterator[Callable[[str, Step], None]]:
     with Progress(*columns, console=console) as bars:
         tasks: dict[str, TaskID] = {}
 
-        def report(name: str, step: Step) -> None:
+        def report(name: str, step: TrainingProgress) -> None:
             if name not in tasks:
                 tasks[name] = bars.add_task(name, total=step.total_steps, speed="", score="")
             bars.update(tasks[name], completed=step.steps, speed=_speed(step), score=_score(step))
@@ -82,12 +83,12 @@ def show_progress() -> Iterator[Callable[[str, Step], None]]:
 
 @contextmanager
 def count_scenarios(name: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Show how many scenarios are done, the speed and the time left, if it takes long enough."""
-    begun = time.monotonic()
-    shown = begun
+    """Show the number of finished scenarios, the speed and the time left, if it takes long."""
+    started = time.monotonic()
+    last_shown = started
 
     def line(done: int) -> str:
-        rate = done / max(time.monotonic() - begun, 1e-9)
+        rate = done / max(time.monotonic() - started, 1e-9)
         return f"{done}/{total} scenarios {rate:.2f}/s, {(total - done) / rate:.0f} s left"
 
     console = prose()
@@ -98,27 +99,27 @@ def count_scenarios(name: str, total: int) -> Iterator[Callable[[int], None]]:
                 task,
                 completed=done,
                 description=f"{name} {line(done)}",
-                visible=time.monotonic() - begun >= VISIBLE_AFTER_S,
+                visible=time.monotonic() - started >= VISIBLE_AFTER_S,
             )
         return
 
     def report(done: int) -> None:
-        nonlocal shown
-        if time.monotonic() - shown >= PLAIN_EVERY_S:
-            shown = time.monotonic()
+        nonlocal last_shown
+        if time.monotonic() - last_shown >= PLAIN_EVERY_S:
+            last_shown = time.monotonic()
             _print_plain(console, f"{name} {line(done)}")
 
     yield report
 
 
 class _PlainProgress:
-    """Lines for a log file."""
+    """Prints the progress of trainings as lines for a log file."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._shown: dict[str, float] = {}
 
-    def report(self, name: str, step: Step) -> None:
+    def report(self, name: str, step: TrainingProgress) -> None:
         now = time.monotonic()
         due = now - self._shown.get(name, -PLAIN_EVERY_S) >= PLAIN_EVERY_S
         if due or step.steps >= step.total_steps:
@@ -131,15 +132,15 @@ def _print_plain(console: Console, line: str) -> None:
     console.print(line, soft_wrap=True)
 
 
-def _speed(step: Step) -> str:
+def _speed(step: TrainingProgress) -> str:
     if math.isnan(step.steps_per_s):
         return "compiled"
     left = (step.total_steps - step.steps) / step.steps_per_s
     return f"{step.steps_per_s:,.0f} steps/s, {left:.0f} s left"
 
 
-def _score(step: Step) -> str:
-    success, earned = step.measured.get("success"), step.measured.get("return")
-    if success is None or earned is None:
+def _score(step: TrainingProgress) -> str:
+    success, mean_return = step.measured.get("success"), step.measured.get("return")
+    if success is None or mean_return is None:
         return ""
-    return f"success {success:.2f} return {earned:.1f}"
+    return f"success {success:.2f} return {mean_return:.1f}"

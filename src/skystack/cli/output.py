@@ -1,4 +1,4 @@
-"""What every verb prints in the same way, in lines; tables and progress: `skystack.cli.console`."""
+"""Lines that all verbs print alike; for tables and progress see `skystack.cli.console`."""
 
 import json
 from typing import Any
@@ -11,21 +11,21 @@ DONE, FAILED, WRONG, INTERRUPTED, PIPE_CLOSED, TERMINATED = 0, 1, 2, 130, 141, 1
 
 
 def complain(message: str, code: int) -> int:
-    """One line on standard error; returns the exit code."""
+    """Print an error in one line on standard error; returns the exit code."""
     say(f"skystack: {message}")
     return code
 
 
 def say(line: str) -> None:
-    """A line of prose on standard error; names and paths may hold anything."""
+    """Print a message on standard error; unprintable characters are escaped."""
     StandardError().write(f"{printable(line)}\n")
 
 
 def print_line(line: str) -> None:
-    """A line of results on standard output."""
+    """Print a line of results on standard output; unprintable characters are escaped."""
     StandardOutput().write(f"{printable(line)}\n")
 
 
 def print_json(value: Any) -> None:
-    """One object on standard output, in ASCII."""
+    """Print a JSON object on standard output, in ASCII."""
     StandardOutput().write(json.dumps(value, indent=1) + "\n")

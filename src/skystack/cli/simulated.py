@@ -1,4 +1,4 @@
-"""What the verb `simulate` prints."""
+"""The output of the verb `simulate`."""
 
 from typing import Any
 
@@ -6,28 +6,28 @@ from skystack.reporting.tables import Table
 
 
 def losses_line(summary: dict[str, Any]) -> str:
-    """Losses of separation in a line, for a terminal."""
+    """The losses of separation in one line."""
     count, least_nm = summary["losses_of_separation"], summary["min_separation_nm"]
     if least_nm is None:
-        return "losses of separation: none (no two aircraft without vertical separation)"
+        return "losses of separation: none (all aircraft always had vertical separation)"
     return f"losses of separation: {count or 'none'} (least distance {least_nm:.2f} NM)"
 
 
 def headline(summary: dict[str, Any]) -> str:
-    """What was flown, in a line."""
+    """The flight in one line."""
     return f"{summary['scenario']}: {summary['rows']} rows, {summary['final'][0]['time_s']} s"
 
 
 def summary_table(summary: dict[str, Any]) -> Table:
-    """Where the aircraft ended."""
-    header = tuple(name.replace("_", " ") for name in _SHOWN)
+    """The final state of every aircraft."""
+    header = tuple(name.replace("_", " ") for name in _FORMATS)
     lines = (
-        tuple(f"{row[name]:{how}}" for name, how in _SHOWN.items()) for row in summary["final"]
+        tuple(f"{row[name]:{spec}}" for name, spec in _FORMATS.items()) for row in summary["final"]
     )
     return Table(header, tuple(lines))
 
 
-_SHOWN = {
+_FORMATS = {
     "callsign": "",
     "lat": ".4f",
     "lon": ".4f",
@@ -36,4 +36,4 @@ _SHOWN = {
     "ground_speed_kt": ".0f",
     "status": "",
 }
-"""Columns of the summary and how their values are written."""
+"""The columns of the summary and the formats of their values."""

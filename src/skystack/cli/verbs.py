@@ -1,4 +1,4 @@
-"""What each verb does; imports wait until the verb is asked for."""
+"""The functions of the verbs. Each imports what it needs when it is called."""
 
 import argparse
 import json
@@ -64,7 +64,7 @@ def _reproduce(plan: Any, engine: Any, as_json: bool) -> int:
     with kept_programs(), show_progress() as report:
         results = run_plan(plan, report, engine)
     if results["kept"]:
-        say(f"{len(results['kept'])} finished pieces kept from an earlier run")
+        say(f"{len(results['kept'])} finished pieces reused from an earlier run")
     say("writing figures and report ...")
     path = write_report(plan.out)
     failed: list[str] = []
@@ -81,19 +81,19 @@ def _reproduce(plan: Any, engine: Any, as_json: bool) -> int:
 
 
 def _show_results(results: Mapping[str, Any], as_json: bool) -> None:
-    """The contents of a `results.json`."""
+    """Print the contents of a `results.json`."""
     from skystack.cli.console import output
     from skystack.reporting.tables import comparison_of, platforms_of
 
-    elsewhere = results.get("platforms", [])
+    platform_rows = results.get("platforms", [])
     if as_json:
-        shown = ["rows", "rows_by_seed", "comparisons", "train", "wall_s"]
-        shown += ["platforms"] * bool(elsewhere)
-        print_json({key: results[key] for key in shown if key in results})
+        keys = ["rows", "rows_by_seed", "comparisons", "train", "wall_s"]
+        keys += ["platforms"] * bool(platform_rows)
+        print_json({key: results[key] for key in keys if key in results})
     else:
         output().print(comparison_of(results["rows"]).as_rich())
-        if elsewhere:
-            output().print(platforms_of(elsewhere).as_rich())
+        if platform_rows:
+            output().print(platforms_of(platform_rows).as_rich())
 
 
 def _engine(options: argparse.Namespace) -> Any:
@@ -122,7 +122,12 @@ def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
     from skystack.cli.console import show_progress
     from skystack.compilation.programs import compile_for_one_core, kept_programs
     from skystack.learning.event_files import event_files
-    from skystack.learning.run import CHECKPOINT_EVERY_S, Progress, preflight, train_experiment
+    from skystack.learning.run import (
+        CHECKPOINT_EVERY_S,
+        TrainingProgress,
+        preflight,
+        train_experiment,
+    )
 
     name, every_s = f"{experiment.name}-s{options.seed}", options.checkpoint_every
     events = event_files(out) if options.tensorboard else nullcontext(lambda: None)
@@ -132,7 +137,7 @@ def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
     try:
         with kept_programs(), events as follow, show_progress() as report:
 
-            def on_update(step: Progress) -> None:
+            def on_update(step: TrainingProgress) -> None:
                 report(name, step)
                 follow()
 
@@ -146,7 +151,7 @@ def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
         words += ["--checkpoint-every", str(every_s)] * (every_s != CHECKPOINT_EVERY_S)
         words += ["--cycles", str(options.cycles)] * (options.cycles is not None)
         words += [word for change in options.changes for word in ("--set", change)]
-        raise KeyboardInterrupt(f"interrupted; to go on: {shlex.join(words)}") from None
+        raise KeyboardInterrupt(f"interrupted; to resume: {shlex.join(words)}") from None
     say(f"{trained.wall_s:.0f} s; policy: {out / 'policy.json'}")
     if options.json:
         summary = [trained.summary]
@@ -162,7 +167,7 @@ def evaluate(options: argparse.Namespace) -> int:
     from skystack.evaluation.summary import aggregate
     from skystack.reporting.tables import comparison_of
 
-    begun = time.monotonic()
+    started = time.monotonic()
     conditions = Conditions(
         seed=options.seed,
         episodes=options.episodes,
@@ -177,21 +182,21 @@ def evaluate(options: argparse.Namespace) -> int:
     compile_for_one_core()
     counting = count_scenarios(options.platform, options.episodes)
     with kept_programs(), counting as on_scenario:
-        judged = evaluate(
+        evaluated = evaluate(
             policy, conditions, options.out, on_scenario, experiment=options.experiment
         )
-    for line in judged.notes:
+    for line in evaluated.notes:
         say(line)
-    rows = [aggregate([judged.row], [judged.episodes])]
+    rows = [aggregate([evaluated.row], [evaluated.episodes])]
     if options.json:
-        wall_s = time.monotonic() - begun
-        result = {"rows": rows, "rows_by_seed": [judged.row], "train": [], "wall_s": wall_s}
-        print_json(result | ({"failed": judged.failed} if judged.failed else {}))
+        wall_s = time.monotonic() - started
+        result = {"rows": rows, "rows_by_seed": [evaluated.row], "train": [], "wall_s": wall_s}
+        print_json(result | ({"failed": evaluated.failed} if evaluated.failed else {}))
     else:
         output().print(comparison_of(rows).as_rich())
-    for number, why in judged.failed.items():
-        complain(f"{options.platform}: scenario {number} {why}", FAILED)
-    return FAILED if judged.failed else DONE
+    for number, reason in evaluated.failed.items():
+        complain(f"{options.platform}: scenario {number} {reason}", FAILED)
+    return FAILED if evaluated.failed else DONE
 
 
 def report(options: argparse.Namespace) -> int:
@@ -202,7 +207,7 @@ def report(options: argparse.Namespace) -> int:
     if others or not is_reproduction(first):
         return _compare(options)
     if options.output:
-        raise InputError(f"report: -o is for comparisons; the report of {first} lies in it")
+        raise InputError(f"report: -o is for comparisons; the report of {first} is written into it")
     path = write_report(first)
     _show_results(json.loads((first / "results.json").read_bytes()), options.json)
     say(f"report: {path}")
@@ -260,7 +265,7 @@ def replay(options: argparse.Namespace) -> int:
     from skystack.reporting.replay.page import write_replay
 
     runs = [options.recorded] + [options.other] * (options.other is not None)
-    of_one = {"--scenario": options.scenario, "--from": options.from_s, "--to": options.to_s}
+    for_pictures = {"--scenario": options.scenario, "--from": options.from_s, "--to": options.to_s}
     if options.output.suffix in SUFFIXES:
         if options.scenarios is not None:
             raise InputError("replay: --scenarios is for pages (.html)")
@@ -268,14 +273,15 @@ def replay(options: argparse.Namespace) -> int:
     if options.output.suffix not in (".html", ".htm"):
         allowed = ", ".join((".html", *SUFFIXES))
         raise InputError(f"replay: -o {options.output} (allowed: {allowed})")
-    for name, value in of_one.items():
+    for name, value in for_pictures.items():
         if value is not None:
             raise InputError(f"replay: {name} is for pictures ({', '.join(SUFFIXES)})")
     count = {} if options.scenarios is None else {"scenarios": options.scenarios}
     written = write_replay(runs, options.output, **count)
     if options.json:
         print_json(written)
-    say(f"scenarios: {written['scenarios']}; {written['bytes'] / 1e6:.1f} MB: {options.output}")
+    size = f"{written['scenarios']} scenarios, {written['bytes'] / 1e6:.1f} MB"
+    say(f"written: {options.output} ({size})")
     return DONE
 
 
@@ -283,9 +289,9 @@ def _picture(options: argparse.Namespace, runs: list[Path]) -> int:
     from skystack.cli.console import prose
     from skystack.reporting.replay.film import write_picture
 
-    number, begin = options.scenario or 0, options.from_s or 0
+    number, from_s = options.scenario or 0, options.from_s or 0
     with prose().status("drawing ..."):
-        written = write_picture(runs, options.output, number, begin, options.to_s)
+        written = write_picture(runs, options.output, number, from_s, options.to_s)
     if options.json:
         print_json(written)
     say(f"written: {options.output}")
@@ -305,8 +311,8 @@ def simulate(options: argparse.Namespace) -> int:
     else:
         print_line(headline(summary))
         output().print(summary_table(summary).as_rich())
-        for said in summary["clearances"]:
-            print_line(f"{said['cycle'] * 6:6d} s  {said['text']}")
+        for clearance in summary["clearances"]:
+            print_line(f"{clearance['cycle'] * 6:6d} s  {clearance['text']}")
         print_line(losses_line(summary))
     if options.output:
         say(f"written: {options.output}")
@@ -329,36 +335,35 @@ def bench(options: argparse.Namespace) -> int:
     from skystack.benchmarking.run import QUICK, Effort, machine, measure_ourselves
     from skystack.cli.console import output
 
-    begun = time.monotonic()
+    started = time.monotonic()
 
-    def told(what: str) -> None:
-        say(f"{time.monotonic() - begun:4.0f} s  {what}")
+    def on_group(title: str) -> None:
+        say(f"{time.monotonic() - started:4.0f} s  {title}")
 
     effort = QUICK if options.quick else Effort()
-    figures = measure_ourselves(effort, told)
+    figures = measure_ourselves(effort, on_group)
     missing: dict[str, str] = {}
-    faster: dict[str, float] = {}
+    speedups: dict[str, float] = {}
     if options.peers:
         from skystack.benchmarking.peers import measure_peers, ratios
 
-        found, missing = measure_peers(effort, told)
+        found, missing = measure_peers(effort, on_group)
         figures += found
-        faster = ratios(figures)
+        speedups = ratios(figures)
     if options.json:
-        shown = [figure.as_json for figure in figures]
         print_json(
             {
                 "machine": machine(),
-                "figures": shown,
-                "ratios": faster,
+                "figures": [figure.as_json for figure in figures],
+                "ratios": speedups,
                 "not_measured": missing,
             }
         )
     else:
         output().print(figures_table(figures).as_rich())
         print_line(machine_line(machine()))
-        for name, times in faster.items():
-            print_line(f"{number(times)} times as fast as {name}")
-        for name, why in missing.items():
-            print_line(f"not measured: {name}: {why}")
+        for name, speedup in speedups.items():
+            print_line(f"{number(speedup)} times as fast as {name}")
+        for name, reason in missing.items():
+            print_line(f"not measured: {name}: {reason}")
     return DONE

@@ -1,1 +1,1 @@
-"""How JAX's programs are compiled: cache, subroutines, cores, forked processes."""
+"""Compilation of JAX programs: cache, subroutines, cores, forked processes."""

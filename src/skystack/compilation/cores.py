@@ -1,4 +1,4 @@
-"""The processor: the cores that this process may use, and what the system says of them."""
+"""The processor: the cores that this process may use, and the system's description of it."""
 
 import os
 from collections.abc import Sequence
@@ -6,14 +6,14 @@ from pathlib import Path
 
 
 def cores() -> Sequence[int | None]:
-    """Their numbers; [None] where the system does not tell which."""
+    """The numbers of the cores that this process may use; None for each if they are unknown."""
     if hasattr(os, "sched_getaffinity"):
         return sorted(os.sched_getaffinity(0))
     return [None] * (os.cpu_count() or 1)
 
 
 def processor_lines(*names: str) -> list[str]:
-    """The lines of Linux's `/proc/cpuinfo` that begin with one of the names; elsewhere none."""
+    """The lines of `/proc/cpuinfo` that start with one of the names; none on other systems."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:

@@ -1,7 +1,8 @@
-"""Forked processes: a copy of a process has JAX's state without its threads, and waits forever.
+"""Refuse to run in a process forked after JAX has started: it would wait for JAX's threads forever.
 
-`multiprocessing` forks by default on Linux before Python 3.14, and so do vector environments that
-run in several processes. A fork before JAX has started is harmless. Needs no JAX.
+A forked process has JAX's state but not its threads. `multiprocessing` forks by default on Linux
+before Python 3.14, as do vector environments that run in several processes. A fork before JAX has
+started is harmless. This module does not import JAX.
 """
 
 import os
@@ -13,7 +14,7 @@ from skystack.errors import InputError
 
 
 def refuse_forked() -> None:
-    """Raises InputError where JAX was already running when this process was forked."""
+    """Raise InputError if JAX was already running when this process was forked."""
     if _inherited["jax"]:
         raise InputError(
             "JAX was started before this process was forked and cannot run in it (allowed: the "
@@ -23,14 +24,14 @@ def refuse_forked() -> None:
 
 
 def _started() -> bool:
-    """Whether JAX runs in this process. It has no public function that asks without starting it."""
+    """Whether JAX has started in this process. Asking a public function of JAX would start it."""
     bridge = sys.modules.get("jax._src.xla_bridge")
-    asked = getattr(bridge, "backends_are_initialized", None)
-    return asked is not None and bool(asked())
+    initialised = getattr(bridge, "backends_are_initialized", None)
+    return initialised is not None and bool(initialised())
 
 
-def _alone() -> bool:
-    """Whether this process has a single thread, as only a forked copy can have with JAX started."""
+def _single_threaded() -> bool:
+    """Whether this process has one thread; once JAX has started, only a forked process has one."""
     with suppress(OSError):  # not on Linux
         return len(list(Path("/proc/self/task").iterdir())) == 1
     return False
@@ -40,7 +41,7 @@ def _note_fork() -> None:
     _inherited["jax"] = _started()
 
 
-# The second half is for a child that imports this module only after the fork.
-_inherited = {"jax": _started() and _alone()}
+# `_single_threaded` detects a child that imports this module only after the fork.
+_inherited = {"jax": _started() and _single_threaded()}
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_note_fork)

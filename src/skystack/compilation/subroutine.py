@@ -1,4 +1,4 @@
-"""Subroutines of compiled programs: what they compute is computed once, however many read it."""
+"""Subroutines of compiled programs: a result that is used several times is computed once."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -11,18 +11,19 @@ Result = TypeVar("Result")
 
 
 def subroutine(function: Callable[..., Result], *arguments: Any) -> Result:
-    """The function's result; in a compiled program as a subroutine of its own.
+    """The function's result, computed in a separate subroutine when it is compiled.
 
-    XLA for CPUs makes one loop for each array that is kept, and repeats in it all cheap arithmetic
-    that leads there: what ten arrays are made from would be computed ten times. A subroutine that
-    is not inlined ends that at its results. It has the function's name, in profiles too.
+    XLA for CPUs generates one loop per output array and repeats in it all the cheap arithmetic that
+    the array depends on: an intermediate result of ten arrays would be computed ten times. The
+    results of a subroutine that is not inlined are computed once. The subroutine has the function's
+    name, also in profiles.
     """
     if not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arguments)):
         return function(*arguments)
 
     @wraps(function)
     def body(*arguments: Any) -> Result:
-        # What is inside may be inlined there.
+        # Calls inside the subroutine may be inlined.
         with set_xla_metadata(inlineable=None):  # type: ignore[no-untyped-call]
             return function(*arguments)
 

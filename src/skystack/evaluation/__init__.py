@@ -1,1 +1,1 @@
-"""How controllers are judged: rollouts, tables, statistics, comparison with the paper."""
+"""Evaluation of controllers: rollouts, tables, statistics, comparison with the paper."""

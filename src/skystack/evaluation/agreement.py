@@ -1,4 +1,4 @@
-"""How alike two evaluations of the same scenarios are: the same clearances, in the same order."""
+"""Agreement of two evaluations of the same scenarios: same clearances in the same order."""
 
 from collections import defaultdict
 from collections.abc import Iterable
@@ -12,9 +12,9 @@ IssuedRow = tuple[int, str, str, int]
 def same_clearances(
     ours: pa.Table, theirs: pa.Table, scenarios: Iterable[int], cycles: int = 1
 ) -> list[bool]:
-    """For each scenario whether both tables `clearances` agree on it.
+    """For each scenario, whether both tables `clearances` agree on it.
 
-    They do when they name the same aircraft, kinds and values in the same order, each at most
+    They agree if they have the same aircraft, kinds and values in the same order, each at most
     `cycles` cycles apart.
     """
     first, second = _by_scenario(ours), _by_scenario(theirs)
@@ -22,13 +22,13 @@ def same_clearances(
 
 
 def _by_scenario(table: pa.Table) -> defaultdict[int, list[IssuedRow]]:
-    found: defaultdict[int, list[IssuedRow]] = defaultdict(list)
+    rows: defaultdict[int, list[IssuedRow]] = defaultdict(list)
     columns = (
         table[name].to_pylist() for name in ("scenario", "cycle", "callsign", "kind", "value")
     )
     for scenario, *clearance in zip(*columns, strict=True):
-        found[scenario].append(tuple(clearance))
-    return found
+        rows[scenario].append(tuple(clearance))
+    return rows
 
 
 def _agree(ours: list[IssuedRow], theirs: list[IssuedRow], cycles: int) -> bool:

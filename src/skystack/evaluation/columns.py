@@ -1,4 +1,4 @@
-"""What the columns of tables may hold: checked when a table is read, for it may be a stranger's."""
+"""What the columns of tables may hold, checked when a table is read: tables are untrusted."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -11,12 +11,13 @@ from skystack.errors import InputError
 
 MOST_ROWS = 20_000_000
 MOST_KEPT_ROWS = 1_000_000
-"""Of those that are asked for; the others are passed by."""
+"""The maximum number of rows after filtering."""
 MOST_GROUP_BYTES = 500_000_000
-"""Of a row group, as the file states it."""
+"""The maximum size of a row group, as stated in the file."""
 MOST_TEXT_BYTES = 100_000_000
-"""Of a column as it is read: a few bytes may say that a long text stands in every row."""
+"""The maximum size of a decoded column: a few bytes can encode a long text for every row."""
 GREATEST = 1e9
+"""The largest number in a column, unless `GREATEST_DEGREES` states another."""
 GREATEST_DEGREES = {"lat": 89.9999, "lon": 360.0}
 """The projection is undefined at the poles."""
 
@@ -25,7 +26,7 @@ TRUTH = {"success", "correct_exit", "excursion", "few_clearances", "loss_of_sepa
 TRUTH |= {"own_navigation"}
 WHOLE = {"scenario", "cycle", "cycles", "time_s", "clearances", "instructions", "transmission"}
 WHOLE |= {"value", "exit_fl"}
-"""Counts, numbers under which something is known, and cleared values: none is negative."""
+"""Counts, identifying numbers and cleared values, which are not negative."""
 MAY_BE_NULL = {"direction"}
 MAY_BE_INFINITE = {"min_separation_nm"}
 
@@ -47,7 +48,7 @@ _NUMBER = _Kind(
 
 
 def check_columns(table: pa.Table) -> None:
-    """Raises InputError that names a column of another type, or with values that none may have."""
+    """Raise InputError that names a column of a wrong type or with values that are not allowed."""
     try:
         table.validate(full=True)
     except pa.ArrowException as error:
@@ -57,14 +58,14 @@ def check_columns(table: pa.Table) -> None:
 
 
 def _check_column(name: str, column: pa.ChunkedArray) -> None:
-    if not len(column):  # of no values, any type will do
+    if not len(column):  # an empty column may have any type
         return
     wanted = _kind_of(name)
     kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
     if not wanted.fits(kind):
         raise InputError(f"column {name!r} holds {kind} (allowed: {wanted.words})")
     if column.null_count and name not in MAY_BE_NULL:
-        raise InputError(f"column {name!r} holds nothing in {column.null_count} rows")
+        raise InputError(f"column {name!r} is empty in {column.null_count} rows")
     if pa.types.is_dictionary(column.type) and _text_bytes(column) > MOST_TEXT_BYTES:
         raise InputError(f"column {name!r} holds too much text (allowed: {MOST_TEXT_BYTES} bytes)")
     if wanted in (_WHOLE, _NUMBER):
@@ -74,7 +75,7 @@ def _check_column(name: str, column: pa.ChunkedArray) -> None:
 
 
 def _text_bytes(column: pa.ChunkedArray) -> int:
-    """Of all rows together, each text counted in every row where it stands."""
+    """The size of all rows together; a repeated text counts in each row."""
     return sum(
         pc.sum(pc.binary_length(chunk.dictionary).take(chunk.indices)).as_py() or 0
         for chunk in column.chunks
@@ -83,7 +84,7 @@ def _text_bytes(column: pa.ChunkedArray) -> int:
 
 def _check_range(name: str, values: np.ndarray, lowest: float, greatest: float) -> None:
     known = values[values != np.inf] if name in MAY_BE_INFINITE else values
-    if not np.all((known >= lowest) & (known <= greatest)):  # true of NaN, too
+    if not np.all((known >= lowest) & (known <= greatest)):  # true of NaN too
         allowed = f"{lowest:g} to {greatest:g}"
         raise InputError(f"column {name!r} holds a non-finite or too large number ({allowed})")
 

@@ -1,4 +1,4 @@
-"""One policy on the same scenarios in several simulators, ours first."""
+"""Evaluate one policy on the same scenarios in several simulators, ours first."""
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
@@ -12,23 +12,23 @@ from skystack.evaluation.summary import RowValues
 from skystack.learning.policy import Policy
 
 ScenarioCounter = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
-"""Shows how many of a number of scenarios are done: `skystack.cli.console.count_scenarios`."""
+"""Displays the number of finished scenarios: `skystack.cli.console.count_scenarios`."""
 
 
 class CrossPlatform(NamedTuple):
-    """What came of it."""
+    """The results on all platforms."""
 
     rows: list[RowValues]
-    """Those of other platforms have `same_clearances_rate`, the part of scenarios with the same
+    """Rows of other platforms have `same_clearances_rate`: the share of scenarios with the same
     clearances as in our simulator (`skystack.evaluation.agreement`)."""
     failed: list[str]
-    """Which scenarios a platform did not finish, and why."""
+    """The scenarios that a platform did not finish, each with the reason."""
 
 
 def evaluate_on_platforms(
     policy: Policy, platforms: Sequence[str], episodes: int, out: Path, count: ScenarioCounter
 ) -> CrossPlatform:
-    """Plain and stacked on scenarios 0, 1, ...; other platforms' tables are written into `out`."""
+    """Evaluate plain and stacked on scenarios 0, 1, ...; write other platforms' tables to `out`."""
     rows: list[RowValues] = []
     failed: list[str] = []
     for stacking in (False, True):
@@ -37,10 +37,10 @@ def evaluate_on_platforms(
         rows.append(ours.row)
         for platform in platforms:
             name = f"{policy.description.experiment} {platform}"
-            there = conditions._replace(platform=platform)
+            on_platform = conditions._replace(platform=platform)
             try:
                 with count(name, episodes) as on_scenario:
-                    theirs = evaluate(policy, there, out, on_scenario)
+                    theirs = evaluate(policy, on_platform, out, on_scenario)
             except PlatformError as error:
                 failed.append(f"{name}: {error}")
                 continue

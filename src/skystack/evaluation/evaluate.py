@@ -1,4 +1,4 @@
-"""Judge one controller on held-out scenarios: fly, write the tables, reduce them to a row."""
+"""Evaluate a controller on held-out scenarios: fly them, write the tables, compute its row."""
 
 import pickle
 from collections.abc import Callable, Generator
@@ -23,7 +23,7 @@ from skystack.evaluation.rollout import (
     network_controller,
     prepare,
 )
-from skystack.evaluation.summary import RowValues, summarise
+from skystack.evaluation.summary import NO_OP_NAME, RowValues, summarise
 from skystack.evaluation.tabulate import tabulate
 from skystack.io.files import AnyPath, make_folder, scratch_folder
 from skystack.io.locks import no_empty_folders
@@ -45,53 +45,52 @@ from skystack.platforms.registry import (
     platform_notes,
 )
 from skystack.policies.facts import Facts
-from skystack.tasks.build import build_task, check_cycles
-from skystack.tasks.navigation import NavigationTask
+from skystack.tasks.contract import TrafficTask
+from skystack.tasks.registry import build_traffic_task, check_cycles
 from skystack.tasks.settings import MOST_CYCLES
 
-NO_OP_NAME = "do-nothing"
 AnyExperiment = AnyPath | Experiment
-"""A name, a file (.toml) or the experiment itself."""
+"""The name of an experiment, its file (.toml) or the experiment itself."""
 
 
 class Conditions(NamedTuple):
-    """How a controller is judged."""
+    """The conditions of an evaluation."""
 
     seed: int = 0
-    """Of the scenarios."""
+    """The seed of the scenarios."""
     episodes: int = 1000
     stacking: bool = True
     greedy: bool = True
     platform: str = OWN
     time_limit_s: float = TIME_LIMIT_S
-    """For one scenario on another platform."""
+    """The time limit for one scenario on another platform."""
     sector: AnySector | None = None
-    """Another sector than the one that it was trained in."""
+    """The sector to fly in; by default that of the training."""
     cycles: int | None = None
-    """The most cycles of a scenario; those of its training where none is given."""
+    """The maximum number of cycles of a scenario; by default that of the training."""
 
 
 class Evaluation(NamedTuple):
-    """A row and the scenarios behind it."""
+    """A row of the comparison and the scenarios that it summarises."""
 
     row: RowValues
     episodes: pa.Table
     clearances: pa.Table
-    """Texts are dictionaries: what repeats in them takes no memory."""
+    """Texts are dictionary-encoded: repeated texts take no memory."""
     failed: dict[int, str]
-    """Scenarios that the platform did not finish, and why; they are in neither."""
+    """Scenarios that the platform did not finish, with the reason. They are in neither table."""
     notes: tuple[str, ...] = ()
-    """What the user should know: what a platform flew in another way than the task asks for, and
-    routes that take longer than a scenario."""
+    """Notes for the user: where a platform deviates from the task, and routes that take longer than
+    a scenario."""
 
 
 def policy_task(
     policy: Policy, sector: AnySector | None = None, cycles: int | None = None
-) -> NavigationTask:
-    """The task that a policy was trained for, as it is flown; in another sector if one is given,
-    and for another number of cycles.
+) -> TrafficTask:
+    """The task that a policy was trained for, as it is flown in an evaluation.
 
-    Raises InputError when this version's task is another one than the policy's.
+    The sector and the number of cycles can be replaced. Raises InputError if the task has changed
+    since the policy was trained.
     """
     described = policy.description
     where = f"policy {described.experiment}-s{described.seed}"
@@ -106,61 +105,60 @@ def agent_task(
     experiment: AnyExperiment | None,
     sector: AnySector | None = None,
     cycles: int | None = None,
-) -> NavigationTask:
-    """The task that an agent is judged on: its experiment's, in another sector if one is given.
+) -> TrafficTask:
+    """The task that an agent is evaluated on: that of its experiment.
 
-    An export of our own policies names its experiment; all others need one, by name, file (.toml)
-    or itself. Raises InputError where it is missing, or the agent does not observe what its task
-    shows or has other actions.
+    The sector and the number of cycles can be replaced. An export of our own policies names its
+    experiment; all other agents need one. Raises InputError if the experiment is missing, or if the
+    agent's observation or actions differ from those of the task.
     """
     facts = agent.facts
     if experiment is None and facts is not None and facts.experiment in experiment_names():
         experiment = facts.experiment
     if experiment is None:
-        known = f": its {facts.experiment!r} does not ship" if facts else ""
+        reason = f"{facts.experiment!r} is not shipped" if facts else "none was given"
         raise InputError(
-            f"{agent.name} does not say which experiment it is for{known} (allowed: --experiment "
-            "NAME or FILE.toml; in Python experiment=...)"
+            f"{agent.name} needs an experiment: {reason} (allowed: --experiment NAME or FILE.toml; "
+            "in Python experiment=...)"
         )
     if not isinstance(experiment, Experiment):
         experiment = load_experiment(experiment)
     task = _task(experiment, sector, cycles)
     if facts is not None:
         _check_trained_for(task, facts, agent.name)
-    seen, actions = len(task.observation_names), len(task.action_names)
-    if agent.observations not in (None, seen) or agent.actions not in (None, actions):
-        has = f"{agent.observations or '?'} observed values and {agent.actions or '?'} actions"
-        its = f"{experiment.name}: {seen}, {actions}"
-        raise InputError(f"{agent.name} has {has} (allowed for {its})")
+    observations, actions = len(task.observation_names), len(task.action_names)
+    if agent.observations not in (None, observations) or agent.actions not in (None, actions):
+        sizes = f"{agent.observations or '?'} observed values and {agent.actions or '?'} actions"
+        allowed = f"{experiment.name}: {observations}, {actions}"
+        raise InputError(f"{agent.name} has {sizes} (allowed for {allowed})")
     return task
 
 
-def _task(experiment: Experiment, sector: AnySector | None, cycles: int | None) -> NavigationTask:
+def _task(experiment: Experiment, sector: AnySector | None, cycles: int | None) -> TrafficTask:
     settings = experiment.task
     if sector is not None:
         settings = msgspec.structs.replace(settings, sector=named_or_read(sector))
     if cycles is not None:
         settings = msgspec.structs.replace(settings, cycles=cycles)
-    return build_task(settings)
+    return build_traffic_task(settings)
 
 
-def _check_trained_for(
-    task: NavigationTask, described: PolicyDescription | Facts, where: str
-) -> None:
+def _check_trained_for(task: TrafficTask, described: PolicyDescription | Facts, where: str) -> None:
     if (described.task_name, described.task_version) != (task.name, task.version):
         raise InputError(
             f"{where} was trained for task {described.task_name} version "
-            f"{described.task_version} (allowed: {task.name} version {task.version}); train it anew"
+            f"{described.task_version} (allowed: {task.name} version {task.version}); "
+            "train it again"
         )
     if described.observation != task.observation_names or described.actions != task.action_names:
-        raise InputError(f"{where}: its observation or actions are not those of its task")
+        raise InputError(f"{where}: its observation or actions differ from those of its task")
 
 
-_USUAL = Conditions()
+_DEFAULT = Conditions()
 
 
 def _checked(conditions: Conditions) -> Conditions:
-    """The conditions as plain values. Raises InputError for invalid ones."""
+    """The conditions as plain Python values. Raises InputError for invalid ones."""
     cycles = conditions.cycles
     return conditions._replace(
         seed=checked_whole("seed", conditions.seed, 0, MOST_NUMBER),
@@ -180,25 +178,25 @@ def _flag(name: str, value: Any) -> bool:
 
 def evaluate(
     policy: Any,
-    conditions: Conditions = _USUAL,
+    conditions: Conditions = _DEFAULT,
     out: AnyPath | None = None,
     on_scenario: Callable[[int], None] = lambda done: None,
     *,
     experiment: AnyExperiment | None = None,
     name: str | None = None,
 ) -> Evaluation:
-    """Fly a policy on the scenarios of an evaluation seed; `out` is the folder for evaluations.
+    """Fly a policy on the scenarios of an evaluation seed. `out` is the folder for evaluations.
 
-    `policy` is one of `find_policy` or `find_agent`; a function from an observation, float32
-    `[observation]`, to the number of an action; a `Batched` function of many observations; or a
-    model of Stable-Baselines3. All but the first must decide by the observation alone: they are
-    asked for one scenario after the other, on other platforms in other processes. They need the
-    `experiment` that they are for, its name, its file (.toml) or itself, unless they say which.
+    `policy` is the result of `find_policy` or `find_agent`; a function from an observation, float32
+    `[observation]`, to an action number; a `Batched` function of many observations; or a
+    Stable-Baselines3 model. Unless it is a `Policy` of skystack, it must be stateless: calls for
+    different scenarios are interleaved, and other platforms call it in other processes. It also
+    needs the `experiment` that it was made for, unless it names one.
 
-    `name` is that of the row and of the folder. `on_scenario` hears how many scenarios are done.
-    Raises InputError for invalid conditions, a platform that is not there, an experiment that
-    does not fit and a policy that fails or answers with what is no action; PlatformError when no
-    scenario is finished.
+    `name` is used for the row and the folder. `on_scenario` is called with the number of finished
+    scenarios. Raises InputError for invalid conditions, an unavailable platform, an experiment that
+    does not fit, and a policy that fails or returns an invalid action; PlatformError if no scenario
+    is finished.
     """
     check_platform(conditions.platform)
     conditions = _checked(conditions)
@@ -212,8 +210,8 @@ def evaluate(
             f"{agent.name} has no probabilities to sample from (allowed: its greedy action)"
         )
     controller = partial(HostedController, agent, conditions.greedy)
-    called, seed = as_name(name or agent.name), agent.facts.seed if agent.facts else 0
-    return _evaluate(called, seed, task, controller, conditions, out, on_scenario)
+    row_name, seed = as_name(name or agent.name), agent.facts.seed if agent.facts else 0
+    return _evaluate(row_name, seed, task, controller, conditions, out, on_scenario)
 
 
 def _evaluate_own(
@@ -227,17 +225,17 @@ def _evaluate_own(
     described, task = policy.description, policy_task(policy, conditions.sector, conditions.cycles)
     if experiment is not None:
         raise InputError(
-            f"{described.experiment} carries its own experiment (allowed: --experiment with "
-            "policies of other libraries)"
+            f"{described.experiment} carries its own experiment (allowed: --experiment only "
+            "with policies of other libraries)"
         )
     controller = partial(network_controller, policy.actor, policy.normaliser, conditions.greedy)
-    called = as_name(name) if name else described.experiment
-    return _evaluate(called, described.seed, task, controller, conditions, out, on_scenario)
+    row_name = as_name(name) if name else described.experiment
+    return _evaluate(row_name, described.seed, task, controller, conditions, out, on_scenario)
 
 
 def evaluate_no_op(experiment: Experiment, conditions: Conditions, out: Path | None) -> Evaluation:
-    """The same scenarios with no instructions at all."""
-    task = build_task(experiment.task)
+    """Evaluate the same scenarios without any instructions."""
+    task = build_traffic_task(experiment.task)
     plain = conditions._replace(stacking=False)
     return _evaluate(NO_OP_NAME, 0, task, lambda: NO_OP_CONTROLLER, plain, out, lambda done: None)
 
@@ -245,7 +243,7 @@ def evaluate_no_op(experiment: Experiment, conditions: Conditions, out: Path | N
 def evaluation_folder(
     out: Path, experiment: str, seed: int, stacking: bool, platform: str = OWN
 ) -> Path:
-    """Where the tables of an evaluation lie. Raises InputError for an invalid folder name."""
+    """The folder for the tables of an evaluation. Raises InputError for an invalid name."""
     check_name("the name of the experiment", experiment)
     kind = "stacked" if stacking else "plain"
     return out / f"{experiment}-s{seed}-{platform}-{kind}"
@@ -254,59 +252,61 @@ def evaluation_folder(
 def _evaluate(
     name: str,
     trained_seed: int,
-    task: NavigationTask,
+    task: TrafficTask,
     controller: Callable[[], Controller | HostedController],
     conditions: Conditions,
     out: Path | None,
     on_scenario: Callable[[int], None],
 ) -> Evaluation:
-    """Fly, make the tables, write them where wanted, and reduce them to the row."""
-    beyond = check_cycles(task)
+    """Fly the scenarios, make the tables, write them if a folder is given, and compute the row."""
+    cycles_note = check_cycles(task)
     platform, stacking = conditions.platform, conditions.stacking
     folder = None if out is None else evaluation_folder(out, name, trained_seed, stacking, platform)
     failed = dict[int, str]()
     if platform == OWN:
-        flying = _fly_here(task, controller(), conditions, on_scenario)
+        recordings = _fly_here(task, controller(), conditions, on_scenario)
     else:
-        flying = _fly_on_platform(task, controller, conditions, out, failed, on_scenario)
-    with closing(flying):
+        recordings = _fly_on_platform(task, controller, conditions, out, failed, on_scenario)
+    with closing(recordings):
         flown_as, adoption = partial(flown_type, platform), adoption_of(platform)
-        episodes, clearances, wall_s = tabulate(task, flying, folder, flown_as, adoption)
-    row = summarise(name, trained_seed, platform, stacking, conditions.greedy, wall_s, episodes)
-    climbs = task.actions.kind == "level"
+        episodes, clearances, wall_s = tabulate(task, recordings, folder, flown_as, adoption)
+    row = summarise(
+        name, task.name, trained_seed, platform, stacking, conditions.greedy, wall_s, episodes
+    )
+    climbs = any(action.kind == "level" for action in task.actions)
     notes = platform_notes(platform, task.simulator.performance.types, climbs)
-    notes += [] if beyond is None else [beyond]
+    notes += [] if cycles_note is None else [cycles_note]
     return Evaluation(row, episodes, clearances, failed, tuple(notes))
 
 
 def _fly_here(
-    task: NavigationTask,
+    task: TrafficTask,
     controller: Controller | HostedController,
     conditions: Conditions,
     on_scenario: Callable[[int], None],
 ) -> Generator[Recording, None, None]:
     seed, episodes, stacking = conditions.seed, conditions.episodes, conditions.stacking
     if isinstance(controller, HostedController):
-        flying = fly_hosted(task, controller, seed, episodes, stacking)
+        recordings = fly_hosted(task, controller, seed, episodes, stacking)
     else:
-        flying = prepare(task, controller.decide, stacking)(controller.weights, seed, episodes)
+        recordings = prepare(task, controller.decide, stacking)(controller.weights, seed, episodes)
     done = 0
-    for block in flying:
+    for block in recordings:
         done += len(block.number)
         yield block
-        del block  # before the next one is flown
+        del block  # free the memory before the next block is flown
         on_scenario(done)
 
 
 def _fly_on_platform(
-    task: NavigationTask,
+    task: TrafficTask,
     controller: Callable[[], Controller | HostedController],
     conditions: Conditions,
     out: Path | None,
     failed: dict[int, str],
     on_scenario: Callable[[int], None],
 ) -> Generator[Recording, None, None]:
-    """Fly on another platform; its own files lie where the system keeps what is thrown away."""
+    """Fly on another platform, whose own files are written to a temporary folder."""
     job = PlatformRollout(
         task,
         controller,
@@ -319,16 +319,16 @@ def _fly_on_platform(
     with ExitStack() as stack:
         if out is not None:
             stack.enter_context(no_empty_folders(out))
-            make_folder(out)  # refused before anything is flown, which takes long
-        work = stack.enter_context(scratch_folder("skystack-"))
-        yield from fly_on_platform(job, conditions.episodes, work, failed, limit_s, on_scenario)
+            make_folder(out)  # fails early, before the long flights
+        scratch = stack.enter_context(scratch_folder("skystack-"))
+        yield from fly_on_platform(job, conditions.episodes, scratch, failed, limit_s, on_scenario)
 
 
 def _check_sent(job: PlatformRollout) -> None:
     """Raise InputError for a controller that cannot be sent to other processes."""
     try:
         pickle.dumps(job)
-    except Exception as error:  # objects raise what they like when they are pickled
+    except Exception as error:  # pickling can raise any exception
         raise InputError(
-            f"the policy cannot be sent to other processes, as other platforms need: {error}"
+            f"the policy cannot be sent to other processes, as other platforms require: {error}"
         ) from error

@@ -1,4 +1,4 @@
-"""A flight as the tasks see it: who is in the sector, and losses of separation, of any platform."""
+"""The status of aircraft and the losses of separation in a flight on any platform."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import ArrayLike, Bool, Int
 
 from skystack.airspace.sector import Sector
 from skystack.evaluation.losses import FlightPath, losses
@@ -21,41 +21,43 @@ STATUS = ("before_entry", "in_sector", "exited", "excursion")
 
 
 class Followed(NamedTuple):
-    """What was seen of a flight."""
+    """The findings of the tasks' tracker and separation check for a flight."""
 
     status: Int[np.ndarray, "rows aircraft"]
     """Index in `STATUS`."""
     losses: int
-    """How often two aircraft lost separation: cycles on end are one loss."""
+    """The number of losses of separation: consecutive cycles of a pair are one loss."""
     min_separation_nm: float
-    """Least distance without vertical separation; infinite where everybody had it."""
+    """The least distance without vertical separation; infinite if all pairs always had it."""
 
 
 def follow(scenario: Scenario, reports: Sequence[Report]) -> Followed:
-    """Follow reported traffic by the tracker and the closed form that evaluations are judged by.
+    """Evaluate reported traffic with the tracker and the closed form that the tasks use.
 
-    As there, an aircraft that has exited is no longer watched.
+    As in the tasks, an aircraft that has exited is ignored.
     """
     sector, tracker = scenario.sector, Tracker(scenario.sector)
     before = scenario.initial_traffic(scenario.simulator())
     start = traffic_of(reports[0], before, sector.plane)
     exit_level_ticks = [ticks(aircraft.exit_fl) for aircraft in scenario.aircraft]
     traffic, memory = start, tracker.begin(start, jnp.array(exit_level_ticks, dtype=jnp.float32))
-    look = jax.jit(partial(_look, tracker))
+    track = jax.jit(partial(_track, tracker))
     rows = [_status(memory)]
     for report in reports[1:]:
-        traffic, memory = look(memory, traffic_of(report, traffic, sector.plane))
+        traffic, memory = track(memory, traffic_of(report, traffic, sector.plane))
         rows.append(_status(memory))
     status = np.stack(rows)
-    lost = losses(sector, _watched(sector, reports, status))
-    return Followed(status, sum(1 for _ in lost), float(memory.min_separation_nm))
+    found = losses(sector, _paths_to_exit(sector, reports, status))
+    return Followed(status, sum(1 for _ in found), float(memory.separation.least_nm))
 
 
-def _watched(
+def _paths_to_exit(
     sector: Sector, reports: Sequence[Report], status: Int[np.ndarray, "rows aircraft"]
 ) -> list[FlightPath]:
-    """Where each aircraft was up to the row in which it has exited."""
-    lat, lon, fl = (np.stack([getattr(one, name) for one in reports]) for name in _PLACE)
+    """The path of each aircraft, up to the row in which it has exited."""
+    lat, lon, fl = (
+        np.stack([getattr(report, name) for report in reports]) for name in ("lat", "lon", "fl")
+    )
     position_nm = sector.plane.to_plane(lat, lon)
     before_exit = np.sum(status != STATUS.index("exited"), axis=0)
     return [
@@ -64,24 +66,20 @@ def _watched(
     ]
 
 
-_PLACE = ("lat", "lon", "fl")
-
-
 def status_of(
-    entered: Bool[np.ndarray, "*n"],
-    exited: Bool[np.ndarray, "*n"],
-    excursion: Bool[np.ndarray, "*n"],
+    entered: Bool[ArrayLike, "*n"], exited: Bool[ArrayLike, "*n"], excursion: Bool[ArrayLike, "*n"]
 ) -> Int[np.ndarray, "*n"]:
-    """Index in `STATUS`; an aircraft that left the sector and later exits correctly has exited."""
+    """Index in `STATUS`. An aircraft that exits correctly after an excursion has exited."""
     status = np.where(entered, 1, 0)
     status = np.where(excursion, 3, status)
     return np.where(exited, 2, status).astype(np.int8)
 
 
 def _status(memory: Memory) -> Int[np.ndarray, " aircraft"]:
-    return status_of(*map(np.asarray, (memory.entered, memory.exited, memory.excursion)))
+    progress = memory.progress
+    return status_of(progress.entered, progress.exited, progress.excursion)
 
 
-def _look(tracker: Tracker, memory: Memory, flown: Traffic) -> tuple[Traffic, Memory]:
+def _track(tracker: Tracker, memory: Memory, flown: Traffic) -> tuple[Traffic, Memory]:
     memory = tracker.track(memory, flown)
-    return flown._replace(active=flown.active & ~memory.exited), memory
+    return flown._replace(active=flown.active & ~memory.progress.exited), memory

@@ -1,7 +1,8 @@
-"""Fly scenarios under an agent that is asked from Python: all at once, cycle by cycle.
+"""Fly scenarios with an agent that runs in Python: all scenarios at once, cycle by cycle.
 
-The task's parts are compiled, each for all scenarios together; between them the agent is asked. The
-results are those of `skystack.evaluation.rollout`, whose one program no such agent can be part of.
+The task's functions are compiled for all scenarios together, and the agent is called between them.
+The results equal those of `skystack.evaluation.rollout`, which compiles the whole loop and so
+cannot include such an agent.
 """
 
 from collections.abc import Iterator
@@ -23,14 +24,14 @@ from skystack.evaluation.rollout import (
     recording_of,
 )
 from skystack.learning.seeds import scenario_keys
-from skystack.stacking import Stack, stack_many
+from skystack.stacking import NO_OP, Stack, stack_many
 from skystack.tasks.batch import choose
-from skystack.tasks.contract import NO_OP
-from skystack.tasks.navigation import NavigationState, NavigationTask
+from skystack.tasks.contract import TaskState, TrafficTask
+from skystack.tasks.observations import flatten_observation
 
 
 class HostedController(NamedTuple):
-    """An agent and how it decides: by its action, or by one drawn by its logits."""
+    """An agent and how it decides: by its greedy action, or by sampling from its logits."""
 
     agent: Agent
     greedy: bool = True
@@ -42,7 +43,7 @@ class Moment(NamedTuple):
     numbers: Int[np.ndarray, " scenarios"]
     cycle: int
     keys: Key[Array, " scenarios"]
-    """For an agent that samples."""
+    """Random keys, for an agent that samples."""
 
 
 class Decisions:
@@ -51,61 +52,65 @@ class Decisions:
     Implements `skystack.stacking.ManyTwoPhase`.
     """
 
-    def __init__(
-        self, task: NavigationTask, controller: HostedController, limit: int | None
-    ) -> None:
+    def __init__(self, task: TrafficTask, controller: HostedController, limit: int | None) -> None:
         self._controller, self._limit = controller, limit
         self._actions = len(task.action_names)
         self.may_stack, self.instruct = jax.jit(task.may_stack), jax.jit(task.instruct)
-        self.choose, self._observed = jax.jit(choose), jax.jit(task.observe)
-        self._drawn = jax.jit(jax.vmap(_drawn))
+        self.choose, self._observe = jax.jit(choose), jax.jit(partial(_flat_observation, task))
+        self._sample = jax.jit(jax.vmap(_sample))
 
-    def observe(self, state: NavigationState) -> Float[np.ndarray, "scenarios observation"]:
-        return np.asarray(self._observed(state)).T
+    def observe(self, state: TaskState) -> Float[np.ndarray, "scenarios observation"]:
+        """The flattened observations, scenarios first."""
+        return np.asarray(self._observe(state)).T
 
     def decide(
-        self, state: NavigationState, asking: Bool[np.ndarray, " scenarios"], moment: Moment
-    ) -> tuple[NavigationState, Stack]:
-        """Instruct as the agent asks, in the scenarios of a mask; no time passes.
+        self, state: TaskState, asking: Bool[np.ndarray, " scenarios"], moment: Moment
+    ) -> tuple[TaskState, Stack]:
+        """Issue the agent's instructions in the scenarios of a mask; no simulated time passes.
 
         Raises InputError as `skystack.agents.queries.query_actions` does.
         """
 
         def policy(observations: Any, asking: Any, query: Any) -> Int[np.ndarray, " scenarios"]:
-            who = np.flatnonzero(asking)
+            asked = np.flatnonzero(asking)
             actions = np.full(len(moment.numbers), NO_OP, dtype=np.int32)
-            # Taken by their indices, observations are a copy: the agent may keep or change them.
-            actions[who] = self._ask(observations[who], who, query, moment)
+            # Indexing copies the observations: the agent may keep or change them.
+            actions[asked] = self._query(observations[asked], asked, query, moment)
             return actions
 
         return stack_many(self, policy, state, asking, self._limit)
 
-    def _ask(
+    def _query(
         self,
         observations: Float[np.ndarray, "asking observation"],
-        who: Int[np.ndarray, " asking"],
+        asked: Int[np.ndarray, " asking"],
         query: Any,
         moment: Moment,
     ) -> Int[np.ndarray, " asking"]:
         agent, greedy = self._controller
-        ask = query_actions if greedy else query_scores
-        answers = ask(agent, observations, moment.numbers[who], moment.cycle, self._actions)
+        query_agent = query_actions if greedy else query_scores
+        numbers = moment.numbers[asked]
+        answers = query_agent(agent, observations, numbers, moment.cycle, self._actions)
         if greedy:
             return answers
         logits = np.zeros((len(moment.numbers), self._actions), dtype=np.float32)
-        logits[who] = answers  # all scenarios in one shape, which is compiled once
-        return np.asarray(self._drawn(moment.keys, query, logits))[who]
+        logits[asked] = answers  # always one row per scenario: a single shape to compile
+        return np.asarray(self._sample(moment.keys, query, logits))[asked]
 
 
-def _drawn(
+def _flat_observation(task: TrafficTask, state: TaskState) -> Float[Array, "observation scenarios"]:
+    return flatten_observation(task.observe(state), batch_axes=1)
+
+
+def _sample(
     key: Key[Array, ""], query: Int[Array, ""], logits: Float[Array, " actions"]
 ) -> Int[Array, ""]:
-    """Under the same keys as inside a compiled program: the same agent draws the same."""
+    """Sample with the same keys as the compiled rollout, so that results are equal."""
     return jax.random.categorical(jax.random.fold_in(key, query), logits)
 
 
 def fly_hosted(
-    task: NavigationTask,
+    task: TrafficTask,
     controller: HostedController,
     seed: int,
     scenarios: int,
@@ -113,50 +118,49 @@ def fly_hosted(
 ) -> Iterator[Recording]:
     """`skystack.evaluation.rollout.fly` for an agent, block by block.
 
-    Raises InputError, which names scenario and cycle, for an agent that fails or answers with what
-    is not in the task's action table.
+    Raises InputError, which names scenario and cycle, for an agent that fails or returns an action
+    that is not in the task's action table.
     """
-    flight, decisions = _Flight(task), Decisions(task, controller, None if stacking else 1)
+    rollout, decisions = _Rollout(task), Decisions(task, controller, None if stacking else 1)
     for numbers in blocks(task, scenarios):
-        yield flight.fly(decisions, seed, numbers)
+        yield rollout.fly(decisions, seed, numbers)
 
 
-class _Flight:
-    """The compiled parts of a flight, shared by all blocks."""
+class _Rollout:
+    """The compiled parts of the loop, shared by all blocks."""
 
-    def __init__(self, task: NavigationTask) -> None:
+    def __init__(self, task: TrafficTask) -> None:
         self._task = task
         self._reset = jax.jit(jax.vmap(task.reset, out_axes=-1))
-        self._queries = jax.jit(jax.vmap(partial(query_keys, task)))
-        self._advance = jax.jit(self._advanced)
+        self._query_keys = jax.jit(jax.vmap(partial(query_keys, task)))
+        self._advance = jax.jit(self._advance_running)
 
-    def _advanced(
-        self, told: NavigationState, stack: Stack, over: Bool[Array, " scenarios"]
-    ) -> tuple[NavigationState, Bool[Array, " scenarios"], tuple[Any, ...]]:
-        flown, outcome = self._task.advance(told)
-        state = choose(over, told, flown)
-        kept = keep(stack, state, outcome, over)
-        return state, over | outcome.terminated, _first(kept)
+    def _advance_running(
+        self, instructed: TaskState, stack: Stack, over: Bool[Array, " scenarios"]
+    ) -> tuple[TaskState, Bool[Array, " scenarios"], tuple[Any, ...]]:
+        advanced, outcome = self._task.advance(instructed)
+        state = choose(over, instructed, advanced)
+        row = keep(self._task, stack, state, outcome, over)
+        return state, over | outcome.ended, _scenarios_first(row)
 
     def fly(
         self, decisions: Decisions, seed: int, numbers: Int[np.ndarray, " scenarios"]
     ) -> Recording:
-        """Fly scenarios until the last has ended; those that have ended do not change."""
+        """Fly scenarios until all have ended; a scenario that has ended does not change."""
         keys = scenario_keys(seed, numbers)
-        state, queries = self._reset(keys), self._queries(keys)
-        start, exit_level_ticks = jax.device_get(
-            _first((state.traffic, state.memory.exit_level_ticks))
-        )
+        state, query_keys = self._reset(keys), self._query_keys(keys)
+        initial = self._task.traffic(state), self._task.exit_level_ticks(state)
+        start, exit_level_ticks = jax.device_get(_scenarios_first(initial))
         over, rows = np.zeros(len(numbers), dtype=bool), list[Any]()
         while not over.all():
-            moment = Moment(numbers, len(rows), queries[:, len(rows)])
-            told, stack = decisions.decide(state, ~over, moment)
-            state, ended, kept = self._advance(told, stack, over)
+            moment = Moment(numbers, len(rows), query_keys[:, len(rows)])
+            instructed, stack = decisions.decide(state, ~over, moment)
+            state, ended, row = self._advance(instructed, stack, over)
             over = np.asarray(ended)
-            rows.append(jax.device_get(kept))
-        return recording_of(numbers, start, exit_level_ticks, rows, self._task.settings.cycles)
+            rows.append(jax.device_get(row))
+        return recording_of(numbers, start, exit_level_ticks, rows, self._task.cycles)
 
 
-def _first(tree: Any) -> Any:
-    """With the axis of scenarios first."""
+def _scenarios_first(tree: Any) -> Any:
+    """The arrays with the scenario axis first instead of last."""
     return jax.tree.map(lambda values: jnp.moveaxis(values, -1, 0), tree)

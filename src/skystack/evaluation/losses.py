@@ -1,4 +1,4 @@
-"""Losses of separation of flights that are given as rows, one a cycle."""
+"""Losses of separation between recorded flight paths with one row per cycle."""
 
 from collections.abc import Iterator, Sequence
 from functools import cache, partial
@@ -11,23 +11,23 @@ from jaxtyping import Float
 from skystack.airspace.projection import MercatorPlane
 from skystack.airspace.sector import Sector
 from skystack.simulator.performance import TICKS_PER_FL
-from skystack.tasks.tracking import pair_distance_squared
+from skystack.tasks.separation import pair_distance_squared
 
 _CYCLES = 128
-"""Of all pairs at once: the program is compiled once for a number of aircraft, not for every
-length, and the pairs of 200 aircraft take little memory."""
+"""The cycles computed at once, for all pairs. With blocks of a fixed length the program is compiled
+once for each number of aircraft, and the pairs of 200 aircraft take little memory."""
 
 
 class FlightPath(NamedTuple):
-    """Where one aircraft was, row 0 the start; it may end before others do."""
+    """The path of one aircraft from the start (row 0). It may be shorter than those of others."""
 
     position_nm: Float[np.ndarray, "rows 2"]
-    """In the sector's plane."""
+    """Positions in the sector's plane."""
     fl: Float[np.ndarray, " rows"]
 
 
 class Loss(NamedTuple):
-    """A loss of separation: two aircraft, and the rows between which they were too close."""
+    """A loss of separation: two aircraft and the rows between which they were too close."""
 
     first: int
     second: int
@@ -37,54 +37,58 @@ class Loss(NamedTuple):
 
 
 def losses(sector: Sector, paths: Sequence[FlightPath]) -> Iterator[Loss]:
-    """By the tasks' own closed form, for every pair from one row to the next.
+    """The losses of all pairs, by the tasks' closed form between one row and the next.
 
-    Consecutive cycles are one loss; ordered by pair, then by time.
+    Consecutive cycles are one loss. Ordered by pair, then by time.
     """
-    if len(paths) < 2:  # no pair
+    if len(paths) < 2:  # no pairs
         return
-    found = [np.empty((0, 2), dtype=np.int64)], [np.empty(0, dtype=np.float32)]
+    indices, distances = [np.empty((0, 2), dtype=np.int64)], [np.empty(0, dtype=np.float32)]
     for begin, distance_nm in _distances_nm(sector, paths):
-        close = distance_nm < sector.loss_below_nm
-        found[0].append(np.argwhere(close) + np.array([0, begin]))
-        found[1].append(distance_nm[close])
-    (pair, cycle), least = np.concatenate(found[0]).T, np.concatenate(found[1])
+        too_close = distance_nm < sector.loss_below_nm
+        indices.append(np.argwhere(too_close) + np.array([0, begin]))
+        distances.append(distance_nm[too_close])
+    (pair, cycle), least = np.concatenate(indices).T, np.concatenate(distances)
     order = np.lexsort((cycle, pair))
     pair, cycle, least = pair[order], cycle[order], least[order]
     begins = (np.diff(pair, prepend=-1) != 0) | (np.diff(cycle, prepend=-2) != 1)
     first, second = np.triu_indices(len(paths), k=1)
     for run in np.split(np.arange(len(pair)), np.flatnonzero(begins)[1:]) if len(pair) else ():
-        which, ends = pair[run[0]], int(cycle[run[-1]]) + 1
+        number = pair[run[0]]
         yield Loss(
-            int(first[which]), int(second[which]), int(cycle[run[0]]), ends, float(least[run].min())
+            first=int(first[number]),
+            second=int(second[number]),
+            begins=int(cycle[run[0]]),
+            ends=int(cycle[run[-1]]) + 1,
+            least_nm=float(least[run].min()),
         )
 
 
 @cache
 def _squared_nm2(plane: MercatorPlane, separation_fl: int) -> Any:
-    """Compiled once for all flights in a sector."""
+    """The pair distance, compiled once for all flights in a sector."""
     return jax.jit(partial(pair_distance_squared, plane, separation_fl))
 
 
 def _distances_nm(
     sector: Sector, paths: Sequence[FlightPath]
 ) -> Iterator[tuple[int, Float[np.ndarray, "pairs cycles"]]]:
-    """Blocks of cycles: the number of the first, and the least distance of each pair in each cycle.
+    """Blocks of cycles: the first cycle, and the least distance of each pair in each cycle.
 
-    NaN where one of the two has no more rows.
+    NaN if the path of one of the two has ended.
     """
     rows = max(2, *(len(each.fl) for each in paths))
-    rows += (1 - rows) % _CYCLES  # whole blocks, and the row in which the last one ends
-    place = np.stack([_filled(each.position_nm.T, rows) for each in paths])
-    level = np.stack([_filled(np.rint(each.fl * TICKS_PER_FL), rows) for each in paths])
+    rows += (1 - rows) % _CYCLES  # whole blocks, and the row that ends the last one
+    position = np.stack([_padded(each.position_nm.T, rows) for each in paths])
+    level = np.stack([_padded(np.rint(each.fl * TICKS_PER_FL), rows) for each in paths])
     squared_nm2 = _squared_nm2(sector.plane, sector.separation_fl)
     for begin in range(0, rows - 1, _CYCLES):
         before, after = (slice(at, at + _CYCLES) for at in (begin, begin + 1))
-        cycles = place[..., before], place[..., after], level[..., before], level[..., after]
+        cycles = position[..., before], position[..., after], level[..., before], level[..., after]
         yield begin, np.sqrt(np.asarray(squared_nm2(*cycles)))
 
 
-def _filled(values: Float[np.ndarray, "*axes rows"], rows: int) -> Float[np.ndarray, "*axes all"]:
-    """What is filled in is no number, and close to nothing."""
+def _padded(values: Float[np.ndarray, "*axes rows"], rows: int) -> Float[np.ndarray, "*axes all"]:
+    """The values padded with NaN, which compares as not too close."""
     widths = [(0, 0)] * (values.ndim - 1) + [(0, rows - values.shape[-1])]
     return np.pad(values, widths, constant_values=np.nan).astype(np.float32)

@@ -1,7 +1,7 @@
 """The numbers that the paper reports (section "Results and Discussion"), 100 scenarios each."""
 
 SCENARIOS = 100
-"""For each of its figures."""
+"""The number of scenarios for each figure of the paper."""
 PAPER = {
     ("lateral-undamped", False): (113.0, 15.9),
     ("lateral", False): (14.5, 6.6),
@@ -14,9 +14,9 @@ PAPER = {
 
 
 def paper_row(experiment: str, stacking: bool) -> dict[str, float] | None:
-    """The paper's clearances per scenario for a row; None where it reports none.
+    """The paper's clearances per scenario for a row; None if it reports none.
 
-    `lateral-tuned` stands beside the same numbers as `lateral`.
+    An experiment `NAME-tuned` is compared with the paper's numbers for `NAME`.
     """
     found = PAPER.get((experiment.removesuffix("-tuned"), stacking))
     return {"clearances_mean": found[0], "clearances_std": found[1]} if found else None

@@ -1,4 +1,4 @@
-"""Fly scenarios on another simulator: the same policy, stacking and task, another `advance`."""
+"""Fly scenarios on another simulator: same policy, stacking and task, different `advance`."""
 
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -30,136 +30,141 @@ from skystack.platforms.protocol import Platform, Report
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import Traffic, callsigns
 from skystack.stacking import Stack, stack_traced
-from skystack.tasks.contract import Outcome
-from skystack.tasks.navigation import NavigationState, NavigationTask
+from skystack.tasks.contract import Outcome, TaskState, TrafficTask
 from skystack.tasks.plain import checked_action
 
 
 class PlatformRollout(NamedTuple):
-    """What a process needs to fly scenarios; picklable."""
+    """Everything that a process needs to fly scenarios; picklable."""
 
-    task: NavigationTask
+    task: TrafficTask
     controller: Callable[[], Controller | HostedController]
-    """Makes the controller, in the process."""
+    """Creates the controller in the process."""
     stacking: bool
     seed: int
     open_platform: Callable[[Path], Platform]
 
 
 class Pilot:
-    """One platform and the compiled parts of one controller's loop."""
+    """A platform and the compiled parts of a controller's loop."""
 
     def __init__(self, job: PlatformRollout, folder: Path) -> None:
         self._job, self._task = job, job.task
         self._platform = job.open_platform(folder)
         self._decide = _decision(self._task, job.controller(), None if job.stacking else 1)
 
-        def judge(
-            told: NavigationState, stack: Stack, flown: Traffic
-        ) -> tuple[NavigationState, Outcome, tuple[Any, ...]]:
-            state, outcome = self._task.judge(told.memory, flown)
-            kept = keep(stack, state, outcome, jnp.zeros((), dtype=bool))
-            return state, outcome, kept
+        def end_cycle(
+            instructed: TaskState, stack: Stack, flown: Traffic
+        ) -> tuple[TaskState, Outcome, tuple[Any, ...]]:
+            state, outcome = self._task.end_cycle(instructed, flown)
+            row = keep(self._task, stack, state, outcome, jnp.zeros((), dtype=bool))
+            return state, outcome, row
 
-        self._reset, self._judge = jax.jit(self._task.reset), jax.jit(judge)
+        self._reset, self._end_cycle = jax.jit(self._task.reset), jax.jit(end_cycle)
+        self._exit_levels = jax.jit(self._task.exit_level_ticks)
         self._compile()
 
     def _compile(self) -> None:
-        """All that is compiled, before anything is timed."""
+        """Compile everything before anything is timed."""
         key = scenario_key(self._job.seed, 0)
         state = jax.device_get(self._reset(key))
-        told, stack = self._decide(state, key, 0, 0)
-        self._judge(told, stack, jax.tree.map(jnp.asarray, state.traffic))
+        self._exit_levels(state)
+        instructed, stack = self._decide(state, key, 0, 0)
+        self._end_cycle(instructed, stack, jax.tree.map(jnp.asarray, self._task.traffic(state)))
 
     def fly(self, number: int) -> Recording:
-        """One scenario to its end. Raises InputError, which names it, and PlatformError."""
+        """Fly a scenario to its end. Raises InputError, which names it, and PlatformError."""
         with error_context(f"scenario {number}"):
             report, state = self._begin(number)
         return self._fly(number, report, state)
 
-    def _begin(self, number: int) -> tuple[Report, NavigationState]:
+    def _begin(self, number: int) -> tuple[Report, TaskState]:
         task = self._task
-        state: NavigationState = jax.device_get(self._reset(scenario_key(self._job.seed, number)))
+        state: TaskState = jax.device_get(self._reset(scenario_key(self._job.seed, number)))
         scenario = scenario_of(
-            state.traffic,
+            task.traffic(state),
             task.simulator,
-            task.settings.performance,
-            task.settings.cycles,
-            callsigns(task.scenarios.aircraft),
-            state.memory.exit_level_ticks,
+            task.performance,
+            task.cycles,
+            callsigns(task.aircraft),
+            np.asarray(self._exit_levels(state)),
         )
         return self._platform.reset(scenario), state
 
-    def _fly(self, number: int, report: Report, state: NavigationState) -> Recording:
-        task, plane = self._task, self._task.simulator.sector.plane
-        start = traffic_of(report, state.traffic, plane)
-        state = state._replace(traffic=start)
+    def _fly(self, number: int, report: Report, state: TaskState) -> Recording:
+        task, plane = self._task, self._task.sector.plane
+        start = traffic_of(report, task.traffic(state), plane)
+        state = task.with_traffic(state, start)
         rows: list[tuple[Any, ...]] = []
         for cycle, key in enumerate(query_keys(task, scenario_key(self._job.seed, number))):
-            told, stack = self._decide(state, key, number, cycle)
+            instructed, stack = self._decide(state, key, number, cycle)
             with error_context(f"scenario {number}, cycle {cycle}"):
                 if stack.instructions > 0:
-                    self._issue(told.traffic, stack)
-                flown = traffic_of(self._platform.advance(), told.traffic, plane)
-            state, outcome, kept = jax.device_get(self._judge(told, stack, flown))
-            rows.append(jax.tree.map(lambda values: np.asarray(values)[None], kept))
-            if outcome.terminated:
+                    self._issue(task.traffic(instructed), stack)
+                flown = traffic_of(self._platform.advance(), task.traffic(instructed), plane)
+            state, outcome, row = jax.device_get(self._end_cycle(instructed, stack, flown))
+            rows.append(jax.tree.map(lambda values: np.asarray(values)[None], row))
+            if outcome.ended:
                 break
         start, exit_level_ticks = jax.tree.map(
-            lambda values: np.asarray(values)[None], (start, state.memory.exit_level_ticks)
+            lambda values: np.asarray(values)[None], (start, self._exit_levels(state))
         )
         numbers = np.array([number], dtype=np.int32)
-        return recording_of(numbers, start, exit_level_ticks, rows, task.settings.cycles)
+        return recording_of(numbers, start, exit_level_ticks, rows, task.cycles)
 
-    def _issue(self, told: Traffic, stack: Stack) -> None:
-        actions = self._task.actions
-        aircraft = actions.changes[int(stack.action) - 1][0]
-        callsign = callsigns(self._task.scenarios.aircraft)[aircraft]
-        if actions.kind == "level":
-            cleared_fl = int(np.rint(told.cleared_level_ticks[aircraft] / TICKS_PER_FL))
+    def _issue(self, instructed: Traffic, stack: Stack) -> None:
+        action = self._task.actions[int(stack.action)]
+        assert action.aircraft is not None, "an issued action addresses an aircraft"
+        aircraft = action.aircraft
+        callsign = callsigns(self._task.aircraft)[aircraft]
+        if action.kind == "level":
+            cleared_fl = int(np.rint(instructed.cleared_level_ticks[aircraft] / TICKS_PER_FL))
             instruction = Instruction(callsign, level_fl=cleared_fl)
         else:
-            cleared_deg = int(np.rint(told.cleared_heading_deg[aircraft])) % 360
+            cleared_deg = int(np.rint(instructed.cleared_heading_deg[aircraft])) % 360
             instruction = Instruction(callsign, heading_deg=cleared_deg)
         self._platform.issue(instruction)
 
 
-DecideOne = Callable[[NavigationState, PRNGKeyArray, int, int], tuple[NavigationState, Stack]]
-"""Stacks what a controller asks for: (state, key, number of the scenario, cycle)."""
+DecideOne = Callable[[TaskState, PRNGKeyArray, int, int], tuple[TaskState, Stack]]
+"""Issues a stack of instructions: (state, key, scenario number, cycle) -> (state, stack)."""
 
 
 def _decision(
-    task: NavigationTask, controller: Controller | HostedController, limit: int | None
+    task: TrafficTask, controller: Controller | HostedController, limit: int | None
 ) -> DecideOne:
-    """Of one scenario; raises InputError, which names it, for what is no action of the task."""
+    """The function that stacks a controller's instructions in one scenario.
+
+    It raises InputError, which names the scenario, for an invalid action.
+    """
     if isinstance(controller, HostedController):
         decisions = Decisions(task, controller, limit)
 
-        def ask(
-            state: NavigationState, key: PRNGKeyArray, number: int, cycle: int
-        ) -> tuple[NavigationState, Stack]:
+        def query(
+            state: TaskState, key: PRNGKeyArray, number: int, cycle: int
+        ) -> tuple[TaskState, Stack]:
             moment = Moment(np.array([number], dtype=np.int32), cycle, key[None])
-            many = jax.tree.map(lambda values: np.asarray(values)[..., None], state)
-            decided = decisions.decide(many, np.ones(1, dtype=bool), moment)
-            one: tuple[NavigationState, Stack] = jax.tree.map(
+            batch = jax.tree.map(lambda values: np.asarray(values)[..., None], state)
+            decided = decisions.decide(batch, np.ones(1, dtype=bool), moment)
+            unbatched: tuple[TaskState, Stack] = jax.tree.map(
                 lambda values: np.asarray(values)[..., 0], decided
             )
-            return one
+            return unbatched
 
-        return ask
+        return query
     policy = partial(controller.decide, controller.weights)
 
     @jax.jit
-    def compiled(state: NavigationState, key: PRNGKeyArray) -> tuple[NavigationState, Stack]:
+    def compiled(state: TaskState, key: PRNGKeyArray) -> tuple[TaskState, Stack]:
         return stack_traced(task, policy, state, key, limit)
 
     def decide(
-        state: NavigationState, key: PRNGKeyArray, number: int, cycle: int
-    ) -> tuple[NavigationState, Stack]:
-        told, stack = jax.device_get(compiled(state, key))
+        state: TaskState, key: PRNGKeyArray, number: int, cycle: int
+    ) -> tuple[TaskState, Stack]:
+        instructed, stack = jax.device_get(compiled(state, key))
         with error_context(f"scenario {number}, cycle {cycle}"):
             checked_action(stack.action, len(task.action_names))
-        return told, stack
+        return instructed, stack
 
     return decide
 
@@ -176,15 +181,16 @@ def fly_on_platform(
     time_limit_s: float = TIME_LIMIT_S,
     on_scenario: Callable[[int], None] = lambda done: None,
 ) -> Iterator[Recording]:
-    """Fly scenarios 0, 1, ... in one process a core, block by block; platforms write into `folder`.
+    """Fly scenarios 0, 1, ... in one process per core and yield them in blocks.
 
-    Scenarios that are not finished are in no block: why not is put into `failed`. Raises InputError
-    for a scenario that the platform cannot fly, PlatformError when no scenario was finished.
+    Platforms write into `folder`. Scenarios that are not finished are in no block; the reason is
+    added to `failed`. Raises InputError for a scenario that the platform cannot fly, PlatformError
+    if no scenario was finished.
     """
     finished, part = list[Recording](), scenarios_in_part(job.task)
-    flying = in_processes(partial(_pilot, job), range(scenarios), folder, time_limit_s)
-    with closing(flying):
-        for number, outcome in enumerate(flying):
+    outcomes = in_processes(partial(_pilot, job), range(scenarios), folder, time_limit_s)
+    with closing(outcomes):
+        for number, outcome in enumerate(outcomes):
             if outcome.failed is None:
                 finished.append(outcome.result)
             else:

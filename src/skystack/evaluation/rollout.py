@@ -1,4 +1,4 @@
-"""Fly many scenarios under a policy, inside one compiled program, and keep what happened."""
+"""Fly many scenarios with a policy in one compiled program, and record them."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -14,38 +14,38 @@ from skystack.io.signals import check
 from skystack.learning.inference import Layers, Normaliser, forward, normalise
 from skystack.learning.seeds import scenario_keys
 from skystack.simulator.traffic import Traffic
-from skystack.stacking import Stack, stack_traced
+from skystack.stacking import NO_OP, Stack, stack_traced
 from skystack.tasks.batch import choose
-from skystack.tasks.contract import NO_OP, Metrics, Outcome
-from skystack.tasks.navigation import NavigationState, NavigationTask
+from skystack.tasks.contract import AircraftStatus, Outcome, TaskState, TrafficTask
+from skystack.tasks.observations import flatten_observation
 
 SCENARIOS_AT_ONCE = 1000
 ROWS_AT_ONCE = 600_000
-"""Rows (one per aircraft and cycle) flown at once, which take about 200 MB."""
+"""The rows (one per aircraft and cycle) flown at once, which take about 200 MB."""
 _POLICY = 0x90_11C7
-"""Folded into a scenario's key for a policy that samples."""
+"""Folded into a scenario's key to obtain the keys for sampling actions."""
 
 
 TracedPolicy = Callable[[Any, Float[Array, " observation"], PRNGKeyArray], Int[Array, ""]]
-"""A traceable function of (weights, observation, key)."""
+"""A traceable function (weights, observation, key) -> action."""
 
 
 class Controller(NamedTuple):
-    """What decides, and its weights."""
+    """A decision function and its weights."""
 
     decide: TracedPolicy
     weights: Any = ()
 
 
 def network_controller(actor: Layers, normaliser: Normaliser, greedy: bool) -> Controller:
-    """A policy's network: the most probable action, or one drawn by its probability."""
+    """The controller of a policy's network: the most probable action, or a sampled one."""
     return Controller(most_probable if greedy else _sample, (actor, normaliser))
 
 
 def most_probable(
     weights: tuple[Layers, Normaliser], observation: Array, key: PRNGKeyArray
 ) -> Int[Array, ""]:
-    """The action that a network, (actor, normaliser), holds most probable."""
+    """The most probable action of a network; `weights` are (actor, normaliser)."""
     return jnp.argmax(_logits(weights, observation)).astype(jnp.int32)
 
 
@@ -57,7 +57,7 @@ def _sample(
 
 def _logits(weights: tuple[Layers, Normaliser], observation: Array) -> Array:
     actor, normaliser = weights
-    logits: Array = forward(actor, normalise(normaliser, observation))
+    logits: Array = forward(actor, normalise(normaliser, flatten_observation(observation)))
     return logits
 
 
@@ -66,36 +66,35 @@ def _no_op(weights: Any, observation: Array, key: PRNGKeyArray) -> Int[Array, ""
 
 
 NO_OP_CONTROLLER = Controller(_no_op)
-"""Instructs nobody, ever."""
+"""Never instructs an aircraft."""
 
 
 class Recording(NamedTuple):
-    """Scenarios flown: `[scenarios, cycles, ...]`, numpy. Row k of a scenario is its cycle k+1."""
+    """Flown scenarios as numpy arrays `[scenarios, cycles, ...]`. Index k is cycle k + 1."""
 
     number: Int[np.ndarray, " scenarios"]
-    """Of the scenario, under the evaluation seed."""
+    """The numbers of the scenarios under the evaluation seed."""
     start: Traffic
-    """Cycle 0, `[scenarios, aircraft]`."""
+    """The traffic at cycle 0, `[scenarios, aircraft]`."""
     exit_level_ticks: Float[np.ndarray, "scenarios aircraft"]
-    """At which they are to leave, in ticks."""
+    """The levels at which the aircraft must exit, in ticks."""
     traffic: Traffic
-    """After each cycle."""
-    entered: Bool[np.ndarray, "scenarios cycles aircraft"]
-    exited: Bool[np.ndarray, "scenarios cycles aircraft"]
-    excursion: Bool[np.ndarray, "scenarios cycles aircraft"]
+    """The traffic after each cycle."""
+    status: AircraftStatus
+    """The status after each cycle, `[scenarios, cycles, aircraft]`."""
     action: Int[np.ndarray, "scenarios cycles"]
-    """The instruction that was stacked before the cycle was flown."""
+    """The action stacked before the cycle was flown."""
     instructions: Int[np.ndarray, "scenarios cycles"]
-    """How many of them: 0, and nothing was issued."""
+    """The number of instructions in the stack; 0 if nothing was issued."""
     ran: Bool[np.ndarray, "scenarios cycles"]
-    """Whether the scenario was still going on in the cycle."""
+    """Whether the scenario was still running in the cycle."""
     reward: Float[np.ndarray, "scenarios cycles"]
-    """Of the task, unscaled; 0 after the end."""
-    metrics: Metrics
-    """At the end, `[scenarios]`."""
+    """The task's reward, unscaled; 0 after the end."""
+    metrics: dict[str, np.ndarray]
+    """The metrics at the end, each `[scenarios]`."""
 
     def before(self, name: str) -> np.ndarray:
-        """A field of the traffic before each cycle, when its clearance was given."""
+        """A field of the traffic before each cycle, when its clearance was issued."""
         start, later = getattr(self.start, name), getattr(self.traffic, name)
         return np.concatenate([np.asarray(start)[:, None], np.asarray(later)[:, :-1]], axis=1)
 
@@ -105,71 +104,71 @@ Fly = Callable[[Any, int, int], Iterator[Recording]]
 
 
 def fly(
-    task: NavigationTask,
+    task: TrafficTask,
     controller: Controller,
     seed: int,
     scenarios: int,
     stacking: bool,
 ) -> Recording:
-    """Fly scenarios 0, 1, ... of an evaluation seed, stacked or one instruction a cycle.
+    """Fly scenarios 0, 1, ... of an evaluation seed, stacked or with one instruction per cycle.
 
-    Raises InputError for a controller that answers with what is not in the task's action table.
+    Raises InputError for a controller that returns an action that is not in the task's table.
     """
-    flown = prepare(task, controller.decide, stacking)
-    return concatenate(list(flown(controller.weights, seed, scenarios)))
+    fly_blocks = prepare(task, controller.decide, stacking)
+    return concatenate(list(fly_blocks(controller.weights, seed, scenarios)))
 
 
-def prepare(task: NavigationTask, decide: TracedPolicy, stacking: bool) -> Fly:
-    """Blocks of `fly` for controllers with the same `decide`: compiled once, when first used."""
+def prepare(task: TrafficTask, decide: TracedPolicy, stacking: bool) -> Fly:
+    """A function that flies blocks of scenarios with any weights; compiled once, on first use."""
     limit = None if stacking else 1
-    flown = jax.jit(jax.vmap(partial(_fly_one, task, decide, limit), in_axes=(None, 0, 0)))
+    fly_block = jax.jit(jax.vmap(partial(_fly_one, task, decide, limit), in_axes=(None, 0, 0)))
 
     def fly(weights: Any, seed: int, scenarios: int) -> Iterator[Recording]:
         for numbers in blocks(task, scenarios):
-            # No variable keeps a block alive while the next one is flown.
+            # No variable may keep a block alive while the next one is flown.
             yield _checked(
-                jax.device_get(flown(weights, scenario_keys(seed, numbers), numbers)),
+                jax.device_get(fly_block(weights, scenario_keys(seed, numbers), numbers)),
                 len(task.action_names),
             )
 
     return fly
 
 
-def blocks(task: NavigationTask, scenarios: int) -> Iterator[Int[np.ndarray, " block"]]:
-    """The numbers 0, 1, ... of scenarios, as many together as are flown at once."""
+def blocks(task: TrafficTask, scenarios: int) -> Iterator[Int[np.ndarray, " block"]]:
+    """The scenario numbers 0, 1, ... in the blocks that are flown at once."""
     most = _scenarios_of(task, ROWS_AT_ONCE, SCENARIOS_AT_ONCE)
     for first in range(0, scenarios, most):
         yield np.arange(first, min(first + most, scenarios), dtype=np.int32)
 
 
-def scenarios_in_part(task: NavigationTask) -> int:
-    """The number of scenarios whose tables are made at once: they need more memory than arrays."""
+def scenarios_in_part(task: TrafficTask) -> int:
+    """The number of scenarios tabulated at once: tables take more memory than arrays."""
     return _scenarios_of(task, ROWS_AT_ONCE // 4, SCENARIOS_AT_ONCE // 4)
 
 
-def _scenarios_of(task: NavigationTask, rows: int, most: int) -> int:
+def _scenarios_of(task: TrafficTask, rows: int, most: int) -> int:
     """The number of scenarios that fit into `rows` rows; at least 1 and at most `most`."""
-    return min(max(rows // (task.settings.cycles * task.scenarios.aircraft), 1), most)
+    return min(max(rows // (task.cycles * task.aircraft), 1), most)
 
 
 def _checked(recording: Recording, actions: int) -> Recording:
-    """Inside a compiled program an action beyond the table would be taken for the last one."""
-    check()  # an interruption may have been lost in a callback
-    asked = recording.action
-    beyond = np.argwhere(recording.ran & ((asked < 0) | (asked >= actions)))
-    if beyond.size:
-        index, cycle = beyond[0]
+    """Check the actions: a compiled program silently clips those beyond the action table."""
+    check()  # JAX may have discarded an interruption in a callback
+    action = recording.action
+    invalid = np.argwhere(recording.ran & ((action < 0) | (action >= actions)))
+    if invalid.size:
+        index, cycle = invalid[0]
         raise InputError(
-            f"scenario {recording.number[index]}, cycle {cycle}: action is {asked[index, cycle]} "
+            f"scenario {recording.number[index]}, cycle {cycle}: action is {action[index, cycle]} "
             f"(allowed: whole numbers from 0 to {actions - 1})"
         )
     return recording
 
 
 def concatenate(parts: Sequence[Recording]) -> Recording:
-    """Recordings of some scenarios each as one of all."""
-    whole: Recording = jax.tree.map(lambda *arrays: np.concatenate(arrays), *parts)
-    return whole
+    """Concatenate recordings along the scenario axis."""
+    recording: Recording = jax.tree.map(lambda *arrays: np.concatenate(arrays), *parts)
+    return recording
 
 
 def parts_of(recording: Recording, scenarios: int) -> Iterator[Recording]:
@@ -187,13 +186,15 @@ def recording_of(
     rows: Sequence[tuple[Any, ...]],
     cycles: int,
 ) -> Recording:
-    """A recording of full length from what `keep` kept of each cycle, `[scenarios, ...]`.
+    """A recording of full length from the rows of `keep`, one per cycle, `[scenarios, ...]`.
 
-    Where cycles are missing at the end the last one repeats, and nothing happens in it.
+    If cycles are missing at the end, the last row is repeated, without instructions or reward.
     """
     missing = cycles - len(rows)
-    kept = jax.tree.map(lambda *values: np.stack([*values, *values[-1:] * missing], axis=1), *rows)
-    recording = Recording(number, start, exit_level_ticks, *kept)
+    columns = jax.tree.map(
+        lambda *values: np.stack([*values, *values[-1:] * missing], axis=1), *rows
+    )
+    recording = Recording(number, start, exit_level_ticks, *columns)
     ran = recording.ran & (np.arange(cycles) < len(rows))
     last = ran.sum(axis=1) - 1
     return recording._replace(
@@ -206,51 +207,53 @@ def recording_of(
     )
 
 
-def query_keys(task: NavigationTask, key: PRNGKeyArray) -> Key[Array, " cycles"]:
-    """A scenario's keys for a policy that samples, one a cycle."""
-    return jax.random.split(jax.random.fold_in(key, _POLICY), task.settings.cycles)
+def query_keys(task: TrafficTask, key: PRNGKeyArray) -> Key[Array, " cycles"]:
+    """A scenario's keys for sampling actions, one per cycle."""
+    return jax.random.split(jax.random.fold_in(key, _POLICY), task.cycles)
 
 
 def keep(
-    stack: Stack, flown: NavigationState, outcome: Outcome, over: Bool[Array, "*batch"]
+    task: TrafficTask,
+    stack: Stack,
+    state: TaskState,
+    outcome: Outcome,
+    over: Bool[Array, "*batch"],
 ) -> tuple[Any, ...]:
-    """What a recording keeps of a cycle, in its order; `over`: the scenario had ended before."""
+    """A cycle's fields of a `Recording`, in order. `over`: the scenario had ended before."""
     return (
-        flown.traffic,
-        flown.memory.entered,
-        flown.memory.exited,
-        flown.memory.excursion,
+        task.traffic(state),
+        task.status(state),
         stack.action,
         jnp.where(over, 0, stack.instructions),
         ~over,
-        jnp.where(over, 0.0, outcome.reward),
+        jnp.where(over, 0.0, jnp.sum(outcome.reward, axis=0)),
         outcome.metrics,
     )
 
 
 def _fly_one(
-    task: NavigationTask,
+    task: TrafficTask,
     decide: TracedPolicy,
     limit: int | None,
     weights: Any,
     key: PRNGKeyArray,
     number: Int[Array, ""],
 ) -> Recording:
-    """One scenario to its end; cycles after it repeat its last state."""
-    start: NavigationState = task.reset(key)
+    """Fly one scenario to its end; later cycles repeat its last state."""
+    start: TaskState = task.reset(key)
     policy = partial(decide, weights)
 
     def cycle(
-        carry: tuple[NavigationState, Bool[Array, ""]], key: PRNGKeyArray
-    ) -> tuple[tuple[NavigationState, Bool[Array, ""]], tuple[Any, ...]]:
+        carry: tuple[TaskState, Bool[Array, ""]], key: PRNGKeyArray
+    ) -> tuple[tuple[TaskState, Bool[Array, ""]], tuple[Any, ...]]:
         state, over = carry
-        told, stack = stack_traced(task, policy, state, key, limit)
-        flown, outcome = task.advance(told)
-        state = choose(over, state, flown)
-        return (state, over | outcome.terminated), keep(stack, state, outcome, over)
+        instructed, stack = stack_traced(task, policy, state, key, limit)
+        advanced, outcome = task.advance(instructed)
+        state = choose(over, state, advanced)
+        return (state, over | outcome.ended), keep(task, stack, state, outcome, over)
 
     over = jnp.zeros((), dtype=bool)
-    _, kept = jax.lax.scan(cycle, (start, over), query_keys(task, key))
-    recording = Recording(number, start.traffic, start.memory.exit_level_ticks, *kept)  # type: ignore[arg-type]
+    _, columns = jax.lax.scan(cycle, (start, over), query_keys(task, key))
+    recording = Recording(number, task.traffic(start), task.exit_level_ticks(start), *columns)  # type: ignore[arg-type]
     last = jnp.sum(recording.ran) - 1
     return recording._replace(metrics=jax.tree.map(lambda values: values[last], recording.metrics))

@@ -1,4 +1,4 @@
-"""Fly a scenario file on a platform and keep the trajectories."""
+"""Fly a scenario file on a platform and record the trajectories."""
 
 import math
 from collections.abc import Callable
@@ -29,11 +29,11 @@ from skystack.simulator.scenario_file import Scenario, load_scenario
 def simulate_file(
     path: Path, output: Path | None, platform: str = OWN, time_limit_s: float = TIME_LIMIT_S
 ) -> dict[str, Any]:
-    """Fly a scenario file; returns the last row of every aircraft, clearances and losses.
+    """Fly a scenario file. Returns the last row of every aircraft, the clearances and the losses.
 
-    Writes all rows as Parquet where `output` is given (its folder must exist). Raises InputError
-    for a scenario that cannot be flown, a platform that is not there or a file that cannot be
-    written; PlatformError when the platform fails.
+    Writes all rows as Parquet if `output` is given (its folder must exist). Raises InputError for a
+    scenario that cannot be flown, an unavailable platform or a file that cannot be written;
+    PlatformError if the platform fails.
     """
     check_platform(platform)
     scenario = load_scenario(path)
@@ -44,14 +44,14 @@ def simulate_file(
     status = np.array(STATUS)[followed.status].reshape(-1)
     table = pa.table(flight_rows(scenario, flight) | {"status": status})
     if output is not None:
-        beside = {"aircraft": _aircraft(scenario), "clearances": _clearances(flight)}
+        embedded = {"aircraft": _aircraft(scenario), "clearances": _clearances(flight)}
         performance, types = scenario.performance, scenario.fleet
-        write_table(output, table, scenario.sector, performance, types, beside)
+        write_table(output, table, scenario.sector, performance, types, embedded)
     least_nm = followed.min_separation_nm
     return {
         "scenario": str(path),
         "platform": platform,
-        "types": {one.callsign: flown_type(platform, one.type) for one in scenario.aircraft},
+        "types": {each.callsign: flown_type(platform, each.type) for each in scenario.aircraft},
         "notes": scenario_notes(platform, scenario),
         "rows": table.num_rows,
         "output": None if output is None else str(output),
@@ -66,21 +66,21 @@ def simulate_file(
 
 
 def _aircraft(scenario: Scenario) -> list[dict[str, Any]]:
-    """Who flies, with the columns of an evaluation's table of the same name."""
+    """The aircraft, with the columns of the table `aircraft` of an evaluation."""
     return [
         {
-            "callsign": one.callsign,
-            "type": one.type,
-            "route": " ".join(one.route),
-            "entry_fl": one.fl,
-            "exit_fl": one.exit_fl,
+            "callsign": each.callsign,
+            "type": each.type,
+            "route": " ".join(each.route),
+            "entry_fl": each.fl,
+            "exit_fl": each.exit_fl,
         }
-        for one in scenario.aircraft
+        for each in scenario.aircraft
     ]
 
 
 def _clearances(flight: Flight) -> list[dict[str, Any]]:
-    """The clearances, with the columns of an evaluation's table; a heading and a level are two."""
+    """The clearances as rows of an evaluation's table; a heading with a level gives two rows."""
     rows = []
     for cycle, each in flight.issued:
         parts = (("heading", each.heading_deg, each.turn), ("level", each.level_fl, each.vertical))
@@ -93,13 +93,12 @@ def _clearances(flight: Flight) -> list[dict[str, Any]]:
 
 
 def _fly(path: Path, scenario: Scenario, platform: str, time_limit_s: float) -> Flight:
-    """The flight: ours in this process, another simulator's in one of its own."""
+    """Fly in this process on our simulator, and in a separate process on others."""
     with scratch_folder("skystack-") as folder:
         try:
             if platform == OWN:
                 return fly_scenario(open_platform(platform, folder), scenario)
-            work = partial(_flyer, platform)
-            (outcome,) = in_processes(work, [scenario], folder, time_limit_s)
+            (outcome,) = in_processes(partial(_open, platform), [scenario], folder, time_limit_s)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
     if outcome.failed is not None:
@@ -108,5 +107,5 @@ def _fly(path: Path, scenario: Scenario, platform: str, time_limit_s: float) -> 
     return flight
 
 
-def _flyer(platform: str, folder: Path) -> Callable[[Scenario], Flight]:
+def _open(platform: str, folder: Path) -> Callable[[Scenario], Flight]:
     return partial(fly_scenario, open_platform(platform, folder))

@@ -1,10 +1,11 @@
-"""How sure a figure is: means over trainings and scenarios, with bootstrap intervals.
+"""Statistics of the results: means over trainings and scenarios, with bootstrap intervals.
 
-A figure rests on two samples: some trainings, and some scenarios that all of them fly. The
-bootstrap draws both with replacement: scenarios in common for every row, as they are flown, and
-trainings for each row by itself (the strata). Intervals are percentiles of what comes out. For
-interquartile means and the probability of improvement see Agarwal et al., "Deep Reinforcement
-Learning at the Edge of the Statistical Precipice" (2021).
+A figure is based on two samples: several trainings, and the scenarios that all of them fly. The
+bootstrap draws both with replacement. The drawn scenarios are the same for all rows, because all
+rows fly the same scenarios. Trainings are drawn separately for each row (the strata). Intervals are
+percentiles of the bootstrap distribution. For interquartile means and the probability of
+improvement see Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical
+Precipice" (2021).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -25,12 +26,13 @@ MEASURES = (
     "few_clearances",
     "loss_of_separation",
 )
-"""Columns of an evaluation's episodes that are reported with an interval."""
+"""The columns of the table `episodes` that are reported with an interval."""
 RESAMPLES = 2000
 MOST_AT_ONCE = 20_000_000
-"""Draws (resamples times scenarios) processed at a time, to bound the memory."""
+"""The number of draws (resamples times scenarios) processed at once, to bound the memory."""
 CONFIDENCE = 0.95
 QUARTER = 0.25
+"""The share of trainings that an interquartile mean omits at each end."""
 
 Trainings = Float[np.ndarray, "*draws trainings"]
 Others = Float[np.ndarray, "*draws others"]
@@ -46,31 +48,34 @@ class Estimate(NamedTuple):
 
 
 def scores(episodes: Sequence[pa.Table], measure: str) -> Float[np.ndarray, "trainings scenarios"]:
-    """One measure of trainings that flew the same scenarios."""
+    """A measure for several trainings that flew the same scenarios."""
     return np.stack([table[measure].to_numpy().astype(np.float64) for table in episodes])
 
 
 def mean(each: Trainings) -> Statistic:
-    """Over trainings."""
-    over: Statistic = each.mean(axis=-1)
-    return over
+    """The mean over trainings."""
+    result: Statistic = each.mean(axis=-1)
+    return result
 
 
 def interquartile_mean(each: Trainings) -> Statistic:
-    """Over the trainings in the middle: a quarter is left out at either end, rounded down."""
+    """The mean over trainings without the lowest and highest quarter, each rounded down."""
     trimmed: Statistic = trim_mean(each, QUARTER, axis=-1)
     return trimmed
 
 
 def probability_less(first: Trainings, second: Others) -> Statistic:
-    """That a training of the first comes out lower than one of the second; equal counts half."""
+    """The probability that a training of `first` has a lower value than one of `second`.
+
+    Ties count half.
+    """
     gap = second[..., None, :] - first[..., :, None]
-    over: Statistic = (0.5 * (np.sign(gap) + 1.0)).mean(axis=(-2, -1))
-    return over
+    result: Statistic = (0.5 * (np.sign(gap) + 1.0)).mean(axis=(-2, -1))
+    return result
 
 
 class Bootstrap:
-    """Resamples of the scenarios 0 to `scenarios` - 1 that every row flies."""
+    """Bootstrap resamples of the scenarios 0 to `scenarios` - 1, which every row flies."""
 
     def __init__(self, scenarios: int, resamples: int = RESAMPLES, seed: int = 0) -> None:
         self.scenarios, self.resamples = scenarios, resamples
@@ -79,22 +84,22 @@ class Bootstrap:
     @cached_property
     def _counts(self) -> UInt8[np.ndarray, "resamples scenarios"]:
         """How often each scenario is drawn: a few times, far fewer than 256."""
-        even = np.full(self.scenarios, 1.0 / self.scenarios)
-        drawn = np.empty((self.resamples, self.scenarios), dtype=np.uint8)
-        for some in self._some():
-            drawn[some] = self._random.multinomial(self.scenarios, even, size=len(drawn[some]))
-        return drawn
+        uniform = np.full(self.scenarios, 1.0 / self.scenarios)
+        counts = np.empty((self.resamples, self.scenarios), dtype=np.uint8)
+        for part in self._slices():
+            counts[part] = self._random.multinomial(self.scenarios, uniform, size=len(counts[part]))
+        return counts
 
-    def _some(self) -> Iterator[slice]:
+    def _slices(self) -> Iterator[slice]:
         """The resamples in slices of at most `MOST_AT_ONCE` draws."""
         most = max(MOST_AT_ONCE // self.scenarios, 1)
         return (slice(at, at + most) for at in range(0, self.resamples, most))
 
     def means(self, values: Float[np.ndarray, "trainings scenarios"]) -> Trainings:
-        """Means over scenarios of trainings drawn anew, a row a resample."""
+        """Means over the drawn scenarios for the drawn trainings, one row per resample."""
         columns, count = values.T.astype(np.float32), np.float32(self.scenarios)
         counts = self._counts
-        parts = [(counts[some].astype(np.float32) / count) @ columns for some in self._some()]
+        parts = [(counts[part].astype(np.float32) / count) @ columns for part in self._slices()]
         each = np.concatenate(parts).astype(np.float64)
         drawn = self._random.integers(len(values), size=each.shape)
         return np.take_along_axis(each, drawn, axis=1)
@@ -104,11 +109,11 @@ class Bootstrap:
         statistic: Callable[..., Statistic],
         *rows: Float[np.ndarray, "_ scenarios"],
     ) -> Estimate:
-        """A statistic of the per-training means of one row, or of two."""
+        """A statistic of the per-training means of one or two rows, with its interval."""
         value = statistic(*(row.mean(axis=1) for row in rows))
-        outside = 50.0 * (1.0 - CONFIDENCE)
+        tail = 50.0 * (1.0 - CONFIDENCE)
         drawn = statistic(*(self.means(row) for row in rows))
-        low, high = np.percentile(drawn, [outside, 100.0 - outside])
+        low, high = np.percentile(drawn, [tail, 100.0 - tail])
         return Estimate(float(value), float(low), float(high))
 
 

@@ -1,4 +1,4 @@
-"""Parquet tables that carry their sector: read and checked; a flown scenario from them."""
+"""Read and check Parquet tables with their sector; rebuild a flown scenario from them."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import lru_cache
@@ -40,13 +40,13 @@ _Types = Annotated[tuple[AircraftType, ...], msgspec.Meta(max_length=MOST_TYPES)
 
 
 def read_table(path: Path, columns: Sequence[str], filters: Any = None) -> pa.Table:
-    """Some columns of a table, texts as dictionaries: what repeats in them takes no memory.
+    """Some columns of a table, with texts dictionary-encoded: repeated texts take no memory.
 
-    `filters` are pyarrow's, as `[("scenario", "=", 3)]`. Raises InputError for a missing, damaged
-    or too large table.
+    `filters` are pyarrow's, such as `[("scenario", "=", 3)]`. Raises InputError for a table that is
+    missing, damaged or too large.
     """
     try:
-        with path.open("rb") as file:  # pyarrow itself opens no path that is not UTF-8
+        with path.open("rb") as file:  # pyarrow cannot open a path that is not UTF-8
             table = _read(path, file, columns, filters)
     except FileNotFoundError:
         raise InputError(f"{path}: missing (evaluation writes it)") from None
@@ -62,11 +62,11 @@ def read_table(path: Path, columns: Sequence[str], filters: Any = None) -> pa.Ta
 
 
 _OLD_STATUS, _STATUS = "strayed", "excursion"
-"""A value of the column `status` in older tables, and its present name."""
+"""A value of the column `status` in older tables, and its current name."""
 
 
 def _with_current_names(table: pa.Table) -> pa.Table:
-    """The table with values that older versions wrote under other names renamed."""
+    """The table with values of older versions replaced by their current names."""
     if "status" not in table.column_names:
         return table
     status = table["status"].cast(pa.string())
@@ -75,45 +75,45 @@ def _with_current_names(table: pa.Table) -> pa.Table:
 
 
 def _read(path: Path, file: BinaryIO, columns: Sequence[str], filters: Any) -> pa.Table:
-    """Batch by batch: rows that are not asked for take no memory."""
-    only = None if filters is None else pq.filters_to_expression(filters)
-    by = [] if filters is None else [name for name, _, _ in filters]
-    needed = list(dict.fromkeys([*columns, *by]))
+    """Read the table in batches, so that rows that are not requested take no memory."""
+    condition = None if filters is None else pq.filters_to_expression(filters)
+    filtered = [] if filters is None else [name for name, _, _ in filters]
+    needed = list(dict.fromkeys([*columns, *filtered]))
     head = pq.read_metadata(file)
     groups = _groups(path, head, filters or [])
     _check_head(path, head, needed, groups)
     texts = sorted(TEXT & set(needed))
     with pq.ParquetFile(file, metadata=head, read_dictionary=texts) as parquet:
         empty = parquet.schema_arrow.empty_table().select(needed)
-        kept, rows = [empty], 0
+        parts, rows = [empty], 0
         for batch in parquet.iter_batches(
             _BATCH, row_groups=groups, columns=needed, use_threads=False
         ):
-            found = pa.Table.from_batches([batch])
-            kept.append(found if only is None else found.filter(only))
-            rows += kept[-1].num_rows
+            part = pa.Table.from_batches([batch])
+            parts.append(part if condition is None else part.filter(condition))
+            rows += parts[-1].num_rows
             if rows > MOST_KEPT_ROWS:
                 raise InputError(
-                    f"{path}: is too large to be read at once (allowed: {MOST_KEPT_ROWS} rows of "
-                    "what is asked)"
+                    f"{path}: is too large to be read at once (allowed: {MOST_KEPT_ROWS} rows "
+                    "after filtering)"
                 )
-    table = pa.concat_tables(kept).select(list(columns))
-    # The schema lacks what was added to the file's own metadata when it was complete.
+    table = pa.concat_tables(parts).select(list(columns))
+    # The schema lacks the metadata that was added to the file when it was completed.
     return table.replace_schema_metadata({**(head.metadata or {}), **(empty.schema.metadata or {})})
 
 
 def _groups(path: Path, head: Any, filters: Sequence[tuple[str, str, Any]]) -> list[int]:
-    """The row groups that may hold the requested scenarios, by the index in the metadata."""
+    """The row groups that may hold the requested scenarios, from the index in the metadata."""
     data = (head.metadata or {}).get(SCENARIOS)
-    asked = [values for name, how, values in filters if (name, how) == ("scenario", "in")]
-    asked += [[value] for name, how, value in filters if (name, how) == ("scenario", "=")]
+    requested = [values for name, how, values in filters if (name, how) == ("scenario", "in")]
+    requested += [[value] for name, how, value in filters if (name, how) == ("scenario", "=")]
     groups = list(range(head.num_row_groups))
-    if data is None or not asked:
+    if data is None or not requested:
         return groups
     spans = decode(data, _Spans, f"{path}: the scenarios in its metadata")
     if len(spans) != len(groups):
         raise InputError(f"{path}: damaged: the scenarios in its metadata do not match the table")
-    numbers = np.unique(asked[0])
+    numbers = np.unique(requested[0])
     first, last = np.array(spans, dtype=np.int64).reshape(-1, 2).T
     before, until = np.searchsorted(numbers, first), np.searchsorted(numbers, last, side="right")
     found: list[int] = np.flatnonzero(before < until).tolist()
@@ -121,11 +121,11 @@ def _groups(path: Path, head: Any, filters: Sequence[tuple[str, str, Any]]) -> l
 
 
 _BATCH = 65536
-"""Rows."""
+"""The number of rows read at once."""
 
 
 def has_column(path: Path, name: str) -> bool:
-    """Whether a table has a column. Raises InputError where it cannot be read."""
+    """Whether a table has a column. Raises InputError if it cannot be read."""
     try:
         with path.open("rb") as file:
             return name in pq.read_schema(file).names
@@ -134,22 +134,21 @@ def has_column(path: Path, name: str) -> bool:
 
 
 def rows_of(callsign: str, table: pa.Table) -> pa.Table:
-    """One aircraft's rows of a table that was read."""
+    """The rows of one aircraft."""
     return table.filter(pc.equal(table["callsign"].cast(pa.string()), callsign))
 
 
 def _check_head(path: Path, head: Any, columns: Sequence[str], groups: Sequence[int]) -> None:
-    """Before anything is read: whether the columns are there, once each, and of what size."""
+    """Before reading, check that each column exists exactly once and that the size is allowed."""
     known = head.schema.to_arrow_schema().names
     for name in columns:
         if known.count(name) != 1:
-            found = ", ".join(known)
-            missing = f"has no column {name!r}" if name not in known else f"has {name!r} twice"
-            raise InputError(f"{path}: {missing} (found: {found})")
-    # Of single columns nothing is asked: pyarrow ends the process where their heads are damaged.
-    read = [head.row_group(number) for number in groups]
-    rows = sum(group.num_rows for group in read)
-    size = max((group.total_byte_size for group in read), default=0)
+            problem = f"has no column {name!r}" if name not in known else f"has {name!r} twice"
+            raise InputError(f"{path}: {problem} (found: {', '.join(known)})")
+    # The metadata of single columns is not read: pyarrow aborts the process if it is damaged.
+    requested = [head.row_group(number) for number in groups]
+    rows = sum(group.num_rows for group in requested)
+    size = max((group.total_byte_size for group in requested), default=0)
     if rows > MOST_ROWS or size > MOST_GROUP_BYTES:
         raise InputError(
             f"{path}: is too large: {rows} rows to read, {size} bytes in a row group "
@@ -158,7 +157,7 @@ def _check_head(path: Path, head: Any, columns: Sequence[str], groups: Sequence[
 
 
 def sector_of(path: Path, table: pa.Table) -> Sector:
-    """The sector in a table's metadata. Raises InputError where there is none."""
+    """The sector in a table's metadata. Raises InputError if there is none."""
     data = (table.schema.metadata or {}).get(SECTOR)
     if data is None:
         raise InputError(f"{path}: has no sector in its metadata")
@@ -168,8 +167,8 @@ def sector_of(path: Path, table: pa.Table) -> Sector:
 
 @lru_cache(maxsize=16)
 def _stored_sector(data: bytes) -> Sector:
-    """Cached, because checking a sector takes longer than reading its table."""
-    stored = decode(data, Sector, "it")
+    """The checked sector. Cached, because the check takes longer than reading a table."""
+    stored = decode(data, Sector, "JSON")
     ring = [[lon, lat] for lat, lon in stored.area]
     return make_sector(
         SectorEntry(
@@ -186,7 +185,7 @@ def _stored_sector(data: bytes) -> Sector:
 
 
 def _point(where: str, at: LatLon) -> Point:
-    """A point of the degrees that there are; what stands in the metadata may be anything."""
+    """A point with checked coordinates, as the metadata is untrusted."""
     lat, lon = at
     try:
         return msgspec.convert({"lat": lat, "lon": lon}, Point)
@@ -194,7 +193,7 @@ def _point(where: str, at: LatLon) -> Point:
         raise InputError(f"{where}: {error}") from None
 
 
-class _AircraftBeside(msgspec.Struct):
+class _AircraftRow(msgspec.Struct):
     callsign: str
     type: str
     route: str
@@ -202,7 +201,7 @@ class _AircraftBeside(msgspec.Struct):
     exit_fl: int
 
 
-class _ClearanceBeside(msgspec.Struct):
+class _ClearanceRow(msgspec.Struct):
     cycle: Cycle
     callsign: str
     kind: str
@@ -212,20 +211,20 @@ class _ClearanceBeside(msgspec.Struct):
     text: str
 
 
-_BESIDE: dict[str, Any] = {"aircraft": list[_AircraftBeside], "clearances": list[_ClearanceBeside]}
+_EMBEDDED: dict[str, Any] = {"aircraft": list[_AircraftRow], "clearances": list[_ClearanceRow]}
 
 
 def metadata_of(path: Path, table: pa.Table, key: str) -> list[dict[str, Any]]:
-    """A small table in a table's metadata. Raises InputError where there is none."""
+    """A small table in a table's metadata, by its key. Raises InputError if there is none."""
     data = (table.schema.metadata or {}).get(key.encode())
     if data is None:
         raise InputError(f"{path}: has no {key} in its metadata (simulate writes them)")
-    rows: list[msgspec.Struct] = decode(data, _BESIDE[key], f"{path}: the {key} in its metadata")
+    rows: list[msgspec.Struct] = decode(data, _EMBEDDED[key], f"{path}: the {key} in its metadata")
     return [msgspec.to_builtins(row) for row in rows]
 
 
 def check_who(path: Path, sector: Sector, aircraft: Sequence[Mapping[str, Any]]) -> None:
-    """Check rows of aircraft of one scenario: each once, on fixes that there are.
+    """Check the aircraft of one scenario: no duplicates, no unknown fixes.
 
     Raises InputError that names the aircraft.
     """
@@ -234,7 +233,7 @@ def check_who(path: Path, sector: Sector, aircraft: Sequence[Mapping[str, Any]])
     signs = [row["callsign"] for row in aircraft]
     for row in aircraft:
         if signs.count(row["callsign"]) > 1:
-            raise InputError(f"{path}: {row['callsign']} stands twice in one scenario")
+            raise InputError(f"{path}: {row['callsign']} appears twice in one scenario")
         for fix in row["route"].split():
             if fix not in sector.fixes:
                 raise InputError(
@@ -243,9 +242,9 @@ def check_who(path: Path, sector: Sector, aircraft: Sequence[Mapping[str, Any]])
 
 
 def stored_scenario(folder: Path, number: int) -> Scenario:
-    """A scenario of an evaluation with the clearances that were issued in it, to be flown again.
+    """A scenario of an evaluation with its issued clearances, ready to be flown again.
 
-    Raises InputError that names a missing or damaged table, or the scenario that is not there.
+    Raises InputError that names a missing or damaged table, or a scenario that does not exist.
     """
     only = [("scenario", "=", number)]
     path = folder / "trajectories.parquet"
@@ -260,32 +259,33 @@ def stored_scenario(folder: Path, number: int) -> Scenario:
     episodes = read_table(folder / "episodes.parquet", ("cycles", "clearances"), only)
     check_together(folder, (start, aircraft, issued, episodes))
     performance, types = _performance_of(path, start)
-    flown = {row.pop("callsign"): row for row in start.to_pylist()}
-    counted = episodes["clearances"].to_pylist()
-    if counted != [issued.num_rows] or set(flown) != set(aircraft["callsign"].to_pylist()):
+    starts = {row.pop("callsign"): row for row in start.to_pylist()}
+    counts = episodes["clearances"].to_pylist()
+    if counts != [issued.num_rows] or set(starts) != set(aircraft["callsign"].to_pylist()):
         raise not_agreeing(folder, number)
-    sector, who, said = sector_of(path, start), aircraft.to_pylist(), issued.to_pylist()
-    check_who(folder / "aircraft.parquet", sector, who)
+    sector = sector_of(path, start)
+    aircraft_rows, clearances = aircraft.to_pylist(), issued.to_pylist()
+    check_who(folder / "aircraft.parquet", sector, aircraft_rows)
     cycles = episodes["cycles"][0].as_py()
     if not 1 <= cycles <= MOST_CYCLES:
         raise InputError(f"{folder}: scenario {number} has {cycles} cycles (1 to {MOST_CYCLES})")
-    for row in said:
-        _check_given(folder / "clearances.parquet", row, cycles, flown)
+    for row in clearances:
+        _check_clearance(folder / "clearances.parquet", row, cycles, starts)
     return Scenario(
         sector,
         performance,
         cycles,
-        tuple(_aircraft(row, flown[row["callsign"]], types) for row in who),
-        tuple(_given(row) for row in said),
+        tuple(_aircraft(row, starts[row["callsign"]], types) for row in aircraft_rows),
+        tuple(_clearance(row) for row in clearances),
         types,
     )
 
 
 def check_together(folder: Path, tables: Iterable[pa.Table]) -> None:
-    """Raise InputError for tables of different evaluations; older ones carry no digest."""
-    known = {(table.schema.metadata or {}).get(EVALUATION) for table in tables} - {None}
-    if len(known) > 1:
-        raise InputError(f"{folder}: its tables are of different evaluations")
+    """Raise InputError for tables of different evaluations. Older tables have no digest."""
+    digests = {(table.schema.metadata or {}).get(EVALUATION) for table in tables} - {None}
+    if len(digests) > 1:
+        raise InputError(f"{folder}: its tables are from different evaluations")
 
 
 def not_agreeing(folder: Path, number: int) -> InputError:
@@ -294,7 +294,7 @@ def not_agreeing(folder: Path, number: int) -> InputError:
 
 
 def _performance_of(path: Path, table: pa.Table) -> tuple[str, tuple[AircraftType, ...]]:
-    """Performance and fleet in a table's metadata; none is the default, and no fleet."""
+    """The performance model (default: `table`) and the fleet in a table's metadata."""
     metadata = table.schema.metadata or {}
     performance = metadata.get(PERFORMANCE_MODEL, b"table").decode("utf-8", "replace")
     if performance not in PERFORMANCE:
@@ -307,21 +307,23 @@ def _performance_of(path: Path, table: pa.Table) -> tuple[str, tuple[AircraftTyp
     return performance, types
 
 
-def _type_asked_for(flown: str, types: Sequence[AircraftType]) -> str:
-    """The type that was to fly; a table has the one that the platform flew in its place."""
+def _planned_type(flown: str, types: Sequence[AircraftType]) -> str:
+    """The type in the scenario, from the type that the platform flew, which is in the table."""
     known = [each.type for each in types] or [DEFAULT_TYPE]
     if flown in known:
         return flown
-    asked = (each for each in known if flown in {flown_type(name, each) for name in PLATFORMS})
-    return next(asked, flown)
+    planned = (each for each in known if flown in {flown_type(name, each) for name in PLATFORMS})
+    return next(planned, flown)
 
 
-def _check_given(path: Path, row: Mapping[str, Any], cycles: int, flown: Collection[str]) -> None:
-    """A clearance for somebody who flies, in a cycle that is flown, of a value that there is."""
+def _check_clearance(
+    path: Path, row: Mapping[str, Any], cycles: int, callsigns: Collection[str]
+) -> None:
+    """Raise InputError for an unknown callsign, a cycle after the end, or an invalid value."""
     most = {"heading": 360, "level": 600}.get(row["kind"], -1)
-    if row["callsign"] not in flown or row["cycle"] >= cycles or row["value"] > most:
-        shown = ", ".join(str(each) for each in row.values())
-        raise InputError(f"{path}: no clearance of this scenario: {shown}")
+    if row["callsign"] not in callsigns or row["cycle"] >= cycles or row["value"] > most:
+        values = ", ".join(str(each) for each in row.values())
+        raise InputError(f"{path}: not a clearance of this scenario: {values}")
 
 
 def _aircraft(
@@ -330,14 +332,14 @@ def _aircraft(
     return Aircraft(
         **start | {"fl": on_tick(start["fl"])},
         callsign=row["callsign"],
-        type=_type_asked_for(row["type"], types),
+        type=_planned_type(row["type"], types),
         route=tuple(row["route"].split()),
         exit_fl=row["exit_fl"],
         own_navigation=row["own_navigation"],
     )
 
 
-def _given(row: dict[str, Any]) -> ScheduledClearance:
+def _clearance(row: dict[str, Any]) -> ScheduledClearance:
     level = row["kind"] == "level"
     return ScheduledClearance(
         row["cycle"],

@@ -1,4 +1,4 @@
-"""Rows of the comparison: the tables of an evaluation reduced to the numbers that are reported."""
+"""Rows of the comparison: the reported numbers of an evaluation."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,9 +10,13 @@ from skystack.evaluation.paper import paper_row
 
 RowValues = dict[str, Any]
 
+NO_OP_NAME = "do-nothing"
+"""The experiment name in rows without a policy, which issue no instructions."""
+
 
 def summarise(
     experiment: str,
+    task: str,
     seed: int,
     platform: str,
     stacking: bool,
@@ -20,16 +24,17 @@ def summarise(
     wall_s: float,
     episodes: pa.Table,
 ) -> RowValues:
-    """The row of one policy on its scenarios, which took `wall_s` to fly."""
-    row = _row(experiment, 1, platform, stacking, greedy, episodes)
+    """The row of one policy. `wall_s` is the time that its scenarios took."""
+    row = _row(experiment, task, 1, platform, stacking, greedy, episodes)
     return {"seed": seed, **row, "wall_s": wall_s}
 
 
 def aggregate(rows: Sequence[RowValues], episodes: Sequence[pa.Table]) -> RowValues:
-    """One row for all training seeds: the statistics of their scenarios put together."""
+    """One row for all training seeds, computed over the scenarios of all of them."""
     first = rows[0]
     row = _row(
         first["experiment"],
+        first.get("task"),  # absent in cached rows of older versions
         len(rows),
         first["platform"],
         first["stacking"],
@@ -40,13 +45,21 @@ def aggregate(rows: Sequence[RowValues], episodes: Sequence[pa.Table]) -> RowVal
 
 
 def _row(
-    experiment: str, seeds: int, platform: str, stacking: bool, greedy: bool, episodes: pa.Table
+    experiment: str,
+    task: str | None,
+    seeds: int,
+    platform: str,
+    stacking: bool,
+    greedy: bool,
+    episodes: pa.Table,
 ) -> RowValues:
     column = {name: episodes[name].to_numpy() for name in episodes.column_names}
+    others = {name: float(np.mean(column[name])) for name in column if name not in _REPORTED}
     separation = column["min_separation_nm"]
     finite = separation[np.isfinite(separation)]
     return {
         "experiment": experiment,
+        "task": task,
         "seeds": seeds,
         "platform": platform,
         "stacking": stacking,
@@ -63,4 +76,12 @@ def _row(
         "min_separation_nm_min": float(np.min(finite)) if finite.size else None,
         "min_separation_nm_mean": float(np.mean(finite)) if finite.size else None,
         "paper": paper_row(experiment, stacking),
+        **({"metrics": others} if others else {}),
     }
+
+
+_REPORTED = {
+    *("scenario", "clearances", "instructions", "return", "success", "correct_exit", "excursion"),
+    *("few_clearances", "min_separation_nm", "loss_of_separation", "cycles"),
+}
+"""Columns with fields of their own; the means of the others are in `metrics`."""

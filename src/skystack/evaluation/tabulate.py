@@ -15,48 +15,48 @@ from skystack.evaluation.tables import Tables, clearance_table, episode_table, m
 from skystack.evaluation.writing import Append, growing_tables, table_metadata
 from skystack.io.locks import locked_folder
 from skystack.platforms.adoption import SKYSTACK, Adoption
-from skystack.tasks.navigation import NavigationTask
+from skystack.tasks.contract import TrafficTask
 
 TABLES = tuple(field.name for field in fields(Tables))
 
 
 class Tabulated(NamedTuple):
-    """What is kept of all scenarios: not aircraft and trajectories, which are larger."""
+    """The tables kept in memory for all scenarios: aircraft and trajectories would be too large."""
 
     episodes: pa.Table
     clearances: pa.Table
-    """Texts as dictionaries."""
+    """Texts are dictionary-encoded."""
     flying_s: float
     """The time spent flying."""
 
 
 def tabulate(
-    task: NavigationTask,
+    task: TrafficTask,
     blocks: Iterator[Recording],
     folder: Path | None,
     flown_as: Callable[[str], str] = str,
     adoption: Adoption = SKYSTACK,
 ) -> Tabulated:
-    """Make the tables of one or more blocks; write all four, or none, to a folder if one is given.
+    """Make the tables of one or more blocks. If a folder is given, write all four or none to it.
 
-    They do not depend on how scenarios are divided into blocks. Raises what flying raises, and
-    InputError for a folder that cannot be written to or is in use by another process.
+    The tables do not depend on how scenarios are divided into blocks. Raises what flying raises,
+    and InputError for a folder that cannot be written to or is in use by another process.
     """
     episodes, clearances = list[pa.Table](), list[pa.Table]()
-    flying_s, begun = 0.0, time.monotonic()
+    flying_s, started_s = 0.0, time.monotonic()
     with ExitStack() as stack:
         append: Append | None = None
         for block in blocks:
-            flying_s += time.monotonic() - begun
-            if folder is not None and append is None:  # only now: an early failure leaves nothing
+            flying_s += time.monotonic() - started_s
+            if folder is not None and append is None:  # only now: an early failure leaves no files
                 append = stack.enter_context(_tables_in(folder, task))
             for part in parts_of(block, scenarios_in_part(task)):
                 outcomes, issued = _tables_of(task, part, append, flown_as, adoption)
                 episodes.append(outcomes)
                 clearances.append(issued)
-            del block, part  # before the next one is flown
-            begun = time.monotonic()
-        flying_s += time.monotonic() - begun
+            del block, part  # free the memory before the next block is flown
+            started_s = time.monotonic()
+        flying_s += time.monotonic() - started_s
     return Tabulated(
         pa.concat_tables(episodes).combine_chunks(),
         pa.concat_tables(clearances).unify_dictionaries(),
@@ -65,21 +65,20 @@ def tabulate(
 
 
 @contextmanager
-def _tables_in(folder: Path, task: NavigationTask) -> Iterator[Append]:
-    settings = task.settings
-    metadata = table_metadata(task.simulator.sector, settings.performance, settings.fleet)
+def _tables_in(folder: Path, task: TrafficTask) -> Iterator[Append]:
+    metadata = table_metadata(task.sector, task.performance, task.fleet)
     with locked_folder(folder), growing_tables(folder, TABLES, metadata) as append:
         yield append
 
 
 def _tables_of(
-    task: NavigationTask,
+    task: TrafficTask,
     part: Recording,
     append: Append | None,
     flown_as: Callable[[str], str],
     adoption: Adoption,
 ) -> tuple[pa.Table, pa.Table]:
-    """Episodes and clearances of some scenarios; all tables are appended where they are written."""
+    """The episodes and clearances of some scenarios. If tables are written, appends all four."""
     if append is None:
         episodes, clearances = episode_table(task, part), clearance_table(task, part, adoption)
     else:
@@ -90,7 +89,7 @@ def _tables_of(
 
 
 def _copied(table: pa.Table) -> pa.Table:
-    """A compact copy: keeping arrays of a block would fragment memory."""
+    """A compact copy: holding on to arrays of a block would fragment memory."""
     return table.take(pa.array(np.arange(table.num_rows)))
 
 

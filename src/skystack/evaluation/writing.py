@@ -1,4 +1,4 @@
-"""Parquet tables that carry their sector, written part by part: only a part is in memory."""
+"""Write Parquet tables with their sector in parts, so that only one part is in memory."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
@@ -17,12 +17,12 @@ from skystack.simulator.fleet import AircraftType
 
 SECTOR, PERFORMANCE_MODEL, FLEET = b"sector", b"performance", b"fleet"
 SCENARIOS = b"scenarios"
-"""Metadata key: the lowest and highest scenario of each row group, as JSON. Readers find scenarios
-by it, because pyarrow aborts the process when asked for the statistics of a damaged file."""
+"""Metadata key: the lowest and highest scenario of each row group, as JSON. Readers use it to find
+scenarios, because pyarrow aborts the process when it reads the statistics of a damaged file."""
 EVALUATION = b"evaluation"
-"""Metadata key: a digest that is the same in all tables written together, and in no others."""
+"""Metadata key: a digest that tables have in common only if they were written together."""
 GROUP_ROWS = 65_536
-"""Rows of every row group but the last, whatever the size of the parts appended."""
+"""Rows of every row group except the last, independent of the size of the appended parts."""
 
 Append = Callable[[Mapping[str, pa.Table]], None]
 """Appends a part to each table of a folder, by name."""
@@ -31,7 +31,7 @@ Append = Callable[[Mapping[str, pa.Table]], None]
 def table_metadata(
     sector: Sector, performance: str, types: Sequence[AircraftType] = ()
 ) -> dict[bytes, bytes]:
-    """What every table carries: its sector, the performance and, where there is one, the fleet."""
+    """The metadata of every table: sector, performance model and, if there is one, fleet."""
     fleet = {FLEET: msgspec.json.encode(types)} if types else {}
     return {SECTOR: msgspec.json.encode(sector), PERFORMANCE_MODEL: performance.encode()} | fleet
 
@@ -42,19 +42,19 @@ def write_table(
     sector: Sector,
     performance: str,
     types: Sequence[AircraftType] = (),
-    beside: Mapping[str, list[dict[str, Any]]] | None = None,
+    embedded: Mapping[str, list[dict[str, Any]]] | None = None,
 ) -> None:
-    """Write one table as Parquet, its sector, the performance and the fleet in the metadata.
+    """Write one table as Parquet, with sector, performance model and fleet in the metadata.
 
-    `beside` are small tables that go along in the metadata as JSON. Raises InputError if it cannot
-    be written.
+    `embedded` are small tables that are stored in the metadata as JSON. Raises InputError if the
+    file cannot be written.
     """
     metadata = table_metadata(sector, performance, types)
-    metadata |= {key.encode(): msgspec.json.encode(rows) for key, rows in (beside or {}).items()}
+    metadata |= {key.encode(): msgspec.json.encode(rows) for key, rows in (embedded or {}).items()}
     with (
         atomic_files([path]) as [file],
         writing(path),
-        closing(_Growing(file, metadata)) as growing,
+        closing(_GrowingTable(file, metadata)) as growing,
     ):
         growing.append(table)
         growing.end({})
@@ -64,15 +64,14 @@ def write_table(
 def growing_tables(
     folder: Path, names: Sequence[str], metadata: Mapping[bytes, bytes]
 ) -> Iterator[Append]:
-    """Tables `<name>.parquet` in a folder that are appended to, at least once each.
+    """Tables `<name>.parquet` in a folder, to which the body must append at least once.
 
-    They are renamed together at the end; if anything is raised inside, no file is changed.
-    What is written does not depend on how it is divided into parts. Raises InputError for a file
-    that cannot be written.
+    The files are replaced together at the end; if the body raises, none is changed. Their content
+    does not depend on the division into parts. Raises InputError for a file that cannot be written.
     """
     paths = [folder / f"{name}.parquet" for name in names]
     with atomic_files(paths) as files, ExitStack() as stack:
-        growing = [stack.enter_context(closing(_Growing(file, metadata))) for file in files]
+        growing = [stack.enter_context(closing(_GrowingTable(file, metadata))) for file in files]
         digest = _Digest()
 
         def append(tables: Mapping[str, pa.Table]) -> None:
@@ -104,19 +103,19 @@ class _Digest:
         return sha256("".join(columns).encode()).hexdigest()[:32]
 
 
-class _Growing:
-    """A Parquet file that is written a row group at a time."""
+class _GrowingTable:
+    """A Parquet file that is written one row group at a time."""
 
     def __init__(self, file: IO[bytes], metadata: Mapping[bytes, bytes]) -> None:
         self._file, self._metadata = file, metadata
         self._writer: Any = None
-        self._waiting: list[pa.Table] = []
+        self._pending: list[pa.Table] = []
         self._scenarios: list[tuple[int, int]] = []
 
     def close(self) -> None:
         """Close the writer; without `end` the file is not a valid table."""
         if self._writer is not None:
-            with suppress(Exception):  # a full disk; pyarrow would retry when collected
+            with suppress(Exception):  # on a full disk pyarrow would retry when garbage-collected
                 self._writer.close()
             self._writer.is_open = False
 
@@ -124,12 +123,12 @@ class _Growing:
         if self._writer is None:
             schema = table.schema.with_metadata(self._metadata)
             self._writer = pq.ParquetWriter(self._file, schema, compression="zstd")
-        self._waiting.append(table)
-        if sum(each.num_rows for each in self._waiting) >= GROUP_ROWS:
+        self._pending.append(table)
+        if sum(each.num_rows for each in self._pending) >= GROUP_ROWS:
             self._write(GROUP_ROWS)
 
     def end(self, metadata: Mapping[bytes, bytes]) -> None:
-        """Write what is left, the index, and metadata that is known only now."""
+        """Write the remaining rows, the index, and metadata that is only known at the end."""
         self._write(1)
         index = {SCENARIOS: msgspec.json.encode(self._scenarios)} if self._scenarios else {}
         if index or metadata:
@@ -137,8 +136,8 @@ class _Growing:
         self._writer.close()
 
     def _write(self, least: int) -> None:
-        """Write waiting rows, a row group at a time, while at least `least` are left."""
-        rows = pa.concat_tables(self._waiting).combine_chunks()
+        """Write pending rows, one row group at a time, while at least `least` are left."""
+        rows = pa.concat_tables(self._pending).combine_chunks()
         while rows.num_rows >= least:
             group = rows.slice(0, GROUP_ROWS)
             self._writer.write_table(group, row_group_size=GROUP_ROWS)
@@ -146,4 +145,4 @@ class _Growing:
                 span = pc.min_max(group["scenario"]).as_py()
                 self._scenarios.append((span["min"], span["max"]))
             rows = rows.slice(GROUP_ROWS)
-        self._waiting = [rows]
+        self._pending = [rows]

@@ -1,1 +1,1 @@
-"""The verb `export`: flown scenarios and trained policies in the files of other programs."""
+"""The command `export`: flown scenarios and trained policies as files for other programs."""

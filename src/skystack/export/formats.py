@@ -1,4 +1,4 @@
-"""Which format is made of what: scenarios become BlueSky's files, policies ONNX or numpy's."""
+"""Export formats: scenarios as BlueSky files, policies as ONNX or numpy files."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -15,16 +15,16 @@ POLICY_FORMATS: Mapping[str, Callable[[Policy, Path], None]] = {
     "onnx": export_onnx,
     "numpy": export_numpy,
 }
-"""How a policy is written in each."""
+"""The function that writes a policy in each format."""
 
 
 def export(source: str, kind: str, scenario: int | None, output: Path) -> list[str]:
-    """Write a source as a file of a format.
+    """Export a source as a file of format `kind`.
 
     `source` is a scenario file or an evaluation's folder for `scn`, with the number of a scenario
-    in the latter; a shipped policy's name or a run folder for the formats of policies. Returns what
-    must be said. Raises InputError for a source that is missing, damaged or not of the format, and
-    for an output that cannot be written.
+    in the latter; a shipped policy's name or a run folder for the policy formats. Returns notes for
+    the user. Raises InputError for a source that is missing, damaged or unsuitable for the format,
+    and for an output that cannot be written.
     """
     check_output(output, Path(source))
     if kind not in POLICY_FORMATS:

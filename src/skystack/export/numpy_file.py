@@ -1,4 +1,4 @@
-"""A policy as one `.npz` file: its tensors and names, asked with a few lines of numpy."""
+"""A policy as one `.npz` file with its tensors and names; a few lines of numpy evaluate it."""
 
 import io
 from pathlib import Path
@@ -13,7 +13,7 @@ from skystack.policies.facts import facts
 def export_numpy(policy: Policy, output: Path) -> None:
     """Write the policy so that `np.load` reads it without pickle; see docs/formats.md.
 
-    Raises InputError when the file cannot be written.
+    Raises InputError if the file cannot be written.
     """
     arrays = {name: np.asarray(value) for name, value in facts(policy).items()}
     data = io.BytesIO()

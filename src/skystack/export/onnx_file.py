@@ -1,6 +1,6 @@
-"""A policy as an ONNX graph, for every runtime that reads ONNX (extra `[onnx]`).
+"""A policy as an ONNX graph, for any ONNX runtime (extra `[onnx]`).
 
-Observations go in as the task gives them: the normaliser is part of the graph.
+The input is the task's observation: the normaliser is part of the graph.
 """
 
 from pathlib import Path
@@ -16,13 +16,13 @@ from skystack.learning.policy import Policy
 from skystack.policies.facts import facts, facts_as_texts
 
 OPSET, IR_VERSION = 17, 8
-"""Of 2022, so that runtimes need not be new."""
+"""Versions of 2022, so that older runtimes can read the file."""
 
 
 def export_onnx(policy: Policy, output: Path) -> None:
-    """Write the policy as ONNX, from observations to logits and actions, see docs/formats.md.
+    """Write the policy as ONNX, from observations to logits and actions; see docs/formats.md.
 
-    Raises InputError when the extra is missing or the file cannot be written.
+    Raises InputError if the extra is missing or the file cannot be written.
     """
     onnx = _onnx()
     model = _model(onnx, policy)
@@ -41,11 +41,11 @@ def _onnx() -> Any:
 def _model(onnx: Any, policy: Policy) -> Any:
     helper, kinds = onnx.helper, onnx.TensorProto
     described = facts(policy)
-    seen, actions = len(described["observation"]), len(described["actions"])
+    observations, actions = len(described["observation"]), len(described["actions"])
     graph = helper.make_graph(
         _nodes(helper, len(policy.actor)),
         described["experiment"],
-        [helper.make_tensor_value_info("observation", kinds.FLOAT, ["batch", seen])],
+        [helper.make_tensor_value_info("observation", kinds.FLOAT, ["batch", observations])],
         [
             helper.make_tensor_value_info("logits", kinds.FLOAT, ["batch", actions]),
             helper.make_tensor_value_info("action", kinds.INT64, ["batch"]),
@@ -64,7 +64,7 @@ def _model(onnx: Any, policy: Policy) -> Any:
 
 
 def _nodes(helper: Any, layers: int) -> list[Any]:
-    """Normalise and cut; layer by layer with ReLU between; the first of the greatest logits."""
+    """Normalise and clip; dense layers with ReLU between them; the first of the largest logits."""
     nodes = [
         helper.make_node("Sub", ["observation", "normaliser.mean"], ["centred"]),
         helper.make_node("Div", ["centred", "normaliser.deviation"], ["scaled"]),

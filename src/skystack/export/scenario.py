@@ -1,4 +1,4 @@
-"""What was flown, as a scenario file of BlueSky."""
+"""A flown scenario as a BlueSky scenario file."""
 
 from pathlib import Path
 
@@ -14,8 +14,9 @@ def export_scenario(source: Path, number: int | None, output: Path) -> list[str]
     """Write a scenario with its clearances as a BlueSky scenario file (`.scn`).
 
     `source` is a scenario file (JSON), or the folder of an evaluation and the number of one of its
-    scenarios. Returns what must be said: types that are flown as others. Raises InputError for a
-    source that cannot be read, or said in BlueSky's language, or an output that cannot be written.
+    scenarios. Returns notes for the user on what BlueSky flies differently. Raises InputError for a
+    source that cannot be read or expressed in BlueSky's commands, or an output that cannot be
+    written.
     """
     scenario = _scenario(source, number)
     try:

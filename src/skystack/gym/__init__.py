@@ -1,14 +1,14 @@
-"""Gymnasium environments of the tasks; importing this registers them.
+"""Gymnasium environments of the tasks; importing this module registers them.
 
 `skystack/Lateral-v0`, `skystack/LateralLarge-v0`, `skystack/Vertical-v0` and
-`skystack/Avoidance-v0`: the paper's experiments, for `gymnasium.make` and `gymnasium.make_vec`.
-Keywords are those of `skystack.gym.registration`. JAX is imported when the first one is made,
-and started by its first reset.
+`skystack/Avoidance-v0` are the paper's experiments, for `gymnasium.make` and `gymnasium.make_vec`.
+`skystack.gym.registration` documents the keyword arguments. JAX is imported when the first
+environment is created and starts at its first reset.
 """
 
 from gymnasium import register
 
-import skystack.compilation.forks  # noqa: F401  (notes every fork from now on)
+import skystack.compilation.forks  # noqa: F401  (records forks from now on)
 
 REGISTERED = {
     "skystack/Lateral-v0": "lateral",
@@ -16,7 +16,7 @@ REGISTERED = {
     "skystack/Vertical-v0": "vertical",
     "skystack/Avoidance-v0": "avoidance",
 }
-"""Each environment's experiment."""
+"""The experiment of each environment."""
 
 for _name, _experiment in REGISTERED.items():
     register(

@@ -1,5 +1,6 @@
-"""One scenario as a Gymnasium environment, stepped through, or in its two phases."""
+"""One scenario at a time as a Gymnasium environment, with `step` or with its two phases."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium
@@ -12,7 +13,7 @@ from jaxtyping import Float, PRNGKeyArray, UInt8
 from skystack.compilation.forks import refuse_forked
 from skystack.errors import InputError
 from skystack.gym.radar import Radar
-from skystack.tasks.contract import Metrics, Outcome, Task
+from skystack.tasks.contract import Outcome, Task, TaskState
 from skystack.tasks.plain import PlainState, PlainTask
 
 Observation = Float[np.ndarray, " observation"]
@@ -23,18 +24,18 @@ FRAMES_PER_S = 10
 
 
 class TaskEnvironment(gymnasium.Env[Observation, np.int64]):
-    """Any task, for learners that know Gymnasium.
+    """Any task as a Gymnasium environment.
 
-    Observations are float32 in [0, 1], actions numbers into the task's action table, rewards as the
-    task pays them, unscaled. When a scenario has ended, `info` holds its metrics. Tasks end by
-    themselves (terminated) and never truncate; Gymnasium's TimeLimit does. Raises InputError for
-    an action that is not in the table.
+    Observations are float32 values in [0, 1], actions are indices into the task's action table, and
+    rewards are the task's own, unscaled. A scenario is terminated or truncated as its task defines;
+    `info` then holds its metrics. Gymnasium's TimeLimit can truncate it earlier. Raises InputError
+    for an action that is not in the table.
 
-    It is a `skystack.gym.stacked.TwoPhaseEnvironment`: `instruct` as often as wanted, then
-    `advance`, instead of `step`. `render_mode="rgb_array"` draws a radar picture. Environments of
-    one task can share its compiled `programs`.
+    It is a `skystack.gym.stacked.TwoPhaseEnvironment`: instead of `step`, call `instruct` any
+    number of times, then `advance`. `render_mode="rgb_array"` draws a radar picture. Environments
+    of one task can share its compiled `programs`.
 
-    It can be copied and pickled at any time; the copy continues identically. Making it does not
+    It can be copied and pickled at any time; the copy continues identically. Creating it does not
     start JAX. Raises InputError in a process that was forked after JAX was started.
     """
 
@@ -46,75 +47,86 @@ class TaskEnvironment(gymnasium.Env[Observation, np.int64]):
         self.task, self.render_mode = task, render_mode
         self.observation_space, self.action_space = observations_of(task), actions_of(task)
         self._radar = radar_of(task, render_mode)
-        self._plain = PlainTask(task) if programs is None else programs
-        self._now: PlainState | None = None
+        self._programs = PlainTask(task) if programs is None else programs
+        self._state: PlainState | None = None
+
+    @property
+    def programs(self) -> PlainTask:
+        """The compiled programs of the task."""
+        return self._programs
+
+    @property
+    def task_state(self) -> TaskState:
+        """The state of the scenario in the task. Raises ResetNeeded before the first reset."""
+        return self._programs.state_of(self._scenario)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, Info]:
-        """A new random scenario: after a seed always the same ones in the same order."""
+        """Start a new random scenario. A seed determines it and all scenarios that follow."""
         super().reset(seed=seed, options=options)
-        self._now = self._plain.reset(drawn_key(self.np_random))
+        self._state = self._programs.reset(drawn_key(self.np_random))
         if self._radar is not None:
             self._radar.clear()
-            self._radar.sweep(self._plain.state_of(self._now))
+            self._radar.sweep(self.task_state)
         return self.observe(), {}
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, Info]:
-        """The task's step: give an instruction, or none, and fly one radar cycle."""
-        flown = self._flown(*self._plain.step(self._scenario, action))
-        return self.observe(), *flown
+        """The MDP step: give an instruction, or none (action 0), and fly one radar cycle."""
+        result = self._finish_cycle(*self._programs.step(self._scenario, action))
+        return self.observe(), *result
 
     def observe(self) -> Observation:
-        """What is seen now; a copy."""
-        return np.array(self._plain.observe(self._scenario))
+        """A copy of the current observation."""
+        leaves = jax.tree.leaves(self._programs.observe(self._scenario))
+        return np.concatenate([np.ravel(leaf) for leaf in leaves])
 
     def may_stack(self, action: Any) -> bool:
-        """Whether an instruction can be given now."""
-        return self._plain.may_stack(self._scenario, action)
+        """Whether the instruction can be given now."""
+        return self._programs.may_stack(self._scenario, action)
 
     def instruct(self, action: Any) -> None:
         """Give an instruction; no time passes."""
-        self._now = self._plain.instruct(self._scenario, action)
+        self._state = self._programs.instruct(self._scenario, action)
 
     def advance(self) -> tuple[float, bool, bool, Info]:
         """Fly one radar cycle: (reward, terminated, truncated, info)."""
-        return self._flown(*self._plain.advance(self._scenario))
+        return self._finish_cycle(*self._programs.advance(self._scenario))
 
     def render(self) -> UInt8[np.ndarray, "height width 3"] | None:
-        """The radar picture of now; None without a render mode."""
-        if self._radar is None:
-            return None
-        return self._radar.picture(self._plain.state_of(self._scenario))
+        """The current radar picture; None without a render mode."""
+        return None if self._radar is None else self._radar.picture(self.task_state)
 
     @property
     def _scenario(self) -> PlainState:
         refuse_forked()
-        if self._now is None:
-            raise ResetNeeded("reset() begins the first scenario")
-        return self._now
+        if self._state is None:
+            raise ResetNeeded("no scenario has been started (call reset first)")
+        return self._state
 
-    def _flown(self, now: PlainState, outcome: Outcome) -> tuple[float, bool, bool, Info]:
-        self._now = now
+    def _finish_cycle(self, state: PlainState, outcome: Outcome) -> tuple[float, bool, bool, Info]:
+        self._state = state
         if self._radar is not None:
-            self._radar.sweep(self._plain.state_of(now))
-        judged: Outcome = jax.device_get(outcome)
-        ended = bool(judged.terminated), bool(judged.truncated)
-        return float(judged.reward), *ended, metrics_info(judged.metrics) if any(ended) else {}
+            self._radar.sweep(self.task_state)
+        outcome = jax.device_get(outcome)
+        terminated = bool(outcome.terminated.all())
+        truncated = bool(outcome.ended) and not terminated
+        info = metrics_info(outcome.metrics) if outcome.ended else {}
+        return float(outcome.reward.sum()), terminated, truncated, info
 
 
 def observations_of(task: Task) -> spaces.Box:
-    """The space of a task's observations."""
+    """The observation space of a task; observations are flattened."""
     return spaces.Box(0.0, 1.0, (len(task.observation_names),), np.float32)
 
 
 def actions_of(task: Task) -> spaces.Discrete:
-    """The space of a task's actions."""
+    """The action space of a task."""
     return spaces.Discrete(len(task.action_names))
 
 
 def radar_of(task: Task, render_mode: str | None) -> Radar | None:
-    """What draws a task in a render mode, if any. Raises InputError for an unknown mode."""
+    """The radar of a task; None without a render mode. Raises InputError for an unknown mode."""
     if render_mode is None:
         return None
     if render_mode not in RENDER_MODES:
@@ -123,16 +135,16 @@ def radar_of(task: Task, render_mode: str | None) -> Radar | None:
 
 
 def drawn_key(generator: np.random.Generator) -> PRNGKeyArray:
-    """The key of the next scenario. Raises InputError as `refuse_forked`."""
+    """The random key of the next scenario. Raises InputError as `refuse_forked` does."""
     refuse_forked()
     return jax.random.key(drawn_number(generator))
 
 
 def drawn_number(generator: np.random.Generator) -> int:
-    """What the key of the next scenario is made from."""
+    """The seed of the next scenario's key."""
     return int(generator.integers(2**31))
 
 
-def metrics_info(metrics: Metrics) -> Info:
+def metrics_info(metrics: Mapping[str, Any]) -> Info:
     """The metrics of one scenario as plain numbers."""
-    return {name: np.asarray(value).item() for name, value in metrics._asdict().items()}
+    return {name: np.asarray(value).item() for name, value in metrics.items()}

@@ -1,4 +1,4 @@
-"""A task with each aircraft an agent of its own, for PettingZoo (extra `[pettingzoo]`)."""
+"""A task with one agent per aircraft, for PettingZoo (extra `[pettingzoo]`)."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -25,11 +25,12 @@ from skystack.gym.environment import (
 from skystack.gym.registration import settings_of
 from skystack.io.files import AnyPath
 from skystack.simulator.traffic import callsigns
-from skystack.tasks.build import build_task
-from skystack.tasks.contract import NO_OP, Outcome
-from skystack.tasks.navigation import NavigationState, NavigationTask
+from skystack.stacking import NO_OP
+from skystack.tasks.contract import Outcome, TaskState, TrafficTask
+from skystack.tasks.observations import flatten_observation
 from skystack.tasks.plain import checked_action
 from skystack.tasks.programs import TaskPrograms, compiled
+from skystack.tasks.registry import build_traffic_task
 from skystack.tasks.settings import TaskSettings
 
 with of_extra(__name__, "pettingzoo"):
@@ -40,16 +41,16 @@ Infos = dict[str, dict[str, Any]]
 
 
 class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
-    """A navigation task as a cooperative game of its aircraft: AC1, AC2, ...
+    """A traffic task as a cooperative game of its aircraft: AC1, AC2, ...
 
-    In each cycle every agent gives its own aircraft an instruction, or none (action 0); who is not
-    in `actions` gives none. Then one cycle is flown. An agent sees what the task shows, with its
-    own aircraft as the first and the others behind it in their order.
+    In each cycle every agent gives its own aircraft one instruction, or none (action 0); an agent
+    that is not in `actions` gives none. Then one cycle is flown. An agent's observation is the
+    task's, with its own aircraft first and the others after it in their usual order.
 
-    All agents get the scenario's reward, and end together with the scenario, also those whose
-    aircraft have left before: the terminal reward judges the scenario as a whole, and is theirs as
-    well. Infos then hold the scenario's metrics. Instructions of several agents in one cycle are
-    separate bursts, as nobody could say them in one breath.
+    All agents get the scenario's reward and end together with the scenario, including those whose
+    aircraft left earlier: the terminal reward scores the scenario as a whole. Infos then hold the
+    scenario's metrics. Instructions of several agents in one cycle are separate bursts, because one
+    transmission addresses one aircraft. Environments of one task can share its compiled `programs`.
 
     It can be copied and pickled at any time; the copy continues identically. Raises InputError in a
     process that was forked after JAX was started.
@@ -61,13 +62,18 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
         "render_fps": FRAMES_PER_S,
     }
 
-    def __init__(self, task: NavigationTask, render_mode: str | None = None) -> None:
+    def __init__(
+        self,
+        task: TrafficTask,
+        render_mode: str | None = None,
+        programs: "MultiAgentPrograms | None" = None,
+    ) -> None:
         self.task, self.render_mode = task, render_mode
-        self.possible_agents = callsigns(task.scenarios.aircraft)
+        self.possible_agents = callsigns(task.aircraft)
         self.agents: list[str] = []
         self._own_actions = [
-            [NO_OP, *(n for n, (who, _) in enumerate(task.actions.changes, 1) if who == number)]
-            for number in range(task.scenarios.aircraft)
+            [NO_OP, *(n for n, action in enumerate(task.actions) if action.aircraft == number)]
+            for number in range(task.aircraft)
         ]
         self._spaces = {
             agent: (observations_of(task), spaces.Discrete(len(own)))
@@ -75,9 +81,22 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
         }
         self._radar = radar_of(task, render_mode)
         self._generator: np.random.Generator | None = None
-        self._programs = MultiAgentPrograms(task)
-        self._now: NavigationState | None = None
+        self._programs = MultiAgentPrograms(task) if programs is None else programs
+        self._state: TaskState | None = None
         self._views: Float[Array, "aircraft observation"]
+
+    @property
+    def programs(self) -> "MultiAgentPrograms":
+        """The compiled programs of the task."""
+        return self._programs
+
+    @property
+    def task_state(self) -> TaskState:
+        """The state of the scenario in the task. Raises ResetNeeded before the first reset."""
+        refuse_forked()
+        if self._state is None:
+            raise ResetNeeded("no scenario has been started (call reset first)")
+        return self._state
 
     def observation_space(self, agent: str) -> spaces.Box:
         return self._spaces[agent][0]
@@ -88,32 +107,35 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observed, Infos]:
-        """A new random scenario, that of the single environment under the same seed."""
+        """Start a new random scenario: the same as TaskEnvironment's for the same seed."""
         if seed is not None or self._generator is None:
             self._generator, _ = seeding.np_random(seed)
-        self._now, self._views = self._programs.begin(drawn_key(self._generator))
+        self._state, self._views = self._programs.begin(drawn_key(self._generator))
         self.agents = self.possible_agents.copy()
         if self._radar is not None:
             self._radar.clear()
-            self._radar.sweep(self._now)
-        return self._observed(), {agent: {} for agent in self.agents}
+            self._radar.sweep(self._state)
+        return self._observations(), {agent: {} for agent in self.agents}
 
     def step(
         self, actions: Mapping[str, Any]
     ) -> tuple[Observed, dict[str, float], dict[str, bool], dict[str, bool], Infos]:
-        """All instruct, then one cycle is flown.
+        """Give all instructions, then fly one cycle.
 
         Raises InputError for an unknown agent or action.
         """
-        self._now, self._views, outcome = self._programs.fly(self._scenario, self._told(actions))
+        self._state, self._views, outcome = self._programs.fly(
+            self.task_state, self._task_actions(actions)
+        )
         if self._radar is not None:
-            self._radar.sweep(self._now)
-        judged: Outcome = jax.device_get(outcome)
-        terminated, truncated = bool(judged.terminated), bool(judged.truncated)
-        info = metrics_info(judged.metrics) if terminated or truncated else {}
+            self._radar.sweep(self._state)
+        outcome = jax.device_get(outcome)
+        terminated = bool(outcome.terminated.all())
+        truncated = bool(outcome.ended) and not terminated
+        info = metrics_info(outcome.metrics) if terminated or truncated else {}
         result = (
-            self._observed(),
-            dict.fromkeys(self.agents, float(judged.reward)),
+            self._observations(),
+            dict.fromkeys(self.agents, float(outcome.reward.sum())),
             dict.fromkeys(self.agents, terminated),
             dict.fromkeys(self.agents, truncated),
             {agent: info.copy() for agent in self.agents},
@@ -123,75 +145,65 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
         return result
 
     def state(self) -> Observation:
-        """The task's own observation: what one controller of all aircraft would see.
+        """The task's own observation, as a single controller of all aircraft would see it.
 
         Raises ResetNeeded before the first reset.
         """
-        _ = self._scenario  # which raises
+        _ = self.task_state  # raises before the first reset
         return np.array(self._views[0])
 
     def render(self) -> UInt8[np.ndarray, "height width 3"] | None:
-        """The radar picture of now; None without a render mode."""
-        return None if self._radar is None else self._radar.picture(self._scenario)
+        """The current radar picture; None without a render mode."""
+        return None if self._radar is None else self._radar.picture(self.task_state)
 
-    @property
-    def _scenario(self) -> NavigationState:
-        refuse_forked()
-        if self._now is None:
-            raise ResetNeeded("reset() begins the first scenario")
-        return self._now
-
-    def _observed(self) -> Observed:
+    def _observations(self) -> Observed:
         views = np.array(self._views)
         return {agent: views[self.possible_agents.index(agent)] for agent in self.agents}
 
     def _task_actions(self, actions: Mapping[str, Any]) -> Int[np.ndarray, " aircraft"]:
-        """The task's action of each aircraft."""
-        told = np.full(len(self.possible_agents), NO_OP, dtype=np.int32)
+        """The task's action for each aircraft."""
+        task_actions = np.full(len(self.possible_agents), NO_OP, dtype=np.int32)
         for agent, action in actions.items():
             if agent not in self.possible_agents:
                 raise unknown_name("agent", str(agent), self.possible_agents)
             number = self.possible_agents.index(agent)
             own = self._own_actions[number]
-            told[number] = own[checked_action(action, len(own))]
-        return told
+            task_actions[number] = own[checked_action(action, len(own))]
+        return task_actions
 
 
 class MultiAgentPrograms(TaskPrograms):
-    """What the environment computes."""
+    """The environment's compiled programs."""
 
-    _task: NavigationTask
+    _task: TrafficTask
 
     @compiled
-    def begin(
-        self, key: PRNGKeyArray
-    ) -> tuple[NavigationState, Float[Array, "aircraft observation"]]:
-        """The scenario of a key, and what each aircraft sees."""
+    def begin(self, key: PRNGKeyArray) -> tuple[TaskState, Float[Array, "aircraft observation"]]:
+        """The scenario of a key, and the observation of each agent."""
         state = self._task.reset(key)
-        return state, self._view(state)
+        return state, self._agent_views(state)
 
     @compiled
     def fly(
-        self, state: NavigationState, actions: Int[Array, " aircraft"]
-    ) -> tuple[NavigationState, Float[Array, "aircraft observation"], Outcome]:
+        self, state: TaskState, actions: Int[Array, " aircraft"]
+    ) -> tuple[TaskState, Float[Array, "aircraft observation"], Outcome]:
         """Instruct every aircraft, then fly one cycle."""
-        for number in range(self._task.scenarios.aircraft):
+        for number in range(self._task.aircraft):
             state = self._task.instruct(state, actions[number])
         state, outcome = self._task.advance(state)
-        return state, self._view(state), outcome
+        return state, self._agent_views(state), outcome
 
-    def _view(self, state: NavigationState) -> Float[Array, "aircraft observation"]:
-        """What each aircraft sees: the task's observation of itself as the first."""
-        aircraft = list(range(self._task.scenarios.aircraft))
+    def _agent_views(self, state: TaskState) -> Float[Array, "aircraft observation"]:
+        """The task's observation once per aircraft, with that aircraft first."""
+        aircraft = list(range(self._task.aircraft))
         orders = [[own, *(other for other in aircraft if other != own)] for own in aircraft]
 
-        def seen(order: Int[Array, " aircraft"]) -> Float[Array, " observation"]:
-            return self._task.observe(
-                # What has no axis is of the scenario.
-                jax.tree.map(lambda values: values[order] if values.ndim else values, state)
-            )
+        def view(order: Int[Array, " aircraft"]) -> Float[Array, " observation"]:
+            # Scalars belong to the whole scenario.
+            own = jax.tree.map(lambda values: values[order] if values.ndim else values, state)
+            return flatten_observation(self._task.observe(own))
 
-        views: Float[Array, "aircraft observation"] = jax.vmap(seen)(jnp.asarray(orders))
+        views: Float[Array, "aircraft observation"] = jax.vmap(view)(jnp.asarray(orders))
         return views
 
 
@@ -200,8 +212,8 @@ def parallel_env(
     settings: TaskSettings | None = None,
     render_mode: str | None = None,
 ) -> MultiAgentEnvironment:
-    """The environment of an experiment's name or `.toml` file, or of settings.
+    """The environment of an experiment (a name or a `.toml` file) or of settings.
 
-    Raises InputError for what does not exist or cannot be.
+    Raises InputError for an unknown experiment and for invalid settings.
     """
-    return MultiAgentEnvironment(build_task(settings_of(experiment, settings)), render_mode)
+    return MultiAgentEnvironment(build_traffic_task(settings_of(experiment, settings)), render_mode)

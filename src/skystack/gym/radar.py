@@ -1,4 +1,4 @@
-"""The radar picture of a scenario as an array of pixels; needs no display."""
+"""The radar picture of a scenario as an array of pixels, without a display."""
 
 from collections.abc import Sequence
 from typing import Any, Protocol, runtime_checkable
@@ -22,7 +22,7 @@ SIZE_IN, PIXELS_PER_INCH = (7.2, 6.8), 100
 
 @runtime_checkable
 class Visible(Protocol):
-    """A task with something to be seen."""
+    """A task that can be drawn."""
 
     @property
     def name(self) -> str: ...
@@ -36,7 +36,7 @@ class Visible(Protocol):
 class Radar:
     """Follows one scenario and draws it.
 
-    Radars of one task can share a `screen`, which takes longer to make than all else.
+    Radars of one task can share a `screen`, the slowest part to create.
     """
 
     def __init__(self, task: Any, screen: "Screen | None" = None) -> None:
@@ -45,26 +45,26 @@ class Radar:
         self._trail: list[Float[np.ndarray, "aircraft 2"]] = []
 
     def clear(self) -> None:
-        """A new scenario begins."""
+        """Forget the trail, before a new scenario."""
         self._trail.clear()
 
     def sweep(self, state: TaskState) -> None:
-        """Add the aircraft's positions to the trail, unless no time has passed."""
+        """Add the aircraft's positions to the trail if time has passed."""
         position_nm = np.asarray(self._task.traffic(state).position_nm)
         if not self._trail or not np.array_equal(position_nm, self._trail[-1]):
             self._trail.append(position_nm)
 
     def picture(self, state: TaskState) -> UInt8[np.ndarray, "height width 3"]:
-        """A state of the scenario, with the trail swept so far."""
+        """The picture of a state, with the trail so far."""
         return self.screen.picture(self._task.traffic(state), self._trail)
 
 
 class Screen:
-    """The sector, on which traffic is drawn.
+    """The map of the sector, on which traffic is drawn.
 
-    Each aircraft has its callsign with its level, actual and cleared, the trail of where it was, a
-    solid line to where it would be in two minutes, and a dotted one on the heading that it is
-    cleared to. Its planned route lies underneath.
+    Each aircraft has a label with its callsign and its actual and cleared level, a trail of past
+    positions, a solid line to its predicted position in two minutes, and a dotted line along its
+    cleared heading. Its planned route is drawn underneath.
     """
 
     def __init__(self, task: Any) -> None:
@@ -84,19 +84,19 @@ class Screen:
             name_fixes(self._axes, task.sector)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copies draw the sector again: figures of matplotlib are tied to their process."""
+        """Copies draw the map again: a matplotlib figure cannot leave its process."""
         return type(self), (self._task,)
 
     def picture(
         self, traffic: Traffic, trail: Sequence[Float[np.ndarray, "aircraft 2"]]
     ) -> UInt8[np.ndarray, "height width 3"]:
-        """The traffic of one scenario, whose positions after each cycle are the trail."""
+        """The picture of traffic; `trail` holds the positions at the start and after each cycle."""
         seconds = CYCLE_S * (len(trail) - 1)
         with house_style():
             self._axes.set_title(
                 f"{self._task.name}, minute {seconds // 60:02d}:{seconds % 60:02d}"
             )
-            lasting = set(self._axes.get_children())
+            permanent = set(self._axes.get_children())
             for number, callsign in enumerate(callsigns(len(traffic.level_ticks))):
                 sector, colour = self._task.sector, colour_of(number)
                 route = sector.routes[int(traffic.route[number])]
@@ -106,7 +106,7 @@ class Screen:
                     blip = _blip(sector, traffic, number, callsign)
                     draw_aircraft(self._axes, blip, colour)
             self._canvas.draw()  # type: ignore[no-untyped-call]
-            for artist in set(self._axes.get_children()) - lasting:
+            for artist in set(self._axes.get_children()) - permanent:
                 artist.remove()
         pixels = self._canvas.buffer_rgba()  # type: ignore[no-untyped-call]
         return np.array(pixels)[:, :, :3]

@@ -1,4 +1,4 @@
-"""Environments from the name of an experiment, a file, or settings: what Gymnasium calls."""
+"""The entry points for Gymnasium: environments of an experiment (a name or file) or of settings."""
 
 from functools import lru_cache
 
@@ -9,18 +9,18 @@ from skystack.gym.environment import TaskEnvironment
 from skystack.gym.vector import VectorTaskEnvironment
 from skystack.io.files import AnyPath
 from skystack.learning.experiment import load_experiment
-from skystack.tasks.build import build_training_task
 from skystack.tasks.contract import Task
 from skystack.tasks.plain import PlainTask
+from skystack.tasks.registry import build_training_task
 from skystack.tasks.settings import TaskSettings
 
 
 def settings_of(experiment: AnyPath, settings: TaskSettings | None = None) -> TaskSettings:
-    """The settings where given, else those of an experiment.
+    """`settings` if given, otherwise those of the experiment.
 
-    `experiment` is a name that `skystack list` shows, or the path of a `.toml` file. Environments
-    step as a learner does: where `timing` is `stack`, a step is an instruction or a cycle, as for
-    our own trainer. Raises InputError for what does not exist.
+    `experiment` is a name that `skystack list` prints, or the path of a `.toml` file. Environments
+    step as skystack's own trainer does: where `timing` is `stack`, a step is one instruction or one
+    cycle. Raises InputError for an unknown experiment.
     """
     return load_experiment(experiment).task if settings is None else settings
 
@@ -30,11 +30,12 @@ def make_environment(
     settings: TaskSettings | None = None,
     render_mode: str | None = None,
 ) -> TaskEnvironment:
-    """One scenario at a time; arguments as of `settings_of`.
+    """An environment of one scenario at a time; `settings_of` explains the first two arguments.
 
-    Environments of equal settings share one set of compiled programs.
+    Environments with equal settings share one set of compiled programs.
     """
-    task, programs = _compiled(msgspec.json.encode(settings_of(experiment, settings)))
+    chosen = settings_of(experiment, settings)
+    task, programs = _compiled(type(chosen), msgspec.json.encode(chosen))
     return TaskEnvironment(task, render_mode, programs)
 
 
@@ -46,13 +47,13 @@ def make_vector_environment(
     max_episode_steps: int | None = None,
     render_mode: str | None = None,
 ) -> VectorTaskEnvironment:
-    """Many scenarios at once; arguments as of `settings_of` and of the environment."""
+    """An environment of many scenarios; `settings_of` and its class explain the arguments."""
     task = build_training_task(settings_of(experiment, settings))
     return VectorTaskEnvironment(task, num_envs, autoreset_mode, max_episode_steps, render_mode)
 
 
 @lru_cache(maxsize=16)
-def _compiled(settings: bytes) -> tuple[Task, PlainTask]:
-    """By the settings as JSON: a sector in them cannot be hashed."""
-    task = build_training_task(msgspec.json.decode(settings, type=TaskSettings))
+def _compiled(kind: type[TaskSettings], settings: bytes) -> tuple[Task, PlainTask]:
+    """The key is the settings as JSON, because a sector in them cannot be hashed."""
+    task = build_training_task(msgspec.json.decode(settings, type=kind))
     return task, PlainTask(task)

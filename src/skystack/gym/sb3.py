@@ -1,6 +1,6 @@
-"""The vector environment for Stable-Baselines3 (extra `[sb3]`), which has an interface of its own.
+"""The vector environment for Stable-Baselines3 (extra `[sb3]`), which has its own interface.
 
-PPO there trains four times as fast on it as on 32 single environments.
+Stable-Baselines3's PPO trains four times as fast on it as on 32 single environments.
 """
 
 from collections.abc import Iterable, Sequence
@@ -51,7 +51,7 @@ class StableBaselines3Environment(VecEnv):  # type: ignore[misc]
         return observation
 
     def step_async(self, actions: Any) -> None:
-        self._actions = owned(actions)  # the caller may write over them before `step_wait`
+        self._actions = owned(actions)  # the caller may overwrite its array before `step_wait`
 
     def step_wait(
         self,
@@ -64,13 +64,13 @@ class StableBaselines3Environment(VecEnv):  # type: ignore[misc]
         observation, rewards, terminated, truncated, gathered = self._environment.step(
             self._actions
         )
-        cut_short = truncated & ~terminated
-        infos: Infos = [{"TimeLimit.truncated": cut} for cut in cut_short.tolist()]
-        over = terminated | truncated
-        for number in np.flatnonzero(over).tolist():
-            infos[number] |= _of_one(gathered["final_info"], number)
+        only_truncated = truncated & ~terminated
+        infos: Infos = [{"TimeLimit.truncated": each} for each in only_truncated.tolist()]
+        ended = terminated | truncated
+        for number in np.flatnonzero(ended).tolist():
+            infos[number] |= _scenario_info(gathered["final_info"], number)
             infos[number]["terminal_observation"] = gathered["final_obs"][number]
-        return observation, rewards.astype(np.float32), over, infos
+        return observation, rewards.astype(np.float32), ended, infos
 
     def get_images(self) -> Sequence[UInt8[np.ndarray, "height width 3"] | None]:
         """The radar picture of each scenario; None without a render mode."""
@@ -84,20 +84,20 @@ class StableBaselines3Environment(VecEnv):  # type: ignore[misc]
         return [value for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        raise NotImplementedError("scenarios of one program have no attributes of their own")
+        raise NotImplementedError("scenarios of a vector environment have no attributes")
 
     def env_method(
         self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any
     ) -> list[Any]:
-        raise NotImplementedError("scenarios of one program have no methods of their own")
+        raise NotImplementedError("scenarios of a vector environment have no methods")
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        indices_given: Iterable[int] = self._get_indices(indices)
-        return [False for _ in indices_given]
+        numbers: Iterable[int] = self._get_indices(indices)
+        return [False for _ in numbers]
 
 
-def _of_one(gathered: dict[str, Any], number: int) -> dict[str, Any]:
-    """One scenario's part of what Gymnasium gathers: values, and masks named `_...` beside them."""
+def _scenario_info(gathered: dict[str, Any], number: int) -> dict[str, Any]:
+    """The info of one scenario; Gymnasium gathers arrays, each with a mask named `_...`."""
     return {
         name: values[number].item()
         for name, values in gathered.items()

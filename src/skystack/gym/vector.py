@@ -1,4 +1,4 @@
-"""Many scenarios of a task as one Gymnasium vector environment, computed by one program."""
+"""Many scenarios of a task as one Gymnasium vector environment, in one compiled program."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -25,6 +25,7 @@ from skystack.gym.environment import (
 from skystack.gym.radar import Radar
 from skystack.tasks.batch import choose
 from skystack.tasks.contract import Outcome, Task, TaskState
+from skystack.tasks.observations import flatten_observation
 from skystack.tasks.programs import TaskPrograms, compiled
 
 Observations = Float[np.ndarray, "scenarios observation"]
@@ -36,14 +37,15 @@ Picture = UInt8[np.ndarray, "height width 3"]
 
 
 class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"], np.ndarray]):
-    """What `gymnasium.vector.SyncVectorEnv` of single environments does, in one program.
+    """Equivalent to `gymnasium.vector.SyncVectorEnv` of single environments, in one program.
 
-    The task must take a batch (see `skystack.tasks.batch`, also for one that does not). Scenario i
-    of `reset(seed=s)` is that of the single environment under seed s + i, and so are those that
-    follow. `autoreset_mode` is NEXT_STEP (the step after the end begins anew), SAME_STEP (the
-    ending step does; `infos` holds `final_obs` and `final_info`), or DISABLED (`reset` with a
-    `reset_mask` does). After `max_episode_steps` steps a scenario is truncated, as by Gymnasium's
-    TimeLimit. `render_mode="rgb_array"` draws a radar picture of each scenario.
+    The task must accept batches (`skystack.tasks.batch` can make it). Scenario i of `reset(seed=s)`
+    and those that follow it are the single environment's under seed s + i. A scenario that has
+    ended restarts as `autoreset_mode` says: NEXT_STEP in the next step, SAME_STEP in the same one
+    (`infos` then holds `final_obs` and `final_info`), DISABLED only by `reset` with a `reset_mask`.
+    After `max_episode_steps` steps a scenario is truncated, as by Gymnasium's TimeLimit.
+    `render_mode="rgb_array"` draws a radar picture of each scenario. Environments of one task can
+    share its compiled `programs`.
 
     It can be copied and pickled at any time; the copy continues identically. Raises InputError in a
     process that was forked after JAX was started.
@@ -56,6 +58,7 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
         render_mode: str | None = None,
+        programs: "VectorPrograms | None" = None,
     ) -> None:
         num_envs = checked_whole("num_envs", num_envs, 1)
         if max_episode_steps is not None:
@@ -73,13 +76,13 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
         )
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._most_steps = np.inf if max_episode_steps is None else max_episode_steps
-        self._seeded = [seeding.np_random() for _ in range(num_envs)]
-        self._programs = VectorPrograms(task)
+        self._step_limit = np.inf if max_episode_steps is None else max_episode_steps
+        self._generators = [seeding.np_random() for _ in range(num_envs)]
+        self._programs = VectorPrograms(task) if programs is None else programs
         self._radars = _radars_of(task, render_mode, num_envs)
         self._state: TaskState = None
         self._steps = np.zeros(num_envs, dtype=np.int64)
-        self._over = np.zeros(num_envs, dtype=bool)
+        self._ended = np.zeros(num_envs, dtype=bool)
 
     def reset(
         self,
@@ -87,64 +90,76 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Observations, Infos]:
-        """New scenarios; `seed` is that of the first, the next one's one more, or a list.
+        """Start new scenarios. `seed` is a list, or one number s: scenario i then has seed s + i.
 
-        `options={"reset_mask": mask}`, a boolean array with a value for each scenario, restarts
-        only those where it is true. The seeds of the others are ignored, and their observations
-        are the ones that they had. Raises InputError for a seed or mask of another kind.
+        `options={"reset_mask": mask}`, a boolean array with one value per scenario, restarts only
+        those where it is true. The seeds of the others are ignored and their observations stay the
+        same. Raises InputError for an invalid seed or mask.
         """
         refuse_forked()
-        anew, seeds = self._checked_mask(options), self._seeds(seed)
-        if self._state is None and not anew.all():
-            raise ResetNeeded("a reset of all scenarios comes before that of some")
-        for number in np.flatnonzero(anew).tolist():
+        restarts, seeds = self._checked_mask(options), self._seeds(seed)
+        if self._state is None and not restarts.all():
+            raise ResetNeeded("the first reset must start all scenarios")
+        for number in np.flatnonzero(restarts).tolist():
             own = seeds[number]
             if own is not None:
-                self._seeded[number] = seeding.np_random(own)
-        observation = self._restart(anew)
-        self._over[anew] = False
-        self._sweep(anew)
+                self._generators[number] = seeding.np_random(own)
+        observation = self._restart(restarts)
+        self._ended[restarts] = False
+        self._sweep(restarts)
         return np.array(observation), {}
 
     def step(self, actions: Any) -> tuple[Observations, Rewards, Flags, Flags, Infos]:
-        """One step of every scenario; those that are over begin anew, as the mode says.
+        """One step of every scenario; ended ones restart according to the autoreset mode.
 
-        Raises InputError unless `actions` is one whole number for each, from the action table, and
-        ResetNeeded if a scenario is over and the mode is DISABLED.
+        Raises InputError unless `actions` holds one whole number from the action table for each
+        scenario, and ResetNeeded if a scenario has ended and the mode is DISABLED.
         """
         self._check_ready()
         self._state, observation, outcome = self._programs.step(self._state, self._checked(actions))
-        judged: Outcome = jax.device_get(outcome)
-        resting = self._over & (self._mode is AutoresetMode.NEXT_STEP)
+        outcome = jax.device_get(outcome)
+        # In NEXT_STEP mode the step after the end only restarts a scenario.
+        restarting = self._ended & (self._mode is AutoresetMode.NEXT_STEP)
         self._steps += 1
-        terminated = judged.terminated & ~resting
-        truncated = (judged.truncated | (self._steps >= self._most_steps)) & ~resting
-        self._over = np.asarray(terminated | truncated)
-        infos = self._infos(np.array(observation), judged)
-        anew = self._over if self._mode is AutoresetMode.SAME_STEP else resting
-        if anew.any():
-            observation = self._restart(anew)
-        self._sweep(anew)
-        rewards = np.where(resting, 0.0, judged.reward).astype(np.float64)
+        all_terminated = outcome.terminated.all(axis=0)
+        cut_off = (outcome.ended & ~all_terminated) | (self._steps >= self._step_limit)
+        terminated, truncated = all_terminated & ~restarting, cut_off & ~restarting
+        self._ended = np.asarray(terminated | truncated)
+        infos = self._infos(np.array(observation), outcome)
+        restarts = self._ended if self._mode is AutoresetMode.SAME_STEP else restarting
+        if restarts.any():
+            observation = self._restart(restarts)
+        self._sweep(restarts)
+        rewards = np.where(restarting, 0.0, outcome.reward.sum(axis=0)).astype(np.float64)
         return np.array(observation), rewards, np.asarray(terminated), np.asarray(truncated), infos
 
     def render(self) -> tuple[Picture, ...] | None:
         """The radar picture of each scenario; None without a render mode."""
         if not self._radars:
             return None
-        self._check_begun()
-        each = zip(self._radars, self._each_state(), strict=True)
-        return tuple(radar.picture(state) for radar, state in each)
+        self._check_started()
+        pairs = zip(self._radars, self._states(), strict=True)
+        return tuple(radar.picture(state) for radar, state in pairs)
+
+    @property
+    def programs(self) -> "VectorPrograms":
+        """The compiled programs of the task."""
+        return self._programs
+
+    @property
+    def max_episode_steps(self) -> int | None:
+        """The number of steps after which a scenario is truncated; None: no limit."""
+        return None if self._step_limit == np.inf else int(self._step_limit)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """The seed of each scenario's generator."""
-        return tuple(seed for _, seed in self._seeded)
+        return tuple(seed for _, seed in self._generators)
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """What each scenario's successors are drawn by."""
-        return tuple(generator for generator, _ in self._seeded)
+        """The generator that draws the successors of each scenario."""
+        return tuple(generator for generator, _ in self._generators)
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
         if seed is None:
@@ -161,47 +176,47 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
             raise InputError(f"seed is a list of {count} (allowed: {self.num_envs})")
         return seed
 
-    def _numbers(self, anew: Flags) -> UInt32[np.ndarray, " scenarios"]:
-        """What the keys of new scenarios are made from; 0 for those that go on."""
-        pairs = zip(self.np_random, anew, strict=True)
+    def _key_seeds(self, restarts: Flags) -> UInt32[np.ndarray, " scenarios"]:
+        """The seeds of the keys of new scenarios; 0 for those that continue."""
+        pairs = zip(self.np_random, restarts, strict=True)
         return np.array([drawn_number(own) if new else 0 for own, new in pairs], dtype=np.uint32)
 
     def _checked(self, actions: Any) -> Int[np.ndarray, " scenarios"]:
-        told = np.asarray(actions)
-        most = len(self.task.action_names) - 1
-        whole = told.shape == (self.num_envs,) and np.issubdtype(told.dtype, np.integer)
-        if not whole or np.any((told < 0) | (told > most)):
+        numbers = np.asarray(actions)
+        last = len(self.task.action_names) - 1
+        whole = numbers.shape == (self.num_envs,) and np.issubdtype(numbers.dtype, np.integer)
+        if not whole or np.any((numbers < 0) | (numbers > last)):
             raise InputError(
-                f"actions are {actions!r} (allowed: {self.num_envs} whole numbers from 0 to {most})"
+                f"actions are {actions!r} (allowed: {self.num_envs} whole numbers from 0 to {last})"
             )
-        return told.astype(np.int32)
+        return numbers.astype(np.int32)
 
-    def _infos(self, observation: Observations, judged: Outcome) -> Infos:
-        """As SyncVectorEnv gathers them: metrics of scenarios that have ended by themselves."""
+    def _infos(self, observation: Observations, outcome: Outcome) -> Infos:
+        """Infos as SyncVectorEnv gathers them; metrics only of scenarios that their task ended."""
         infos: Infos = {}
-        for number in np.flatnonzero(self._over).tolist():
-            own = jax.tree.map(lambda values, number=number: values[number], judged)
-            info = metrics_info(own.metrics) if own.terminated or own.truncated else {}
+        for number in np.flatnonzero(self._ended).tolist():
+            own = {name: values[number] for name, values in outcome.metrics.items()}
+            info = metrics_info(own) if outcome.ended[number] else {}
             if self._mode is AutoresetMode.SAME_STEP:
                 info = {"final_obs": observation[number], "final_info": info}
             infos = self._add_info(infos, info, number)
         return infos
 
-    def _check_begun(self) -> None:
+    def _check_started(self) -> None:
         refuse_forked()
         if self._state is None:
-            raise ResetNeeded("reset() begins the first scenarios")
+            raise ResetNeeded("no scenarios have been started (call reset first)")
 
     def _check_ready(self) -> None:
-        self._check_begun()
-        if self._mode is AutoresetMode.DISABLED and self._over.any():
+        self._check_started()
+        if self._mode is AutoresetMode.DISABLED and self._ended.any():
             raise ResetNeeded(
-                f"scenarios {np.flatnonzero(self._over).tolist()} are over (with autoreset_mode "
-                'Disabled, reset(options={"reset_mask": mask}) restarts them)'
+                f"scenarios {np.flatnonzero(self._ended).tolist()} have ended (with autoreset_mode "
+                'Disabled, restart them by reset(options={"reset_mask": mask}))'
             )
 
     def _checked_mask(self, options: dict[str, Any] | None) -> Flags:
-        """Which scenarios begin anew."""
+        """A mask of the scenarios to restart."""
         if options is None or "reset_mask" not in options:
             return np.ones(self.num_envs, dtype=bool)
         mask = options["reset_mask"]
@@ -213,26 +228,26 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
             )
         return mask
 
-    def _restart(self, anew: Flags) -> Float[Array, "scenarios observation"]:
-        """New scenarios where `anew`; the observations of all."""
-        numbers = self._numbers(anew)
-        if anew.all():
-            self._state, observation = self._programs.begin(numbers)
+    def _restart(self, restarts: Flags) -> Float[Array, "scenarios observation"]:
+        """Restart the scenarios of the mask; returns the observations of all scenarios."""
+        seeds = self._key_seeds(restarts)
+        if restarts.all():
+            self._state, observation = self._programs.begin(seeds)
         else:
-            self._state, observation = self._programs.restart(self._state, anew, numbers)
-        self._steps[anew] = 0
+            self._state, observation = self._programs.restart(self._state, restarts, seeds)
+        self._steps[restarts] = 0
         return observation
 
-    def _sweep(self, anew: Flags) -> None:
-        """One more radar position of every scenario, the first one where it is new."""
+    def _sweep(self, restarts: Flags) -> None:
+        """Add a radar position to the trail of each scenario; restarted ones get a new trail."""
         if not self._radars:
             return
-        for radar, new, state in zip(self._radars, anew, self._each_state(), strict=True):
+        for radar, new, state in zip(self._radars, restarts, self._states(), strict=True):
             if new:
                 radar.clear()
             radar.sweep(state)
 
-    def _each_state(self) -> Iterator[TaskState]:
+    def _states(self) -> Iterator[TaskState]:
         """The state of each scenario, in numpy arrays."""
         states = jax.device_get(self._state)
         for number in range(self.num_envs):
@@ -240,14 +255,14 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
 
 
 class VectorPrograms(TaskPrograms):
-    """What the environment computes."""
+    """The environment's compiled programs."""
 
     @compiled
     def begin(
-        self, numbers: UInt32[Array, " scenarios"]
+        self, seeds: UInt32[Array, " scenarios"]
     ) -> tuple[TaskState, Float[Array, "scenarios observation"]]:
-        """The scenarios of the keys made from numbers."""
-        return self._seen(self._drawn(numbers))
+        """New scenarios, one per seed of a key."""
+        return self._with_observation(self._reset(seeds))
 
     @compiled
     def step(
@@ -255,27 +270,29 @@ class VectorPrograms(TaskPrograms):
     ) -> tuple[TaskState, Float[Array, "scenarios observation"], Outcome]:
         """The MDP step of every scenario."""
         state, outcome = self._task.step(state, actions)
-        return *self._seen(state), outcome
+        return *self._with_observation(state), outcome
 
     @compiled
     def restart(
         self,
         state: TaskState,
-        anew: Bool[Array, " scenarios"],
-        numbers: UInt32[Array, " scenarios"],
+        restarts: Bool[Array, " scenarios"],
+        seeds: UInt32[Array, " scenarios"],
     ) -> tuple[TaskState, Float[Array, "scenarios observation"]]:
-        """New scenarios where `anew`; the others continue."""
-        return self._seen(choose(anew, self._drawn(numbers), state))
+        """New scenarios where `restarts` is true; the others continue."""
+        return self._with_observation(choose(restarts, self._reset(seeds), state))
 
-    def _drawn(self, numbers: UInt32[Array, " scenarios"]) -> TaskState:
-        return jax.vmap(self._task.reset, out_axes=-1)(jax.vmap(jax.random.key)(numbers))
+    def _reset(self, seeds: UInt32[Array, " scenarios"]) -> TaskState:
+        return jax.vmap(self._task.reset, out_axes=-1)(jax.vmap(jax.random.key)(seeds))
 
-    def _seen(self, state: TaskState) -> tuple[TaskState, Float[Array, "scenarios observation"]]:
-        return state, self._task.observe(state).T
+    def _with_observation(
+        self, state: TaskState
+    ) -> tuple[TaskState, Float[Array, "scenarios observation"]]:
+        return state, flatten_observation(self._task.observe(state), batch_axes=1).T
 
 
 def _radars_of(task: Task, render_mode: str | None, scenarios: int) -> list[Radar]:
-    """One radar for each scenario; none without a render mode."""
+    """One radar per scenario; none without a render mode."""
     first = radar_of(task, render_mode)
     if first is None:
         return []

@@ -1,4 +1,4 @@
-"""Reading files up to a size limit, and writing them through a temporary file and a rename."""
+"""Read files up to a size limit; write them through a temporary file and a rename."""
 
 import os
 import tempfile
@@ -18,7 +18,7 @@ MOST_BYTES = 64_000_000
 
 
 def read_whole(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
-    """A whole file. Raises InputError when it is no file, cannot be read or is too large."""
+    """Read a whole file. Raises InputError if it is not a file, is unreadable or is too large."""
     try:
         if exists(path) and not (path.is_file() or path.is_dir()):
             # Reading a pipe could block forever.
@@ -27,7 +27,7 @@ def read_whole(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
             data = file.read(most_bytes + 1)
     except InputError:
         raise
-    except (OSError, ValueError) as error:  # a ValueError for a null byte in the name
+    except (OSError, ValueError) as error:  # ValueError: a null byte in the name
         raise InputError(f"cannot be read ({_reason(error)})") from None
     if len(data) > most_bytes:
         raise InputError(f"is too large (allowed: {most_bytes // 1_000_000} MB)")
@@ -35,9 +35,9 @@ def read_whole(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
 
 
 def atomic_write(path: Path, data: bytes) -> None:
-    """Write a whole file or none, on the disk when this returns: a power cut leaves the old one.
+    """Write a file atomically and sync it to disk: a power cut leaves the old file or the new one.
 
-    Raises InputError when it cannot be written.
+    Raises InputError if it cannot be written.
     """
     with held(), atomic_files([path]) as [file], writing(path):
         file.write(data)
@@ -45,10 +45,10 @@ def atomic_write(path: Path, data: bytes) -> None:
 
 @contextmanager
 def atomic_files(paths: Sequence[Path]) -> Iterator[list[IO[bytes]]]:
-    """Open temporary files that replace others, all together, when the context ends.
+    """Open temporary files that together replace the files at `paths` when the context ends.
 
-    They are synced to disk first. If anything is raised inside, the old files stay. Raises
-    InputError for a file that cannot be written.
+    They are synced to disk first. If the body raises, the old files stay. Raises InputError for a
+    file that cannot be written.
     """
     with ExitStack() as stack:
         files = [stack.enter_context(_open_temporary(path)) for path in paths]
@@ -76,24 +76,24 @@ def _open_temporary(path: Path) -> Iterator[IO[bytes]]:
     file: IO[bytes] | None = None
     try:
         with held(), writing(path):
-            file = _unused(path).open("xb")
+            file = _temporary_path(path).open("xb")
         yield file
     finally:
         if file is not None:
             with held():
-                with suppress(OSError):  # a full disk has been reported by then
+                with suppress(OSError):  # a full disk was reported earlier
                     file.close()
                 Path(file.name).unlink(missing_ok=True)
 
 
-def _unused(path: Path) -> Path:
-    """A random temporary name in the same folder, short even if the file's name is long."""
+def _temporary_path(path: Path) -> Path:
+    """A random name in the same folder, short even if the file's name is long."""
     return path.with_name(f".{path.name[:40]}.{token_hex(8)}{TEMPORARY_SUFFIX}")
 
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Turn system errors inside the context into InputError: the file cannot be written."""
+    """Convert an OSError inside the context to an InputError: the file cannot be written."""
     try:
         yield
     except OSError as error:
@@ -101,10 +101,10 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def append_line(file: int, path: Path, line: str) -> None:
-    """Write a line at the end of an open file, at once. Raises InputError when it cannot be."""
+    """Append a line to an open file, unbuffered. Raises InputError if it cannot be written."""
     data = line.encode() + b"\n"
     try:
-        while data:  # a disk that fills up takes a part first, then says why not the rest
+        while data:  # a disk that fills up accepts a part first, then raises
             data = data[os.write(file, data) :]
     except OSError as error:
         raise not_written(path, error) from None
@@ -113,8 +113,8 @@ def append_line(file: int, path: Path, line: str) -> None:
 def check_output(output: Path, *sources: Path) -> None:
     """Check an output path before the work starts.
 
-    Raises InputError if its folder does not exist (`-o` creates none), or if it is a folder or one
-    of `sources`.
+    Raises InputError if its folder does not exist (`-o` does not create it), or if it is a folder
+    or one of `sources`.
     """
     check_not_folder(output)
     if not output.parent.is_dir():
@@ -132,11 +132,11 @@ def check_not_folder(output: Path) -> None:
 
 
 def make_folder(path: Path) -> Path:
-    """Create a folder for output, and its parents. Raises InputError when that cannot be."""
+    """Create an output folder and its parents. Raises InputError if it cannot be written to."""
     try:
         path.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:  # a ValueError for a null byte in the name
-        raise InputError(f"{path}: cannot be made a folder: {_reason(error)}") from None
+    except (OSError, ValueError) as error:  # ValueError: a null byte in the name
+        raise InputError(f"{path}: the folder cannot be created: {_reason(error)}") from None
     if not os.access(path, os.W_OK | os.X_OK):
         raise InputError(f"{path}: the folder cannot be written to")
     return path
@@ -144,20 +144,20 @@ def make_folder(path: Path) -> Path:
 
 @contextmanager
 def scratch_folder(prefix: str, within: Path | None = None) -> Iterator[Path]:
-    """A temporary folder, deleted afterwards; in the system's usual place unless one is given."""
-    made: tempfile.TemporaryDirectory[str] | None = None
+    """A temporary folder, deleted afterwards; in the system's temporary folder by default."""
+    folder: tempfile.TemporaryDirectory[str] | None = None
     try:
         with held():
-            made = tempfile.TemporaryDirectory("", prefix, within, ignore_cleanup_errors=True)
-        yield Path(made.name)
+            folder = tempfile.TemporaryDirectory("", prefix, within, ignore_cleanup_errors=True)
+        yield Path(folder.name)
     finally:
         with held():
-            if made is not None:
-                made.cleanup()
+            if folder is not None:
+                folder.cleanup()
 
 
 def _sync_folder(folder: Path) -> None:
-    with suppress(OSError):  # not every system can; the file itself is safe
+    with suppress(OSError):  # not supported everywhere; the file itself is synced
         handle = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(handle)

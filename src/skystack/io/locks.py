@@ -1,6 +1,7 @@
-"""Run folders are locked while a process works in them, and deleted if it leaves no file."""
+"""Locks on run folders that are in use, and deletion of those that a failed run leaves empty."""
 
 import time
+import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from itertools import takewhile
@@ -14,7 +15,7 @@ from skystack.io.files import TEMPORARY_SUFFIX, make_folder, not_written
 LOCK = ".lock"
 """The lock file of a run folder. The file stays; the lock ends with the process."""
 _PATIENCE_S, _RETRY_S = 0.1, 0.02
-"""A process that fails deletes its lock file: the lock is then tried again."""
+"""A failing process deletes its lock file, so acquiring a lock is retried briefly."""
 
 
 @contextmanager
@@ -22,20 +23,20 @@ def locked_folder(folder: Path, below: Iterable[str] = ()) -> Iterator[None]:
     """Lock a run folder, which is created if it does not exist.
 
     The operating system releases the lock when the process ends, however it ends. Temporary files
-    that killed processes left in the folder are deleted, also in those `below` it (glob patterns)
-    that belong to the same run. On failure, a folder that holds only the lock is deleted. Raises
-    InputError when another process holds the lock.
+    that killed processes left in the folder are deleted, as are those in the subfolders `below`
+    (glob patterns) of the same run. On failure, a folder that holds only the lock is deleted.
+    Raises InputError if another process holds the lock.
     """
     with no_empty_folders(folder):
         lock = _acquire(folder)
         try:
-            for each in (folder, *(found for name in below for found in folder.glob(name))):
-                for left in each.glob(f".*{TEMPORARY_SUFFIX}"):
-                    left.unlink(missing_ok=True)
+            for each in (folder, *(inner for pattern in below for inner in folder.glob(pattern))):
+                for leftover in each.glob(f".*{TEMPORARY_SUFFIX}"):
+                    leftover.unlink(missing_ok=True)
             yield
         except BaseException:
             if not any(path.is_file() for path in folder.rglob("*") if path != folder / LOCK):
-                (folder / LOCK).unlink(missing_ok=True)  # while it is held
+                (folder / LOCK).unlink(missing_ok=True)  # while the lock is held
             raise
         finally:
             lock.release()
@@ -43,7 +44,7 @@ def locked_folder(folder: Path, below: Iterable[str] = ()) -> Iterator[None]:
 
 @contextmanager
 def no_empty_folders(folder: Path) -> Iterator[None]:
-    """On failure inside the context, delete folders that were created in it and hold no file.
+    """On failure inside the context, delete folders that were created in it and contain no file.
 
     A folder that another process has locked is left alone, with everything in it.
     """
@@ -63,7 +64,7 @@ def _delete_empty(folder: Path) -> None:
         for inner in folder.iterdir():
             if inner.is_dir() and not inner.is_symlink():
                 _delete_empty(inner)
-        folder.rmdir()  # an OSError where it is not empty
+        folder.rmdir()  # raises OSError if it is not empty
 
 
 def check_unlocked(folder: Path) -> None:
@@ -84,23 +85,26 @@ def is_abandoned(folder: Path, idle_s: float) -> bool:
 
 
 def is_scratch(path: Path) -> bool:
-    """Whether a file in a run folder is a lock, or temporary and left by a killed process."""
+    """Whether a file in a run folder is a lock, or a temporary file of a killed process."""
     return path.name == LOCK or path.suffix == TEMPORARY_SUFFIX
 
 
 def _acquire(folder: Path) -> FileLock:
-    """The lock of a folder, held. Raises InputError when another process holds it."""
+    """Acquire the lock of a folder. Raises InputError if another process holds it."""
     lock = FileLock(folder / LOCK, timeout=_PATIENCE_S, thread_local=False)
     while True:
         make_folder(folder)
         try:
-            lock.acquire(poll_interval=_RETRY_S)
+            with warnings.catch_warnings():
+                # Without `flock` in the file system, filelock falls back to a marker file.
+                warnings.simplefilter("ignore", UserWarning)
+                lock.acquire(poll_interval=_RETRY_S)
         except FileNotFoundError:
-            continue  # another process failed and deleted the folder, which was empty
+            continue  # another process failed and deleted the empty folder
         except Timeout:
             raise InputError(
-                f"{folder}: is in use by another process (allowed: another folder by --out, or to "
-                "wait for it)"
+                f"{folder}: is in use by another process (allowed: another folder with --out, or "
+                "wait until it ends)"
             ) from None
         except OSError as error:
             raise not_written(folder / LOCK, error) from None

@@ -3,9 +3,9 @@
 C++ libraries do not handle exceptions in every call to Python: JAX discards one raised in its
 garbage-collection callback, and aborts the process if one is raised while it is imported. The
 exception is therefore not raised during imports or inside JAX; raising is retried every 10 ms. If
-it is still discarded, it is raised again, and code between compiled programs calls `check`. The
-recorded signal decides the exit code. Inside `held` nothing is raised, so that work which must not
-be interrupted is completed first.
+it is discarded anyway, it is raised again, and code between compiled programs calls `check`. The
+recorded signal decides the exit code. Inside `held` nothing is raised, so that critical work is
+completed first.
 """
 
 import os
@@ -25,13 +25,13 @@ PATIENCE_S = 1.0
 """A second signal after this time ends the process immediately. An earlier one is a duplicate of
 the first: a terminal and a parent process may both send it."""
 AGAIN_S = 0.01
-"""Delay before the next attempt to raise it."""
+"""The delay before the next attempt to raise the exception."""
 POLL_S = 0.5
 Result = TypeVar("Result")
 
 
-class _Note:
-    """The signal received, and what has been done about it."""
+class _State:
+    """The received signal and how far it has been handled."""
 
     def __init__(self) -> None:
         self.watched = False
@@ -43,20 +43,20 @@ class _Note:
         self.raised = False
         """Whether KeyboardInterrupt was raised and has not been discarded."""
         self.held = 0
-        """Number of nested `held` blocks that the main thread is in."""
+        """The number of nested `held` blocks that the main thread is in."""
 
 
-_note = _Note()
+_state = _State()
 
 
 @contextmanager
 def ended_by_signals(last: bool = False) -> Iterator[None]:
     """Record and raise signals inside the context.
 
-    Afterwards the handlers are as before or, with `last`, those of the system. Signals that are
-    ignored stay ignored. Does nothing in other threads, or if already active.
+    Afterwards the previous handlers are restored or, with `last`, the system's defaults. Ignored
+    signals stay ignored. Does nothing in other threads, or if already active.
     """
-    if _note.watched or threading.current_thread() is not threading.main_thread():
+    if _state.watched or threading.current_thread() is not threading.main_thread():
         yield
         return
     numbers: list[int] = [
@@ -64,8 +64,8 @@ def ended_by_signals(last: bool = False) -> Iterator[None]:
     ]
     before: dict[int, Any] = {}
     unraisable = sys.unraisablehook
-    _note.reset()
-    _note.watched = True
+    _state.reset()
+    _state.watched = True
     sys.unraisablehook = _on_unraisable
     try:
         for each in numbers:
@@ -74,25 +74,25 @@ def ended_by_signals(last: bool = False) -> Iterator[None]:
     finally:
         for each, handler in before.items():
             signal.signal(each, signal.SIG_DFL if last else handler)
-        _try_again(0.0)
+        _schedule_retry(0.0)
         sys.unraisablehook = unraisable
-        _note.watched = False
+        _state.watched = False
 
 
 def exit_code() -> int | None:
-    """The shell's exit code for a command ended by the signal; None if no signal was received."""
-    return None if _note.number is None else 128 + _note.number
+    """The shell's exit code for a command ended by a signal; None if none was received."""
+    return None if _state.number is None else 128 + _state.number
 
 
 def settle() -> None:
-    """Only record further signals, without raising them, until `ended_by_signals` ends."""
-    _note.held += 1
+    """From now on only record signals, without raising them, until `ended_by_signals` ends."""
+    _state.held += 1
 
 
 def check() -> None:
     """Raise KeyboardInterrupt if a signal was received but its exception was discarded."""
     main = threading.current_thread() is threading.main_thread()
-    if main and _note.watched and _note.number is not None and not _note.held:
+    if main and _state.watched and _state.number is not None and not _state.held:
         _raise()
 
 
@@ -102,18 +102,18 @@ def held() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    cleaning_up = _note.raised
-    _note.held += 1
+    cleaning_up = _state.raised
+    _state.held += 1
     try:
         yield
     finally:
-        _note.held -= 1
+        _state.held -= 1
     if not cleaning_up:
         check()
 
 
 def wait_for(future: Future[Result]) -> Result:
-    """A future's result. Polls: a signal delivered to another thread does not wake the main one."""
+    """The result of a future. Polls, as a signal in another thread does not wake the main one."""
     while not wait([future], timeout=POLL_S).done:
         check()
     return future.result()
@@ -125,7 +125,7 @@ def starting_processes() -> Iterator[None]:
 
     A half-started process would be left behind and print a traceback.
     """
-    from multiprocessing import resource_tracker  # noqa: PLC0415  (help needs none)
+    from multiprocessing import resource_tracker  # noqa: PLC0415  (`--help` does not need it)
 
     with held():
         if not hasattr(signal, "pthread_sigmask"):
@@ -141,37 +141,37 @@ def starting_processes() -> Iterator[None]:
 
 
 def _on_signal(number: int, frame: FrameType | None) -> None:
-    if _note.number is None:
-        _note.number, _note.at_s = number, time.monotonic()
+    if _state.number is None:
+        _state.number, _state.at_s = number, time.monotonic()
         _raise_in(frame)
-    elif time.monotonic() - _note.at_s > PATIENCE_S:
+    elif time.monotonic() - _state.at_s > PATIENCE_S:
         signal.signal(number, signal.SIG_DFL)
         os.kill(os.getpid(), number)
 
 
 def _on_alarm(number: int, frame: FrameType | None) -> None:
-    if _note.watched and _note.number is not None and not _note.raised:
+    if _state.watched and _state.number is not None and not _state.raised:
         _raise_in(frame)
 
 
 def _raise_in(frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt now, or later if the running code is delicate."""
-    if _note.held:
+    """Raise KeyboardInterrupt now, or later if the running code cannot handle exceptions."""
+    if _state.held:
         return  # raised when the `held` block ends
     if _is_delicate(frame):
-        _try_again(AGAIN_S)
+        _schedule_retry(AGAIN_S)
     else:
         _raise()
 
 
 def _raise() -> NoReturn:
-    _try_again(0.0)
-    _note.raised = True
+    _schedule_retry(0.0)
+    _state.raised = True
     raise KeyboardInterrupt
 
 
 def _is_delicate(frame: FrameType | None) -> bool:
-    """Whether an import is running, or JAX code called from ours."""
+    """Whether the running code is an import, or JAX code that skystack called."""
     delicate, nearest = tuple(_folder_of(name) for name in ("jax", "jaxlib")), ""
     while frame is not None:
         path = frame.f_code.co_filename
@@ -194,14 +194,14 @@ _OURS = _folder_of("skystack")
 
 def _on_unraisable(what: Any) -> None:
     """Retry a KeyboardInterrupt that Python has to discard."""
-    if _note.number is not None and issubclass(what.exc_type, KeyboardInterrupt):
-        _note.raised = False
-        _try_again(AGAIN_S)
+    if _state.number is not None and issubclass(what.exc_type, KeyboardInterrupt):
+        _state.raised = False
+        _schedule_retry(AGAIN_S)
     else:
         sys.__unraisablehook__(what)
 
 
-def _try_again(after_s: float) -> None:
+def _schedule_retry(after_s: float) -> None:
     """Set the timer for the next attempt; 0 cancels it."""
     if not hasattr(signal, "setitimer"):
         return  # not a POSIX system: the next check raises it

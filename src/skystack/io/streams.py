@@ -19,22 +19,22 @@ class ClosedPipeError(Exception):
 
 
 class StandardOutput:
-    """Standard output as a file for text. Raises InputError when it cannot be written to."""
+    """Standard output as a text file. Raises InputError if it cannot be written to."""
 
     def __init__(self) -> None:
         self._stream = sys.stdout
 
     def write(self, text: str) -> int:
-        """Write all of the text, or fail."""
-        with _refusals(self._stream):
-            if self._stream is None:  # closed before Python began
+        """Write all of the text or raise."""
+        with _write_errors(self._stream):
+            if self._stream is None:  # closed before Python started
                 raise OSError(errno.EBADF, os.strerror(errno.EBADF))
             self._stream.write(text)
         return len(text)
 
     def flush(self) -> None:
-        """Flush what was written; without a standard output there is nothing to flush."""
-        with _refusals(self._stream):
+        """Flush the buffer; without a standard output there is nothing to flush."""
+        with _write_errors(self._stream):
             if self._stream is not None:
                 self._stream.flush()
 
@@ -43,13 +43,13 @@ class StandardOutput:
 
 
 class StandardError:
-    """Standard error as a text file; write errors are ignored: nowhere is left to report them."""
+    """Standard error as a text file. Write errors are ignored: they cannot be reported anywhere."""
 
     def __init__(self) -> None:
         self._stream = sys.stderr
 
     def write(self, text: str) -> int:
-        if self._stream is not None:  # closed before Python began
+        if self._stream is not None:  # None: closed before Python started
             with suppress(OSError):
                 self._stream.write(text)
         return len(text)
@@ -65,47 +65,47 @@ class StandardError:
 
 @contextmanager
 def escaping() -> Iterator[None]:
-    """Write characters that a stream's encoding lacks as escapes, inside the context."""
-    before = []
+    """Inside the context, escape characters that a stream's encoding lacks."""
+    previous = []
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
-            before.append((stream, stream.errors))
+            previous.append((stream, stream.errors))
             stream.reconfigure(errors="backslashreplace")
     try:
         yield
     finally:
-        for stream, errors in before:
-            with suppress(OSError, ValueError):  # what it holds cannot be written
+        for stream, errors in previous:
+            with suppress(OSError, ValueError):  # the buffer cannot be flushed
                 stream.reconfigure(errors=errors)
 
 
 def open_standard_files() -> None:
-    """Open the null device in place of standard files that are closed.
+    """Open the null device in place of closed standard files.
 
-    Otherwise the next file opened would get a standard file descriptor, and whatever a library
-    writes there would end up in it. Python's streams exist by now: `sys.stdout` stays None.
+    Otherwise the next file opened would get a standard file descriptor and receive what libraries
+    write there. Python's streams already exist: `sys.stdout` stays None.
     """
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free: this one
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free descriptor: this one
 
 
 @contextmanager
-def _refusals(stream: Any) -> Iterator[None]:
+def _write_errors(stream: Any) -> Iterator[None]:
     try:
         yield
     except BrokenPipeError:
-        _give_up(stream)
+        _discard_buffer(stream)
         raise ClosedPipeError from None
     except OSError as error:
-        _give_up(stream)
+        _discard_buffer(stream)
         raise InputError(f"standard output cannot be written to: {error.strerror}") from None
 
 
-def _give_up(stream: Any) -> None:
-    """Discard what the stream still buffers, or Python would report an error at exit."""
+def _discard_buffer(stream: Any) -> None:
+    """Discard the stream's buffer; otherwise Python would report an error at exit."""
     with suppress(OSError, ValueError, AttributeError):
         handle = os.open(os.devnull, os.O_WRONLY)
         os.dup2(handle, stream.fileno())

@@ -1,4 +1,4 @@
-"""TOML from strangers: what a parser refuses, and what it lets through, in one line."""
+"""Strict reading of untrusted TOML: errors are one line."""
 
 import tomllib
 from typing import Any

@@ -1,1 +1,1 @@
-"""How policies are learned and kept: networks, PPO, training runs, policy files."""
+"""Learning: networks, PPO, training runs, checkpoints and policy files."""

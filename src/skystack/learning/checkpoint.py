@@ -1,4 +1,4 @@
-"""Checkpoints: the whole learner in one safetensors file, enough to go on bit for bit."""
+"""Checkpoints: the train state in one safetensors file. Resuming training from it is bit-exact."""
 
 import json
 from pathlib import Path
@@ -17,20 +17,21 @@ from skystack.learning.ppo import TrainState
 Leaf = jax.Array | jax.ShapeDtypeStruct
 
 
-def save_checkpoint(path: Path, learner: TrainState, fingerprint: str) -> None:
-    """Write the learner; `fingerprint` tells which experiment and seed it belongs to."""
+def save_checkpoint(path: Path, train_state: TrainState, fingerprint: str) -> None:
+    """Write the train state; `fingerprint` identifies its experiment and seed."""
     leaves = {
         f"{index:03d}": np.asarray(_plain(leaf), order="C")
-        for index, leaf in enumerate(jax.tree.leaves(learner))
+        for index, leaf in enumerate(jax.tree.leaves(train_state))
     }
-    metadata = {"fingerprint": fingerprint, "shapes": _shapes(learner)}
+    metadata = {"fingerprint": fingerprint, "shapes": _shapes(train_state)}
     atomic_write(path, save(leaves, metadata=metadata))
 
 
 def load_checkpoint(path: Path, like: TrainState, fingerprint: str) -> TrainState:
-    """Read a learner of the same structure as `like`, whose arrays may be mere shapes.
+    """Read a train state with the structure of `like`, whose leaves may be ShapeDtypeStructs.
 
-    Raises CheckpointError for a damaged file or one of another experiment, seed or configuration.
+    Raises CheckpointError for a damaged file, or a file of another experiment, seed or
+    configuration.
     """
     leaves, structure = jax.tree.flatten(like)
     try:
@@ -41,16 +42,16 @@ def load_checkpoint(path: Path, like: TrainState, fingerprint: str) -> TrainStat
             ):
                 raise CheckpointError(
                     f"{path}: belongs to another experiment, seed or configuration (allowed: the "
-                    "--seed and every --set that it was begun with; or another folder)"
+                    "--seed and every --set of the original run; or another folder)"
                 )
             loaded = [file.get_tensor(f"{index:03d}") for index in range(len(leaves))]
     except InputError:
         raise
-    except Exception as error:  # safetensors raises many kinds, numpy for types it lacks
+    except Exception as error:  # safetensors and numpy raise many types of exceptions
         raise CheckpointError(f"{path}: not a checkpoint: {error}") from None
     if [_shape(array) for array in loaded] != [_shape(leaf) for leaf in _plain_shapes(like)]:
         raise CheckpointError(
-            f"{path}: not a checkpoint: its arrays have not the shapes that it states"
+            f"{path}: not a checkpoint: its arrays do not have the shapes in its metadata"
         )
     restored = [_like(old, new) for old, new in zip(leaves, loaded, strict=True)]
     result: TrainState = jax.tree.unflatten(structure, restored)
@@ -73,12 +74,12 @@ def _is_key(leaf: Leaf) -> bool:
     return bool(jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key))
 
 
-def _shapes(learner: TrainState) -> str:
-    return json.dumps([_shape(leaf) for leaf in _plain_shapes(learner)])
+def _shapes(train_state: TrainState) -> str:
+    return json.dumps([_shape(leaf) for leaf in _plain_shapes(train_state)])
 
 
-def _plain_shapes(learner: TrainState) -> list[Leaf]:
-    leaves = jax.tree.leaves(learner)
+def _plain_shapes(train_state: TrainState) -> list[Leaf]:
+    leaves = jax.tree.leaves(train_state)
     return [jax.eval_shape(_plain, leaf) if _is_key(leaf) else leaf for leaf in leaves]
 
 

@@ -1,7 +1,7 @@
-"""The curves of a training for TensorBoard (extra `[tensorboard]`): `metrics.jsonl` told again.
+"""TensorBoard event files with the contents of `metrics.jsonl` (extra `[tensorboard]`).
 
-The event files follow `metrics.jsonl`, which training cuts back to its checkpoint before it goes
-on: made anew from all of its lines each time, they hold every step once whatever happened before.
+A resumed training run first truncates `metrics.jsonl` to its checkpoint. Each run rewrites the
+event files from all lines of `metrics.jsonl`, so every step appears exactly once.
 """
 
 import json
@@ -15,16 +15,16 @@ from skystack.errors import missing_extra
 from skystack.io.files import make_folder
 
 FOLDER = "tensorboard"
-"""Inside the run folder."""
+"""The name of the folder inside the run folder."""
 WHEN = ("update", "steps", "wall_s")
-"""Fields of a line that say when it was; all others are scalars, named as they are."""
+"""The fields of a line that give its time. All others become scalars of the same name."""
 
 
 def event_files(run: Path) -> AbstractContextManager[Callable[[], None]]:
-    """Within it, each call writes what has come to the run's `metrics.jsonl`; so does a good end.
+    """A context in which each call writes the new lines of the run's `metrics.jsonl`.
 
-    Raises InputError at once when the extra is missing, and when it is entered if the folder
-    cannot be written to.
+    The remaining lines are written when the context ends without an exception. Raises InputError
+    immediately if the extra is missing, and on entry if the folder is not writable.
     """
     return _event_files(run, _tensorboard())
 
@@ -32,18 +32,18 @@ def event_files(run: Path) -> AbstractContextManager[Callable[[], None]]:
 @contextmanager
 def _event_files(run: Path, tensorboard: Any) -> Iterator[Callable[[], None]]:
     folder = make_folder(run / FOLDER)
-    opened: list[_Scalars] = []
+    writers: list[_Scalars] = []
 
-    def follow() -> None:
-        if not opened:  # only now: training has cut the metrics back
-            opened.append(_Scalars(run / "metrics.jsonl", folder, tensorboard))
-        opened[0].follow()
+    def write_new() -> None:
+        if not writers:  # opened late, because training truncates the metrics first
+            writers.append(_Scalars(run / "metrics.jsonl", folder, tensorboard))
+        writers[0].write_new()
 
     try:
-        yield follow
-        follow()
+        yield write_new
+        write_new()
     finally:
-        for scalars in opened:
+        for scalars in writers:
             scalars.close()
 
 
@@ -56,19 +56,19 @@ def _tensorboard() -> Any:
 
 
 class _Scalars:
-    """The lines of `metrics.jsonl` from the first on, in an event file of their own."""
+    """Writes the lines of `metrics.jsonl`, from the first, to a new event file."""
 
     def __init__(self, metrics: Path, folder: Path, tensorboard: Any) -> None:
         for old in folder.glob("events.out.tfevents.*"):
             old.unlink()
         self._metrics = metrics.open(encoding="utf-8")
-        # A TensorBoard that shows the old file forgets what it has read there.
+        # purge_step makes a running TensorBoard discard the values of the old file.
         self._writer = tensorboard.SummaryWriter(str(folder), purge_step=0, flush_secs=10)
 
-    def follow(self) -> None:
+    def write_new(self) -> None:
         lines = [json.loads(line) for line in self._metrics]
         for line in lines:
-            # The last is of now; those before it by what all has taken without interruptions.
+            # The last line is from now. Earlier ones are placed by training time without breaks.
             self._add(line, time.time() - (lines[-1]["wall_s"] - line["wall_s"]))
 
     def _add(self, line: dict[str, Any], at_s: float) -> None:

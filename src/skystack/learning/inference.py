@@ -1,16 +1,16 @@
-"""Asking a network: the same few lines for numpy (a policy from disk) and JAX (while learning).
+"""The forward pass and the observation normaliser, for numpy (inference) and JAX (training).
 
-Imports neither: a policy file needs numpy alone.
+Imports neither library, so inference from a policy file needs numpy only.
 """
 
 from typing import Any, NamedTuple
 
 Layers = tuple[tuple[Any, Any], ...]
-"""(weights, biases) of each layer: JAX arrays while learning, numpy arrays in a loaded policy."""
+"""(weights, biases) of each layer: JAX arrays in training, numpy arrays in a loaded policy."""
 
 
 class Normaliser(NamedTuple):
-    """Running mean and variance of every observed value; part of the policy."""
+    """Running mean and variance of each observed value. Part of the policy."""
 
     mean: Any
     variance: Any
@@ -18,23 +18,36 @@ class Normaliser(NamedTuple):
 
 
 CLIP = 10.0
-"""Normalised values beyond this many standard deviations are cut."""
+"""Normalised values are clipped to this many standard deviations."""
 SMALLEST_VARIANCE = 1e-8
-"""Added to a variance before its root is taken."""
+"""Added to the variance before taking the square root."""
 
 
-def forward(layers: Layers, observation: Any) -> Any:
-    """The network's output for observations `[..., observation]`, in numpy or in JAX."""
-    value = observation
+def forward(layers: Layers, observation: Any, columns: bool = False) -> Any:
+    """The network's output, in numpy or JAX.
+
+    Observations are `[..., observation]` or, with `columns`, `[observation, samples]`, so that
+    samples are contiguous in memory.
+    """
+    value, library = observation, observation.__array_namespace__()
     for index, (weights, biases) in enumerate(layers):
-        value = value @ weights + biases.reshape((1,) * (value.ndim - 1) + biases.shape)
+        product = weights.T @ value if columns else value @ weights
+        value = product + _broadcast(biases, value.ndim, columns)
         if index < len(layers) - 1:
-            value = value.clip(0.0)
+            value = library.maximum(value, 0.0)
     return value
 
 
-def normalise(normaliser: Normaliser, observation: Any) -> Any:
-    """Centred and scaled observations `[..., observation]`, in numpy or in JAX."""
-    shape = (1,) * (observation.ndim - 1) + normaliser.mean.shape
-    mean, variance = normaliser.mean.reshape(shape), normaliser.variance.reshape(shape)
+def normalise(normaliser: Normaliser, observation: Any, columns: bool = False) -> Any:
+    """Normalised observations, in numpy or JAX. The shapes are those of `forward`."""
+    mean, variance = (
+        _broadcast(values, observation.ndim, columns)
+        for values in (normaliser.mean, normaliser.variance)
+    )
     return ((observation - mean) / (variance + SMALLEST_VARIANCE) ** 0.5).clip(-CLIP, CLIP)
+
+
+def _broadcast(values: Any, axes: int, columns: bool) -> Any:
+    """A vector reshaped to `axes` axes, along the last axis or, with `columns`, the first."""
+    others = (1,) * (axes - 1)
+    return values.reshape((*values.shape, *others) if columns else (*others, *values.shape))

@@ -1,4 +1,4 @@
-"""The numbers of a training, watched: what is not finite or explodes is named, and not saved."""
+"""Detection of non-finite values and exploding losses in training, before they are saved."""
 
 import math
 from pathlib import Path
@@ -11,23 +11,25 @@ from skystack.errors import TrainingError
 from skystack.learning.ppo import TrainState
 
 LARGEST_LOSS = 1e6
-"""Rewards are scaled to about unit size, and discounted at 0.99 a return is a hundred of them: half
-its square is 5,000. A loss two hundred times that is no noise, and weights seldom come back."""
+"""A larger loss counts as exploded. Rewards are scaled to about 1, so with a discount of 0.99 a
+return is at most about 100 and half its square 5,000. The limit is 200 times that: such a loss is
+not noise, and training rarely recovers from it."""
 
 LOSSES = ("policy_loss", "value_loss", "entropy")
 PARTS = ("parameters", "optimiser", "normaliser", "observations", "returns")
-"""Of a learner: all that must be finite. Scenarios may hold an infinite distance: none so far."""
+"""The parts of a train state that must be finite. `scenarios` may contain an infinite distance,
+which means that there was none so far."""
 
 
 class TrainingMonitor:
-    """One training's numbers, and where its last good checkpoint is."""
+    """Checks the values of one training run, and reports its last good checkpoint."""
 
     def __init__(self, experiment: str, seed: int, checkpoint: Path, saved_steps: int) -> None:
         self._name = f"{experiment}, seed {seed}"
         self._checkpoint, self.saved_steps = checkpoint, saved_steps
 
-    def check(self, learner: TrainState, values: dict[str, float | None], steps: int) -> None:
-        """Raises TrainingError that names the first term that is wrong after so many steps."""
+    def check(self, train_state: TrainState, values: dict[str, float | None], steps: int) -> None:
+        """Check an update. Raises TrainingError that states the first invalid term and `steps`."""
         for term in LOSSES:
             value = values[term]
             if value is None:
@@ -38,27 +40,27 @@ class TrainingMonitor:
                     "a lower ppo.learning_rate or ppo.reward_scale may help)",
                     steps,
                 )
-        part = part_not_finite(learner)
+        part = part_not_finite(train_state)
         if part is not None:
             raise self._error(f"the learner's {part} are not finite", steps)
 
-    def _error(self, what: str, steps: int) -> TrainingError:
+    def _error(self, problem: str, steps: int) -> TrainingError:
         good = f"{self._checkpoint}, after {self.saved_steps} steps" if self.saved_steps else "none"
         return TrainingError(
-            f"{self._name}: {what} after {steps} steps; last good checkpoint: {good}"
+            f"{self._name}: {problem} after {steps} steps; last good checkpoint: {good}"
         )
 
 
-def part_not_finite(learner: TrainState) -> str | None:
-    """The first part of a learner with a number that is not finite; None where all are."""
+def part_not_finite(train_state: TrainState) -> str | None:
+    """The first part of a train state with a non-finite value; None if all values are finite."""
     for part in PARTS:
-        if not all(map(_is_finite, jax.tree.leaves(getattr(learner, part)))):
+        if not all(map(_is_finite, jax.tree.leaves(getattr(train_state, part)))):
             return part
     return None
 
 
 def finite(value: Any) -> float | None:
-    """JSON has no NaN: what was not measured (no scenario ended) is null."""
+    """The value for JSON, which has no NaN: None if it is not finite (no scenario ended)."""
     number = float(value)
     return number if math.isfinite(number) else None
 

@@ -1,6 +1,7 @@
-"""Actor and critic, their first weights, and the observation normaliser as it learns.
+"""The initial actor and critic, and the updates of the observation normaliser.
 
-Two fully-connected networks (section "Agent Training Configuration").
+The networks are two separate fully connected networks (section "Agent Training Configuration" of
+the paper).
 """
 
 from typing import NamedTuple
@@ -9,11 +10,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from skystack.learning.inference import Layers, Normaliser, normalise
+from skystack.learning.inference import Layers, Normaliser
 
 
 class Parameters(NamedTuple):
-    """Weights of both networks."""
+    """The parameters of both networks."""
 
     actor: Layers
     critic: Layers
@@ -22,7 +23,7 @@ class Parameters(NamedTuple):
 def init(
     key: PRNGKeyArray, observation_size: int, hidden: tuple[int, ...], actions: int
 ) -> Parameters:
-    """Orthogonal weights, zero biases: a nearly uniform first policy."""
+    """Orthogonal weights and zero biases, which give a nearly uniform initial policy."""
     actor_key, critic_key = jax.random.split(key)
     return Parameters(
         _init_layers(actor_key, (observation_size, *hidden, actions), last_gain=0.01),
@@ -41,27 +42,8 @@ def _init_layers(key: PRNGKeyArray, sizes: tuple[int, ...], last_gain: float) ->
     return tuple(layers)
 
 
-def forward_columns(
-    layers: Layers, observation: Float[Array, "observation samples"]
-) -> Float[Array, "outputs samples"]:
-    """`inference.forward` for samples that are columns: sums over them then run along memory."""
-    value = observation
-    for index, (weights, biases) in enumerate(layers):
-        value = jnp.matmul(weights.T, value) + biases[:, None]
-        if index < len(layers) - 1:
-            value = jnp.maximum(value, 0.0)
-    return value
-
-
-def normalise_columns(
-    normaliser: Normaliser, observation: Float[Array, "observation samples"]
-) -> Float[Array, "observation samples"]:
-    """`inference.normalise` for samples that are columns."""
-    return normalise(normaliser, observation.T).T
-
-
 def initial_normaliser(observation_size: int) -> Normaliser:
-    """As if observations were uniform on [0, 1], forgotten with the first data."""
+    """A normaliser for uniform observations on [0, 1], with negligible weight against data."""
     return Normaliser(
         jnp.full(observation_size, 0.5, dtype=jnp.float32),
         jnp.full(observation_size, 1.0 / 12.0, dtype=jnp.float32),
@@ -72,7 +54,7 @@ def initial_normaliser(observation_size: int) -> Normaliser:
 def update_normaliser(
     normaliser: Normaliser, observations: Float[Array, "observation samples"]
 ) -> Normaliser:
-    """Mean and variance of everything seen so far (Chan et al. 1979)."""
+    """The normaliser updated with new observations (Chan et al. 1979)."""
     samples = float(observations.shape[1])
     count = normaliser.count + samples
     delta = jnp.mean(observations, axis=1) - normaliser.mean

@@ -1,4 +1,4 @@
-"""Policies on disk: `policy.safetensors` and `policy.json`. Loading and asking need numpy alone."""
+"""Policy files: `policy.safetensors` and `policy.json`. Loading and inference need numpy only."""
 
 import hashlib
 import json
@@ -21,11 +21,11 @@ from skystack.learning.inference import CLIP, Layers, Normaliser, forward, norma
 
 FORMAT = 1
 MOST_ANSWER = 1e30
-"""No answer may be able to come near what a float32 holds."""
+"""The limit for the bound on the network's values, far below the largest float32."""
 
 
 class PolicyDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """`policy.json`: all that is needed to rebuild and to judge a policy, beside its weights."""
+    """`policy.json`: all that is needed to rebuild and evaluate a policy, except its weights."""
 
     format: int
     experiment: Name
@@ -36,16 +36,17 @@ class PolicyDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     actions: tuple[str, ...]
     hidden: Annotated[tuple[int, ...], msgspec.Meta(max_length=100)]
     config: dict[str, Any]
-    """The experiment, fully resolved."""
+    """The fully resolved experiment."""
     packages: dict[str, str]
+    """The versions of skystack and its main dependencies."""
     sha256: str
-    """Of `policy.safetensors`."""
+    """The hash of `policy.safetensors`."""
     git_revision: str | None = None
 
 
 @dataclass(frozen=True)
 class Policy:
-    """A trained policy: a callable from an observation to the most probable action."""
+    """A trained policy. Calling it maps an observation to the most probable action."""
 
     description: PolicyDescription
     actor: Layers
@@ -53,7 +54,7 @@ class Policy:
 
     @property
     def tensors(self) -> dict[str, np.ndarray]:
-        """Its arrays by the names that they have in `policy.safetensors`, float32."""
+        """The float32 arrays of the policy by their names in `policy.safetensors`."""
         tensors = {
             "normaliser.mean": self.normaliser.mean,
             "normaliser.variance": self.normaliser.variance,
@@ -64,24 +65,24 @@ class Policy:
         return {name: np.ascontiguousarray(value, np.float32) for name, value in tensors.items()}
 
     def logits(self, observation: Float[np.ndarray, "*n observation"]) -> np.ndarray:
-        """Unnormalised log probabilities of the actions, float32."""
+        """Unnormalised log-probabilities of the actions; float32."""
         result: np.ndarray = forward(self.actor, normalise(self.normaliser, observation))
         return result
 
     def __call__(self, observation: Float[np.ndarray, " observation"]) -> int:
         """The greedy action. Raises InputError for a wrong shape or non-finite numbers."""
-        seen = np.asarray(observation, dtype=np.float32)
+        values = np.asarray(observation, dtype=np.float32)
         size = len(self.description.observation)
         allowed = f"(allowed: {size} finite numbers)"
-        if seen.shape != (size,):
-            raise InputError(f"the observation has shape {seen.shape} {allowed}")
-        if not np.isfinite(seen).all():
-            raise InputError(f"the observation is {seen} {allowed}")
-        return int(np.argmax(self.logits(seen)))
+        if values.shape != (size,):
+            raise InputError(f"the observation has shape {values.shape} {allowed}")
+        if not np.isfinite(values).all():
+            raise InputError(f"the observation is {values} {allowed}")
+        return int(np.argmax(self.logits(values)))
 
 
 def save_policy(folder: Path, policy: Policy) -> None:
-    """Write both files; the hash in the description is made to fit."""
+    """Write both files, with the hash in the description updated."""
     data = save(policy.tensors)
     description = msgspec.structs.replace(
         policy.description, sha256=hashlib.sha256(data).hexdigest()
@@ -92,24 +93,25 @@ def save_policy(folder: Path, policy: Policy) -> None:
 
 
 def load_policy(folder: Path) -> Policy:
-    """Read a policy back.
+    """Read the policy in a folder.
 
-    Raises InputError, naming the file, for anything missing, damaged or of another version.
+    Raises InputError, with the name of the file, if a file is missing, damaged or of another
+    format version.
     """
-    described, weights = folder / "policy.json", folder / "policy.safetensors"
-    with error_context(str(described)):
-        text = read_whole(described, MAX_BYTES)
+    json_file, weights = folder / "policy.json", folder / "policy.safetensors"
+    with error_context(str(json_file)):
+        text = read_whole(json_file, MAX_BYTES)
         description = decode(text, PolicyDescription, "not a policy description")
         check_plain(description.config)
     if description.format != FORMAT:
-        raise InputError(f"{described}: format {description.format} (allowed: {FORMAT})")
+        raise InputError(f"{json_file}: format {description.format} (allowed: {FORMAT})")
     with error_context(str(weights)):
         data = read_whole(weights)
     if hashlib.sha256(data).hexdigest() != description.sha256:
-        raise InputError(f"{weights}: contents do not fit the sha256 in {described.name}")
+        raise InputError(f"{weights}: contents do not match the sha256 in {json_file.name}")
     try:
         tensors = load(data)
-    except Exception as error:  # safetensors raises its own kinds for each kind of damage
+    except Exception as error:  # safetensors raises many types of exceptions for damaged files
         raise InputError(f"{weights}: not a safetensors file: {error}") from None
     return _assemble(description, tensors, weights)
 
@@ -131,15 +133,15 @@ def _assemble(
             found = "missing" if tensor is None else f"{tensor.dtype} {tensor.shape}"
             raise InputError(f"{where}: tensor {name!r} is {found} (allowed: float32 {shape})")
         if not np.all(np.isfinite(tensor)):
-            raise InputError(f"{where}: tensor {name!r} holds a non-finite number")
+            raise InputError(f"{where}: tensor {name!r} contains a non-finite number")
     actor = tuple(
         (tensors[f"actor.{index}.weights"], tensors[f"actor.{index}.biases"])
         for index in range(len(sizes) - 1)
     )
     if np.any(tensors["normaliser.variance"] < 0.0):
-        raise InputError(f"{where}: tensor 'normaliser.variance' holds a negative number")
-    if _greatest(actor, tensors["normaliser.mean"]) > MOST_ANSWER:
-        raise InputError(f"{where}: its numbers are so great that its answers would overflow")
+        raise InputError(f"{where}: tensor 'normaliser.variance' contains a negative number")
+    if _value_bound(actor, tensors["normaliser.mean"]) > MOST_ANSWER:
+        raise InputError(f"{where}: its values are so large that the network could overflow")
     count = np.float32(0.0)
     return Policy(
         description,
@@ -148,8 +150,8 @@ def _assemble(
     )
 
 
-def _greatest(actor: Layers, mean: Float[np.ndarray, " observation"]) -> float:
-    """As far from zero as anything can come on the way to an answer."""
+def _value_bound(actor: Layers, mean: Float[np.ndarray, " observation"]) -> float:
+    """An upper bound on the magnitude of any value in the forward pass."""
     bound = np.full(len(mean), CLIP)
     greatest = float(np.abs(mean).max(initial=0.0))
     for weights, biases in actor:
@@ -159,11 +161,11 @@ def _greatest(actor: Layers, mean: Float[np.ndarray, " observation"]) -> float:
 
 
 def package_versions() -> dict[str, str]:
-    """Versions of what a policy's training depends on."""
-    found = {}
+    """The versions of the packages that training depends on."""
+    versions = {}
     for name in ("skystack", "jax", "jaxlib", "optax", "numpy"):
         try:
-            found[name] = version(name)
+            versions[name] = version(name)
         except PackageNotFoundError:
-            found[name] = "unknown"
-    return found
+            versions[name] = "unknown"
+    return versions

@@ -1,7 +1,7 @@
 """Proximal Policy Optimisation (Schulman et al. 2017): the whole algorithm, top to bottom.
 
-`update` is one compiled program: it collects `steps` steps of every environment, computes
-advantages, and takes `epochs` passes of minibatch gradient steps. The loop round it is Python.
+`update` is one compiled program: it collects `steps` steps of each environment, computes
+advantages, and makes `epochs` passes of minibatch gradient steps. The loop around it is in Python.
 """
 
 from typing import NamedTuple
@@ -13,45 +13,49 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skystack.learning import network
-from skystack.learning.inference import Normaliser
+from skystack.learning.inference import Normaliser, forward, normalise
 from skystack.learning.network import Parameters
 from skystack.learning.settings import PPOSettings
 from skystack.tasks.batch import choose, reset_many
 from skystack.tasks.contract import Metrics, Outcome, Task, TaskState
+from skystack.tasks.observations import flatten_observation
+
+AGENT = 0
+"""The index of the trained agent: only tasks with one agent can be trained."""
 
 
 class TrainState(NamedTuple):
-    """Everything that changes during training."""
+    """All state that changes during training."""
 
     parameters: Parameters
     optimiser: optax.OptState
-    """Of all parameters in one vector: one step of Adam on it costs less than on a dozen arrays."""
+    """The state for all parameters in one vector: Adam is faster on it than on a dozen arrays."""
     normaliser: Normaliser
     scenarios: TaskState
-    """One state an environment, axis last."""
+    """The states of all environments, batch axis last."""
     observations: Float[Array, "observation environments"]
     returns: Float[Array, " environments"]
-    """Undiscounted, unscaled, of the scenarios under way."""
+    """The undiscounted, unscaled returns so far of the current scenarios."""
     key: PRNGKeyArray
     updates: Int[Array, ""]
 
 
 class Transitions(NamedTuple):
-    """What an update collects."""
+    """The transitions that an update collects."""
 
     observation: Float[Array, "steps observation environments"]
     final_observation: Float[Array, "steps observation environments"]
-    """After the step, before a new scenario takes the place of an ended one."""
+    """The observation after the step, before an ended scenario is replaced."""
     action: Int[Array, "steps environments"]
     log_probability: Float[Array, "steps environments"]
     reward: Float[Array, "steps environments"]
-    """Scaled."""
+    """The scaled reward."""
     terminated: Bool[Array, "steps environments"]
     truncated: Bool[Array, "steps environments"]
 
 
 class Episodes(NamedTuple):
-    """Sums over the scenarios that ended; all divided by `ended` when reported."""
+    """Sums over the scenarios that ended. Divided by `ended` for reporting."""
 
     ended: Float[Array, ""]
     episode_return: Float[Array, ""]
@@ -59,7 +63,7 @@ class Episodes(NamedTuple):
 
 
 def optimiser(settings: PPOSettings) -> optax.GradientTransformation:
-    """Adam with clipped gradients and a linear learning-rate schedule."""
+    """Adam with gradient clipping and a linear learning-rate schedule."""
     minibatches = max(settings.samples // settings.minibatch, 1)
     schedule = optax.linear_schedule(
         settings.learning_rate,
@@ -73,7 +77,7 @@ def optimiser(settings: PPOSettings) -> optax.GradientTransformation:
 
 
 def init(task: Task, settings: PPOSettings, key: PRNGKeyArray) -> TrainState:
-    """A learner with random weights in fresh scenarios."""
+    """A train state with random weights and new scenarios."""
     network_key, scenario_key, key = jax.random.split(key, 3)
     size = len(task.observation_names)
     parameters = network.init(network_key, size, settings.hidden, len(task.action_names))
@@ -83,7 +87,7 @@ def init(task: Task, settings: PPOSettings, key: PRNGKeyArray) -> TrainState:
         optimiser=optimiser(settings).init(ravel_pytree(parameters)[0]),
         normaliser=network.initial_normaliser(size),
         scenarios=scenarios,
-        observations=task.observe(scenarios),
+        observations=_observe(task, scenarios),
         returns=jnp.zeros(settings.environments),
         key=key,
         updates=jnp.zeros((), dtype=jnp.int32),
@@ -91,144 +95,158 @@ def init(task: Task, settings: PPOSettings, key: PRNGKeyArray) -> TrainState:
 
 
 def update(
-    task: Task, settings: PPOSettings, learner: TrainState
+    task: Task, settings: PPOSettings, train_state: TrainState
 ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
-    """One update: collect, judge, learn. Returns what was measured of it; pure, to be compiled."""
-    key, collect_key, learn_key = jax.random.split(learner.key, 3)
-    learner = learner._replace(key=key)
-    learner, steps, episodes = collect(task, settings, learner, collect_key)
-    seen = _columns(steps.observation)
-    observation = network.normalise_columns(learner.normaliser, seen)
-    values, next_values = compute_values(learner, steps, observation)
-    advantages = compute_gae(steps, values, next_values, settings)
-    batch = _pack(observation, steps, values, advantages)
-    learner, losses = learn(settings, learner, batch, learn_key)
-    learner = learner._replace(
-        normaliser=network.update_normaliser(learner.normaliser, seen), updates=learner.updates + 1
+    """One update: collect, compute advantages, learn. A pure function, to be compiled.
+
+    Returns the train state, and the update's metrics by name.
+    """
+    key, collect_key, learn_key = jax.random.split(train_state.key, 3)
+    train_state = train_state._replace(key=key)
+    train_state, transitions, episodes = collect(task, settings, train_state, collect_key)
+    raw_observation = _columns(transitions.observation)
+    observation = normalise(train_state.normaliser, raw_observation, columns=True)
+    values, next_values = compute_values(train_state, transitions, observation)
+    advantages = compute_gae(transitions, values, next_values, settings)
+    batch = _pack(observation, transitions, values, advantages)
+    train_state, losses = learn(settings, train_state, batch, learn_key)
+    train_state = train_state._replace(
+        normaliser=network.update_normaliser(train_state.normaliser, raw_observation),
+        updates=train_state.updates + 1,
     )
-    return learner, {**_report(episodes), **losses}
+    return train_state, {**_report(episodes), **losses}
 
 
 def collect(
-    task: Task, settings: PPOSettings, learner: TrainState, key: PRNGKeyArray
+    task: Task, settings: PPOSettings, train_state: TrainState, key: PRNGKeyArray
 ) -> tuple[TrainState, Transitions, Episodes]:
-    """`steps` steps of every environment with the present policy.
+    """Collect `steps` steps of each environment with the current policy.
 
-    Every environment has one fresh scenario at hand for when its own ends; should that one end
-    within the same collection too, it is started once more.
+    Each environment has one new scenario in reserve, which starts when the current scenario ends.
+    If it also ends during the collection, the same scenario starts again.
     """
     fresh_key, action_key = jax.random.split(key)
-    # All at once: random numbers drawn step by step cost more than the policy.
+    # Drawn all at once: drawing random numbers at each step costs more than the policy.
     uniforms = jax.random.uniform(action_key, (settings.steps, settings.environments))
     fresh = reset_many(task, fresh_key, settings.environments)
-    fresh_observations = task.observe(fresh)
+    fresh_observations = _observe(task, fresh)
 
     def step(
-        learner: TrainState, uniforms: Float[Array, " environments"]
+        train_state: TrainState, uniforms: Float[Array, " environments"]
     ) -> tuple[TrainState, tuple[Transitions, Episodes]]:
-        observation = learner.observations
-        seen = network.normalise_columns(learner.normaliser, observation)
+        observation = train_state.observations
+        normalised = normalise(train_state.normaliser, observation, columns=True)
         log_probabilities = jax.nn.log_softmax(
-            network.forward_columns(learner.parameters.actor, seen), axis=0
+            forward(train_state.parameters.actor, normalised, columns=True), axis=0
         )
         action = sample_actions(log_probabilities, uniforms)
-        scenarios, outcome = task.step(learner.scenarios, action)
-        final_observation = task.observe(scenarios)
-        ended = outcome.terminated | outcome.truncated
-        returns = learner.returns + outcome.reward
-        taken = Transitions(
+        scenarios, outcome = task.step(train_state.scenarios, action)
+        final_observation = _observe(task, scenarios)
+        reward, ended = outcome.reward[AGENT], outcome.ended
+        returns = train_state.returns + reward
+        transition = Transitions(
             observation=observation,
             final_observation=final_observation,
             action=action,
             log_probability=_select(log_probabilities, action),
-            reward=outcome.reward * settings.reward_scale,
-            terminated=outcome.terminated,
-            truncated=outcome.truncated,
+            reward=reward * settings.reward_scale,
+            terminated=outcome.terminated[AGENT],
+            truncated=outcome.truncated[AGENT],
         )
-        learner = learner._replace(
+        train_state = train_state._replace(
             scenarios=choose(ended, fresh, scenarios),
             observations=choose(ended, fresh_observations, final_observation),
             returns=jnp.where(ended, 0.0, returns),
         )
-        return learner, (taken, _sum_ended(ended, returns, outcome))
+        return train_state, (transition, _sum_ended(ended, returns, outcome))
 
-    learner, (steps, episodes) = jax.lax.scan(step, learner, uniforms)
-    return learner, steps, jax.tree.map(jnp.sum, episodes)
+    train_state, (transitions, episodes) = jax.lax.scan(step, train_state, uniforms)
+    return train_state, transitions, jax.tree.map(jnp.sum, episodes)
 
 
 def sample_actions(
     log_probabilities: Float[Array, "actions n"], uniforms: Float[Array, " n"]
 ) -> Int[Array, " n"]:
-    """An action each by its probability, from a number uniform on [0, 1): the inverse of the
-    distribution function."""
+    """Sample one action per column by inverse transform sampling.
+
+    `uniforms` are uniform on [0, 1).
+    """
     actions = log_probabilities.shape[0]
-    up_to = jnp.tril(jnp.ones((actions, actions))) @ jnp.exp(log_probabilities)
-    beyond = uniforms[None, :] >= up_to[:-1]
+    cumulative = jnp.tril(jnp.ones((actions, actions))) @ jnp.exp(log_probabilities)
+    beyond = uniforms[None, :] >= cumulative[:-1]
     return jnp.sum(beyond.astype(jnp.int32), axis=0)
 
 
 def compute_values(
-    learner: TrainState, steps: Transitions, observation: Float[Array, "observation samples"]
+    train_state: TrainState,
+    transitions: Transitions,
+    observation: Float[Array, "observation samples"],
 ) -> tuple[Float[Array, "steps environments"], Float[Array, "steps environments"]]:
-    """The critic's values of what was seen before each step (given normalised) and after it.
+    """The critic's values before and after each step.
 
-    After a step is before the next one, but where a scenario ended. There the value counts only if
-    it was cut short, and most tasks never do that: only then is the critic asked of all those too.
+    `observation` is the normalised observation before each step. The value after a step is the
+    value before the next step, unless the scenario ended. At the end of a scenario the value
+    matters only after a truncation. Most tasks never truncate, so the critic evaluates the final
+    observations only if there was a truncation.
     """
 
     def value(columns: Float[Array, "observation n"]) -> Float[Array, " n"]:
-        return network.forward_columns(learner.parameters.critic, columns)[0]
+        return forward(train_state.parameters.critic, columns, columns=True)[0]
 
-    values = value(observation).reshape(steps.reward.shape)
-    last = value(network.normalise_columns(learner.normaliser, learner.observations))
+    values = value(observation).reshape(transitions.reward.shape)
+    last = value(normalise(train_state.normaliser, train_state.observations, columns=True))
 
     def after_every_step() -> Float[Array, "steps environments"]:
-        final = network.normalise_columns(learner.normaliser, _columns(steps.final_observation))
-        return value(final).reshape(steps.reward.shape)
+        final = normalise(
+            train_state.normaliser, _columns(transitions.final_observation), columns=True
+        )
+        return value(final).reshape(transitions.reward.shape)
 
     following = jnp.concatenate([values[1:], last[None]])
-    next_values = jax.lax.cond(jnp.any(steps.truncated), after_every_step, lambda: following)
+    next_values = jax.lax.cond(jnp.any(transitions.truncated), after_every_step, lambda: following)
     return values, next_values
 
 
 def compute_gae(
-    steps: Transitions,
+    transitions: Transitions,
     values: Float[Array, "steps environments"],
     next_values: Float[Array, "steps environments"],
     settings: PPOSettings,
 ) -> Float[Array, "steps environments"]:
     """Generalised advantage estimation (Schulman et al. 2016).
 
-    Nothing is expected beyond a termination; beyond a truncation, the value of the final
-    observation. Neither lets a later scenario leak into an earlier one.
+    The value after a termination is 0; after a truncation it is the value of the final observation.
+    Advantages do not propagate from one scenario to the previous one.
     """
-    target = steps.reward + settings.gamma * jnp.where(steps.terminated, 0.0, next_values)
-    ended = steps.terminated | steps.truncated
-    carried = settings.gamma * settings.gae_lambda * (1.0 - ended.astype(jnp.float32))
+    target = transitions.reward + settings.gamma * jnp.where(
+        transitions.terminated, 0.0, next_values
+    )
+    ended = transitions.terminated | transitions.truncated
+    decay = settings.gamma * settings.gae_lambda * (1.0 - ended.astype(jnp.float32))
 
-    def back(
-        later: Float[Array, " environments"], now: tuple[Array, Array]
+    def backward(
+        next_advantage: Float[Array, " environments"], step: tuple[Array, Array]
     ) -> tuple[Float[Array, " environments"], Float[Array, " environments"]]:
-        error, carry = now
-        advantage = error + carry * later
+        error, step_decay = step
+        advantage = error + step_decay * next_advantage
         return advantage, advantage
 
     start = jnp.zeros(values.shape[1])
-    _, advantages = jax.lax.scan(back, start, (target - values, carried), reverse=True)
+    _, advantages = jax.lax.scan(backward, start, (target - values, decay), reverse=True)
     return advantages
 
 
 def learn(
     settings: PPOSettings,
-    learner: TrainState,
+    train_state: TrainState,
     batch: Float[Array, "rows samples"],
     key: PRNGKeyArray,
 ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
-    """`epochs` passes over shuffled minibatches; what does not fill one is left out."""
+    """Make `epochs` passes over shuffled minibatches. An incomplete last minibatch is dropped."""
     size = min(settings.minibatch, batch.shape[1])
     count = batch.shape[1] // size
     adam = optimiser(settings)
-    vector, as_parameters = ravel_pytree(learner.parameters)
+    vector, as_parameters = ravel_pytree(train_state.parameters)
 
     def loss_of(
         vector: Float[Array, " weights"], minibatch: Float[Array, "rows minibatch"]
@@ -253,23 +271,27 @@ def learn(
         return jax.lax.scan(gradient_step, carry, minibatches)
 
     (vector, state), losses = jax.lax.scan(
-        epoch, (vector, learner.optimiser), jax.random.split(key, settings.epochs)
+        epoch, (vector, train_state.optimiser), jax.random.split(key, settings.epochs)
     )
-    learner = learner._replace(parameters=as_parameters(vector), optimiser=state)
-    return learner, jax.tree.map(jnp.mean, losses)
+    train_state = train_state._replace(parameters=as_parameters(vector), optimiser=state)
+    return train_state, jax.tree.map(jnp.mean, losses)
 
 
 def shuffled(key: PRNGKeyArray, count: int) -> Int[Array, " count"]:
-    """The numbers below `count` in random order.
+    """The numbers from 0 to `count` - 1 in random order.
 
-    They ride in the low bits of the random numbers that are sorted: one plain sort, ten times
-    faster than `jax.random.permutation`, which sorts pairs. Where the random bits above them are
-    equal (19 of them for 8,192 samples) the order stays.
+    The numbers are the low bits of random integers, which are sorted. This takes one plain sort and
+    is ten times faster than `jax.random.permutation`, which sorts pairs. Numbers with equal random
+    high bits (19 bits for 8,192 samples) keep their order.
     """
     low = jnp.uint32((1 << max(count - 1, 1).bit_length()) - 1)
     number = jnp.arange(count, dtype=jnp.uint32)
     uniforms = jax.random.bits(key, (count,), dtype=jnp.uint32)
     return (jnp.sort((uniforms & ~low) | number) & low).astype(jnp.int32)
+
+
+def _observe(task: Task, scenarios: TaskState) -> Float[Array, "observation environments"]:
+    return flatten_observation(task.observe(scenarios), batch_axes=1)
 
 
 _EXTRA_ROWS = 4
@@ -278,20 +300,20 @@ _EXTRA_ROWS = 4
 def _columns(
     observations: Float[Array, "steps observation environments"],
 ) -> Float[Array, "observation samples"]:
-    """A column a sample."""
+    """The observations with one column per sample."""
     return jnp.moveaxis(observations, 1, 0).reshape(observations.shape[1], -1)
 
 
 def _pack(
     observation: Float[Array, "observation samples"],
-    steps: Transitions,
+    transitions: Transitions,
     values: Float[Array, "steps environments"],
     advantages: Float[Array, "steps environments"],
 ) -> Float[Array, "rows samples"]:
-    """A column a sample, so that shuffling is one gather: observation, then the extra rows."""
+    """One column per sample, so that shuffling is one gather: the observation, then extra rows."""
     extra = (
-        steps.action.astype(jnp.float32),
-        steps.log_probability,
+        transitions.action.astype(jnp.float32),
+        transitions.log_probability,
         advantages,
         advantages + values,
     )
@@ -301,15 +323,14 @@ def _pack(
 def loss(
     parameters: Parameters, minibatch: Float[Array, "rows minibatch"], settings: PPOSettings
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
-    """Clipped surrogate, value error and entropy of one minibatch.
+    """The PPO loss of one minibatch: clipped surrogate, value error and entropy.
 
-    A sample is a column here: sums over actions and products with it then run along contiguous
-    memory, which makes a gradient step up to a third faster.
+    Samples are columns, contiguous in memory, which makes a gradient step up to a third faster.
     """
     observation = minibatch[:-_EXTRA_ROWS]
     action, old_log_probability, advantage, value_target = minibatch[-_EXTRA_ROWS:]
     log_probabilities = jax.nn.log_softmax(
-        network.forward_columns(parameters.actor, observation), axis=0
+        forward(parameters.actor, observation, columns=True), axis=0
     )
     entropy = -jnp.mean(jnp.sum(jnp.exp(log_probabilities) * log_probabilities, axis=0))
     change = _select(log_probabilities, action.astype(jnp.int32)) - old_log_probability
@@ -317,7 +338,7 @@ def loss(
     advantage = (advantage - jnp.mean(advantage)) / (jnp.std(advantage) + 1e-8)
     clipped = jnp.clip(ratio, 1.0 - settings.clip, 1.0 + settings.clip)
     policy_loss = -jnp.mean(jnp.minimum(ratio * advantage, clipped * advantage))
-    value = network.forward_columns(parameters.critic, observation)[0]
+    value = forward(parameters.critic, observation, columns=True)[0]
     value_loss = 0.5 * jnp.mean((value - value_target) ** 2)
     total = policy_loss + settings.value_coefficient * value_loss - settings.entropy * entropy
     return total, {
@@ -348,8 +369,8 @@ def _sum_ended(
 
 
 def _report(episodes: Episodes) -> dict[str, Float[Array, ""]]:
-    """Means over the ended scenarios; NaN where none ended."""
-    sums = {"return": episodes.episode_return, **episodes.metrics._asdict()}
+    """Means over the scenarios that ended; NaN if none ended."""
+    sums = {"return": episodes.episode_return, **episodes.metrics}
     return {"episodes": episodes.ended} | {
         name: value / episodes.ended for name, value in sums.items()
     }

@@ -1,4 +1,4 @@
-"""A training run: the loop round the compiled update, its files, progress and interruption."""
+"""A training run: the loop around the compiled update, files, progress and interruption."""
 
 import hashlib
 import math
@@ -32,20 +32,20 @@ from skystack.learning.policy import (
 )
 from skystack.learning.seeds import training_key
 from skystack.learning.settings import PPOSettings
-from skystack.tasks.build import build_task, build_training_task, check_cycles
 from skystack.tasks.contract import Task
+from skystack.tasks.registry import build_task, build_training_task, check_cycles
 
 CHECKPOINT_EVERY_S = 60.0
 CHECKPOINT = "learner.safetensors"
 
 
-class Progress(NamedTuple):
-    """How far a run is, after each update."""
+class TrainingProgress(NamedTuple):
+    """The progress of a run after an update."""
 
     steps: int
     total_steps: int
     steps_per_s: float
-    """Since the first update, for which the program is compiled."""
+    """The rate after the first update, which is excluded because it includes compilation."""
     measured: dict[str, float | None]
 
 
@@ -55,11 +55,12 @@ class Trained(NamedTuple):
     policy: Policy
     steps: int
     wall_s: float
-    """Compilation included; of what was resumed, as long as its metrics say that it took."""
+    """The training time including compilation and, in a resumed run, the earlier time recorded in
+    its metrics."""
 
     @property
     def summary(self) -> dict[str, Any]:
-        """The entry of `train` in the JSON of the command line."""
+        """The entry for this run in the output of `skystack train --json`."""
         return {
             "experiment": self.policy.description.experiment,
             "seed": self.policy.description.seed,
@@ -74,17 +75,19 @@ def train_experiment(
     seed: int,
     folder: AnyPath,
     resume: bool = False,
-    on_update: Callable[[Progress], None] = lambda progress: None,
+    on_update: Callable[[TrainingProgress], None] = lambda progress: None,
     checkpoint_every_s: float = CHECKPOINT_EVERY_S,
 ) -> Trained:
-    """Train one seed of an experiment into a folder.
+    """Train one seed of an experiment and write the results to a folder.
 
-    Writes `config.toml`, `metrics.jsonl` (a line an update), `checkpoint/` (that often, 0: at every
-    update, and when interrupted) and, at the end, the policy. With `resume`, goes on from the
-    checkpoint if there is one. Raises TrainingError when a loss or a weight is no number or a loss
-    explodes, CheckpointError for a checkpoint that cannot be gone on with, InputError for a folder
-    that cannot be written to or in which another process trains; on KeyboardInterrupt the
-    checkpoint is written first.
+    Writes `config.toml`, `metrics.jsonl` (one line per update), `checkpoint/` and, at the end, the
+    policy. A checkpoint is saved every `checkpoint_every_s` seconds (0: after every update), at the
+    end, and before a KeyboardInterrupt propagates. With `resume`, training continues from the
+    checkpoint, if there is one.
+
+    Raises TrainingError if a loss or a weight is not finite or a loss explodes; CheckpointError if
+    the checkpoint cannot be resumed; InputError if the folder is not writable or is in use by
+    another process.
     """
     seed = checked_whole("seed", seed, 0, MOST_NUMBER)
     with locked_folder(path := Path(folder), below=("checkpoint",)):
@@ -96,104 +99,113 @@ def _train(
     seed: int,
     folder: Path,
     resume: bool,
-    on_update: Callable[[Progress], None],
+    on_update: Callable[[TrainingProgress], None],
     checkpoint_every_s: float,
 ) -> Trained:
-    begun = time.monotonic()
-    task, settings = build_training_task(experiment.task), experiment.ppo
+    started = time.monotonic()
+    task, settings = _training_task(experiment), experiment.ppo
     checkpoint = make_folder(folder / "checkpoint") / CHECKPOINT
     fingerprint = hashlib.sha256(to_toml(experiment) + str(seed).encode()).hexdigest()
     init, key = jax.jit(partial(ppo.init, task, settings)), training_key(seed)
     like = jax.eval_shape(init, key)
-    if not resume:  # or a training killed soon would leave another one's checkpoint
+    if not resume:  # otherwise an early kill would leave the checkpoint of the previous run
         checkpoint.unlink(missing_ok=True)
     resumed = load_checkpoint(checkpoint, like, fingerprint) if checkpoint.exists() else None
     first = int(resumed.updates) if resumed else 0
-    metrics = MetricsFile(folder / "metrics.jsonl", first, begun)
-    watch = TrainingMonitor(experiment.name, seed, checkpoint, first * settings.samples)
+    metrics = MetricsFile(folder / "metrics.jsonl", first, started)
+    monitor = TrainingMonitor(experiment.name, seed, checkpoint, first * settings.samples)
 
-    def save(learner: ppo.TrainState) -> None:
-        metrics.sync()  # a checkpoint without its lines could not be gone on with
-        save_checkpoint(checkpoint, learner, fingerprint)
-        watch.saved_steps = int(learner.updates) * settings.samples
+    def save(train_state: ppo.TrainState) -> None:
+        metrics.sync()  # a checkpoint without its lines cannot be resumed
+        save_checkpoint(checkpoint, train_state, fingerprint)
+        monitor.saved_steps = int(train_state.updates) * settings.samples
 
     compiled = compiled_updates(phases(experiment, task, first), settings, like)
     with closing(metrics), compiled as updates:
         atomic_write(folder / "config.toml", to_toml(experiment))
-        learner = resumed or init(key)
-        pace, saved = _Pace(settings, first), time.monotonic()
+        train_state = resumed or init(key)
+        pace, last_saved = _Pace(settings, first), time.monotonic()
         try:
-            for number, updated, measured in run_updates(updates, settings, learner):
+            for number, updated, measured in run_updates(updates, settings, train_state):
                 check()  # an interruption may have been lost in a callback
                 values = {name: finite(value) for name, value in jax.device_get(measured).items()}
                 steps = number * settings.samples
-                watch.check(updated, values, steps)
+                monitor.check(updated, values, steps)
                 metrics.append({"update": number, "steps": steps}, values)
-                learner = updated  # after its line, which is cut off if it is to be written again
+                train_state = updated  # only after its line: a checkpoint must have all its lines
                 on_update(pace.progress(number, values))
-                if time.monotonic() - saved >= checkpoint_every_s:
-                    save(learner)
-                    saved = time.monotonic()
+                if time.monotonic() - last_saved >= checkpoint_every_s:
+                    save(train_state)
+                    last_saved = time.monotonic()
         except KeyboardInterrupt:
-            save(learner)
+            save(train_state)
             raise
-        save(learner)
-    policy = _policy(experiment, seed, task, learner)
+        save(train_state)
+    policy = _policy(experiment, seed, task, train_state)
     save_policy(folder, policy)
     return Trained(policy, settings.updates * settings.samples, metrics.wall_s())
 
 
-def preflight(experiment: Experiment, folder: Path, resume: bool) -> list[str]:
-    """What must be said before a training begins in a folder.
+def _training_task(experiment: Experiment) -> Task:
+    """The task to train on. Raises InputError if it has several agents."""
+    task = build_training_task(experiment.task)
+    if task.agents != 1:
+        raise InputError(f"task {task.name} has {task.agents} agents (allowed for training: 1)")
+    return task
 
-    Raises InputError where a training would be lost, another process is at work or nothing can be
-    written.
+
+def preflight(experiment: Experiment, folder: Path, resume: bool) -> list[str]:
+    """Check a folder before training, and return the notices to print.
+
+    Raises InputError if existing training results would be lost, or if the folder is in use by
+    another process or not writable.
     """
     check_unlocked(folder)
-    beyond = check_cycles(build_task(experiment.task))
+    _training_task(experiment)
+    cycles_notice = check_cycles(build_task(experiment.task))
     make_folder(folder / "checkpoint")
-    said = [*([] if beyond is None else [beyond]), "compiling ..."]
+    notices = [*([] if cycles_notice is None else [cycles_notice]), "compiling ..."]
     if (folder / "policy.json").exists() and not resume:
         raise InputError(
-            f"{folder}: holds a trained policy already (allowed: another folder by --out, or "
+            f"{folder}: already contains a trained policy (allowed: another folder with --out, or "
             "remove this one)"
         )
     unfinished = (folder / "checkpoint" / CHECKPOINT).exists()
     if unfinished and not resume:
         raise InputError(
-            f"{folder}: holds a training that is not finished (allowed: --resume, another folder "
-            "by --out, or remove this one)"
+            f"{folder}: contains an unfinished training run (allowed: --resume, another folder "
+            "with --out, or remove this one)"
         )
     if resume and not unfinished:
-        said.insert(0, f"{folder} holds no checkpoint: training begins anew")
-    before, steps = experiment.pretraining, experiment.ppo.total_steps
-    if before is not None and before.steps >= steps:
-        said.insert(
+        notices.insert(0, f"{folder} has no checkpoint: training starts from the beginning")
+    pretraining, steps = experiment.pretraining, experiment.ppo.total_steps
+    if pretraining is not None and pretraining.steps >= steps:
+        notices.insert(
             0,
-            f"pretraining.steps ({before.steps:,}) takes all of ppo.total_steps ({steps:,}): "
-            "only pretraining.reward is learned from, not task.reward",
+            f"pretraining.steps ({pretraining.steps:,}) covers all of ppo.total_steps "
+            f"({steps:,}): training uses pretraining.reward only, not task.reward",
         )
-    return said
+    return notices
 
 
 class _Pace:
-    """Steps a second since the first update."""
+    """Steps per second since the first update."""
 
     def __init__(self, settings: PPOSettings, first: int) -> None:
         self._settings, self._first = settings, first
-        self._warm = math.nan
+        self._warm_since = math.nan
 
-    def progress(self, number: int, values: dict[str, float | None]) -> Progress:
+    def progress(self, number: int, values: dict[str, float | None]) -> TrainingProgress:
         settings, now = self._settings, time.monotonic()
         done = number - 1 - self._first
-        self._warm = self._warm if done else now
-        rate = done * settings.samples / (now - self._warm) if done else math.nan
+        self._warm_since = self._warm_since if done else now
+        rate = done * settings.samples / (now - self._warm_since) if done else math.nan
         total = settings.updates * settings.samples
-        return Progress(number * settings.samples, total, rate, values)
+        return TrainingProgress(number * settings.samples, total, rate, values)
 
 
-def _policy(experiment: Experiment, seed: int, task: Task, learner: ppo.TrainState) -> Policy:
-    actor, normaliser = jax.device_get((learner.parameters.actor, learner.normaliser))
+def _policy(experiment: Experiment, seed: int, task: Task, train_state: ppo.TrainState) -> Policy:
+    actor, normaliser = jax.device_get((train_state.parameters.actor, train_state.normaliser))
     description = PolicyDescription(
         format=FORMAT,
         experiment=experiment.name,
@@ -215,9 +227,9 @@ def _policy(experiment: Experiment, seed: int, task: Task, learner: ppo.TrainSta
 
 
 def _git_revision() -> str | None:
-    """Of the working tree that this package lies in, if it does."""
+    """The git revision of the working tree that contains this package, if any."""
     try:
-        found = subprocess.run(
+        result = subprocess.run(
             ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"],
             capture_output=True,
             text=True,
@@ -226,4 +238,4 @@ def _git_revision() -> str | None:
         )
     except (OSError, subprocess.SubprocessError):
         return None
-    return found.stdout.strip()
+    return result.stdout.strip()

@@ -1,10 +1,8 @@
-"""The learner's settings: `[ppo]` and `[pretraining]` of an experiment's TOML. Data only."""
+"""The training settings: the tables `[ppo]` and `[pretraining]` of an experiment's TOML."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
-
-from skystack.tasks.settings import RewardSettings
 
 Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
@@ -13,28 +11,29 @@ Count = Annotated[int, msgspec.Meta(ge=1, le=1_000_000_000)]
 
 
 class Pretraining(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A curriculum: the first part of the training with other rewards."""
+    """A curriculum: the first part of the training uses other rewards."""
 
     steps: Annotated[int, msgspec.Meta(ge=0, le=1_000_000_000)] = 500_000
-    """The first so many of `ppo.total_steps`; 0: none."""
-    reward: RewardSettings = RewardSettings()
+    """The number of steps of pre-training, counted in `ppo.total_steps`; 0 for none."""
+    reward: Any = None
+    """The rewards of pre-training, of the same type as `task.reward`. None means its defaults."""
 
 
 class PPOSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Proximal Policy Optimisation; the defaults are the paper's where the paper says."""
+    """Proximal Policy Optimisation. The defaults are the paper's where the paper states a value."""
 
     total_steps: Annotated[int, msgspec.Meta(ge=1, le=10_000_000_000)] = 2_000_000
-    """Paper. Steps of one scenario; the last update may go beyond by a part of itself."""
+    """Environment steps (paper), summed over all environments. The last update may exceed it."""
     learning_rate: Positive = 1e-4
-    """Paper."""
+    """Initial learning rate (paper)."""
     gamma: Fraction = 0.99
-    """Paper."""
+    """Discount factor (paper)."""
     entropy: NotNegative = 0.01
-    """Paper: the entropy coefficient."""
+    """Entropy coefficient (paper)."""
     hidden: tuple[Count, ...] = (64, 64)
-    """Paper: units of the hidden layers, with ReLU between."""
+    """Units of the hidden layers, with ReLU activations (paper)."""
     final_learning_rate: Fraction = 1.0
-    """What is left of the learning rate at the end, as a fraction; linear in between."""
+    """The final learning rate as a fraction of the initial one; the schedule is linear."""
     gae_lambda: Fraction = 0.95
     clip: Positive = 0.2
     value_coefficient: NotNegative = 0.5
@@ -43,7 +42,7 @@ class PPOSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     adam_beta2: Fraction = 0.999
     environments: Count = 64
     steps: Count = 128
-    """Of each environment in an update."""
+    """Steps of each environment per update."""
     epochs: Count = 10
     minibatch: Count = 256
     reward_scale: Positive = 0.05
@@ -51,10 +50,10 @@ class PPOSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def samples(self) -> int:
-        """Steps of one update, all environments together."""
+        """Steps of one update, summed over all environments."""
         return self.environments * self.steps
 
     @property
     def updates(self) -> int:
-        """As many as it takes to reach `total_steps`."""
+        """The number of updates that reaches `total_steps`."""
         return -(-self.total_steps // self.samples)

@@ -1,8 +1,8 @@
-"""When each platform begins to fly a clearance, which way it then turns, and the words for it.
+"""When each platform adopts a clearance, which way it then turns, and the wording for it.
 
-A clearance is issued before a cycle is flown. Ours and BluebirdDT fly that cycle as cleared before
-and adopt the new clearance at its end; BlueSky adopts it at once. The direction in words is
-the one that is flown from then on, which the state at the time of issue may not give.
+A clearance is issued before a cycle is flown. Skystack and BluebirdDT fly that cycle under the
+previous clearance and adopt the new one at its end; BlueSky adopts it at once. The wording states
+the direction that is flown after adoption, which may differ from the one at the time of issue.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,27 +24,27 @@ TurnRule = Callable[
 """The turn [deg], positive to the right, from actual headings to cleared ones in [0, 360)."""
 
 MIN_LENGTH = 1024
-"""The shortest array of headings in compiled programs; lengths are powers of two."""
+"""The shortest array of headings in compiled programs; all lengths are powers of two."""
 
 
 @dataclass(frozen=True)
 class Adoption:
-    """How a platform takes up clearances."""
+    """How a platform adopts clearances."""
 
     cycles: int
-    """Radar cycles that are still flown under the previous clearance: 1 or 0."""
+    """The number of cycles that are still flown under the previous clearance: 1 or 0."""
     shorter_turn_deg: TurnRule
-    """The turn that is flown where no direction is given; half turns are the platform's own."""
+    """The turn flown without a given direction. Half turns follow the platform's own rule."""
     snap_deg: float = 0.0
-    """So close to its target a turn is flown the shorter way whatever direction is given."""
+    """Within this angle of its target, a turn is flown the shorter way even by direction."""
 
 
 def _turn_in_float32(
     actual_deg: Float[np.ndarray, " n"], cleared_deg: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """The simulator's own rule in its own precision: what it rounds is rounded here as well."""
+    """The simulator's own rule in its own precision, so that both round alike."""
     count = len(cleared_deg)
-    # Each new length would be compiled and stay in memory, so arrays are padded to a few lengths.
+    # Each new length is compiled and stays in memory, so arrays are padded to a few lengths.
     missing = (1 << max(count - 1, MIN_LENGTH - 1).bit_length()) - count
     headings = (
         jnp.asarray(np.pad(each, (0, missing)), dtype=jnp.float32)
@@ -53,10 +53,10 @@ def _turn_in_float32(
     return np.asarray(turn_to_deg(*headings), dtype=np.float64)[:count]
 
 
-def _turn_through_no_north(
+def _half_turns_avoid_north(
     actual_deg: Float[np.ndarray, " n"], cleared_deg: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """Half a turn passes through no north."""
+    """A half turn does not pass through north."""
     turn = cleared_deg - actual_deg
     return np.where(np.abs(turn) > 180.0, turn - np.copysign(360.0, turn), turn)
 
@@ -68,8 +68,8 @@ def _half_turns_left(
 
 
 SKYSTACK = Adoption(1, _turn_in_float32)
-BLUEBIRD = Adoption(1, _turn_through_no_north, snap_deg=TURN_RATE_DEG_S)
-"""BluebirdDT ends a turn within what it turns in a second of its target (`docs/platforms.md`)."""
+BLUEBIRD = Adoption(1, _half_turns_avoid_north, snap_deg=TURN_RATE_DEG_S)
+"""BluebirdDT snaps to a heading that it can reach within one second (`docs/platforms.md`)."""
 BLUESKY = Adoption(0, _half_turns_left)
 
 
@@ -79,10 +79,10 @@ def in_words(
     fl: Float[np.ndarray, " commands"],
     adoption: Adoption,
 ) -> list[Instruction]:
-    """Commands in the words of what is flown, from the aircraft's state when they were adopted.
+    """The commands with the wording of what is flown, from the aircraft's state at adoption.
 
-    `heading_deg` and `fl` are of the row before the cycle where the platform adopts at once, and of
-    the row after it where it flies that cycle first. A level counts as reached within a tick.
+    `heading_deg` and `fl` are those of the row before the cycle if the platform adopts at once, and
+    of the row after it if it adopts at the end. A level counts as reached within a tick.
     """
     cleared_deg = np.array([(command.heading_deg or 0) % 360 for command in commands], dtype=float)
     turns = adoption.shorter_turn_deg(np.asarray(heading_deg), cleared_deg).tolist()

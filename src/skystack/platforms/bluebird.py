@@ -1,12 +1,12 @@
 """BluebirdDT, the digital twin of the paper's authors, behind the platform protocol.
 
-Needs `bluebird-dt` (the extra `[bluebird]`, AGPL); this module alone imports it. Scenarios of the
-`table` performance fly its `LinearPredictor` at the speeds of its tables, those of `constant` its
-`SimplePredictor` at 400 kt: the models that ours were made from. Types of a fleet fly the fleet's
+Needs `bluebird-dt` (extra `[bluebird]`, AGPL); no other module imports it. Scenarios with the
+`table` performance fly its `LinearPredictor` at the speeds of its tables, those with `constant` its
+`SimplePredictor` at 400 kt; skystack's models follow these two. Types of a fleet fly the fleet's
 speeds and rates.
 
-BluebirdDT's areas end at the 180th meridian. Longitudes are counted from the sector's origin in it,
-which changes nothing else: the ellipsoid is one of revolution.
+BluebirdDT's areas end at the 180th meridian, so it gets longitudes relative to the sector's origin.
+Nothing else changes, since an ellipsoid of revolution is the same at every longitude.
 """
 
 import json
@@ -40,16 +40,16 @@ with of_extra(__name__, "bluebird"):
     from bluebird_dt.utility.paths import AIRCRAFT_WEIGHT_MAPPING_FILE
 
 _FAR_NM = 10_000.0
-"""How far from its sector BluebirdDT keeps an aircraft; by default it removes it 20 NM outside."""
+"""Distance from its sector at which BluebirdDT removes an aircraft; its default is 20 NM."""
 
 
 class Bluebird:
-    """Implements `skystack.platforms.protocol.Platform`; writes no files at all."""
+    """Implements `skystack.platforms.protocol.Platform`; writes no files."""
 
     adoption = BLUEBIRD
 
     def __init__(self) -> None:
-        # Its warnings would reach standard error by Python's handler of last resort.
+        # Otherwise Python's handler of last resort would print its warnings to standard error.
         logger = logging.getLogger("bluebird_dt")
         logger.addHandler(logging.NullHandler())
         logger.propagate = False
@@ -57,13 +57,13 @@ class Bluebird:
         self._simulator: Any = None
         self._aircraft: list[Any] = []
         self._names: dict[str, str] = {}
-        """In BluebirdDT, by callsign: it spells names out and has no words for most characters."""
+        """BluebirdDT's names by callsign: it spells callsigns out and knows few characters."""
         self._origin_lon_deg = 0.0
 
     def reset(self, scenario: Scenario) -> Report:
         self.close()
         known = {*self._types, *(member.type for member in scenario.fleet)}
-        allowed = f"one of the {len(self._types)} types of its weight map, as B753, or of the fleet"
+        allowed = f"the {len(self._types)} types of its weight map, such as B753, or of the fleet"
         check_types(scenario, known, "BluebirdDT", allowed)
         self._origin_lon_deg = scenario.sector.origin[1]
         self._names = names_of_ours(scenario)
@@ -71,12 +71,13 @@ class Bluebird:
         manager = self._simulator.manager
         flying = manager.environment.aircraft
         self._aircraft = [flying[name] for name in self._names.values()]
-        for twin, aircraft in zip(self._aircraft, scenario.aircraft, strict=True):
-            twin.aircraft_type = aircraft.type
-            twin.fl = twin.cleared_fl = twin.selected_fl = aircraft.fl  # which it may have rounded
+        for aircraft, entry in zip(self._aircraft, scenario.aircraft, strict=True):
+            aircraft.aircraft_type = entry.type
+            # BluebirdDT may have rounded the level.
+            aircraft.fl = aircraft.cleared_fl = aircraft.selected_fl = entry.fl
             if scenario.performance == "table":
-                twin.selected_instructions.cas = None
-            manager.predictor.update_speeds(twin, None)
+                aircraft.selected_instructions.cas = None
+            manager.predictor.update_speeds(aircraft, None)
         return self._report()
 
     def issue(self, instruction: Instruction) -> None:
@@ -105,7 +106,7 @@ class Bluebird:
         lost = [callsign for callsign, name in self._names.items() if name not in flying]
         if lost:
             raise PlatformError(f"BluebirdDT has lost {', '.join(lost)}")
-        self._aircraft = [flying[twin.callsign] for twin in self._aircraft]
+        self._aircraft = [flying[aircraft.callsign] for aircraft in self._aircraft]
         return self._report()
 
     def close(self) -> None:
@@ -117,26 +118,26 @@ class Bluebird:
         def column(values: list[float]) -> np.ndarray:
             return np.array(values, dtype=np.float64)
 
-        twins = self._aircraft
-        selected = [twin.selected_instructions for twin in twins]
-        own = [
-            chosen.heading is None or twin.on_route
-            for chosen, twin in zip(selected, twins, strict=True)
+        aircraft = self._aircraft
+        selected = [each.selected_instructions for each in aircraft]
+        own_navigation = [
+            chosen.heading is None or each.on_route
+            for chosen, each in zip(selected, aircraft, strict=True)
         ]
         return Report(
-            lat=column([twin.lat for twin in twins]),
-            lon=wrap_longitude(column([twin.lon for twin in twins]) + self._origin_lon_deg),
-            fl=column([twin.fl for twin in twins]),
-            heading_deg=column([twin.heading for twin in twins]),
+            lat=column([each.lat for each in aircraft]),
+            lon=wrap_longitude(column([each.lon for each in aircraft]) + self._origin_lon_deg),
+            fl=column([each.fl for each in aircraft]),
+            heading_deg=column([each.heading for each in aircraft]),
             cleared_heading_deg=column(
                 [
-                    twin.heading if free else chosen.heading
-                    for twin, chosen, free in zip(twins, selected, own, strict=True)
+                    each.heading if own else chosen.heading
+                    for each, chosen, own in zip(aircraft, selected, own_navigation, strict=True)
                 ]
             ),
             cleared_fl=column([chosen.fl for chosen in selected]),
-            ground_speed_kt=column([twin.ground_speed or twin.speed_tas for twin in twins]),
-            vertical_speed_ft_min=column([twin.vertical_speed for twin in twins]),
+            ground_speed_kt=column([each.ground_speed or each.speed_tas for each in aircraft]),
+            vertical_speed_ft_min=column([each.vertical_speed for each in aircraft]),
         )
 
 
@@ -163,14 +164,14 @@ def _simulator(scenario: Scenario, names: Mapping[str, str]) -> Any:
 
 
 def _predictor(scenario: Scenario) -> Any:
-    """One second a step; a fix counts as reached within 0.5 and 2 NM, as where they are made."""
+    """A predictor with BluebirdDT's settings: one-second steps, fixes reached at 2 or 0.5 NM."""
     if scenario.performance != "table":
         return SimplePredictor(1.0, 2.0)
     return _FleetPredictor(scenario.fleet) if scenario.fleet else LinearPredictor(1.0, 0.5)
 
 
 class _FleetPredictor(LinearPredictor):  # type: ignore[misc]  # of a package without types
-    """BluebirdDT's motion at the speeds and rates of a fleet's types."""
+    """BluebirdDT's motion with the speeds and rates of a fleet's types."""
 
     def __init__(self, fleet: tuple[AircraftType, ...]) -> None:
         super().__init__(1.0, 0.5)
@@ -182,7 +183,7 @@ class _FleetPredictor(LinearPredictor):  # type: ignore[misc]  # of a package wi
 
     def update_vertical_speeds(self, aircraft: Any) -> None:
         table, phase = self._tables[aircraft.aircraft_type], _phase(aircraft)
-        # In whole ticks, as ours: BluebirdDT adds up its level in floating point.
+        # In whole ticks, as in skystack: BluebirdDT accumulates levels in floating point.
         at_ceiling = phase > 0 and ticks(aircraft.fl) >= ticks(table.ceiling_fl)
         aircraft.vertical_speed = 0.0 if at_ceiling else phase * table.rate_ft_min
 
@@ -193,7 +194,7 @@ def _phase(aircraft: Any) -> int:
 
 
 def _place(sector: OurSector, lat: float, lon: float) -> tuple[float, float]:
-    """A position as BluebirdDT has it: its longitude from the sector's origin."""
+    """A position for BluebirdDT, with the longitude relative to the sector's origin."""
     return lat, float(wrap_longitude(lon - sector.origin[1]))
 
 
@@ -221,15 +222,15 @@ def _airspace(scenario: Scenario) -> Any:
 
 
 def sector_named(name: str) -> OurSector:
-    """A sector of BluebirdDT's own, read from it now: area, levels, fixes and routes.
+    """A sector of the installed BluebirdDT: area, levels, fixes and routes.
 
-    Raises InputError for a name that it does not know, and for an airspace of several volumes or
-    with routes that do not lead through one area.
+    Raises InputError for an unknown name, and for an airspace with several volumes or with routes
+    that do not lead through one area.
     """
     if name not in AirspaceLoader.list_airspaces():
         raise unknown_name("sector of BluebirdDT", name, AirspaceLoader.list_airspaces())
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of shapely, for its authors
+        warnings.simplefilter("ignore", DeprecationWarning)  # from shapely
         airspace, routes, sector_name = AirspaceLoader.load(name)
     volumes = airspace.sectors[sector_name].volumes
     with error_context(f"BluebirdDT's {name}"):

@@ -1,11 +1,11 @@
 """BlueSky behind the platform protocol: detached, in simulation mode, in steps of one second.
 
-Needs `bluesky-simulator` (the extra `[bluesky]`); this module alone imports it. BlueSky flies by
-its own rules: the types and envelopes of OpenAP (speeds, Mach number, ceiling, acceleration); turns
-at 25 degrees of bank the shorter way; rates of climb and descent are reached at 300 ft/min a
-second. Speeds and rates are those of the scenario's performance, selected anew as the level and the
-phase of flight change; what lies outside the envelope is refused. Clearances act from the first
-second of the next cycle.
+Needs `bluesky-simulator` (extra `[bluesky]`); no other module imports it. BlueSky flies by its own
+rules: the types and envelopes of OpenAP (speeds, Mach number, ceiling, acceleration), turns the
+shorter way at 25 degrees of bank, and vertical speeds that change by 300 ft/min per second. Speeds
+and rates are those of the scenario's performance, selected again when the level or the phase of
+flight changes; values outside the envelope are refused. Clearances take effect in the first second
+of the next cycle.
 """
 
 import io
@@ -43,27 +43,27 @@ with of_extra(__name__, "bluesky"):
 
 _M_PER_FL, _M_S_PER_KT, _M_S_PER_FT_MIN = 30.48, 1852.0 / 3600.0, 0.3048 / 60.0
 _TOLERANCE = 1e-6
-"""How far a selected heading [deg] or level [FL] may be from the cleared one, or a Mach number
-beyond the greatest."""
+"""The greatest difference between a selected and a cleared heading [deg] or level [FL], and between
+a Mach number and its limit."""
 _SLACK_M_S = 0.01
-"""By which a speed may lie outside the envelope."""
+"""How far a speed may be outside the envelope."""
 
 
 class BlueSky:
-    """Implements `skystack.platforms.protocol.Platform`; it writes into one folder only.
+    """Implements `skystack.platforms.protocol.Platform`; writes only into its folder.
 
-    BlueSky's state is its modules': one of these may be open in a process at a time.
+    BlueSky keeps its state in its modules, so only one may be open in a process at a time.
     """
 
     adoption = BLUESKY
     _is_open: ClassVar[bool] = False
 
     def __init__(self, folder: Path) -> None:
-        """Start BlueSky in an existing folder: some seconds for the first one of a process."""
+        """Start BlueSky in an existing folder; the first start in a process takes some seconds."""
         if BlueSky._is_open:
-            raise PlatformError("BlueSky is already open in this process, which can hold one")
+            raise PlatformError("BlueSky is already open in this process (allowed: one at a time)")
         folder = folder.absolute()
-        _without_navigation_data(folder)
+        _write_empty_navigation_data(folder)
         with _silent():
             if bluesky.traf is None:
                 bluesky.init(mode="sim", detached=True, workdir=folder)
@@ -134,7 +134,7 @@ class BlueSky:
         BlueSky._is_open = False
 
     def _select_speeds(self) -> None:
-        """Select what the performance flies where an aircraft now is, if that has changed."""
+        """Select each aircraft's speed for its level and phase of flight, where it has changed."""
         both = (_levels_fl(each).tolist() for each in (bluesky.traf.alt, bluesky.traf.selalt))
         commands = []
         for index, (fl, selected_fl) in enumerate(zip(*both, strict=True)):
@@ -146,7 +146,7 @@ class BlueSky:
             _process(commands)
 
     def _check_level(self, index: int, fl: int) -> None:
-        """Raise InputError for a level that BlueSky does not fly at the scenario's performance."""
+        """Raise InputError for a level that BlueSky cannot fly with the scenario's performance."""
         aircraft = self._scenario.aircraft[index]
         _check_ceiling(aircraft.callsign, fl, index)
         model, actual_fl = self._models[index], _levels_fl(bluesky.traf.alt)[index]
@@ -161,11 +161,12 @@ class BlueSky:
         if model.rate_ft_min > fastest and fl != actual_fl:
             raise InputError(
                 f"rate_ft_min is {model.rate_ft_min:g} for {aircraft.callsign} (allowed: up to "
-                f"{fastest:.0f}, as its type {bluesky.traf.perf.actype[index]} climbs in BlueSky)"
+                f"{fastest:.0f}, the limit of its type {bluesky.traf.perf.actype[index]} in "
+                "BlueSky)"
             )
 
     def _check_start(self) -> None:
-        """Whether BlueSky flies the scenario as it is."""
+        """Raise InputError or PlatformError unless BlueSky has accepted the scenario unchanged."""
         if _flying() != self._callsigns:
             raise PlatformError(f"BlueSky created {_flying()} for {list(self._index)}")
         for index, aircraft in enumerate(self._scenario.aircraft):
@@ -194,11 +195,11 @@ class BlueSky:
         )
 
 
-def _without_navigation_data(folder: Path) -> None:
-    """Empty navigation data in the folder, which BlueSky finds before its own.
+def _write_empty_navigation_data(folder: Path) -> None:
+    """Write empty navigation data into the folder, where BlueSky looks before its own.
 
-    Reading the world's takes seconds at the start and a tenth of one at every reset; routes are
-    told as positions.
+    Reading BlueSky's takes seconds at the start and 0.1 s at every reset, and is not needed: routes
+    are given as positions.
     """
     data = folder / "navdata"
     data.mkdir(exist_ok=True)
@@ -210,7 +211,7 @@ def _without_navigation_data(folder: Path) -> None:
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """Keep to BlueSky what it prints, its warning filters and what it uses of old Python."""
+    """Suppress BlueSky's output and deprecation warnings, and restore the warning filters."""
     printed = io.StringIO()
     with warnings.catch_warnings(), redirect_stdout(printed), redirect_stderr(printed):
         warnings.filterwarnings("ignore", category=DeprecationWarning)
@@ -218,7 +219,7 @@ def _silent() -> Iterator[None]:
 
 
 def _process(commands: list[str]) -> None:
-    """Have BlueSky obey commands now; it reports none that it refuses."""
+    """Let BlueSky execute commands now; it does not report refused ones."""
     with _silent():
         bluesky.stack.stack(*commands)
         bluesky.stack.process()
@@ -229,7 +230,7 @@ def _flying() -> list[str]:
 
 
 def _levels_fl(altitude_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-    """Flight levels; rounded, so that a level kept in metres is again exactly the one cleared."""
+    """Flight levels, rounded so that a level kept in metres equals the cleared one exactly."""
     return np.round(altitude_m / _M_PER_FL, 9)
 
 
@@ -245,7 +246,7 @@ def _check_direction(instruction: Instruction, heading_deg: float) -> None:
 
 
 def _check_ceiling(callsign: str, fl: float, index: int) -> None:
-    """Raise InputError for a level that BlueSky would not climb to."""
+    """Raise InputError for a level above the ceiling of the type in BlueSky."""
     ceiling_fl = bluesky.traf.perf.hmax[index] / _M_PER_FL
     if fl > ceiling_fl:
         raise InputError(

@@ -1,12 +1,12 @@
-"""Scenarios in BlueSky's language: the commands that begin one, that clear, and the `.scn` file.
+"""Scenarios as BlueSky commands: those that start a scenario, clearances, and the `.scn` file.
 
-The adapter stacks the very commands that stand in the file, so that plain BlueSky flies a file as
-the adapter flew the scenario. A clearance of cycle k stands at 6 k seconds: BlueSky obeys it from
-the first second of cycle k+1, one cycle earlier than our simulator does.
+The adapter stacks exactly the commands of the file, so that plain BlueSky flies the file as the
+adapter flies the scenario. A clearance of cycle k is issued at 6 k seconds: BlueSky obeys it from
+the first second of cycle k+1, one cycle earlier than skystack's simulator does.
 
-With every level goes the rate of climb and descent of the type. BlueSky has no speed schedule of
-ours, so the speed is selected again at the beginning of every cycle in which the level or the phase
-of flight has changed it.
+Every level clearance includes the type's rate of climb and descent. BlueSky does not follow
+skystack's speed schedule by itself, so the speed is selected again at the start of every cycle in
+which a change of level or of the phase of flight has changed it.
 """
 
 import re
@@ -29,7 +29,7 @@ from skystack.simulator.scenario_file import Aircraft, Scenario, ScheduledCleara
 from skystack.simulator.simulator import CYCLE_S
 
 SUBSTITUTES = {"B753": "B752"}
-"""What is flown in place of types that BlueSky's performance model lacks."""
+"""The types flown in place of those that BlueSky's performance model lacks."""
 _FIXED_WING = """
 A124 A19N A20N A21N A306 A310 A318 A319 A320 A321 A332 A333 A343 A359 A388 AT72 AT75 AT76
 B37M B38M B39M B3XM B733 B734 B735 B737 B738 B739 B744 B748 B752 B762 B763 B772 B773 B77L
@@ -37,7 +37,7 @@ B77W B788 B789 C25A C525 C550 C56X CRJ2 CRJ9 E145 E170 E190 E195 E290 E75L GL5T 
 LJ45 MD11 PC24 SU95
 """
 TYPES = frozenset(_FIXED_WING.split())
-"""Fixed-wing types that BlueSky knows (OpenAP 2.6); it silently flies another for any other."""
+"""Fixed-wing types that BlueSky knows (OpenAP 2.6); it silently replaces all others."""
 STEP_S = 1
 """BlueSky's time step."""
 _CALLSIGN = re.compile(r"[A-Z0-9]+")
@@ -50,20 +50,21 @@ def flown_type(aircraft_type: str) -> str:
 
 def check_flown_types(scenario: Scenario) -> None:
     """Raise InputError for an aircraft type that BlueSky would silently replace."""
-    allowed = f"a type that it knows, as {', '.join(SUBSTITUTES.values())}"
+    allowed = f"a type that it knows, such as {', '.join(SUBSTITUTES.values())}"
     check_types(scenario, TYPES | set(SUBSTITUTES), "BlueSky", allowed)
     fleet = {member.type for member in scenario.fleet}
-    for asked in sorted(fleet & set(SUBSTITUTES)):
-        if flown_type(asked) in fleet:  # the tables could not tell one from the other
+    for replaced in sorted(fleet & set(SUBSTITUTES)):
+        substitute = flown_type(replaced)
+        if substitute in fleet:  # the tables could not distinguish them
             raise InputError(
-                f"the fleet has {asked}, which BlueSky flies as {flown_type(asked)}, and "
-                f"{flown_type(asked)} itself (allowed: one of them)"
+                f"the fleet has {replaced}, which BlueSky flies as {substitute}, and {substitute} "
+                "itself (allowed: one of them)"
             )
 
 
 @lru_cache(maxsize=4096)
 def selected_speed(model: TablePerformance | ConstantPerformance, fl: float, phase: int = 0) -> str:
-    """What a performance model flies at a level, as BlueSky takes a selected speed.
+    """The speed of a performance model at a level, in the format of BlueSky's `SPD` command.
 
     Calibrated airspeed [kt], or `M` and a Mach number. The phase is 1 in a climb, 0 in cruise and
     -1 in a descent.
@@ -78,7 +79,7 @@ def selected_speed(model: TablePerformance | ConstantPerformance, fl: float, pha
 
 
 def phase_of(fl: float, selected_fl: float) -> int:
-    """1 where an aircraft climbs to a selected level, -1 where it descends, 0 where it is at it."""
+    """1 if an aircraft climbs to the selected level, -1 if it descends, 0 if it is at the level."""
     return (selected_fl > fl) - (selected_fl < fl)
 
 
@@ -99,7 +100,7 @@ def start_commands(scenario: Scenario, callsigns: Iterable[str]) -> list[str]:
 
 
 def _route_commands(scenario: Scenario, callsign: str, aircraft: Aircraft) -> list[str]:
-    """The route as fly-by waypoints; the first fix lies at the start and is not flown to."""
+    """The route as fly-by waypoints, without the first fix, which is at the start."""
     fixes = [scenario.sector.fixes[name] for name in aircraft.route[1:]]
     waypoints = [f"ADDWPT {callsign} {lat:.10f} {lon:.10f}" for lat, lon in fixes]
     return [*waypoints, f"LNAV {callsign} ON"]
@@ -108,9 +109,9 @@ def _route_commands(scenario: Scenario, callsign: str, aircraft: Aircraft) -> li
 def clearance_commands(
     instruction: Instruction, model: TablePerformance | ConstantPerformance
 ) -> list[str]:
-    """An instruction as BlueSky takes it; with a level goes the rate [ft/min] at which to reach it.
+    """An instruction as BlueSky commands, with the rate [ft/min] for a change of level.
 
-    Its autopilot would climb and descend at 1,500 ft/min.
+    By default BlueSky's autopilot would climb and descend at 1,500 ft/min.
     """
     commands = bluesky_commands(instruction)
     if instruction.level_fl is not None:
@@ -121,31 +122,31 @@ def clearance_commands(
 def levels_fl(
     start_fl: float, cleared_fl: dict[int, int], cycles: int, rate_ft_min: float
 ) -> Iterator[tuple[float, float]]:
-    """Level and selected level at the beginning of every cycle, as BlueSky flies them.
+    """Level and selected level at the start of every cycle, as BlueSky flies them.
 
-    `cleared_fl` are the levels by the cycle before which they are cleared. Each second the vertical
-    speed changes by at most 300 ft/min, and a level is captured within 1.05 s of it.
+    `cleared_fl` maps a cycle to the level that is cleared before it. Each second the vertical speed
+    changes by at most 300 ft/min, and a level is captured when it is less than 1.05 s away.
     """
     fl = selected = start_fl
-    fl_a_second, gained = rate_ft_min / 6000.0, 0.0
+    full_rate, rate = rate_ft_min / 6000.0, 0.0  # flight levels per second
     for cycle in range(cycles):
         selected = float(cleared_fl.get(cycle, selected))
         yield fl, selected
         for _ in range(CYCLE_S // STEP_S):
             to_go = selected - fl
-            climbs = abs(to_go) > 1.05 * max(fl_a_second, abs(gained))
-            wanted = climbs * np.sign(to_go) * fl_a_second
-            change = wanted - gained
-            gained = gained + np.sign(change) * 0.05 if abs(change) > 0.05 else wanted
-            fl = float(fl + gained) if climbs else selected
+            changes_level = abs(to_go) > 1.05 * max(full_rate, abs(rate))
+            target_rate = changes_level * np.sign(to_go) * full_rate
+            change = target_rate - rate
+            rate = rate + np.sign(change) * 0.05 if abs(change) > 0.05 else target_rate
+            fl = float(fl + rate) if changes_level else selected
 
 
 def scenario_text(scenario: Scenario) -> str:
     """The text of a BlueSky scenario file (`.scn`) that flies a scenario with its clearances.
 
-    Raises InputError for what such a file cannot say: a type that BlueSky does not know, a callsign
-    other than capital letters and digits, a direction of turn, which BlueSky chooses itself. A
-    file cannot know how high BlueSky lets a type climb.
+    Raises InputError for a type that BlueSky does not know, a callsign with other characters than
+    capital letters and digits, and a direction of turn, which BlueSky chooses itself. The ceilings
+    of types in BlueSky are not checked.
     """
     check_flown_types(scenario)
     for aircraft in scenario.aircraft:
@@ -168,7 +169,7 @@ def scenario_text(scenario: Scenario) -> str:
 
 
 def _speed_commands(scenario: Scenario, aircraft: Aircraft) -> Iterator[tuple[int, str]]:
-    """The speeds to select after the start, each with its cycle."""
+    """The speed selections after the start, each with its cycle."""
     cleared_fl = {
         cycle: given.fl
         for cycle, given_then in scenario.transmissions().items()
@@ -188,7 +189,7 @@ def _speed_commands(scenario: Scenario, aircraft: Aircraft) -> Iterator[tuple[in
 
 
 def _instruction(given: ScheduledClearance) -> Instruction:
-    """A file's clearance, if BlueSky can fly it."""
+    """A file's clearance as an instruction. Raises InputError for a direction of turn."""
     if given.turn in ("left", "right"):
         raise InputError(
             f"turn is {given.turn!r} in cycle {given.cycle} for {given.callsign} "

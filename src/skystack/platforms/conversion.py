@@ -1,4 +1,4 @@
-"""Between a platform's reports and our traffic: what tasks read, and what scenarios are made of."""
+"""Conversion of a platform's reports to traffic, and of traffic to scenarios."""
 
 from collections.abc import Sequence
 
@@ -17,10 +17,10 @@ from skystack.simulator.traffic import NO_TURN, Traffic
 
 
 def traffic_of(report: Report, before: Traffic, plane: MercatorPlane) -> Traffic:
-    """Reported traffic as tasks read it; who was inactive before stays as it was.
+    """Reported traffic in the form that tasks read; inactive aircraft stay unchanged.
 
-    How an aircraft goes on (the turn under way, its radius) is the platform's own affair: those
-    fields say that what is cleared is flown. Levels are rounded to whole ticks.
+    The progress of a manoeuvre (remaining turn, turn radius) is internal to the platform, so these
+    fields are set as if the clearance were already flown. Levels are rounded to whole ticks.
     """
     cleared_level_ticks = np.rint(report.cleared_fl * TICKS_PER_FL)
     zero = np.zeros_like(cleared_level_ticks)
@@ -56,7 +56,7 @@ def scenario_of(
     callsigns: Sequence[str],
     exit_level_ticks: ArrayLike,
 ) -> Scenario:
-    """The scenario that begins with given traffic, without clearances; levels are in ticks.
+    """The scenario that starts with given traffic, without clearances; levels are in ticks.
 
     Its fleet is the simulator's.
     """

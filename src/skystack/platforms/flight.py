@@ -1,4 +1,4 @@
-"""Fly a scenario on a platform, giving the clearances that its file names."""
+"""Fly a scenario on a platform, with the clearances of its file."""
 
 from typing import Literal, NamedTuple
 
@@ -12,18 +12,18 @@ from skystack.simulator.simulator import CYCLE_S
 
 
 class Flight(NamedTuple):
-    """What a platform made of a scenario."""
+    """A scenario flown on a platform."""
 
     reports: list[Report]
     """Rows 0 (the start) to `cycles`."""
     issued: list[tuple[int, Instruction]]
-    """The transmissions before which cycle, in the words of what was then flown."""
+    """The transmissions, each with its cycle, in the wording of what was then flown."""
 
 
 def fly_scenario(platform: Platform, scenario: Scenario) -> Flight:
-    """All cycles of a scenario.
+    """Fly all cycles of a scenario.
 
-    A clearance of cycle k shows as cleared in row k+1. Raises what the platform raises.
+    A clearance of cycle k first appears in row k+1. Raises what the platform raises.
     """
     reports = [_owned(platform.reset(scenario))]
     transmissions = scenario.transmissions()
@@ -33,7 +33,7 @@ def fly_scenario(platform: Platform, scenario: Scenario) -> Flight:
             issued.append((cycle, command_of(given)))
             platform.issue(issued[-1][1])
         reports.append(_owned(platform.advance()))
-    return Flight(reports, _worded(platform, scenario, reports, issued))
+    return Flight(reports, _with_wording(platform, scenario, reports, issued))
 
 
 def _owned(report: Report) -> Report:
@@ -42,13 +42,13 @@ def _owned(report: Report) -> Report:
 
 
 def command_of(given: ScheduledClearance) -> Instruction:
-    """A file's clearance as a platform is given it."""
-    obeyed: dict[str | None, Literal["left", "right"]] = {"left": "left", "right": "right"}
-    turn = obeyed.get(given.turn)
+    """A file's clearance as an instruction to a platform."""
+    directions: dict[str | None, Literal["left", "right"]] = {"left": "left", "right": "right"}
+    turn = directions.get(given.turn)
     return Instruction(given.callsign, given.heading_deg, turn, turn is not None, given.fl)
 
 
-def _worded(
+def _with_wording(
     platform: Platform,
     scenario: Scenario,
     reports: list[Report],
@@ -67,7 +67,7 @@ def _worded(
 
 
 def flight_rows(scenario: Scenario, flight: Flight) -> dict[str, np.ndarray]:
-    """A flight as columns of one length, one row per cycle and aircraft in this order.
+    """A flight as columns of equal length, with one row per cycle and aircraft, in this order.
 
     Numbers are float64; `cycle` and `time_s` are int32.
     """

@@ -1,4 +1,4 @@
-"""A platform that keeps its promises: whatever goes wrong in it becomes one clear error."""
+"""A wrapper that turns every failure of a platform into one clear error."""
 
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -12,17 +12,17 @@ from skystack.platforms.instruction import Instruction
 from skystack.platforms.protocol import Platform, Report
 from skystack.simulator.scenario_file import Scenario
 
-Answer = TypeVar("Answer")
+Result = TypeVar("Result")
 
 
 class Guarded:
-    """A platform whose own errors are PlatformErrors and whose reports are whole and finite.
+    """A platform that raises PlatformError for all its own errors and for incomplete reports.
 
-    Their longitudes are in [-180, 180), whatever the platform counts them from.
+    Reports are finite, and their longitudes are in [-180, 180).
     """
 
     def __init__(self, opened: Callable[[], Platform]) -> None:
-        self._platform = _ask(opened)
+        self._platform = _call(opened)
         self._callsigns: tuple[str, ...] = ()
 
     @property
@@ -31,22 +31,22 @@ class Guarded:
 
     def reset(self, scenario: Scenario) -> Report:
         self._callsigns = tuple(aircraft.callsign for aircraft in scenario.aircraft)
-        return self._checked(_ask(self._platform.reset, scenario))
+        return self._checked(_call(self._platform.reset, scenario))
 
     def issue(self, instruction: Instruction) -> None:
-        _ask(self._platform.issue, instruction)
+        _call(self._platform.issue, instruction)
 
     def advance(self) -> Report:
-        return self._checked(_ask(self._platform.advance))
+        return self._checked(_call(self._platform.advance))
 
     def close(self) -> None:
-        _ask(self._platform.close)
+        _call(self._platform.close)
 
     def _checked(self, report: Report) -> Report:
         for name, values in report._asdict().items():
             if values.shape != (len(self._callsigns),):
                 count = len(self._callsigns)
-                raise PlatformError(f"reported {values.shape} of {name} for {count}")
+                raise PlatformError(f"reported {name} of shape {values.shape} for {count} aircraft")
             wrong = np.flatnonzero(~np.isfinite(values))
             if wrong.size:
                 callsign = self._callsigns[wrong[0]]
@@ -54,10 +54,10 @@ class Guarded:
         return report._replace(lon=wrap_longitude(report.lon))
 
 
-def _ask(question: Callable[..., Answer], *arguments: Any) -> Answer:
-    """Call a platform; a simulator may raise anything, and even try to exit."""
+def _call(method: Callable[..., Result], *arguments: Any) -> Result:
+    """Call a platform; a simulator may raise anything, even SystemExit."""
     try:
-        return question(*arguments)
+        return method(*arguments)
     except (InputError, PlatformError):
         raise
     except (Exception, SystemExit) as error:

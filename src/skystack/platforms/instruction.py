@@ -1,7 +1,7 @@
-"""One transmission to one aircraft: the one value behind every language.
+"""One transmission to one aircraft, from which the text in every language is made.
 
-A platform flies `heading_deg`, `level_fl` and, with `by_direction`, `turn`. The words, `turn` and
-`vertical`, are those of the way that is flown: `skystack.platforms.adoption` finds them.
+A platform flies `heading_deg`, `level_fl` and, with `by_direction`, `turn`. Otherwise `turn` and
+`vertical` are wording only, and state what is flown: `skystack.platforms.adoption` sets them.
 """
 
 from dataclasses import dataclass
@@ -12,18 +12,18 @@ from skystack.errors import InputError
 
 @dataclass(frozen=True)
 class Instruction:
-    """A heading, a level or both, absolute. Raises InputError if it cannot be said."""
+    """An absolute heading, level or both. Raises InputError for an invalid combination."""
 
     callsign: str
     heading_deg: int | None = None
     """Whole degrees in [0, 360]; 0 and 360 are the same."""
     turn: Literal["left", "right"] | None = None
-    """The way to turn; None where there is nothing to turn, or it is not known yet."""
+    """The direction of the turn; None if there is no turn or its direction is not known yet."""
     by_direction: bool = False
-    """Turn that way even where it is the longer one; else always the shorter way."""
+    """Whether to turn in that direction even if it is the longer way; otherwise the shorter."""
     level_fl: int | None = None
     vertical: Literal["climb", "descend"] | None = None
-    """Which way the level lies; None where it is the one being flown."""
+    """The direction of the level change; None if the aircraft is at the level."""
 
     def __post_init__(self) -> None:
         if self.heading_deg is None and self.level_fl is None:
@@ -31,7 +31,7 @@ class Instruction:
         if self.heading_deg is not None and not 0 <= self.heading_deg <= 360:
             raise InputError(f"heading_deg is {self.heading_deg} (allowed: 0 to 360)")
         if self.level_fl is not None and self.level_fl < 0:
-            raise InputError(f"level_fl is {self.level_fl} (allowed: 0 and more)")
+            raise InputError(f"level_fl is {self.level_fl} (allowed: 0 or more)")
         if self.turn is not None and self.heading_deg is None:
             raise InputError(f"turn is {self.turn!r} (allowed: only together with heading_deg)")
         if self.by_direction and self.turn is None:

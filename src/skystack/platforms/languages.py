@@ -1,6 +1,6 @@
-"""Clearances in the languages of machines: BluebirdDT actions, BlueSky commands, CPDLC text.
+"""Clearances as BluebirdDT actions, BlueSky commands and CPDLC text.
 
-Each takes the same `Instruction`; `phraseology` says it in words.
+All are made from the same `Instruction`; for words see `skystack.platforms.phraseology`.
 """
 
 from skystack.platforms.instruction import Instruction
@@ -10,7 +10,7 @@ BluebirdAction = tuple[str, int | tuple[int, str]]
 
 
 def bluebird_actions(instruction: Instruction) -> list[BluebirdAction]:
-    """As BluebirdDT takes it: absolute values; the turn is the shorter way unless by direction."""
+    """BluebirdDT's actions: absolute values; the turn is the shorter way unless by direction."""
     actions: list[BluebirdAction] = []
     if instruction.heading_deg is not None:
         heading = instruction.heading_deg % 360
@@ -24,7 +24,7 @@ def bluebird_actions(instruction: Instruction) -> list[BluebirdAction]:
 
 
 def bluesky_commands(instruction: Instruction) -> list[str]:
-    """As BlueSky's command stack takes it; BlueSky always turns the shorter way.
+    """Commands for BlueSky's command stack; BlueSky always turns the shorter way.
 
     `HDG` and `ALT` (the level as `FL340`) are its autopilot's selected heading and altitude.
     """
@@ -39,8 +39,8 @@ def bluesky_commands(instruction: Instruction) -> list[str]:
 def cpdlc(instruction: Instruction) -> str:
     """One uplink message in the message elements of ICAO Doc 4444, Appendix 5.
 
-    UM94 and UM190 for headings; UM19, UM20 and UM23 for levels; a message of two elements joins
-    them. The addressee is not part of the text.
+    UM94 and UM190 for headings; UM19, UM20 and UM23 for levels; " / " joins two elements. The
+    addressee is not part of the text.
     """
     elements = []
     if instruction.heading_deg is not None:

@@ -1,4 +1,4 @@
-"""Our own simulator behind the platform protocol, one compiled cycle at a time."""
+"""Skystack's own simulator behind the platform protocol, one compiled cycle at a time."""
 
 from typing import Any
 
@@ -26,7 +26,7 @@ from skystack.simulator.traffic import (
 class Skystack:
     """Implements `skystack.platforms.protocol.Platform`; flies the types of the scenario's fleet.
 
-    Without a fleet these are the B753 alone: the table is that of BluebirdDT's MEDIUM class.
+    Without a fleet the only type is B753: the table is that of BluebirdDT's MEDIUM class.
     """
 
     adoption = SKYSTACK
@@ -66,7 +66,7 @@ class Skystack:
         return self._report()
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: there is nothing to release."""
 
     def _report(self) -> Report:
         return Report(**trajectory_columns(self._traffic, self._scenario.sector.plane))

@@ -1,7 +1,7 @@
 """Clearances in words: the phraseology of ICAO Doc 4444 (section 12.3) and Annex 10, Volume II.
 
-Headings have three digits, each spoken, and north is 360. Levels have no leading zeros; whole
-hundreds are spoken as such. Instructions hold absolute values, never a change.
+Headings have three digits, spoken one by one, and north is 360. Levels have no leading zeros; whole
+hundreds are spoken as hundreds. Instructions state absolute values, never changes.
 """
 
 from collections.abc import Callable
@@ -12,14 +12,14 @@ DIGITS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight"
 
 
 def written(instruction: Instruction) -> str:
-    """The instruction as it is written down: "AC1 turn left heading 215, climb FL340"."""
+    """The instruction in writing: "AC1 turn left heading 215, climb FL340"."""
     return _phrase(instruction, _three_digits, lambda level_fl: f"FL{level_fl}")
 
 
 def spoken(instruction: Instruction) -> str:
-    """As it is said: "AC1 turn left heading two one five, climb flight level three four zero".
+    """The words spoken: "AC1 turn left heading two one five, climb flight level three four zero".
 
-    The callsign is left as it is.
+    The callsign is not spelled out.
     """
     return _phrase(instruction, _spoken_heading, _spoken_level)
 
@@ -29,8 +29,8 @@ def _phrase(
 ) -> str:
     parts = []
     if instruction.heading_deg is not None:
-        way = f"turn {instruction.turn}" if instruction.turn else "fly"
-        parts.append(f"{way} heading {heading(instruction.heading_deg)}")
+        verb = f"turn {instruction.turn}" if instruction.turn else "fly"
+        parts.append(f"{verb} heading {heading(instruction.heading_deg)}")
     if instruction.level_fl is not None:
         parts.append(f"{instruction.vertical or 'maintain'} {level(instruction.level_fl)}")
     return f"{instruction.callsign} {', '.join(parts)}"

@@ -1,4 +1,4 @@
-"""Work of other simulators in processes of their own: one each, a time limit, deaths survived."""
+"""Work of other simulators in separate processes, with a time limit; crashed ones are replaced."""
 
 import multiprocessing
 import os
@@ -20,21 +20,21 @@ from skystack.errors import InputError, PlatformError, of_extra
 from skystack.io.signals import starting_processes, wait_for
 
 TIME_LIMIT_S = 120.0
-"""For an item, unless told otherwise."""
+"""The default time limit for an item."""
 LONGEST_LIMIT_S = 10_000_000
-"""Much longer limits overflow timers."""
+"""The longest time limit; much longer ones overflow timers."""
 START_LIMIT_S = 1200.0
-"""For a process to start: imports, the simulator, and compilation, which takes minutes on a busy
-machine."""
+"""The time limit for a process to start: imports, the simulator, and compilation, which takes
+minutes on a busy machine."""
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 Make = Callable[[Path], Callable[[Item], Result]]
-"""Makes, in each process once and given a folder of its own, the function that does the work."""
+"""Called once in each process with the process's own folder; returns the function for its items."""
 
 
 class ItemResult(NamedTuple):
-    """The result of an item, or why it has none."""
+    """The result of an item, or the reason why it failed."""
 
     result: Any
     failed: str | None = None
@@ -42,17 +42,17 @@ class ItemResult(NamedTuple):
 
 _DIED_STARTING = ItemResult(None, "its process died, or took too long, while starting")
 AHEAD = 8
-"""Items per process that are started before their results are requested."""
+"""Items per process that are scheduled before their results are requested."""
 
 
 def in_processes(
     make: Make[Item, Result], items: Sequence[Item], folder: Path, time_limit_s: float
 ) -> Generator[ItemResult, None, None]:
-    """Do every item in one process a core, in order; `make` and the items must be picklable.
+    """The results of all items in order, from one process per core.
 
-    An item that takes longer than its time limit, raises PlatformError, or whose process dies, has
-    failed; the others are done. Raises InputError for a time limit out of range, and as soon as an
-    item does.
+    `make` and the items must be picklable. An item fails if it exceeds the time limit, raises
+    PlatformError or its process dies; the other items are not affected. Raises InputError for a
+    time limit out of range, and as soon as an item raises it.
     """
     checked_time_limit(time_limit_s)
     with of_extra("another platform", "bluebird] or [bluesky"):
@@ -81,7 +81,7 @@ def in_processes(
 
 
 def _terminate_workers(others: Sequence[BaseProcess]) -> None:
-    """Before pebble deletes its locks: a worker that is still starting would print a traceback."""
+    """Call this before pebble deletes its locks: starting workers would print a traceback."""
     for child in multiprocessing.active_children():
         if child not in others and child.name.startswith("pebble"):
             child.terminate()
@@ -102,7 +102,7 @@ def _scheduled(pool: Any, items: Sequence[Item], time_limit_s: float) -> list[Fu
     try:
         with starting_processes():
             return [pool.schedule(_work, args=(item,), timeout=time_limit_s) for item in items]
-    except RuntimeError:  # a pool whose processes do not start accepts no more
+    except RuntimeError:  # a pool whose processes failed to start accepts no more items
         broken = Future[Any]()
         broken.set_exception(BrokenProcessPool())
         return [broken] * len(items)
@@ -124,11 +124,11 @@ def _outcome(future: Future[Any], time_limit_s: float) -> ItemResult:
 
 
 _worker: Callable[[Any], Any] | Exception | None = None
-"""What this process does, or why it cannot."""
+"""The function for this process's items, or the error that occurred while starting."""
 
 
 def _begin(make: Make[Any, Any], folder: Path) -> None:
-    """In a new process. Errors are kept for when there is somebody to tell."""
+    """Initialise a new process. An error is kept, and raised for its items."""
     global _worker  # noqa: PLW0603  (a process has one simulator)
     limit = Timer(START_LIMIT_S, os._exit, args=(1,))
     limit.daemon = True
@@ -146,5 +146,5 @@ def _begin(make: Make[Any, Any], folder: Path) -> None:
 
 def _work(item: Any) -> Any:
     if isinstance(_worker, Exception) or _worker is None:
-        raise _worker or PlatformError("its process was not begun")
+        raise _worker or PlatformError("its process was not initialised")
     return _worker(item)

@@ -1,11 +1,11 @@
-"""The one protocol that every simulator of air traffic is flown through.
+"""The protocol of all air traffic simulators.
 
-    reset(scenario) -> report     traffic of a scenario at cycle 0; nobody has been told anything
-    issue(instruction)            tell one aircraft something; no time passes
-    advance() -> report           one radar cycle of 6 s; everybody flies
-    close()                       give back what is held; nothing may be called afterwards
+    reset(scenario) -> report     start a scenario: its traffic at cycle 0, no clearances issued
+    issue(instruction)            clear one aircraft; no time passes
+    advance() -> report           one radar cycle of 6 s; all aircraft fly
+    close()                       release all resources; nothing may be called afterwards
 
-Reports are in the units of the tables, so an adapter needs to know nothing of our simulator.
+Reports are in the units of the tables, so that an adapter does not depend on skystack's simulator.
 """
 
 from collections.abc import Container
@@ -21,7 +21,7 @@ from skystack.simulator.scenario_file import Scenario
 
 
 class Report(NamedTuple):
-    """The traffic as a platform has it, in the order of the scenario's aircraft; float64."""
+    """The platform's traffic, in the order of the scenario's aircraft; float64."""
 
     lat: Float[np.ndarray, " aircraft"]
     """Degrees, like `lon`."""
@@ -31,7 +31,7 @@ class Report(NamedTuple):
     heading_deg: Float[np.ndarray, " aircraft"]
     """In [0, 360)."""
     cleared_heading_deg: Float[np.ndarray, " aircraft"]
-    """The heading last cleared; the actual one where none was."""
+    """The last cleared heading; the actual heading if none was cleared."""
     cleared_fl: Float[np.ndarray, " aircraft"]
     ground_speed_kt: Float[np.ndarray, " aircraft"]
     vertical_speed_ft_min: Float[np.ndarray, " aircraft"]
@@ -41,16 +41,16 @@ class Report(NamedTuple):
 class Platform(Protocol):
     """A simulator that flies scenarios, one after another; see the module's docstring.
 
-    It prints nothing, writes only into the folder it was opened with, and flies a scenario the
-    same whatever was flown before. Anything may raise PlatformError: the simulator itself failed.
+    It prints nothing, writes only into the folder it was opened with, and flies a scenario
+    independently of earlier ones. Every method may raise PlatformError if the simulator fails.
     """
 
     @property
     def adoption(self) -> Adoption:
-        """When it begins to fly a clearance, and which way it turns."""
+        """When it adopts a clearance, and which way it turns."""
 
     def reset(self, scenario: Scenario) -> Report:
-        """Begin a scenario; its clearances are for the caller to issue.
+        """Start a scenario; the caller issues its clearances.
 
         Raises InputError for a scenario that this simulator cannot fly.
         """
@@ -58,28 +58,28 @@ class Platform(Protocol):
     def issue(self, instruction: Instruction) -> None:
         """Clear an aircraft of the scenario before the next cycle is flown.
 
-        Of the words only a direction of turn to obey counts (`by_direction`).
+        `turn` counts only with `by_direction`; `vertical` is wording only.
 
         Raises InputError for an instruction that this simulator cannot fly.
         """
 
     def advance(self) -> Report:
-        """Fly one cycle. An aircraft that the simulator has lost is a PlatformError."""
+        """Fly one cycle. Raises PlatformError if the simulator has lost an aircraft."""
 
     def close(self) -> None:
-        """Give back what is held."""
+        """Release all resources."""
 
 
 def names_of_ours(scenario: Scenario) -> dict[str, str]:
-    """Names by callsign, in order, for platforms that cannot name every callsign."""
+    """Substitute names by callsign, in order, for platforms that do not accept every callsign."""
     return {one.callsign: f"AC{index:04d}" for index, one in enumerate(scenario.aircraft)}
 
 
-def check_types(scenario: Scenario, known: Container[str], who: str, allowed: str) -> None:
+def check_types(scenario: Scenario, known: Container[str], platform: str, allowed: str) -> None:
     """Raise InputError for an aircraft type that a platform does not know."""
     for aircraft in scenario.aircraft:
         if aircraft.type not in known:
             raise InputError(
-                f"{aircraft.callsign}: type {aircraft.type!r} is unknown to {who} "
+                f"{aircraft.callsign}: type {aircraft.type!r} is unknown to {platform} "
                 f"(allowed: {allowed})"
             )

@@ -1,4 +1,4 @@
-"""The platforms by name. Their packages are extras: each adapter is imported when it is opened."""
+"""The platforms by name. Their packages are extras, so adapters are imported when opened."""
 
 from collections.abc import Iterable
 from functools import partial
@@ -19,7 +19,7 @@ _NEEDS = {
     "bluebird": ("bluebird-dt", "pebble"),
     "bluesky": ("bluesky-simulator", "pebble"),
 }
-"""Distributions of each extra; extra and platform have one name."""
+"""The distributions of each extra; an extra has the name of its platform."""
 _ADOPTIONS = {OWN: SKYSTACK, "bluebird": BLUEBIRD, "bluesky": BLUESKY}
 
 
@@ -27,7 +27,7 @@ def check_platform(name: str) -> None:
     """Raise InputError for a platform that does not exist or whose extra is not installed."""
     if name not in PLATFORMS:
         raise unknown_name("platform", str(name), PLATFORMS)
-    # By distribution: other packages go by the name of BlueSky's module.
+    # Distributions, not modules: other packages also provide a module named `bluesky`.
     missing = [each for each in _NEEDS.get(name, ()) if not _installed(each)]
     if missing:
         raise missing_extra(f"platform {name}", " and ".join(missing), name)
@@ -41,9 +41,9 @@ def _installed(distribution: str) -> bool:
 
 
 def open_platform(name: str, folder: Path) -> Platform:
-    """A platform ready to fly; it writes, if at all, into `folder`, which must exist.
+    """A platform ready to fly. It writes only into `folder`, which must exist.
 
-    Raises InputError as `check_platform` does, PlatformError when it does not start.
+    Raises InputError as `check_platform` does, and PlatformError if it does not start.
     """
     check_platform(name)
     return Guarded(partial(_open, name, folder))
@@ -64,38 +64,38 @@ def _open(name: str, folder: Path) -> Platform:
 
 
 def adoption_of(platform: str) -> Adoption:
-    """When a platform begins to fly a clearance; of a name that exists, without opening it."""
+    """How a known platform adopts clearances; the platform is not opened."""
     return _ADOPTIONS[platform]
 
 
 def flown_type(platform: str, aircraft_type: str) -> str:
-    """The type that a platform flies for a given one: the same, where it knows it."""
+    """The type that a platform flies for a given type: the same one if it knows it."""
     return bluesky_flown_type(aircraft_type) if platform == "bluesky" else aircraft_type
 
 
 def platform_notes(
     platform: str, aircraft_types: Iterable[str] = (DEFAULT_TYPE,), climbs: bool = False
 ) -> list[str]:
-    """What a platform flies in another way than it is asked to, in lines for the user.
+    """Notes for the user on what a platform flies differently than requested.
 
     `climbs`: whether levels are cleared.
     """
     flown = {each: flown_type(platform, each) for each in sorted(set(aircraft_types))}
     lines = [
-        f"{platform} has no {asked}: flown as {instead}"
-        for asked, instead in flown.items()
-        if asked != instead
+        f"{platform} has no {requested}: flown as {substitute}"
+        for requested, substitute in flown.items()
+        if requested != substitute
     ]
     if climbs and platform == "bluesky":
         lines.append(
-            "bluesky keeps the speed of a climb or descent within what its type may fly at the "
+            "bluesky limits the speed of a climb or descent to the envelope of its type at the "
             "cleared level"
         )
     return lines
 
 
 def scenario_notes(platform: str, scenario: Scenario) -> list[str]:
-    """`platform_notes` for a scenario, and whose speeds types fly that are not in its fleet."""
+    """`platform_notes` for a scenario, with the source of the speeds of types outside its fleet."""
     types = {aircraft.type for aircraft in scenario.aircraft}
     lines = platform_notes(
         platform, types, any(each.fl is not None for each in scenario.clearances)

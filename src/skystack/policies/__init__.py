@@ -1,1 +1,1 @@
-"""The policies that ship with the package, each in a folder, and what was measured of them."""
+"""The policies that ship with the package, one folder each, and their measured results."""

@@ -1,17 +1,18 @@
-"""What an exported policy says about itself, under the names of `policy.json`."""
+"""The metadata of an exported policy, under the names of `policy.json`."""
 
 from collections.abc import Mapping
 from typing import Any
 
 import msgspec
 
-from skystack.errors import InputError
-from skystack.io.names import Name, Seed, in_words
+from skystack.errors import InputError, error_context
+from skystack.io.names import Name, Seed
+from skystack.io.validation import convert
 from skystack.learning.policy import Policy
 
 
 class Facts(msgspec.Struct, frozen=True):
-    """The part of a policy's description that travels with an export."""
+    """The part of a policy's description that is included in an export."""
 
     experiment: Name
     seed: Seed
@@ -20,16 +21,16 @@ class Facts(msgspec.Struct, frozen=True):
     observation: tuple[str, ...]
     actions: tuple[str, ...]
     sha256: str
-    """Of `policy.safetensors`."""
+    """The hash of `policy.safetensors`."""
 
 
 def facts(policy: Policy) -> dict[str, Any]:
-    """What a policy is, sees and means by its outputs: numbers, texts, tuples of texts."""
+    """The metadata of a policy: integers, strings and tuples of strings."""
     return {name: getattr(policy.description, name) for name in Facts.__struct_fields__}
 
 
 def facts_as_texts(policy: Policy) -> dict[str, str]:
-    """The same for formats that hold texts only: what is no text is written as JSON."""
+    """The metadata for formats that store strings only. Values of other types become JSON."""
     return {
         name: value if isinstance(value, str) else msgspec.json.encode(value).decode()
         for name, value in facts(policy).items()
@@ -37,9 +38,9 @@ def facts_as_texts(policy: Policy) -> dict[str, str]:
 
 
 def facts_from_texts(texts: Mapping[str, str]) -> Facts | None:
-    """The facts among the texts of a file; None where it is no export of ours.
+    """The metadata among the strings of a file, or None if skystack did not export the file.
 
-    Raises InputError where they are damaged.
+    Raises InputError if the metadata is damaged.
     """
     fields = msgspec.structs.fields(Facts)
     if any(field.name not in texts for field in fields):
@@ -48,9 +49,8 @@ def facts_from_texts(texts: Mapping[str, str]) -> Facts | None:
     for field in fields:
         text = texts[field.name]
         try:
-            plain = text if field.type in (str, Name) else msgspec.json.decode(text)
-            values[field.name] = msgspec.convert(plain, field.type)
-        except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
-            damaged = f"{field.name} in its metadata is damaged: {in_words(str(error))}"
-            raise InputError(damaged) from None
-    return Facts(**values)
+            values[field.name] = text if field.type in (str, Name) else msgspec.json.decode(text)
+        except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
+            raise InputError(f"{field.name} in its metadata is damaged: {error}") from None
+    with error_context("its metadata is damaged"):
+        return convert(values, Facts)

@@ -1,4 +1,4 @@
-"""What was measured of a policy, written beside it: `measured.json`."""
+"""The measured results of a shipped policy: `measured.json` in its folder."""
 
 import json
 from pathlib import Path
@@ -15,28 +15,28 @@ FILE = "measured.json"
 
 
 class Measured(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Rows of `skystack evaluate` of one policy, and how they came about."""
+    """Rows of `skystack evaluate` for one policy, and their provenance."""
 
     format: int
     sha256: str
-    """Of the weights, as `policy.json` states it: of which policy this was measured."""
+    """The hash of the weights from `policy.json`. It identifies the measured policy."""
     machine: str
     version: str
-    """Of skystack."""
+    """The version of skystack."""
     git_revision: str | None
-    """Of the code that measured; `-dirty` where it was changed."""
+    """The revision of the code, with the suffix `-dirty` if the working tree was modified."""
     rows: list[dict[str, Any]]
-    """As `skystack evaluate --json` gives them, each with its `command`; unstacked, then stacked,
+    """The rows of `skystack evaluate --json`, each with its `command`: unstacked, then stacked,
     then stacked on more scenarios."""
 
     @property
     def stacked(self) -> dict[str, Any]:
-        """The row that `skystack evaluate NAME` shows."""
+        """The row that `skystack evaluate NAME` prints."""
         return next(row for row in self.rows if row["stacking"])
 
 
 def read_measured(folder: Path) -> Measured | None:
-    """What was measured of the policy in a folder, None where nothing was.
+    """The measured results of the policy in a folder, or None if there are none.
 
     Raises InputError for a damaged file.
     """

@@ -12,14 +12,14 @@ SHIPPED = Path(str(files("skystack").joinpath("policies")))
 
 
 def shipped_policies() -> list[str]:
-    """Names of the policies in the package."""
+    """The names of the policies in the package."""
     return sorted(path.parent.name for path in SHIPPED.glob("*/policy.json"))
 
 
 def find_policy(name: AnyPath) -> Policy:
-    """A shipped policy by name, or the one in a run folder.
+    """A shipped policy by name, or the policy in a run folder.
 
-    Raises InputError when there is neither, or the policy cannot be used.
+    Raises InputError if there is neither, or if the policy cannot be used.
     """
     name = fspath(name)
     if name in shipped_policies():
@@ -29,7 +29,7 @@ def find_policy(name: AnyPath) -> Policy:
         folder = folder.parent
     if not exists(folder / "policy.json"):
         if exists(folder / "metrics.jsonl"):
-            raise InputError(f"{folder}: its training is not finished (go on with train --resume)")
-        kind = "policy (no shipped one, no folder with a policy.json)"
+            raise InputError(f"{folder}: training is not finished (resume with train --resume)")
+        kind = "policy (neither a shipped policy nor a folder with a policy.json)"
         raise unknown_name(kind, name, shipped_policies(), [f"runs/{name}"])
     return load_policy(folder)

@@ -1,1 +1,1 @@
-"""What a reader sees of a run: tables, figures and the HTML report, from what evaluation wrote."""
+"""Reports on a run: tables, figures and an HTML page, made from the files that evaluation wrote."""

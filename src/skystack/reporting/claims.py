@@ -1,7 +1,7 @@
-"""The claims of the paper, one by one, judged by what a run measured.
+"""The claims of the paper, each checked against the results of a run.
 
-Each claim is a test on figures of the run, first on the rows that keep every value that the paper
-states, then on the rows that change some (`-tuned`). What a claim asks for is in its own function.
+A claim is tested first on the rows with the settings that the paper states, then on the rows that
+change some of them (`-tuned`). Each function below contains the criteria of its claims.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,15 +20,15 @@ from skystack.reporting.tables import Table, interval, percent_interval
 
 REPRODUCED, CHANGED, MISSED = "reproduced", "reproduced with a change", "not reproduced"
 EQUAL = 0.01
-"""Rates that differ by no more are called equal."""
+"""Rates that differ by no more than this count as equal."""
 ROUNDING = 1e-9
-"""Figures that differ by at most this are equal: 0.99 - 0.98 exceeds 0.01 in binary."""
+"""The tolerance for rounding errors: in binary, 0.99 - 0.98 exceeds 0.01."""
 CLIMB_FL = 150
-"""The paper's example: fifteen instructions of ten levels."""
+"""The paper's example: fifteen instructions of ten levels each."""
 
 
 class Found(NamedTuple):
-    """What one row, or two, say of a claim."""
+    """The finding on a claim for one row or for a pair of rows."""
 
     holds: bool
     figures: str
@@ -40,78 +40,83 @@ class Claim(NamedTuple):
     family: str
     words: str
     paper: str
-    """Its figures."""
+    """The paper's numbers."""
     asked: str
-    """What counts as reproduced."""
+    """The criterion for `reproduced`."""
     found: str
     verdict: str
 
 
 def check_claims(run: Run) -> list[Claim]:
-    """All claims that the run has figures for; none if it has no statistics."""
+    """Check all claims for which the run has results; none if a row has no statistics."""
     if not all(row.statistics for row in run.results.rows):
         return []
-    judges = (_lateral_counts, _damping, _stacking, _large, _learning, _vertical, _avoidance)
-    return [claim for judge in judges for claim in judge(run)]
+    checks = (_lateral_counts, _damping, _stacking, _large, _learning, _vertical, _avoidance)
+    return [claim for check in checks for claim in check(run)]
 
 
 def claims_table(claims: Sequence[Claim]) -> Table:
-    """One line a claim."""
-    header = ("claim", "paper", "asked for", "here", "verdict")
+    """One line per claim."""
+    header = ("claim", "paper", "criterion", "measured", "verdict")
     rows = [(each.words, each.paper, each.asked, each.found, each.verdict) for each in claims]
     return Table(header, tuple(rows))
 
 
 def _lateral_counts(run: Run) -> Iterator[Claim]:
-    yield from _count(run, "lateral", "undamped policies act almost every step", "lateral-undamped")
-    yield from _count(run, "lateral", "instructions of the damped policy", "lateral")
-    yield from _count(run, "lateral", "clearances, damped and stacked", "lateral", True)
-    yield from _count(run, "lateral", "instructions with 37 actions", "lateral-large")
+    words = "undamped policies issue an instruction at almost every step"
+    yield from _count(run, "lateral", words, "lateral-undamped")
+    yield from _count(run, "lateral", "instructions per scenario, damped", "lateral")
+    words = "clearances per scenario, damped and stacked"
+    yield from _count(run, "lateral", words, "lateral", True)
+    yield from _count(run, "lateral", "instructions per scenario, 37 actions", "lateral-large")
 
 
 def _count(
     run: Run, family: str, words: str, experiment: str, stacking: bool = False
 ) -> Iterator[Claim]:
-    """The mean lies within the paper's standard deviation of the paper's mean."""
+    """Whether the mean is within one of the paper's standard deviations of the paper's mean."""
     mean, spread = PAPER[experiment, stacking]
     found = [
         Found(
             _within(row.clearances_mean, mean - spread, mean + spread),
-            f"{_named(row)} {_shown(row)}",
+            f"{_settings(row)}: {_clearances(row)}",
         )
         for row in _variants(run, experiment, stacking)
         if row.clearances_mean is not None
     ]
-    asked = "mean within the paper's standard deviation"
-    yield from _claim(family, words, f"{mean} ± {spread}", asked, found)
+    criterion = "within the paper's mean ± standard deviation"
+    yield from _claim(family, words, f"{mean} ± {spread}", criterion, found)
 
 
 def _damping(run: Run) -> Iterator[Claim]:
     undamped = run.results.row("lateral-undamped", False)
     if undamped is None:
         return
-    cuts = [(row, _cut(undamped, row, "instructions")) for row in _variants(run, "lateral", False)]
-    found = [Found(_within(cut, 0.82, 0.92), f"{_named(row)} {_rate(cut)}") for row, cut in cuts]
-    words = "damping cuts instructions by about 87 %"
-    yield from _claim("lateral", words, "113.0 to 14.5", "82 to 92 %", found)
+    found = []
+    for row in _variants(run, "lateral", False):
+        cut = _reduction(undamped, row, "instructions")
+        found.append(Found(_within(cut, 0.82, 0.92), f"{_settings(row)}: {_rate(cut)}"))
+    words = "damping reduces instructions by about 87 %"
+    yield from _claim("lateral", words, "113.0 to 14.5", "reduction of 82 to 92 %", found)
 
 
 def _stacking(run: Run) -> Iterator[Claim]:
     found = []
     for plain, stacked in _plain_and_stacked(run, "lateral"):
-        cut = _cut(plain, stacked, "clearances")
+        cut = _reduction(plain, stacked, "clearances")
         gained = _value(stacked, "success") - _value(plain, "success")
-        figures = f"{_named(stacked)} {_rate(cut)}, success {100.0 * gained:+.1f} points"
+        figures = f"{_settings(stacked)}: {_rate(cut)}, success {100.0 * gained:+.1f} points"
         found.append(Found(not _below(cut, 0.4) and not _below(gained, -EQUAL), figures))
-    words = "stacking about halves them again at equal success"
-    yield from _claim("lateral", words, "14.5 to 7.2", "by 40 % or more, no less success", found)
+    words = "stacking roughly halves the clearances at equal success"
+    criterion = "reduction of 40 % or more, success at most 1 point lower"
+    yield from _claim("lateral", words, "14.5 to 7.2", criterion, found)
     found = []
     for plain, stacked in _plain_and_stacked(run, "lateral-undamped"):
-        cut = _cut(plain, stacked, "clearances")
-        figures = f"{_shown(plain)} to {_shown(stacked)}: {_rate(cut)}"
+        cut = _reduction(plain, stacked, "clearances")
+        figures = f"{_clearances(plain)} to {_clearances(stacked)}: {_rate(cut)}"
         found.append(Found(_below(cut, 0.2), figures))
     words = "undamped behaviour cannot be stacked"
-    yield from _claim("lateral", words, NO_FIGURE, "stacking takes less than 20 %", found)
+    yield from _claim("lateral", words, NO_FIGURE, "reduction of less than 20 %", found)
 
 
 def _large(run: Run) -> Iterator[Claim]:
@@ -123,16 +128,16 @@ def _large(run: Run) -> Iterator[Claim]:
         more = _below(_value(large, "clearances"), _value(row, "clearances"))
         worse = _below(_value(row, "success"), _value(large, "success") - EQUAL)
         rates = f"success {_value(row, 'success'):.3f} against {_value(large, 'success'):.3f}"
-        counts = f"{_named(row)} {_shown(row)} against {_shown(large)}"
+        counts = f"{_settings(row)}: {_clearances(row)} against {_clearances(large)}"
         found.append(Found(not more and not worse, f"{counts}, {rates}"))
-    words = "five stacked actions do as well as 37"
-    asked = "no more clearances, no less success"
-    yield from _claim("lateral", words, "7.2 against 6.3", asked, found)
+    words = "5 actions with stacking perform as well as 37 actions"
+    criterion = "no more clearances, success at most 1 point lower"
+    yield from _claim("lateral", words, "7.2 against 6.3", criterion, found)
     yield from _significance(run)
 
 
 def _significance(run: Run) -> Iterator[Claim]:
-    """By the paper's own figures, and by the interval of our difference."""
+    """Welch's test on the paper's numbers, and the interval of the measured difference."""
     (stacked, its_spread), (large, spread) = PAPER["lateral", True], PAPER["lateral-large", False]
     p = ttest_ind_from_stats(
         stacked, its_spread, SCENARIOS, large, spread, SCENARIOS, equal_var=False
@@ -142,12 +147,12 @@ def _significance(run: Run) -> Iterator[Claim]:
         gap = _difference(run, row, "lateral-large")
         if gap is not None:
             holds = gap.low <= 0.0 <= gap.high
-            found.append(Found(holds, f"{_named(row)} {interval(gap)}"))
+            found.append(Found(holds, f"{_settings(row)}: {interval(gap)}"))
     yield from _claim(
         "lateral",
-        "6.3 against 7.2 is no significant difference",
-        f"p = {p:.3f} (Welch's test on its figures)",
-        "the interval of the difference holds 0",
+        "the difference between 6.3 and 7.2 is not significant",
+        f"p = {p:.3f} (Welch's test on the paper's numbers)",
+        "the interval of the difference contains 0",
         found,
     )
 
@@ -160,21 +165,24 @@ def _learning(run: Run) -> Iterator[Claim]:
     yield from _claim(
         "lateral",
         "the small action space converges faster",
-        "sooner and more reliably",
-        f"{_rate(LEARNED)} success after fewer steps, median of seeds",
+        "earlier and more reliable success",
+        f"{_rate(LEARNED)} success after fewer steps, median over seeds",
         [Found(steps[0] < steps[1], " against ".join(map(_million, steps)))],
     )
     fields = ("correct_exit", "excursion", "few_instructions")
-    exits, bounds, few = (_end(large, field) for field in fields)
-    if exits is None or bounds is None or few is None:
+    exits, inside, few = (_final_rate(large, field) for field in fields)
+    if exits is None or inside is None or few is None:
         return
-    figures = f"at the end: exit {_rate(exits)}, bounds {_rate(bounds)}, count {_rate(few)}"
+    figures = (
+        f"at the end of training: correct exit {_rate(exits)}, no excursion {_rate(inside)}, "
+        f"few instructions {_rate(few)}"
+    )
     yield from _claim(
         "lateral",
-        "the count criterion is what lowers the large policy's success",
+        "the count criterion limits the success of 37 actions",
         NO_FIGURE,
-        "the count is met less often than exit and bounds",
-        [Found(_below(few, min(exits, bounds) - EQUAL), figures)],
+        "the count criterion is met less often than the other two",
+        [Found(_below(few, min(exits, inside) - EQUAL), figures)],
     )
 
 
@@ -187,22 +195,24 @@ def _vertical(run: Run) -> Iterator[Claim]:
         return
     figures = f"{len(before)} climbs and descents: {before.mean():.1f} to {after.mean():.2f}"
     holds = bool(np.all(after == 1))
-    words = "an instruction of fifteen steps becomes one"
+    words = "a burst of fifteen instructions becomes one clearance"
     yield from _claim(
         "vertical", words, "15 to 1", "one clearance in every case", [Found(holds, figures)]
     )
 
 
 def _avoidance(run: Run) -> Iterator[Claim]:
-    yield from _count(run, "avoidance", "clearances, avoidance and stacked", "avoidance", True)
-    yield from _count(run, "avoidance", "instructions, avoidance, 37 actions", "avoidance-large")
+    words = "clearances per scenario, avoidance, stacked"
+    yield from _count(run, "avoidance", words, "avoidance", True)
+    words = "instructions per scenario, avoidance, 37 actions"
+    yield from _count(run, "avoidance", words, "avoidance-large")
     rows = _variants(run, "avoidance", True)
     lost = [(row, row.statistics["loss_of_separation"].mean) for row in rows]
     found = [
-        Found(not _below(0.01, rate.value), f"{_named(row)} {percent_interval(rate)}")
+        Found(not _below(0.01, rate.value), f"{_settings(row)}: {percent_interval(rate)}")
         for row, rate in lost
     ]
-    words = "separation is lost in 1 scenario of 100"
+    words = "separation is lost in 1 of 100 scenarios"
     yield from _claim("avoidance", words, "1 %", "1 % or less", found)
     large = run.results.row("avoidance-large", False)
     if large is None:
@@ -211,39 +221,39 @@ def _avoidance(run: Run) -> Iterator[Claim]:
     found = [
         Found(
             _below(rate.value, theirs.value),
-            f"{_named(row)} {percent_interval(rate)} against {percent_interval(theirs)}",
+            f"{_settings(row)}: {percent_interval(rate)} against {percent_interval(theirs)}",
         )
         for row, rate in lost
     ]
-    words = "stacked, separation is lost less often than with 37 actions"
-    yield from _claim("avoidance", words, "1 against 9 of 100", "a lower mean", found)
+    words = "with stacking, separation is lost less often than with 37 actions"
+    yield from _claim("avoidance", words, "1 against 9 of 100", "lower mean", found)
     found = [
         Found(
             _below(_value(row, "clearances"), _value(large, "clearances")),
-            f"{_named(row)} {_shown(row)} against {_shown(large)}",
+            f"{_settings(row)}: {_clearances(row)} against {_clearances(large)}",
         )
         for row in rows
     ]
-    words = "stacked, clearances are fewer than with 37 actions"
-    yield from _claim("avoidance", words, "81.2 against 126.3", "a lower mean", found)
+    words = "with stacking, there are fewer clearances than with 37 actions"
+    yield from _claim("avoidance", words, "81.2 against 126.3", "lower mean", found)
 
 
 NO_FIGURE = "\N{EN DASH}"
 
 
 def _claim(
-    family: str, words: str, paper: str, asked: str, found: Sequence[Found]
+    family: str, words: str, paper: str, criterion: str, found: Sequence[Found]
 ) -> Iterator[Claim]:
-    """The first finding is at the paper's values, the others with some changed."""
+    """The verdict on a claim. The first finding is for the paper's settings."""
     if found:
         holding = [each.holds for each in found]
         verdict = REPRODUCED if holding[0] else CHANGED if any(holding) else MISSED
         figures = "; ".join(each.figures for each in found)
-        yield Claim(family, words, paper, asked, figures, verdict)
+        yield Claim(family, words, paper, criterion, figures, verdict)
 
 
 def _variants(run: Run, experiment: str, stacking: bool) -> list[Row]:
-    """A row at the paper's values, then the one with some changed, as far as they are there."""
+    """The row with the paper's settings, then the one with changed settings, if they exist."""
     names = (experiment, f"{experiment}-tuned")
     rows = [run.results.row(name, stacking) for name in names]
     return [row for row in rows if row is not None]
@@ -256,7 +266,7 @@ def _plain_and_stacked(run: Run, experiment: str) -> list[tuple[Row, Row]]:
 
 
 def _below(value: float, other: float) -> bool:
-    """Whether a value is lower by more than rounding."""
+    """Whether a value is lower by more than the rounding tolerance."""
     return value < other - ROUNDING
 
 
@@ -269,23 +279,23 @@ def _value(row: Row, measure: str) -> float:
     return row.statistics[measure].mean.value
 
 
-def _cut(before: Row, after: Row, measure: str) -> float:
+def _reduction(before: Row, after: Row, measure: str) -> float:
     """The relative reduction of a count; 0 if it was 0."""
     count = _value(before, measure)
     return 1.0 - _value(after, measure) / count if count else 0.0
 
 
-def _named(row: Row) -> str:
-    """Whether it keeps the paper's values."""
+def _settings(row: Row) -> str:
+    """Whether the row keeps the paper's settings."""
     return "tuned" if row.experiment.endswith("-tuned") else "as stated"
 
 
-def _shown(row: Row) -> str:
+def _clearances(row: Row) -> str:
     return interval(row.statistics["clearances"].mean)
 
 
 def _difference(run: Run, row: Row, other: str) -> Estimate | None:
-    """Of clearances, stacked against the other's unstacked ones."""
+    """The difference in clearances between a stacked row and another, unstacked one."""
     wanted = RowName(row.experiment, True), RowName(other, False)
     for each in run.results.comparisons:
         if (each.first, each.second) == wanted:
@@ -300,13 +310,16 @@ def _curves(run: Run, experiment: str) -> list[list[Update]]:
 
 
 def _converged(updates: Sequence[Update]) -> float:
-    """Steps until the policy has learned its task; infinite if it never has."""
+    """Steps until the policy has learned its task; infinite if it never does."""
     steps = steps_until(LEARNED, [updates])
     return np.inf if steps is None else steps
 
 
-def _end(seeds: Sequence[Sequence[Update]], field: str) -> float | None:
-    """A rate at the end of training, mean over seeds; excursion as its absence. None: not known."""
+def _final_rate(seeds: Sequence[Sequence[Update]], field: str) -> float | None:
+    """A rate at the end of training, as a mean over seeds; None if unknown.
+
+    For `excursion` it is the rate of scenarios without one.
+    """
     known = [end for end in (at_the_end(updates, field) for updates in seeds) if end is not None]
     return float(np.mean(known)) if known else None
 
@@ -320,7 +333,7 @@ def _million(steps: float) -> str:
 
 
 def _climbs(run: Run, row: Row) -> np.ndarray:
-    """Clearances in the first seed's scenarios whose levels are as far apart as the paper's."""
+    """Clearances of the first seed in scenarios with the paper's change of level."""
     folder = run.evaluation(row)
     aircraft = read_table(folder / "aircraft.parquet", ("scenario", "entry_fl", "exit_fl"))
     entry, leave = (aircraft[name].to_numpy() for name in ("entry_fl", "exit_fl"))

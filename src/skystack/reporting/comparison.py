@@ -1,4 +1,4 @@
-"""Several runs beside each other on one page: curves, figures, and what was set differently."""
+"""A comparison of several runs: learning curves, results and the settings that differ."""
 
 import json
 from collections.abc import Sequence
@@ -13,17 +13,17 @@ from skystack.io.files import atomic_write
 from skystack.reporting import tables
 from skystack.reporting.learning_curves import overlaid_curves
 from skystack.reporting.page import Picture, picture_of, render
-from skystack.reporting.results import FAMILIES, Update
+from skystack.reporting.results import Update, family_order, family_title
 from skystack.reporting.style import as_svg, house_style
 from skystack.reporting.tables import NOTHING, Table
 from skystack.reporting.trainings import Learned, RowOf, Runs, differences
 
 WIDEST = 40
-"""Characters of a cell in the terminal; lists of observed values are longer."""
+"""The maximum length of a cell in the terminal; lists of features are longer."""
 
 
 class ComparedFamily(NamedTuple):
-    """What the page shows of one family: only within it can curves and rows be compared."""
+    """The section on one family. Curves and rows are only comparable within a family."""
 
     title: str
     curves: Picture | None
@@ -33,7 +33,7 @@ class ComparedFamily(NamedTuple):
 
 
 def write_comparison(runs: Runs, output: Path) -> None:
-    """Write the page. Raises InputError when it cannot be written."""
+    """Write the page. Raises InputError if it cannot be written."""
     page = render(
         "comparison.html.jinja",
         version=skystack.__version__,
@@ -43,25 +43,28 @@ def write_comparison(runs: Runs, output: Path) -> None:
 
 
 def comparison_tables(runs: Runs) -> list[Table]:
-    """For the terminal: trainings, rows where there are any, and settings that differ."""
+    """The tables for the terminal: training runs, rows if any, and settings that differ."""
     parts = [trainings_table(runs.trainings), rows_table(runs.rows)]
-    parts += [_shortened(settings_table(_of(runs, family).trainings)) for family in _families(runs)]
+    parts += [
+        _shortened(settings_table(_of_family(runs, family).trainings)) for family in _families(runs)
+    ]
     return [table for table in parts if table.rows]
 
 
 def comparison_json(runs: Runs) -> dict[str, Any]:
-    """The same for programs."""
+    """The comparison as a JSON object."""
     return {
         "train": [each.summary for each in runs.trainings],
-        "rows": [{"run": each.run} | _plain(each) for each in runs.rows],
+        "rows": [{"run": each.run} | _row_object(each) for each in runs.rows],
         "settings": {
-            family: settings_that_differ(_of(runs, family).trainings) for family in _families(runs)
+            family: settings_that_differ(_of_family(runs, family).trainings)
+            for family in _families(runs)
         },
     }
 
 
 def trainings_table(trainings: Sequence[Learned]) -> Table:
-    """One line a training; success and instructions are those at its end, while it explores."""
+    """One line per training run; success and instructions are final values, with exploration."""
     header = ("run", "experiment", "seed", "steps", "time", "success", "instructions")
     lines = []
     for each in trainings:
@@ -81,7 +84,7 @@ def trainings_table(trainings: Sequence[Learned]) -> Table:
 
 
 def rows_table(rows: Sequence[RowOf]) -> Table:
-    """The comparison with the paper, of all runs that were judged."""
+    """The comparison with the paper for all runs that were evaluated."""
     plain = tables.comparison([each.row for each in rows])
     first, *others = plain.header
     lines = [(line[0], each.run, *line[1:]) for each, line in zip(rows, plain.rows, strict=True)]
@@ -89,24 +92,26 @@ def rows_table(rows: Sequence[RowOf]) -> Table:
 
 
 def settings_that_differ(trainings: Sequence[Learned]) -> dict[str, dict[str, Any]]:
-    """By key and curve; the seeds of a curve have the same settings."""
+    """Settings by key and curve. The seeds of a curve have the same settings."""
     return differences({each.curve: each.settings for each in trainings})
 
 
 def settings_table(trainings: Sequence[Learned]) -> Table:
-    """One line a setting, one column a curve."""
+    """One line per setting, one column per curve."""
     found = settings_that_differ(trainings)
     names = dict.fromkeys(each.curve for each in trainings)
-    lines = [(key, *(_shown(values[name]) for name in names)) for key, values in found.items()]
+    lines = [
+        (key, *(_setting_text(values[name]) for name in names)) for key, values in found.items()
+    ]
     return Table(("setting", *names), tuple(lines))
 
 
 def _families(runs: Runs) -> list[str]:
-    there = {each.family for each in runs.trainings} | {each.row.family for each in runs.rows}
-    return [family for family in FAMILIES if family in there]
+    trained = {each.family for each in runs.trainings}
+    return family_order(trained | {each.row.family for each in runs.rows})
 
 
-def _of(runs: Runs, family: str) -> Runs:
+def _of_family(runs: Runs, family: str) -> Runs:
     return Runs(
         [each for each in runs.trainings if each.family == family],
         [each for each in runs.rows if each.row.family == family],
@@ -114,9 +119,9 @@ def _of(runs: Runs, family: str) -> Runs:
 
 
 def _section(runs: Runs, family: str) -> ComparedFamily:
-    trainings, rows = _of(runs, family)
+    trainings, rows = _of_family(runs, family)
     return ComparedFamily(
-        FAMILIES[family],
+        family_title(family),
         _curves(trainings),
         trainings_table(trainings),
         rows_table(rows),
@@ -135,15 +140,15 @@ def _curves(trainings: Sequence[Learned]) -> Picture | None:
     return picture_of(drawing, f"Learning curves of {', '.join(curves)}")
 
 
-def _plain(each: RowOf) -> dict[str, Any]:
-    found: dict[str, Any] = msgspec.to_builtins(each.row)
-    return found
+def _row_object(each: RowOf) -> dict[str, Any]:
+    row: dict[str, Any] = msgspec.to_builtins(each.row)
+    return row
 
 
-def _shown(value: Any) -> str:
-    """As in TOML, names without quotes; a dash where the setting is absent."""
+def _setting_text(value: Any) -> str:
+    """Format a value as in TOML but without quotes; a dash stands for an absent setting."""
     if isinstance(value, list):
-        return ", ".join(map(_shown, value))
+        return ", ".join(map(_setting_text, value))
     if value is None:
         return NOTHING
     return value if isinstance(value, str) else json.dumps(value)

@@ -1,4 +1,4 @@
-"""All figures of a run: the setting, one scenario of each family, histograms, learning curves."""
+"""The figures of a run: sector, one scenario per family, histograms, learning curves."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -6,6 +6,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from skystack.evaluation.summary import NO_OP_NAME
 from skystack.io.files import make_folder
 from skystack.reporting.flights import FlownScenario, read_outcomes, read_scenario, read_sector
 from skystack.reporting.histograms import (
@@ -20,7 +21,7 @@ from skystack.reporting.learning_curves import convergence, learning_curves, suc
 from skystack.reporting.loop import loop
 from skystack.reporting.maps import route_maps, sector_map
 from skystack.reporting.profiles import profile, profiles
-from skystack.reporting.results import NO_OP_NAME, Row, Run, read_run
+from skystack.reporting.results import Row, Run, read_run
 from skystack.reporting.style import house_style, save
 from skystack.reporting.trajectories import picture, pictures
 from skystack.reporting.typical import typical_scenario
@@ -43,16 +44,16 @@ OVERVIEW = {
         "avoidance-best-stacked",
     ),
 }
-"""The rows of each family's combined picture."""
+"""The rows in the combined picture of a family; other families show all rows."""
 
 
 def write_figures(run: Path) -> list[Path]:
-    """Draw everything into `figures/`, each as PNG and SVG.
+    """Draw all figures into `figures/`, each as PNG and SVG.
 
     Raises InputError that names a missing or damaged file.
     """
     with house_style():
-        figures = list(_figures(read_run(run)))  # all is read before anything is written
+        figures = list(_figures(read_run(run)))  # read everything before writing
         folder = make_folder(run / "figures")
         return [path for name, figure in figures for path in save(figure, folder / name)]
 
@@ -69,13 +70,13 @@ def _figures(run: Run) -> Iterator[tuple[str, Figure]]:
         yield from _curves(run, family)
 
 
-_One = Callable[[str, FlownScenario], Figure]
-_Several = Callable[[Sequence[tuple[str, FlownScenario]]], Figure]
-_DRAWN_AS: Mapping[str, tuple[_One, _Several]] = {
+_DrawOne = Callable[[str, FlownScenario], Figure]
+_DrawSeveral = Callable[[Sequence[tuple[str, FlownScenario]]], Figure]
+_DRAWN_AS: Mapping[str, tuple[_DrawOne, _DrawSeveral]] = {
     "vertical": (profile, profiles),
     "avoidance": (partial(picture, separation=True), partial(pictures, separation=True)),
 }
-"""How one flight and several are shown; from above where nothing is said."""
+"""The functions that draw one flight and several; the default is the plan view."""
 
 
 def _pictures(run: Run, family: str, rows: Sequence[Row]) -> Iterator[tuple[str, Figure]]:
@@ -85,7 +86,8 @@ def _pictures(run: Run, family: str, rows: Sequence[Row]) -> Iterator[tuple[str,
     one, several = _DRAWN_AS.get(family, (picture, pictures))
     for slug, scenario in flown.items():
         yield f"trajectory-{slug}", one(titles[slug], scenario)
-    together = [(titles[slug], flown[slug]) for slug in OVERVIEW[family] if slug in flown]
+    chosen = OVERVIEW.get(family, tuple(flown))
+    together = [(titles[slug], flown[slug]) for slug in chosen if slug in flown]
     if together:
         yield f"trajectories-{family}", several(together)
 
@@ -94,7 +96,7 @@ def _histograms(run: Run, family: str, rows: Sequence[Row]) -> Iterator[tuple[st
     panels = {row.slug: _panel(run, row) for row in rows}
     for slug, panel in panels.items():
         yield f"histogram-{slug}", histogram(panel)
-    # Zeros only would make the others' bars invisible.
+    # The no-op row is all zeros: its one tall bar would dwarf the others.
     acting = [row for row in rows if row.experiment != NO_OP_NAME]
     if acting:
         yield f"histograms-{family}", histograms([panels[row.slug] for row in acting])
@@ -128,12 +130,12 @@ def _curves(run: Run, family: str) -> Iterator[tuple[str, Figure]]:
         yield f"success-{family}", success_curves(titles)
     small, large = experiments.get(family), experiments.get(f"{family}-large")
     if small and large:
-        beside = {"5 actions": small, "37 actions": large}
-        yield f"convergence-{family}", convergence(beside)
+        both = {"5 actions": small, "37 actions": large}
+        yield f"convergence-{family}", convergence(both)
 
 
 def experiment_title(name: str) -> str:
-    """An experiment without a word about stacking, which training does not know."""
+    """The title of an experiment. It omits stacking, which is not part of training."""
     known = {"lateral-undamped": "Undamped", "lateral": "Damped", "lateral-large": "37 actions"}
     known |= {"lateral-tuned": "Tuned", "lateral-best": "Ours", "vertical": "Vertical control"}
     known |= {"avoidance": "5 actions", "avoidance-large": "37 actions"}

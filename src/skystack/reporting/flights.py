@@ -1,4 +1,4 @@
-"""One evaluation's Parquet tables: outcomes of all scenarios, and one scenario to draw."""
+"""Read an evaluation's Parquet tables: the outcomes of all scenarios, or one scenario to draw."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,31 +15,31 @@ from skystack.errors import InputError, error_context
 from skystack.evaluation.stored import check_who, read_table, rows_of, sector_of
 
 BURST_GAP_CYCLES = 2
-"""Two aircraft under one policy take turns: a burst for either may skip every other cycle."""
+"""The longest gap in a burst: two aircraft under one policy may receive every other instruction."""
 
 SAMPLES_PER_CYCLE = 60
-"""Ten a second: two aircraft that meet head-on come 0.026 NM nearer from one to the next."""
+"""Ten per second, at which two aircraft that meet head-on come 0.026 NM closer per sample."""
 
 
 class IssuedClearance(NamedTuple):
-    """What was issued to a pilot, and when."""
+    """A clearance and its time of issue."""
 
     cycle: int
     time_s: int
     kind: str
     value: int
     direction: str | None
-    """None where the aircraft already flies the value."""
+    """None if the aircraft already flies the value."""
     instructions: int
     text: str
 
     @property
     def short(self) -> str:
-        """`right 215`, `climb FL340`, or `fly 215` where nothing is to be turned."""
+        """Format as `right 215`, `climb FL340`, or `fly 215` if no turn is needed."""
         return f"{self.direction or 'fly'} {self.target}"
 
     def carries_on(self, before: "IssuedClearance") -> bool:
-        """Whether a controller could have said both at once: farther the same way, and soon."""
+        """Whether this continues an earlier clearance: in the same direction, and soon after."""
         change = self.value - before.value
         forward = change % 360 < 180 if self.kind == "heading" else change > 0
         return (
@@ -50,18 +50,18 @@ class IssuedClearance(NamedTuple):
 
     @property
     def target(self) -> str:
-        """The cleared heading in three figures or the cleared level."""
+        """The cleared heading in three digits, or the cleared level."""
         return f"FL{self.value}" if self.kind == "level" else f"{self.value:03d}"
 
 
 @dataclass(frozen=True)
 class Track:
-    """One aircraft in one scenario, from the start to its exit or the scenario's end."""
+    """One aircraft in one scenario, from the start to its exit or to the end of the scenario."""
 
     callsign: str
     route_nm: Float[np.ndarray, "points 2"]
     position_nm: Float[np.ndarray, "rows 2"]
-    """Row k is cycle k; in the sector's plane."""
+    """One row per cycle, from cycle 0, in the sector's plane."""
     level_fl: Float[np.ndarray, " rows"]
     cleared_fl: Float[np.ndarray, " rows"]
     exit_fl: int
@@ -70,7 +70,7 @@ class Track:
 
     @property
     def bursts(self) -> list[list[IssuedClearance]]:
-        """Clearances in runs that follow each other at once and go the same way."""
+        """The clearances grouped into bursts: soon after each other, in the same direction."""
         runs: list[list[IssuedClearance]] = [[first] for first in self.clearances[:1]]
         for before, after in pairwise(self.clearances):
             if after.carries_on(before):
@@ -81,11 +81,11 @@ class Track:
 
 
 class Approach(NamedTuple):
-    """Where two aircraft were when they were nearest to each other."""
+    """The closest approach of two aircraft."""
 
     distance_nm: float
     position_nm: Float[np.ndarray, "2 2"]
-    """A row an aircraft."""
+    """One row per aircraft."""
 
 
 @dataclass(frozen=True)
@@ -99,16 +99,17 @@ class FlownScenario:
 
     @property
     def least_separation(self) -> Approach | None:
-        """Of all pairs while they lack vertical separation; None where no two ever do."""
+        """The closest approach of aircraft without vertical separation; None if there is none."""
         pairs = [
-            _approach(self.sector, first, second) for first, second in combinations(self.tracks, 2)
+            _closest_approach(self.sector, first, second)
+            for first, second in combinations(self.tracks, 2)
         ]
         near = [approach for approach in pairs if approach is not None]
         return min(near, key=lambda approach: approach.distance_nm, default=None)
 
 
-def _approach(sector: Sector, first: Track, second: Track) -> Approach | None:
-    """Straight motion is assumed from one radar position to the next."""
+def _closest_approach(sector: Sector, first: Track, second: Track) -> Approach | None:
+    """The closest approach, with straight motion assumed between radar positions."""
     rows = min(len(first.position_nm), len(second.position_nm))
     cycle = np.arange(rows, dtype=np.float64)
     time = np.linspace(0.0, rows - 1.0, (rows - 1) * SAMPLES_PER_CYCLE + 1)
@@ -130,31 +131,31 @@ def _approach(sector: Sector, first: Track, second: Track) -> Approach | None:
 
 
 class Outcomes(NamedTuple):
-    """Results of the first scenarios of an evaluation."""
+    """The results of an evaluation's first scenarios."""
 
     scenario: Int[np.ndarray, " scenarios"]
     clearances: Int[np.ndarray, " scenarios"]
     success: np.ndarray
     min_separation_nm: np.ndarray
-    """Infinite where every two aircraft were separated vertically."""
+    """Infinite if all aircraft were always vertically separated."""
     loss_of_separation: np.ndarray
 
 
 class Start(NamedTuple):
-    """What the aircraft of one scenario are to do."""
+    """The routes and level changes planned in one scenario."""
 
     routes: tuple[tuple[str, ...], ...]
     climbs_fl: tuple[int, ...]
-    """From the entry level to the exit level, negative for descents."""
+    """Exit level minus entry level, negative for descents."""
 
     @property
     def reciprocal(self) -> bool:
-        """Whether one aircraft's route is another's reversed."""
+        """Whether one aircraft's route is the reverse of another's."""
         return any(first == second[::-1] for first, second in combinations(self.routes, 2))
 
 
 def read_starts(folder: Path, numbers: Sequence[int]) -> list[Start]:
-    """How some scenarios begin. Raises InputError that names a missing or damaged table."""
+    """Read the starts of scenarios. Raises InputError that names a missing or damaged table."""
     path = folder / "aircraft.parquet"
     only = [("scenario", "in", list(numbers))]
     table = read_table(path, ("scenario", "route", "entry_fl", "exit_fl"), only)
@@ -174,23 +175,23 @@ def read_starts(folder: Path, numbers: Sequence[int]) -> list[Start]:
 
 
 def read_sector(folder: Path) -> Sector:
-    """Where an evaluation was flown. Raises InputError that names a missing or damaged table."""
+    """Read an evaluation's sector. Raises InputError that names a missing or damaged table."""
     path = folder / "episodes.parquet"
     return sector_of(path, read_table(path, ("scenario",)))
 
 
 def read_outcomes(folder: Path, first: int | None = None) -> Outcomes:
-    """The first scenarios' results, or all. Raises InputError that names a bad table."""
+    """Read the first scenarios' results, or all. Raises InputError that names a bad table."""
     path = folder / "episodes.parquet"
     table = read_table(path, Outcomes._fields)
     outcomes = Outcomes(*(table[name].to_numpy() for name in Outcomes._fields))
     if len(np.unique(outcomes.scenario)) != len(outcomes.scenario):
-        raise InputError(f"{path}: a scenario stands in it twice")
+        raise InputError(f"{path}: a scenario occurs twice")
     return Outcomes(*(column[:first] for column in outcomes))
 
 
 def read_scenario(folder: Path, number: int) -> FlownScenario:
-    """Everything about one scenario. Raises InputError that names a missing or damaged table."""
+    """Read one scenario as flown. Raises InputError that names a missing or damaged table."""
     only = [("scenario", "=", number)]
     episode = read_table(folder / "episodes.parquet", ("clearances",), only)
     aircraft = read_table(folder / "aircraft.parquet", ("callsign", "route", "exit_fl"), only)
@@ -203,10 +204,10 @@ def read_scenario(folder: Path, number: int) -> FlownScenario:
     if not episode.num_rows or not flown.num_rows:
         raise InputError(f"{folder}: has no scenario {number}")
     sector = sector_of(folder / "trajectories.parquet", flown)
-    who = aircraft.to_pylist()
-    check_who(folder / "aircraft.parquet", sector, who)
+    entries = aircraft.to_pylist()
+    check_who(folder / "aircraft.parquet", sector, entries)
     with error_context(str(folder)):
-        tracks = tuple(_track(sector, row, flown, issued) for row in who)
+        tracks = tuple(_track(sector, row, flown, issued) for row in entries)
     return FlownScenario(sector, number, episode["clearances"][0].as_py(), tracks)
 
 
@@ -215,17 +216,17 @@ _CLEARANCE_COLUMNS = ("cycle", "kind", "value", "direction", "instructions", "te
 
 def _track(sector: Sector, aircraft: dict[str, Any], flown: pa.Table, issued: pa.Table) -> Track:
     callsign = aircraft["callsign"]
-    rows, said = (rows_of(callsign, table).to_pylist() for table in (flown, issued))
-    if not rows or any(row["cycle"] >= len(rows) for row in said):
+    rows, issued_rows = (rows_of(callsign, table).to_pylist() for table in (flown, issued))
+    if not rows or any(row["cycle"] >= len(rows) for row in issued_rows):
         raise InputError(f"the rows of {callsign} are not complete")
     status = [row["status"] for row in rows]
-    # What exited aircraft do afterwards is nobody's business any more.
+    # The track ends where the aircraft exits.
     end = status.index("exited") + 1 if "exited" in status else len(rows)
     clearances = (
         IssuedClearance(
             time_s=rows[row["cycle"]]["time_s"], **{k: row[k] for k in _CLEARANCE_COLUMNS}
         )
-        for row in said
+        for row in issued_rows
     )
     return Track(
         callsign=callsign,

@@ -1,4 +1,4 @@
-"""Put texts beside points so that they hide neither each other nor what is drawn."""
+"""Place texts next to points so that they hide neither each other nor the drawing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,11 +13,12 @@ from skystack.reporting.style import MUTED, PAPER
 POINTS_PER_INCH = 72.0
 DIRECTIONS = 24
 LEADER_FROM_PT = 12.0
-"""A text farther away than this gets a line to its point."""
+"""A text farther from its point than this gets a leader line."""
 PADDING_PT = 1.5
 
 OUTSIDE_COST, LABEL_COST, DRAWN_COST, LEADER_COST, DISTANCE_COST = 400.0, 60.0, 4.0, 30.0, 0.25
-"""A text beyond the axes, on another text, on a point drawn; a line across a text; each pt off."""
+"""The costs of being outside the axes, per text covered, per drawn point covered, per text that the
+leader line crosses, and per pt of distance."""
 
 
 @dataclass(frozen=True)
@@ -30,13 +31,13 @@ class Label:
     size_pt: float = 7.5
     weight: str = "normal"
     distances_pt: tuple[float, ...] = (5.0, 9.0, 15.0, 23.0, 33.0, 45.0)
-    """How far off the text may stand."""
+    """The distances from the point that are tried."""
 
 
 def place_labels(axes: Axes, labels: Sequence[Label], drawn: Float[np.ndarray, "points 2"]) -> None:
-    """Write each text at its cheapest place, one after the other: the first choose first.
+    """Write each text at its cheapest position, in the order given.
 
-    `drawn` samples what should stay visible (data units). The figure must be settled.
+    `drawn` samples what should stay visible (data units). The figure must be laid out (`settle`).
     """
     scale = POINTS_PER_INCH / axes.figure.dpi
     frame = axes.get_window_extent()
@@ -81,7 +82,7 @@ def place_labels(axes: Axes, labels: Sequence[Label], drawn: Float[np.ndarray, "
 def _offsets(
     half: Float[np.ndarray, "2"], distances: Sequence[float]
 ) -> Float[np.ndarray, "candidates 2"]:
-    """Centres of a box that keeps its distance from the point: all round, then farther off."""
+    """Centres of a box at each distance from the point, in all directions."""
     angle = np.arange(DIRECTIONS) * (2.0 * np.pi / DIRECTIONS)
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     square = circle / np.abs(circle).max(axis=1, keepdims=True)
@@ -107,7 +108,7 @@ def _crossed(
     centres: Float[np.ndarray, "n 2"],
     taken: Float[np.ndarray, "m 2 2"],
 ) -> Float[np.ndarray, " n"]:
-    """How many texts lie between the point and each place."""
+    """The number of texts between the point and each candidate position."""
     along = np.linspace(0.0, 1.0, 9)[:, None, None]
     line = anchor + along * (centres - anchor)
     hit = np.stack([_inside(points, taken) for points in line])
@@ -117,7 +118,7 @@ def _crossed(
 def _leader(
     axes: Axes, label: Label, offset: Float[np.ndarray, "2"], half: Float[np.ndarray, "2"]
 ) -> None:
-    """A thin line from the point to the nearest place on the text's box."""
+    """Draw a thin line from the point to the nearest place on the text's box."""
     end = np.clip(np.zeros(2), offset - half, offset + half)
     axes.annotate(
         "",

@@ -1,4 +1,4 @@
-"""Learning curves: return, success and its criteria, instructions and bursts against steps."""
+"""Learning curves: return, success and its criteria, instructions and bursts over steps."""
 
 from collections.abc import Mapping, Sequence
 
@@ -23,22 +23,22 @@ from skystack.reporting.style import (
 )
 
 WINDOW = 0.03
-"""The thick lines are running means over this part of the training."""
+"""The window of the running mean, as a fraction of the training run."""
 LEARNED = 0.8
-"""A policy with this much success counts as having learned its task."""
+"""The success rate at which a policy counts as having learned its task."""
 CRITERIA = (
     ("correct_exit", GREEN, "correct exit"),
     ("excursion", VERMILION, "no excursion"),
     ("few_instructions", ORANGE, "few instructions"),
 )
-"""Field, colour and name of what makes a success."""
+"""Field, colour and name of each criterion of success."""
 
 Curves = Sequence[Sequence[Update]]
-"""The updates of one experiment, a sequence a seed."""
+"""The updates of one experiment, one sequence per seed."""
 
 
 def learning_curves(title: str, seeds: Curves) -> Figure:
-    """One experiment, all seeds: return; success and criteria; instructions and bursts."""
+    """Plot one experiment: return; success and its criteria; instructions and bursts."""
     figure, (returns, rates, counts) = grid_of_axes(3, 1, (5.0, 6.0), sharex=True)
     returns.set_title(title)
     _draw(returns, seeds, "episode_return", INK)
@@ -47,7 +47,7 @@ def learning_curves(title: str, seeds: Curves) -> Figure:
     _legend(rates)
     _draw(counts, seeds, "instructions", INK, label="instructions")
     _draw(counts, seeds, "bursts", BLUE, style=1, label="bursts")
-    counts.set_ylabel("in a scenario")
+    counts.set_ylabel("per scenario")
     counts.set_ylim(bottom=0.0)
     _legend(counts)
     _steps(counts)
@@ -55,7 +55,7 @@ def learning_curves(title: str, seeds: Curves) -> Figure:
 
 
 def convergence(experiments: Mapping[str, Curves]) -> Figure:
-    """Experiments beside each other on common axes: return above, success and criteria below."""
+    """Plot experiments side by side on common axes: return above, success and criteria below."""
     columns = len(experiments)
     figure, panels = grid_of_axes(2, columns, (3.6 * columns, 4.9), sharex=True, sharey="row")
     for column, (title, seeds) in enumerate(experiments.items()):
@@ -65,8 +65,8 @@ def convergence(experiments: Mapping[str, Curves]) -> Figure:
         _draw_success(rates, seeds)
         _mark_learned(rates, seeds)
         _steps(rates)
-        for place in (returns, rates):
-            place.label_outer()
+        for ax in (returns, rates):
+            ax.label_outer()
     panels[0].set_ylabel("return")
     handles, labels = panels[columns].get_legend_handles_labels()
     if handles:
@@ -75,7 +75,7 @@ def convergence(experiments: Mapping[str, Curves]) -> Figure:
 
 
 def steps_until(share: float, seeds: Curves) -> float | None:
-    """Steps after which success, as the thick line shows it, first is that high; None if never."""
+    """The steps at which mean success first reaches a share; None if it never does."""
     smooth = _smooth(seeds, "success")
     if not smooth:
         return None
@@ -85,7 +85,7 @@ def steps_until(share: float, seeds: Curves) -> float | None:
 
 
 def success_curves(experiments: Mapping[str, Curves]) -> Figure:
-    """Success of all experiments on one pair of axes."""
+    """Plot the success of all experiments on the same axes."""
     figure, (axes,) = grid_of_axes(1, 1, (5.0, 3.4))
     axes.set_title("Success during training")
     _draw_all(axes, experiments, "success")
@@ -95,7 +95,7 @@ def success_curves(experiments: Mapping[str, Curves]) -> Figure:
 
 
 def overlaid_curves(runs: Mapping[str, Curves]) -> Figure:
-    """Return, success and instructions of several runs, each measure on axes of its own."""
+    """Plot return, success and instructions of several runs, one panel per measure."""
     figure, (returns, rates, counts) = grid_of_axes(1, 3, (10.5, 3.9), sharex=True)
     _draw_all(returns, runs, "episode_return")
     returns.set_title("Return")
@@ -104,14 +104,14 @@ def overlaid_curves(runs: Mapping[str, Curves]) -> Figure:
     _rates(rates)
     _draw_all(counts, runs, "instructions")
     counts.set_title("Instructions")
-    counts.set_ylabel("in a scenario")
+    counts.set_ylabel("per scenario")
     counts.set_ylim(bottom=0.0)
     _common_legend(figure, returns)
     return figure
 
 
 def at_the_end(updates: Sequence[Update], field: str) -> float | None:
-    """Where the thick line of a training ends; None if nothing is known."""
+    """The last value of the running mean of a training run; None if there is none."""
     smooth = _smooth([updates], field)
     return float(smooth[0][1][-1]) if smooth else None
 
@@ -119,19 +119,19 @@ def at_the_end(updates: Sequence[Update], field: str) -> float | None:
 def running_mean(
     values: Float[np.ndarray, " n"], weights: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """Weighted mean over a window around each value, smaller at the ends; NaN is left out."""
+    """The weighted mean over a window around each value, shorter at the ends; ignores NaN."""
     window = np.ones(2 * round(WINDOW * len(values) / 2.0) + 1)
     known = np.isfinite(values) & (weights > 0.0)
     total = np.convolve(np.where(known, values * weights, 0.0), window, mode="same")
     weight = np.convolve(np.where(known, weights, 0.0), window, mode="same")
-    # Where nothing is known itself, its neighbours say nothing either.
+    # An unknown value stays unknown, whatever its neighbours are.
     return np.where(known, total / np.where(known, weight, 1.0), np.nan)
 
 
 def mean_over_seeds(
     curves: Sequence[tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"]]],
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-    """Steps and mean of (steps, value) curves, at the first one's steps as far as all go."""
+    """Steps and mean of (steps, value) curves, at the first curve's steps that all curves reach."""
     steps = curves[0][0]
     steps = steps[steps <= min(at[-1] for at, _ in curves)]
     return steps, np.mean([np.interp(steps, at, value) for at, value in curves], axis=0)
@@ -147,7 +147,7 @@ def _draw(
     thin: bool = True,
     width: float = 1.8,
 ) -> None:
-    """A thick mean over the seeds and, if wanted, a thin line for each."""
+    """Draw the mean over the seeds as a thick line and, with `thin`, each seed as a thin line."""
     axes.grid(axis="y", color=FAINT, linewidth=0.5)
     if thin:
         for updates in seeds:
@@ -164,7 +164,7 @@ def _draw(
 
 
 def _draw_all(axes: Axes, runs: Mapping[str, Curves], field: str) -> None:
-    """One measure of several runs, each in a colour and dash pattern of its own."""
+    """Draw one measure of several runs, each with its own colour and dash pattern."""
     for number, (name, seeds) in enumerate(runs.items()):
         colour = SERIES[number % len(SERIES)]
         _draw(axes, seeds, field, colour, style=number % len(LINES), label=name)
@@ -172,7 +172,7 @@ def _draw_all(axes: Axes, runs: Mapping[str, Curves], field: str) -> None:
 
 
 def _common_legend(figure: Figure, axes: Axes) -> None:
-    """Below everything, for all axes that show the same runs as these."""
+    """Draw one legend below all axes, which show the same runs."""
     if axes.get_legend_handles_labels()[0]:
         figure.legend(
             *axes.get_legend_handles_labels(),
@@ -186,7 +186,7 @@ def _common_legend(figure: Figure, axes: Axes) -> None:
 def _values(
     updates: Sequence[Update], field: str
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Steps and values; an excursion rate as the rate of none."""
+    """Steps and values; for `excursion`, the rate of scenarios without one."""
     steps = np.array([update.steps for update in updates], dtype=float)
     values = np.array([getattr(update, field) for update in updates], dtype=float)
     return steps, 1.0 - values if field == "excursion" else values
@@ -195,7 +195,7 @@ def _values(
 def _smooth(
     seeds: Curves, field: str
 ) -> list[tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"]]]:
-    """Steps and running mean of each seed, where known."""
+    """Steps and running mean of each seed, where defined."""
     smooth = []
     for updates in seeds:
         steps, values = _values(updates, field)
@@ -207,7 +207,7 @@ def _smooth(
 
 
 def _draw_success(axes: Axes, seeds: Curves) -> None:
-    """Success, and over it the criteria that make it up: which one holds it down is seen."""
+    """Draw success with its criteria on top, which shows the criterion that limits it."""
     _draw(axes, seeds, "success", BLUE, label="success", width=3.6)
     for style, (field, colour, label) in enumerate(CRITERIA, start=1):
         _draw(axes, seeds, field, colour, style=style, label=label, thin=False, width=1.6)
@@ -215,7 +215,7 @@ def _draw_success(axes: Axes, seeds: Curves) -> None:
 
 
 def _mark_learned(axes: Axes, seeds: Curves) -> None:
-    """When success first is high, or that it never is."""
+    """Mark the steps at which success first reaches `LEARNED`, or state that it never does."""
     steps = steps_until(LEARNED, seeds)
     if steps is None:
         text = f"success stays below {LEARNED:.0%}"
@@ -227,12 +227,12 @@ def _mark_learned(axes: Axes, seeds: Curves) -> None:
 
 def _rates(axes: Axes) -> None:
     axes.set_ylim(-0.03, 1.03)
-    axes.set_ylabel("part of scenarios")
+    axes.set_ylabel("share of scenarios")
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.0%}"))
 
 
 def _legend(axes: Axes) -> None:
-    """Above the axes: inside, some curve would run through it."""
+    """Draw the legend above the axes; inside, curves would run through it."""
     if axes.get_legend_handles_labels()[0]:
         axes.legend(
             loc="lower left",
@@ -248,6 +248,6 @@ def _legend(axes: Axes) -> None:
 
 
 def _steps(axes: Axes) -> None:
-    axes.set_xlabel("steps of training [million]")
+    axes.set_xlabel("training steps [million]")
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / 1e6:g}"))
     axes.margins(x=0.01)

@@ -1,4 +1,4 @@
-"""Maps of a sector: its area, its airways, its fixes by name, and the routes that lead through."""
+"""Maps of a sector: its area, airways and named fixes, and the routes through it."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -29,15 +29,15 @@ from skystack.reporting.style import (
 MARGIN_NM = 7.0
 SCALE_BAR_NM = 20.0
 BESIDE_NM = 2.2
-"""Routes that share a leg lie side by side, as far apart as this."""
+"""The spacing of routes that share a leg, which are drawn side by side."""
 DIMENSION_INSET_NM = 12.0
-"""How far from an airway's end its width is written."""
+"""The distance of the width dimension from the end of its airway."""
 
 Polyline = Float[np.ndarray, "_ 2"]
 
 
 def sector_map(sector: Sector) -> Figure:
-    """The sector with its airways, fixes, scale and an airway's width."""
+    """Draw the sector with its airways and fixes, a scale bar and the width of an airway."""
     figure, (axes,) = grid_of_axes(1, 1, (6.2, 6.0))
     lowest, highest = sector.levels_fl
     axes.set_title(f"{sector.name.title()} sector, FL{lowest:03d} to FL{highest:03d}")
@@ -51,7 +51,7 @@ def sector_map(sector: Sector) -> Figure:
         handles=[
             Line2D([], [], marker="^", ls="", color=INK, ms=8.0, label="first or last fix"),
             Line2D([], [], marker="^", ls="", mfc=PAPER, mec=MUTED, ms=7.0, label="fix"),
-            Line2D([], [], color=MUTED, lw=1.0, ls=LINES[3], label="middle of an airway"),
+            Line2D([], [], color=MUTED, lw=1.0, ls=LINES[3], label="airway centreline"),
             Patch(facecolor=AREA, edgecolor=MUTED, label="sector"),
         ],
         loc="outside lower center",
@@ -68,14 +68,14 @@ def sector_map(sector: Sector) -> Figure:
 
 
 def route_maps(sector: Sector) -> Figure:
-    """The routes through the sector, a panel for each fix at which some start."""
+    """Draw the routes through the sector, one panel for each first fix."""
     starts = list(dict.fromkeys(route[0] for route in sector.routes))
     columns = min(len(starts), 2)
     rows = -(-len(starts) // columns)
     figure, panels = grid_of_axes(rows, columns, (4.3 * columns, 4.6 * rows))
     drawn = []
     for axes, start in zip(panels, starts, strict=False):
-        # From left to right: drawn side by side in this order, they part without crossing.
+        # Sorted from left to right, so that routes drawn side by side diverge without crossing.
         routes = sorted(
             (route for route in sector.routes if route[0] == start),
             key=lambda route: turns_deg(route, sector.fixes),
@@ -93,13 +93,13 @@ def route_maps(sector: Sector) -> Figure:
         axes.set_axis_off()
     settle(figure)
     for axes, _ in zip(panels, starts, strict=False):
-        # What is drawn in any panel counts in all, so that names stand alike in all.
+        # Names avoid the lines of all panels, so that all panels place them alike.
         name_fixes(axes, sector, drawn)
     return figure
 
 
 def draw_sector(axes: Axes, sector: Sector, colour: str = FAINT, style: Any = "-") -> None:
-    """The sector underneath: area, airways' middles, fixes; sets the limits."""
+    """Draw area, airway centrelines and fixes as the background, and set the axis limits."""
     axes.fill(*sector.area_nm.T, facecolor=AREA, edgecolor=colour, linewidth=0.8, zorder=1)
     legs = {tuple(sorted(leg)) for route in sector.routes for leg in pairwise(route)}
     for leg in sorted(legs):
@@ -112,13 +112,13 @@ def draw_sector(axes: Axes, sector: Sector, colour: str = FAINT, style: Any = "-
 
 
 def name_axes(axes: Axes) -> None:
-    """Where the figures on the axes are counted from, and in what: Mercator, as in the plane."""
-    axes.set_xlabel("NM east of the origin (at its scale)")
-    axes.set_ylabel("NM north of the origin (at its scale)")
+    """Label the axes: distances in the Mercator plane, which are true at the origin."""
+    axes.set_xlabel("NM east of the origin (scale at the origin)")
+    axes.set_ylabel("NM north of the origin (scale at the origin)")
 
 
 def along(path: Polyline, step_nm: float = 1.0) -> Polyline:
-    """Points on a polyline, not farther apart than the step."""
+    """Points on a polyline, at most one step apart."""
     legs = [
         np.linspace(a, b, max(int(np.linalg.norm(b - a) / step_nm), 1), endpoint=False)
         for a, b in pairwise(path)
@@ -127,7 +127,7 @@ def along(path: Polyline, step_nm: float = 1.0) -> Polyline:
 
 
 def beside(path: Polyline, offset_nm: float) -> Polyline:
-    """A polyline parallel to another, to its right, with mitred corners."""
+    """A polyline parallel to another, offset to its right, with mitred corners."""
     legs = np.diff(path, axis=0)
     units = legs / np.linalg.norm(legs, axis=1, keepdims=True)
     # Twice the direction at the ends, the sum of both directions at the corners.
@@ -164,7 +164,7 @@ def _draw_routes(axes: Axes, sector: Sector, routes: Sequence[tuple[str, ...]]) 
 
 
 def name_fixes(axes: Axes, sector: Sector, lines: Sequence[Polyline] = ()) -> None:
-    """Write the fixes' names where neither lines nor marks are; the figure must be settled."""
+    """Write the fixes' names clear of lines and marks. The figure must be laid out (`settle`)."""
     labels = [
         Label(name, (float(at[0]), float(at[1])), INK, size_pt=7.5)
         for name, at in sector.fixes_nm.items()
@@ -174,7 +174,7 @@ def name_fixes(axes: Axes, sector: Sector, lines: Sequence[Polyline] = ()) -> No
 
 
 def _draw_width(axes: Axes, sector: Sector) -> Polyline:
-    """The width of the first route's last airway, between its edges."""
+    """Draw the width of the last airway of the first route, from edge to edge."""
     right, *_, left = sector.route_table.exit_edge_nm[0].astype(np.float64)
     across = left - right
     width_nm = float(np.linalg.norm(across))
@@ -187,7 +187,7 @@ def _draw_width(axes: Axes, sector: Sector) -> Polyline:
     axes.annotate("", ends[0], xytext=ends[1], arrowprops=arrow, zorder=5)
     upright_deg = (float(np.degrees(np.arctan2(across[1], across[0]))) + 90.0) % 180.0 - 90.0
     above = np.array([-np.sin(np.radians(upright_deg)), np.cos(np.radians(upright_deg))])
-    # A quarter along: the airway's middle has a line of its own.
+    # A quarter of the way across, clear of the centreline.
     east, north = ends[0] + 0.26 * across + 0.7 * above
     axes.text(
         east,
@@ -204,7 +204,7 @@ def _draw_width(axes: Axes, sector: Sector) -> Polyline:
 
 
 def _draw_scale(axes: Axes, sector: Sector) -> Polyline:
-    """A bar of known length in the lower right corner, and what it takes up."""
+    """Draw a scale bar in the lower right corner; returns points that cover it."""
     north = axes.get_ylim()[0] + 3.0
     length = SCALE_BAR_NM * float(sector.plane.scale(np.array([north]))[0])
     east = axes.get_xlim()[1] - length - 3.0

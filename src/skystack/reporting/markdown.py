@@ -1,15 +1,15 @@
-"""`results.md`: the tables of a run as Markdown, to paste."""
+"""`results.md`: the tables of a run as Markdown."""
 
 from collections.abc import Iterator
 
 from skystack.errors import printable
 from skystack.reporting import tables
 from skystack.reporting.claims import check_claims, claims_table
-from skystack.reporting.results import FAMILIES, Run
+from skystack.reporting.results import Run, family_title
 
 
 def as_markdown(run: Run) -> str:
-    """All tables of a run, family by family."""
+    """All tables of a run, grouped by family."""
     return "\n".join(_parts(run))
 
 
@@ -19,7 +19,7 @@ def _parts(run: Run) -> Iterator[str]:
     machine, version = map(tables.plain_markdown, made)
     yield f"`{command}`; {machine}; skystack {version}\n"
     for family, rows in results.families.items():
-        yield f"## {FAMILIES[family]}\n"
+        yield f"## {family_title(family)}\n"
         yield tables.comparison(rows, run.bound_of(family)).as_markdown()
         for table in (
             tables.estimates(rows),
@@ -29,10 +29,10 @@ def _parts(run: Run) -> Iterator[str]:
             if table.rows:
                 yield table.as_markdown()
     if results.comparisons:
-        yield "## Row against row\n"
+        yield "## Pairwise comparisons\n"
         yield tables.comparisons(results).as_markdown()
     if results.platforms:
-        yield "## In other simulators\n"
+        yield "## Other simulators\n"
         yield tables.platforms(results.platforms).as_markdown()
-    yield "## Trainings\n"
+    yield "## Training runs\n"
     yield tables.trainings(results).as_markdown()

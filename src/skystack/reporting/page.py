@@ -1,4 +1,4 @@
-"""Pages that need no other file: templates filled in, drawings inside."""
+"""Self-contained HTML pages: Jinja templates with embedded images."""
 
 import base64
 from importlib.resources import files
@@ -10,21 +10,21 @@ from skystack.reporting.style import follow_the_page
 
 
 class Picture(NamedTuple):
-    """An image inside the page, and what it shows in words."""
+    """An embedded image and its alternative text."""
 
     source: str
-    """A data address: the page needs no other file."""
+    """A data URL, so that the page needs no other file."""
     words: str
 
 
 def picture_of(drawing: str, words: str) -> Picture:
-    """An SVG drawing as a picture that follows the page's colours."""
+    """Embed an SVG drawing; its colours follow the page's light or dark theme."""
     data = base64.b64encode(follow_the_page(drawing).encode()).decode()
     return Picture(f"data:image/svg+xml;base64,{data}", words)
 
 
 def render(template: str, **values: Any) -> bytes:
-    """A page from a template of this package; every text in it is escaped."""
+    """Render a template of this package; all values are escaped as HTML."""
     environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(_source),
         autoescape=True,

@@ -1,4 +1,4 @@
-"""What a radar picture shows of an aircraft; shared by films, stills and rendered environments."""
+"""Drawing of aircraft on a radar, shared by films, stills and rendered environments."""
 
 from typing import Any, NamedTuple
 
@@ -11,9 +11,9 @@ from matplotlib.patheffects import withStroke
 from skystack.reporting.style import INK, PAPER, SERIES
 
 AHEAD_MIN = 2.0
-"""How far ahead of an aircraft its heading line shows it."""
+"""The length of the heading line, in minutes of flight."""
 LABEL_PT = 9.0
-"""How far from an aircraft its label stands."""
+"""The distance between an aircraft and its label."""
 
 
 ROUTE: dict[str, Any] = {"linewidth": 7.0, "alpha": 0.13, "zorder": 2.5}
@@ -25,7 +25,7 @@ HALO = withStroke(linewidth=2.2, foreground=PAPER)
 
 
 class Blip(NamedTuple):
-    """An aircraft as radar and flight plan show it."""
+    """The state of an aircraft as drawn on the radar."""
 
     callsign: str
     position_nm: Float[np.ndarray, "2"]
@@ -35,11 +35,11 @@ class Blip(NamedTuple):
     fl: float
     cleared_fl: float
     scale: float = 1.0
-    """Of the plane there: what a true length is multiplied by."""
+    """The local scale of the plane: plane length per true length."""
 
 
 def colour_of(number: int) -> str:
-    """Of an aircraft, by its place in the scenario."""
+    """The colour of an aircraft, by its index in the scenario."""
     return SERIES[number % len(SERIES)]
 
 
@@ -49,19 +49,21 @@ def draw_way(
     trail_nm: Float[np.ndarray, "rows 2"],
     colour: str,
 ) -> None:
-    """Where an aircraft is to go, and where it went."""
+    """Draw the route and the trail of an aircraft."""
     draw_route(axes, route_nm, colour)
     axes.plot(*trail_nm.T, color=colour, **TRAIL)
 
 
 def draw_route(axes: Axes, route_nm: Float[np.ndarray, "points 2"], colour: str) -> None:
-    """Where an aircraft is to go."""
+    """Draw the route of an aircraft."""
     axes.plot(*route_nm.T, color=colour, **ROUTE)
 
 
 def draw_aircraft(axes: Axes, blip: Blip, colour: str, ring_nm: float = 0.0) -> None:
-    """A square, its callsign with its level, a solid line to where it would be in two minutes, a
-    dotted one on the heading that it is cleared to; and a ring of the true radius, if one is given.
+    """Draw an aircraft as a square with its callsign and level.
+
+    A solid line ends at its position in two minutes. A dotted line of the same length shows the
+    cleared heading. A ring of true radius `ring_nm` is drawn unless it is 0.
     """
     here = (float(blip.position_nm[0]), float(blip.position_nm[1]))
     for line, style in zip(lines_ahead(blip), (":", "-"), strict=True):
@@ -85,7 +87,7 @@ def draw_aircraft(axes: Axes, blip: Blip, colour: str, ring_nm: float = 0.0) -> 
 
 
 def lines_ahead(blip: Blip) -> tuple[Float[np.ndarray, "2 2"], Float[np.ndarray, "2 2"]]:
-    """Where an aircraft would be in two minutes, on its cleared heading and on its own."""
+    """Lines of two minutes' flight on the cleared heading and on the actual heading."""
     here = blip.position_nm
     ahead_nm = AHEAD_MIN / 60.0 * blip.ground_speed_kt * blip.scale
     cleared, own = (
@@ -96,7 +98,7 @@ def lines_ahead(blip: Blip) -> tuple[Float[np.ndarray, "2 2"], Float[np.ndarray,
 
 
 class LabelPlace(NamedTuple):
-    """The two lines of an aircraft's label, and where they stand."""
+    """The two lines of an aircraft's label, and their placement."""
 
     text: str
     offset_pt: tuple[float, float]
@@ -105,7 +107,7 @@ class LabelPlace(NamedTuple):
 
 
 def place_of_label(blip: Blip) -> LabelPlace:
-    """To the right of the flight, off its lines."""
+    """Place the label to the right of the flight direction, clear of the heading lines."""
     heading = np.radians(blip.heading_deg)
     return LabelPlace(
         f"{blip.callsign}\n{levels_of(blip)}",
@@ -116,7 +118,7 @@ def place_of_label(blip: Blip) -> LabelPlace:
 
 
 def levels_of(blip: Blip) -> str:
-    """`FL300`, or with an arrow to the cleared level."""
+    """The level as `FL300`, with an arrow and the cleared level if that differs."""
     level, cleared = round(blip.fl), round(blip.cleared_fl)
     if level == cleared:
         return f"FL{level:03d}"

@@ -1,4 +1,4 @@
-"""`report.html`: one file that holds everything a reader wants to know about a run."""
+"""`report.html`: a self-contained report on a run, with its tables, figures and claims."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,31 +16,31 @@ from skystack.reporting.flights import FlownScenario, IssuedClearance, read_scen
 from skystack.reporting.histograms import SCENARIOS
 from skystack.reporting.markdown import as_markdown
 from skystack.reporting.page import Picture, picture_of, render
-from skystack.reporting.results import BOUND_FAMILY, FAMILIES, Bound, Row, Run, read_run
+from skystack.reporting.results import BOUND_FAMILY, Bound, Row, Run, family_title, read_run
 from skystack.reporting.trajectories import clearances_text
 from skystack.reporting.typical import kind_of_scenario, typical_scenario
 
 SETTING = {
-    "loop": "Policy, online action-stacking and simulator, and what passes between them",
+    "loop": "Policy, online action-stacking and simulator, and the data they exchange",
     "sector": "The sector: its area, airways and fixes",
     "routes": "The routes through the sector from each of its first fixes",
 }
-"""The pictures of what is flown, and what they show."""
+"""The pictures that introduce the task, with their alternative texts."""
 
 
 class RowSection(NamedTuple):
-    """What the report shows of one row."""
+    """The section of the report on one row."""
 
     title: str
     flights: Picture
     histogram: Picture
     clearances: str
     issued: tuple[IssuedClearance, ...]
-    """In the order issued, all aircraft together."""
+    """In the order of issue, all aircraft together."""
 
 
 class FamilySection(NamedTuple):
-    """What the report shows of the experiments on one task."""
+    """The section of the report on the experiments of one task."""
 
     name: str
     title: str
@@ -49,9 +49,9 @@ class FamilySection(NamedTuple):
     claims: tables.Table
     bound: Bound | None
     scenario: int
-    """The number of the one that is drawn."""
+    """The number of the scenario that is drawn."""
     kind: str | None
-    """What it has in common with the paper's."""
+    """What the scenario has in common with the paper's, in words; None if nothing."""
     sections: tuple[RowSection, ...]
     histograms: Picture | None
     separations: Picture | None
@@ -61,7 +61,7 @@ class FamilySection(NamedTuple):
 
 
 class Tile(NamedTuple):
-    """One of the few figures at the top."""
+    """A headline number at the top of the report."""
 
     name: str
     value: str
@@ -69,14 +69,14 @@ class Tile(NamedTuple):
 
 
 def write_report(run: Path) -> Path:
-    """Write `figures/`, `results.md` and `report.html`, and return the report's path.
+    """Write `figures/`, `results.md` and `report.html`; return the path of the report.
 
     Raises InputError that names a missing or damaged file.
     """
     drawn = {path.stem for path in write_figures(run)}
-    whole, path = read_run(run), run / "report.html"
-    atomic_write(run / "results.md", as_markdown(whole).encode())
-    atomic_write(path, _page(whole, drawn))
+    contents, path = read_run(run), run / "report.html"
+    atomic_write(run / "results.md", as_markdown(contents).encode())
+    atomic_write(path, _page(contents, drawn))
     return path
 
 
@@ -109,7 +109,7 @@ def _family(
 
     return FamilySection(
         name=family,
-        title=FAMILIES[family],
+        title=family_title(family),
         comparison=tables.comparison(rows, bound),
         estimates=tables.estimates(rows),
         claims=claims_table([claim for claim in claims if claim.family == family]),
@@ -117,12 +117,12 @@ def _family(
         scenario=scenario,
         kind=kind_of_scenario(run, rows, scenario),
         sections=tuple(_section(run, row, scenario) for row in rows),
-        histograms=if_drawn(f"histograms-{family}", "Clearances per scenario of every row"),
-        separations=if_drawn(f"separations-{family}", "Least separation per scenario"),
+        histograms=if_drawn(f"histograms-{family}", "Clearances per scenario, all rows"),
+        separations=if_drawn(f"separations-{family}", "Minimum separation per scenario"),
         convergence=if_drawn(
             f"convergence-{family}", "Return and success during training: 5 and 37 actions"
         ),
-        success=if_drawn(f"success-{family}", "Success of every experiment during training"),
+        success=if_drawn(f"success-{family}", "Success during training, all experiments"),
         curves=tuple(
             _picture(run, f"learning-{name}", f"Learning curves: {experiment_title(name)}")
             for name in run.results.experiments_of(family)
@@ -131,7 +131,7 @@ def _family(
 
 
 def _tiles(run: Run) -> list[Tile]:
-    """The rows of the combined pictures, and the least that anybody needs."""
+    """A tile for each row of the combined pictures, and one for the fewest possible clearances."""
     overview = {slug for slugs in OVERVIEW.values() for slug in slugs}
     tiles = [
         Tile(
@@ -153,7 +153,7 @@ def _section(run: Run, row: Row, number: int) -> RowSection:
     issued = [clearance for track in scenario.tracks for clearance in track.clearances]
     return RowSection(
         title=row.title,
-        flights=_picture(run, f"trajectory-{row.slug}", _in_words(scenario)),
+        flights=_picture(run, f"trajectory-{row.slug}", _alternative_text(scenario)),
         histogram=_picture(
             run, f"histogram-{row.slug}", f"Histogram of clearances per scenario: {row.name}"
         ),
@@ -162,11 +162,11 @@ def _section(run: Run, row: Row, number: int) -> RowSection:
     )
 
 
-def _in_words(scenario: FlownScenario) -> str:
-    """For those who do not see the picture."""
+def _alternative_text(scenario: FlownScenario) -> str:
+    """The alternative text of the picture of a scenario."""
     flights = "; ".join(
-        f"{track.callsign} {'left the sector' if track.excursion_cycle is not None else 'flew'} with "
-        f"{clearances_text(len(track.clearances))}"
+        f"{track.callsign} with {clearances_text(len(track.clearances))}"
+        f"{'' if track.excursion_cycle is None else ' and an excursion'}"
         for track in scenario.tracks
     )
     return f"Scenario {scenario.number}: {flights}"

@@ -1,4 +1,4 @@
-"""What a run folder says about itself: `results.json`, `bound.json` and the curves of training."""
+"""The contents of a run folder: `results.json`, `bound.json` and the learning curves."""
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -10,18 +10,20 @@ import msgspec
 
 from skystack.errors import InputError, error_context
 from skystack.evaluation.statistics import Estimate
+from skystack.evaluation.summary import NO_OP_NAME
 from skystack.io.files import MOST_BYTES, read_whole
 from skystack.io.json_file import decode
 from skystack.io.names import Name
 from skystack.platforms.registry import OWN
+from skystack.tasks.registry import tasks
 
 Figure = Annotated[float, msgspec.Meta(ge=-1e15, le=1e15)]
 Count = Annotated[int, msgspec.Meta(ge=0, le=10**15)]
 Number = Figure | None
-"""JSON has no NaN: what could not be measured is null."""
+"""A value that could not be measured is null, because JSON has no NaN."""
 
 SIMULATORS = {OWN: "skystack", "bluebird": "BluebirdDT", "bluesky": "BlueSky"}
-"""Names of the platforms, in the order in which tables show them."""
+"""Names of the platforms, in the order of the tables."""
 READABLE_NAMES = {
     ("lateral-undamped", False): "undamped",
     ("lateral-undamped", True): "undamped, stacked",
@@ -45,58 +47,74 @@ READABLE_NAMES = {
     ("avoidance-best", False): "avoidance, ours, unstacked",
     ("avoidance-best", True): "avoidance, ours, stacked",
 }
-"""Names of (experiment, stacking), in the order in which tables and figures show them."""
-NO_OP_NAME = "do-nothing"
+"""Names of (experiment, stacking), in the order of tables and figures."""
 BOUND_FAMILY = "lateral"
-"""Whose fewest possible clearances are known."""
-FAMILIES = {
-    "lateral": "Lateral navigation",
-    "vertical": "Vertical control",
-    "avoidance": "Lateral navigation and avoidance",
-}
-"""Titles of the families of experiments, in their order. A family is one task on one kind of
-scenarios: only within it can rows be compared."""
+"""The family for which the fewest possible clearances are known."""
+OTHER_FAMILY = "other"
+"""The family of unknown experiments in old files, which do not state the task."""
 
 
-def family_of(experiment: str) -> str:
-    """The first word of an experiment's name, if that is a family; else the first of all."""
+def family_of(experiment: str, task: str | None) -> str:
+    """The family of an experiment, which is its task.
+
+    Old files do not state the task. It is then derived from the name of the experiment.
+    """
+    if task is not None:
+        return task
+    if experiment == NO_OP_NAME:
+        return BOUND_FAMILY
     word = experiment.partition("-")[0]
-    return word if word in FAMILIES else next(iter(FAMILIES))
+    return word if word in tasks() else OTHER_FAMILY
+
+
+def family_title(family: str) -> str:
+    """The title of a family's section."""
+    known = tasks()
+    return known[family].family.title if family in known else family.capitalize()
+
+
+def family_order(families: Iterable[str]) -> list[str]:
+    """Sort families in the order of the task registry, unknown ones last."""
+    known = list(tasks())
+    return sorted(
+        set(families),
+        key=lambda name: (known.index(name) if name in known else len(known), name),
+    )
 
 
 class Paper(msgspec.Struct, frozen=True):
-    """What the paper states for a row."""
+    """The paper's values for a row."""
 
     clearances_mean: Figure
     clearances_std: Number = None
 
 
 class Statistics(msgspec.Struct, frozen=True):
-    """Means over trainings of one measure, with their 95 % intervals."""
+    """Means of one measure over the seeds, with their 95 % intervals."""
 
     mean: Estimate
     iqm: Estimate
-    """Interquartile."""
+    """The interquartile mean."""
 
 
 class RowName(msgspec.Struct, frozen=True):
-    """Which row is meant."""
+    """The key of a row."""
 
     experiment: Name
     stacking: bool
 
 
 class Difference(msgspec.Struct, frozen=True):
-    """How a first row differs from a second in one measure."""
+    """The difference between two rows in one measure."""
 
     difference: Estimate
-    """First less second."""
+    """First minus second."""
     probability_less: Estimate
-    """That a training of the first comes out lower than one of the second."""
+    """The probability that a seed of the first has a lower value than a seed of the second."""
 
 
 class Comparison(msgspec.Struct, frozen=True):
-    """Two rows on the same scenarios."""
+    """The comparison of two rows on the same scenarios."""
 
     first: RowName
     second: RowName
@@ -111,12 +129,14 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     experiment: Name
+    task: Name | None = None
+    """The name of the experiment's task; old files do not state it."""
     platform: Name
     stacking: bool
     seeds: Count
-    """How many trainings."""
+    """The number of training seeds."""
     seed: Count | None = None
-    """Which training; only in `rows_by_seed`."""
+    """The training seed; only in `rows_by_seed`."""
     episodes: Count
     clearances_mean: Number
     clearances_std: Number
@@ -128,43 +148,43 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     loss_of_separation_count: Count
     paper: Paper | None = None
     wall_s: Number = None
-    """What flying took."""
+    """The wall time of the evaluation."""
     same_clearances_rate: Number = None
-    """Scenarios with the same clearances as in our simulator; only in `platforms`."""
+    """The share of scenarios with the same clearances as in skystack; only in `platforms`."""
     statistics: dict[str, Statistics] = {}
-    """Of every measure (`skystack.evaluation.statistics`); only in `rows`."""
+    """By measure (`skystack.evaluation.statistics`); only in `rows`."""
 
     @property
     def family(self) -> str:
-        """That of its experiment."""
-        return family_of(self.experiment)
+        """The family of its experiment."""
+        return family_of(self.experiment, self.task)
 
     @property
     def policy(self) -> str:
-        """As readers know it: `damped and stacked`."""
+        """The readable name of the policy, such as `damped and stacked`."""
         way = "stacked" if self.stacking else "plain"
         return READABLE_NAMES.get((self.experiment, self.stacking), f"{self.experiment}, {way}")
 
     @property
     def name(self) -> str:
-        """The policy, and the simulator where it is not ours."""
+        """The policy, with the simulator in brackets unless it is skystack."""
         return self.policy if self.platform == OWN else f"{self.policy} ({self.platform})"
 
     @property
     def title(self) -> str:
-        """The name at the head of something."""
+        """The name with its first letter capitalised."""
         return self.name[:1].upper() + self.name[1:]
 
     @property
     def slug(self) -> str:
-        """Its part of file names: `lateral-stacked`."""
+        """The part of file names that identifies the row, such as `lateral-stacked`."""
         way = "stacked" if self.stacking else "plain"
         platform = "" if self.platform == OWN else f"-{self.platform}"
         return f"{self.experiment}{platform}-{way}"
 
 
 class Training(msgspec.Struct, frozen=True):
-    """One training: how long it was and how long it took."""
+    """The steps and the duration of one training run."""
 
     experiment: Name
     seed: Count
@@ -174,7 +194,7 @@ class Training(msgspec.Struct, frozen=True):
 
 
 class Results(msgspec.Struct, frozen=True, kw_only=True):
-    """The object of `results.json`."""
+    """The contents of `results.json`."""
 
     rows: list[Row]
     rows_by_seed: list[Row]
@@ -185,13 +205,13 @@ class Results(msgspec.Struct, frozen=True, kw_only=True):
     command: str
     quick: bool
     platforms: list[Row] = []
-    """The first seed's policies in several simulators, on the same scenarios."""
+    """The policies of the first seed in several simulators, on the same scenarios."""
     comparisons: list[Comparison] = []
     kept: list[str] = []
-    """Pieces that an earlier run had finished: they are not in `wall_s`."""
+    """Pieces that an earlier run had finished; `wall_s` does not include them."""
 
     def row(self, experiment: str, stacking: bool) -> Row | None:
-        """One of `rows`, if it is there."""
+        """The row with this key, if any."""
         found = (
             row for row in self.rows if (row.experiment, row.stacking) == (experiment, stacking)
         )
@@ -199,36 +219,36 @@ class Results(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def families(self) -> dict[str, list[Row]]:
-        """The rows of each family that has any."""
-        grouped = {
-            family: [row for row in self.rows if row.family == family] for family in FAMILIES
+        """The rows by family."""
+        return {
+            family: [row for row in self.rows if row.family == family]
+            for family in family_order(row.family for row in self.rows)
         }
-        return {family: rows for family, rows in grouped.items() if rows}
 
     @property
     def experiments(self) -> list[str]:
-        """The trained ones, in the order of the tables."""
+        """The trained experiments, in the order of the tables."""
         return sorted({training.experiment for training in self.train}, key=_experiment_order)
 
     def experiments_of(self, family: str) -> list[str]:
-        """The trained ones of a family."""
+        """The trained experiments of a family."""
         members = {row.experiment for row in self.families.get(family, [])}
         return [name for name in self.experiments if name in members]
 
 
 class Bound(msgspec.Struct, frozen=True):
-    """The fewest clearances that any controller needs, on average over some scenarios."""
+    """The fewest clearances with which any controller can succeed, as a mean over scenarios."""
 
     clearances_mean: Figure
     scenarios: Count
 
 
 class Update(msgspec.Struct, frozen=True):
-    """One update of a training: means over the scenarios that ended in it; null where none did."""
+    """One training update: means over the scenarios that ended in it, null if none did."""
 
     steps: Count
     wall_s: Number = None
-    """Since training began."""
+    """Since the start of training."""
     episode_return: Number = msgspec.field(default=None, name="return")
     success: Number = None
     correct_exit: Number = None
@@ -237,23 +257,23 @@ class Update(msgspec.Struct, frozen=True):
     instructions: Number = None
     bursts: Number = None
     episodes: Figure = 0.0
-    """How many scenarios ended."""
+    """The number of scenarios that ended."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run folder and what its JSON files say; rows are in the order of the tables."""
+    """A run folder and the contents of its JSON files. Rows are in the order of the tables."""
 
     folder: Path
     results: Results
     bound: Bound | None
 
     def bound_of(self, family: str) -> Bound | None:
-        """The fewest clearances possible, where they are known."""
+        """The fewest possible clearances of a family, if known."""
         return self.bound if family == BOUND_FAMILY else None
 
     def first_seed(self, row: Row) -> int:
-        """The training whose flights stand for a row in pictures and histograms: the lowest."""
+        """The row's lowest seed, whose flights the pictures and histograms show."""
         key = (row.experiment, row.platform, row.stacking)
         seeds = [
             one.seed
@@ -263,41 +283,41 @@ class Run:
         return min(seeds, default=0)
 
     def evaluation(self, row: Row) -> Path:
-        """The folder with the flights of a row's first seed."""
+        """The evaluation folder of a row's first seed."""
         way = "stacked" if row.stacking else "plain"
         name = f"{row.experiment}-s{self.first_seed(row)}-{row.platform}-{way}"
         return self.folder / "evaluation" / name
 
     def updates(self, training: Training) -> list[Update]:
-        """The learning curve of a training. Raises InputError for a missing or damaged file."""
+        """The learning curve of a training run. Raises InputError for a missing or damaged file."""
         return read_updates(self.training(training))
 
     def training(self, training: Training) -> Path:
-        """The folder of a training."""
+        """The folder of a training run."""
         return self.folder / "train" / f"{training.experiment}-s{training.seed}"
 
 
 def read_updates(folder: Path) -> list[Update]:
-    """The learning curve in a training's folder. Raises InputError: missing or damaged file."""
+    """Read the learning curve of a training run. Raises InputError for a bad or missing file."""
     path = folder / "metrics.jsonl"
     *lines, last = read_file(path).split(b"\n")
-    with suppress(InputError):  # a running or killed training may have written part of a line
+    with suppress(InputError):  # the last line is incomplete if training is running or was killed
         decode(last, Update, str(path))
         lines.append(last)
     if not lines:
-        raise InputError(f"{path}: holds no whole line (allowed: one JSON object a line)")
+        raise InputError(f"{path}: contains no complete line (allowed: one JSON object per line)")
     return [
         decode(line, Update, f"{path}: line {number}") for number, line in enumerate(lines, start=1)
     ]
 
 
 def read_run(folder: Path) -> Run:
-    """Read what is small. Raises InputError that names a missing or damaged file."""
+    """Read a run folder's JSON files. Raises InputError that names a missing or damaged file."""
     path = folder / "results.json"
     results = decode(read_file(path), Results, str(path))
     for table in ("rows", "platforms", "rows_by_seed"):
         rows: list[Row] = getattr(results, table)
-        # On file systems that ignore case they would share their files.
+        # Rows that differ only in case would share files on some file systems.
         keys = [
             (row.experiment.lower(), row.stacking, row.platform.lower(), row.seed) for row in rows
         ]
@@ -318,16 +338,16 @@ def read_run(folder: Path) -> Run:
 def _check_once(where: str, keys: Sequence[tuple[object, ...]]) -> None:
     if len(set(keys)) < len(keys):
         twice = next(key for key in keys if keys.count(key) > 1)
-        raise InputError(f"{where}: {twice} stands in it twice (allowed: once)")
+        raise InputError(f"{where}: {twice} occurs twice (allowed: once)")
 
 
 def in_order(rows: Iterable[Row]) -> list[Row]:
-    """Known rows as listed above, unknown ones after them by name."""
+    """Sort rows: known ones as in `READABLE_NAMES`, then unknown ones by name."""
     return sorted(rows, key=row_order)
 
 
 def row_order(row: Row) -> tuple[int, str, bool, int, str]:
-    """What rows are sorted by."""
+    """The sort key of a row."""
     known, simulators = list(READABLE_NAMES), list(SIMULATORS)
     key = (row.experiment, row.stacking)
     place = known.index(key) if key in known else len(known)
@@ -341,6 +361,6 @@ def _experiment_order(experiment: str) -> tuple[int, str]:
 
 
 def read_file(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
-    """A whole file. Raises InputError that names it when it cannot be read or is too large."""
+    """Read a whole file. Raises InputError that names it if it is unreadable or too large."""
     with error_context(str(path)):
         return read_whole(path, most_bytes)

@@ -1,4 +1,4 @@
-"""The verb `sector`: what a sector is, in a table and as a map."""
+"""The command `sector`: the facts about a sector, and a map of it."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -15,16 +15,17 @@ from skystack.reporting.tables import Table
 from skystack.simulator.performance import performance
 from skystack.simulator.simulator import Simulator
 from skystack.tasks.flight_time import FlightTimes, flight_times
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks.settings import NavigationSettings
 
-_USUAL, _USUAL_FL = TaskSettings(), 300
+_DEFAULTS, _DEFAULT_FL = NavigationSettings(), 300
 
 
 def sector_facts(sector: Sector, cycles: int) -> dict[str, Any]:
-    """The sector, and of each route its length [NM], turns [deg, positive to the right] and cycles.
+    """The sector, and for each route its length [NM], turns [deg, positive right] and cycles.
 
-    These are what the default type takes from its start to the exit in level flight, at FL300 or
-    the level of the sector that is nearest. `routes_beyond_cycles` take more than `cycles`.
+    The cycles are the flight time of the default aircraft type from the start to the exit, in level
+    flight at FL300 or the sector's nearest level. `routes_beyond_cycles` counts the routes that
+    take more than `cycles`.
     """
     times = _flight_times(sector)
     routes = [
@@ -53,18 +54,18 @@ def sector_facts(sector: Sector, cycles: int) -> dict[str, Any]:
 
 def _flight_times(sector: Sector) -> FlightTimes:
     low, high = sector.levels_fl
-    level_fl = min(max(_USUAL_FL, low), high)
-    simulator = Simulator(sector, performance(_USUAL.performance))
-    return flight_times(simulator, (level_fl,), _USUAL.disc_nm)
+    level_fl = min(max(_DEFAULT_FL, low), high)
+    simulator = Simulator(sector, performance(_DEFAULTS.performance))
+    return flight_times(simulator, (level_fl,), _DEFAULTS.disc_nm)
 
 
 def beyond_cycles(sector: Sector, cycles: int) -> str | None:
-    """A line on routes that take longer than a scenario, if any."""
+    """A warning about routes that take longer than a scenario; None if there are none."""
     return _flight_times(sector).beyond(cycles)
 
 
 def headlines(facts: dict[str, Any]) -> list[str]:
-    """What there is to say of a sector in prose, at most 80 characters a line."""
+    """The facts about the sector as a whole, in lines of at most 80 characters."""
     (low, high), (lat, lon) = facts["levels_fl"], facts["origin"]
     starts, routes = facts["first_fixes"], len(facts["routes"])
     first = (
@@ -79,7 +80,7 @@ def headlines(facts: dict[str, Any]) -> list[str]:
 
 
 def facts_table(facts: dict[str, Any]) -> Table:
-    """A row a route."""
+    """One row per route."""
     rows = (
         (
             route["route"],
@@ -93,7 +94,7 @@ def facts_table(facts: dict[str, Any]) -> Table:
 
 
 def write_map(sector: Sector, output: Path) -> None:
-    """The sector as a picture, `.png` or `.svg`. Raises InputError for another ending."""
+    """Draw the sector as `.png` or `.svg`. Raises InputError for any other suffix."""
     if output.suffix not in (".png", ".svg"):
         raise InputError(f"{output}: cannot be drawn (allowed: .png, .svg)")
     check_output(output)

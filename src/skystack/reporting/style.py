@@ -1,4 +1,4 @@
-"""How figures look: colours that colour-blind readers tell apart, type, and the file formats."""
+"""The style of figures: colours that colour-blind readers can distinguish, fonts, formats."""
 
 import io
 import re
@@ -19,9 +19,9 @@ AREA, PAPER = "#eef2f5", "#ffffff"
 BLUE, VERMILION, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
 ORANGE, SKY = "#e69f00", "#56b4e9"
 SERIES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
-"""Okabe and Ito's palette."""
+"""The palette of Okabe and Ito."""
 LINES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (6, 1.5, 1.5, 1.5)))
-"""Dash patterns: what colour says, they say too."""
+"""Dash patterns, which distinguish lines without colour."""
 
 IN_THE_DARK = {
     INK: "#e8edf2",
@@ -33,7 +33,7 @@ IN_THE_DARK = {
     VERMILION: "#ff8a3d",
     GREEN: "#2fc79a",
 }
-"""What the colours become on a dark page."""
+"""The replacements of colours on a dark page."""
 
 PIXELS_PER_INCH = 200
 
@@ -64,13 +64,13 @@ _SETTINGS: dict[Any, Any] = {
     "axes.facecolor": PAPER,
     "savefig.facecolor": PAPER,
     "svg.fonttype": "path",
-    "svg.hashsalt": "skystack",  # the same figure is the same file
+    "svg.hashsalt": "skystack",  # equal figures give equal files
 }
 
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Draw and save in here; the caller's own settings come back afterwards."""
+    """A context with the style of figures; the caller's settings are restored afterwards."""
     with mpl.rc_context(), warnings.catch_warnings():
         mpl.rcdefaults()
         mpl.rcParams.update(_SETTINGS)
@@ -82,21 +82,21 @@ def house_style() -> Iterator[None]:
 def grid_of_axes(
     rows: int, columns: int, size_in: tuple[float, float], **shared: Any
 ) -> tuple[Figure, list[Axes]]:
-    """A figure with axes row by row, laid out without overlaps."""
+    """A figure with a grid of axes, listed row by row, in a layout without overlaps."""
     figure = Figure(figsize=size_in, layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False, **shared)
     return figure, list(grid.flat)
 
 
 def settle(figure: Figure) -> None:
-    """Lay the figure out once and for all: texts can be placed, and saving need not do it again."""
+    """Fix the layout, so that texts can be placed and saving does not lay out again."""
     if figure.get_layout_engine() is not None:
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
 
 
 def save(figure: Figure, stem: Path) -> list[Path]:
-    """Write `<stem>.png` and `<stem>.svg`; the same figure gives the same bytes."""
+    """Write `<stem>.png` and `<stem>.svg`; equal figures give equal bytes."""
     paths = []
     for kind, data in (("png", as_png(figure)), ("svg", as_svg(figure).encode())):
         paths.append(stem.with_name(f"{stem.name}.{kind}"))
@@ -105,36 +105,36 @@ def save(figure: Figure, stem: Path) -> list[Path]:
 
 
 def as_png(figure: Figure) -> bytes:
-    """The figure as a picture; the same figure gives the same bytes."""
-    return _drawn(figure, "png")
+    """The figure as PNG; equal figures give equal bytes."""
+    return _rendered(figure, "png")
 
 
 def as_svg(figure: Figure) -> str:
-    """The figure as a drawing; the same figure gives the same text."""
-    return _shortened(_drawn(figure, "svg").decode())
+    """The figure as SVG; equal figures give equal text."""
+    return _shortened(_rendered(figure, "svg").decode())
 
 
-def _drawn(figure: Figure, kind: str) -> bytes:
+def _rendered(figure: Figure, kind: str) -> bytes:
     settle(figure)
     plain: dict[str, Any] = {
         "png": {"dpi": PIXELS_PER_INCH, "metadata": {"Software": None}},
         "svg": {"metadata": {"Date": None, "Creator": None}},
     }
-    drawn = io.BytesIO()
-    # Cut to what is drawn: titles may stand out of the laid-out area.
-    figure.savefig(drawn, format=kind, bbox_inches="tight", pad_inches=0.12, **plain[kind])
-    return drawn.getvalue()
+    data = io.BytesIO()
+    # Cropped to what is drawn, since titles may extend beyond the layout.
+    figure.savefig(data, format=kind, bbox_inches="tight", pad_inches=0.12, **plain[kind])
+    return data.getvalue()
 
 
 def _shortened(svg: str) -> str:
-    """Hundredths of a point are enough for outlines: half the size."""
+    """Shorten outlines to hundredths of a point, which halves the size."""
     return re.sub(
         r' d="[^"]*"', lambda outline: re.sub(r"(\.\d\d)\d+", r"\1", outline.group()), svg
     )
 
 
 def follow_the_page(svg: str) -> str:
-    """The same drawing with colours that change where the reader's screen is dark."""
+    """Make the colours of a drawing follow the reader's light or dark colour scheme."""
     names = {light: f"--c{number}" for number, light in enumerate(IN_THE_DARK)}
     dark = "".join(f"{name}:{IN_THE_DARK[light]};" for light, name in names.items())
     sheet = f"<style>@media screen and (prefers-color-scheme:dark){{:root{{{dark}}}}}</style>"

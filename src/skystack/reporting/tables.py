@@ -1,4 +1,4 @@
-"""The comparison with the paper as a table: for the terminal, for Markdown, for the report."""
+"""Tables of results for the terminal, for Markdown and for the report."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,7 +19,7 @@ NOTHING = "\N{EN DASH}"
 
 
 class Table(NamedTuple):
-    """Cells as text, which may hold anything; the first column is names, the others are figures."""
+    """Cells of arbitrary text. The first column contains names, the others numbers."""
 
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -43,7 +43,7 @@ class Table(NamedTuple):
 
 
 class ForTerminal:
-    """A table that is not squeezed by a narrow terminal but goes on below itself."""
+    """A table that is split into several, one below the other, in a narrow terminal."""
 
     def __init__(self, table: Table) -> None:
         self._lines = [tuple(map(printable, line)) for line in (table.header, *table.rows)]
@@ -51,21 +51,21 @@ class ForTerminal:
     def __rich_console__(
         self, console: Console, options: ConsoleOptions
     ) -> Iterator[rich.table.Table | str]:
-        """One table, or several that each begin with the names."""
+        """One table, or several that each start with the column of names."""
         names, *others = zip(*self._lines, strict=True)
         for part in _parts(others, options.max_width - _width(names)):
-            shown = rich.table.Table(box=rich.box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
+            table = rich.table.Table(box=rich.box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
             for column in (names, *part):
                 justify: JustifyMethod = "left" if column is names else "right"
-                shown.add_column(Text(column[0]), justify=justify, width=_width(column) - GAP)
+                table.add_column(Text(column[0]), justify=justify, width=_width(column) - GAP)
             for cells in zip(*(column[1:] for column in (names, *part)), strict=True):
-                shown.add_row(*map(Text, cells))
-            yield shown
+                table.add_row(*map(Text, cells))
+            yield table
             yield ""
 
 
 def _parts(columns: Sequence[tuple[str, ...]], width: int) -> list[list[tuple[str, ...]]]:
-    """The columns in groups that are no wider, if a single one is not."""
+    """Group the columns to fit the width; a column that is too wide has its own group."""
     parts: list[list[tuple[str, ...]]] = []
     free = 0
     for column in columns:
@@ -78,21 +78,21 @@ def _parts(columns: Sequence[tuple[str, ...]], width: int) -> list[list[tuple[st
 
 
 GAP = 3
-"""Between two columns in the terminal."""
+"""The number of characters between two columns in the terminal."""
 
 
 def _width(column: tuple[str, ...]) -> int:
-    """Of a column in the terminal: its header may be broken between words, its cells may not."""
+    """The width of a column in the terminal. Headers wrap between words, cells do not wrap."""
     return max(map(cell_len, (*column[0].split(), *column[1:]))) + GAP
 
 
 def comparison_of(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """The comparison of rows that evaluation has just made."""
+    """The comparison table for rows as evaluation returns them."""
     return comparison(in_order(msgspec.convert(rows, list[Row])))
 
 
 def comparison(rows: Sequence[Row], bound: Bound | None = None) -> Table:
-    """One line a row, beside the paper's clearances; last, the fewest that anybody needs."""
+    """One line per row, with the paper's clearances; the fewest possible clearances come last."""
     header = ("row", "paper", *_MEASURED, "seeds")
     lines = [(row.name, _paper(row), *_measured(row), str(row.seeds)) for row in rows]
     if bound is not None:
@@ -102,12 +102,12 @@ def comparison(rows: Sequence[Row], bound: Bound | None = None) -> Table:
 
 
 def platforms_of(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """The table of several simulators of rows that evaluation has just made."""
+    """The table of simulators for rows as evaluation returns them."""
     return platforms(in_order(msgspec.convert(rows, list[Row])))
 
 
 def platforms(rows: Sequence[Row]) -> Table:
-    """The same policies on the same scenarios in several simulators, one line each."""
+    """The same policies on the same scenarios in several simulators, one line per row."""
     header = (
         "row",
         "paper",
@@ -137,13 +137,13 @@ def platforms(rows: Sequence[Row]) -> Table:
 
 
 def estimates(rows: Sequence[Row]) -> Table:
-    """Means and interquartile means over trainings, each with its 95 % interval."""
+    """Means and interquartile means over seeds, each with its 95 % interval."""
     header = (
         "row",
         "clearances",
-        "interquartile",
+        "interquartile mean",
         "success",
-        "interquartile",
+        "interquartile mean",
         "losses of separation",
     )
     lines = []
@@ -159,15 +159,16 @@ def estimates(rows: Sequence[Row]) -> Table:
 
 
 def comparisons(results: Results) -> Table:
-    """Two rows a line: how they differ, and how probable it is that a training of the first wins.
+    """One line per pair of rows: their difference, and the probability that the first is better.
 
-    Winning is to need fewer clearances, or to succeed more often; equal counts half.
+    Better means that a seed of the first has fewer clearances, or more success, than a seed of the
+    second. Ties count half.
     """
     header = (
-        "first against second",
-        "clearances: difference",
+        "rows",
+        "difference in clearances",
         "first has fewer",
-        "success: difference in points",
+        "difference in success, points",
         "first has more",
     )
     lines = []
@@ -175,7 +176,7 @@ def comparisons(results: Results) -> Table:
         names = [results.row(name.experiment, name.stacking) for name in (each.first, each.second)]
         first, second = ("?" if row is None else row.name for row in names)
         clearances, success = each.measures["clearances"], each.measures["success"]
-        more = Estimate(*(1.0 - value for value in _turned(success.probability_less)))
+        more = Estimate(*(1.0 - value for value in _ends_swapped(success.probability_less)))
         lines.append(
             (
                 f"{first} against {second}",
@@ -188,13 +189,13 @@ def comparisons(results: Results) -> Table:
     return Table(header, tuple(lines))
 
 
-def _turned(estimate: Estimate) -> tuple[float, float, float]:
-    """For a figure that falls where this one rises, whose interval ends change places."""
+def _ends_swapped(estimate: Estimate) -> tuple[float, float, float]:
+    """The value and the swapped interval ends, for a quantity that falls as this one rises."""
     return estimate.value, estimate.high, estimate.low
 
 
 def by_seed(results: Results) -> Table:
-    """One line a training."""
+    """One line per training run."""
     header = ("row", "seed", *_MEASURED)
     rows = [
         (row.name, NOTHING if row.seed is None else str(row.seed), *_measured(row))
@@ -204,7 +205,7 @@ def by_seed(results: Results) -> Table:
 
 
 def seeds_side_by_side(results: Results, rows: Sequence[Row]) -> Table:
-    """One line a row: clearances and success of every training."""
+    """One line per row: clearances and success for each seed."""
     numbers = sorted({each.seed for each in results.rows_by_seed if each.seed is not None})
     lines = []
     for row in rows:
@@ -219,7 +220,7 @@ def seeds_side_by_side(results: Results, rows: Sequence[Row]) -> Table:
 
 
 def trainings(results: Results) -> Table:
-    """How long the policies were trained."""
+    """The steps and the duration of each training run."""
     rows = [
         (
             training.experiment,
@@ -234,7 +235,7 @@ def trainings(results: Results) -> Table:
 
 
 def duration(seconds: float) -> str:
-    """`48 s`, `3 min 05 s`, `2 h 05 min`."""
+    """Format as `48 s`, `3 min 05 s` or `2 h 05 min`."""
     minutes, rest = divmod(round(seconds), 60)
     if minutes >= 60:
         return f"{minutes // 60} h {minutes % 60:02d} min"
@@ -242,7 +243,7 @@ def duration(seconds: float) -> str:
 
 
 def plain_markdown(text: str) -> str:
-    """A text that Markdown shows as it is: it starts no cell, link, code or HTML."""
+    """Escape a text so that Markdown shows it literally, without cells, links, code or HTML."""
     text = re.sub(r"([\\|`<])", r"\\\1", printable(text))
     return text.replace("](", "]\\(")
 
@@ -277,26 +278,26 @@ def _paper(row: Row) -> str:
 
 
 def mean_and_std(mean: Number, std: Number) -> str:
-    """`7.2 ± 3.5`."""
+    """Format as `7.2 ± 3.5`."""
     return decimal(mean) if mean is None or std is None else f"{mean:.1f} ± {std:.1f}"
 
 
 def interval(estimate: Estimate) -> str:
-    """`7.2 [6.9, 7.5]`."""
+    """Format as `7.2 [6.9, 7.5]`."""
     return f"{estimate.value:.1f} [{estimate.low:.1f}, {estimate.high:.1f}]"
 
 
 def percent_interval(estimate: Estimate, places: int = 1) -> str:
-    """`98.3 % [97.5, 99.0]`."""
+    """Format as `98.3 % [97.5, 99.0]`."""
     value, low, high = (f"{100.0 * each:.{places}f}" for each in estimate)
     return f"{value} % [{low}, {high}]"
 
 
 def decimal(value: Number) -> str:
-    """`7.2`."""
+    """Format as `7.2`."""
     return NOTHING if value is None else f"{value:.1f}"
 
 
 def percent(rate: Number) -> str:
-    """`98.3 %`."""
+    """Format as `98.3 %`."""
     return NOTHING if rate is None else f"{100.0 * rate:.1f} %"

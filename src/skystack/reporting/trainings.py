@@ -1,4 +1,4 @@
-"""What lies in run folders, of `train` and of `reproduce`, read so that it can be compared."""
+"""Read the run folders of `train` and `reproduce` for comparison."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 import msgspec
 
 from skystack.errors import InputError, error_context, exists, printable
-from skystack.io.json_file import MAX_BYTES, convert, decode
+from skystack.io.json_file import MAX_BYTES, decode
 from skystack.io.names import Name, Seed
 from skystack.io.toml_file import parse_toml
+from skystack.io.validation import convert
 from skystack.reporting.learning_curves import at_the_end
 from skystack.reporting.results import (
     Row,
@@ -22,29 +23,29 @@ from skystack.reporting.results import (
 )
 
 NOT_COMPARED = ("name", "description")
-"""Settings that change nothing."""
+"""Settings that do not affect training."""
 
 
 class Learned(NamedTuple):
-    """One training: where it lies, what it was and how it went."""
+    """One training run: its origin, settings and learning curve."""
 
     curve: str
-    """Which line it belongs to: its run, with the experiment where the run has several."""
+    """The plotted line it belongs to: the run, plus the experiment if the run has several."""
     run: str
     experiment: str
     seed: int | None
-    """None where it is not finished: the policy tells."""
+    """From the policy file, so None if the training has not finished."""
     updates: list[Update]
     settings: dict[str, Any]
-    """By dotted key, as in `--set`."""
+    """By dotted key, as for `--set`."""
 
     @property
     def family(self) -> str:
-        return family_of(self.experiment)
+        return family_of(self.experiment, self.settings.get("task.name"))
 
     @property
     def summary(self) -> dict[str, Any]:
-        """Its line of the table; success and instructions as the thick line shows them at last."""
+        """Its line of the table; success and instructions are final values of the running mean."""
         last = self.updates[-1]
         return {
             "run": self.run,
@@ -58,22 +59,22 @@ class Learned(NamedTuple):
 
 
 class RowOf(NamedTuple):
-    """A row of the results of a run."""
+    """A row of a run's results."""
 
     run: str
     row: Row
 
 
 class Runs(NamedTuple):
-    """Everything that several run folders hold."""
+    """The contents of several run folders."""
 
     trainings: list[Learned]
     rows: list[RowOf]
-    """In the order of the tables: equal rows of different runs together."""
+    """In the order of the tables, which puts equal rows of different runs next to each other."""
 
 
 def is_reproduction(folder: Path) -> bool:
-    """Whether `skystack reproduce` has made it."""
+    """Whether `skystack reproduce` wrote the folder."""
     return exists(folder / "results.json")
 
 
@@ -94,30 +95,30 @@ def read_runs(folders: Sequence[Path]) -> Runs:
             trainings.append(_read_training(folder, name))
         else:
             raise InputError(
-                f"{folder}: not a run folder (allowed: one with the metrics.jsonl of train or the "
-                "results.json of reproduce)"
+                f"{folder}: not a run folder (allowed: a folder with the metrics.jsonl of train or "
+                "the results.json of reproduce)"
             )
     return Runs(trainings, sorted(rows, key=lambda each: row_order(each.row)))
 
 
 def short_names(folders: Sequence[Path]) -> list[str]:
-    """Of each path as many last parts as tell it from the others. Raises InputError for twins."""
+    """Shorten paths to their fewest unique last parts. Raises InputError for duplicates."""
     parts = [folder.resolve().parts for folder in folders]
     names = []
     for folder, own in zip(folders, parts, strict=True):
         if parts.count(own) > 1:
             raise InputError(f"{folder}: given twice")
-        alone = (
+        unique = (
             own[-count:]
             for count in range(1, len(own) + 1)
             if sum(each[-count:] == own[-count:] for each in parts) == 1
         )
-        names.append(printable("/".join(next(alone))))
+        names.append(printable("/".join(next(unique))))
     return names
 
 
 def differences(settings: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """By key, the values of those settings that are not the same for all; None where unset."""
+    """The settings that differ: by key, the value of each name, None if unset."""
     keys = dict.fromkeys(key for each in settings.values() for key in each)
     found = {
         key: {name: each.get(key) for name, each in settings.items()}
@@ -132,13 +133,13 @@ def differences(settings: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str
 
 
 class _Configured(msgspec.Struct):
-    """What is needed of `config.toml`."""
+    """The part of `config.toml` that is read."""
 
     name: Name
 
 
 class _Described(msgspec.Struct):
-    """What is needed of `policy.json`."""
+    """The part of `policy.json` that is read."""
 
     seed: Seed
 
@@ -148,14 +149,14 @@ def _read_training(folder: Path, run: str) -> Learned:
     data = read_file(path, MAX_BYTES)
     with error_context(f"{path}: damaged"):
         config = parse_toml(data)
-        experiment = convert(config, {"": _Configured}).name
+        experiment = convert(config, _Configured).name
     path = folder / "policy.json"
     seed = decode(read_file(path, MAX_BYTES), _Described, str(path)).seed if path.exists() else None
     return Learned(run, run, experiment, seed, read_updates(folder), _flat(config))
 
 
 def _flat(table: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    """`{"ppo": {"gamma": 0.99}}` as `{"ppo.gamma": 0.99}`."""
+    """Flatten `{"ppo": {"gamma": 0.99}}` to `{"ppo.gamma": 0.99}`."""
     flat: dict[str, Any] = {}
     for key, value in table.items():
         inner = isinstance(value, dict)

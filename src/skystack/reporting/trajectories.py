@@ -1,4 +1,4 @@
-"""Pictures of one scenario seen from above: the sector, the flights, and what was cleared where."""
+"""Plan views of one scenario: the sector, the flights and the clearances."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -23,7 +23,7 @@ from skystack.reporting.style import (
 )
 
 MOST_TEXTS = 20
-"""With more bursts than this only marks are drawn: texts would hide the flights."""
+"""With more bursts than this, only marks are drawn, as texts would hide the flights."""
 
 NEAREST: dict[str, Any] = {
     "color": INK,
@@ -33,11 +33,11 @@ NEAREST: dict[str, Any] = {
     "markerfacecolor": PAPER,
     "markeredgewidth": 1.0,
 }
-"""The line between two aircraft, and its ends."""
+"""The style of the line between two aircraft at their closest approach."""
 
 
 def picture(title: str, scenario: FlownScenario, separation: bool = False) -> Figure:
-    """One scenario; if wanted with a line between the aircraft when they were nearest."""
+    """Draw one scenario; with `separation`, mark the closest approach of the aircraft."""
     figure, (axes,) = grid_of_axes(1, 1, (5.0, 4.4))
     _draw(axes, title, scenario, separation)
     _legend(figure, [scenario], separation)
@@ -47,26 +47,26 @@ def picture(title: str, scenario: FlownScenario, separation: bool = False) -> Fi
 
 
 def pictures(panels: Sequence[tuple[str, FlownScenario]], separation: bool = False) -> Figure:
-    """Several flights of one scenario side by side, two in a row."""
+    """Draw several flights of one scenario side by side, two or three in a row."""
     columns = min(len(panels), 2 if len(panels) <= 4 else 3)
     rows = -(-len(panels) // columns)
     figure, axes = grid_of_axes(
         rows, columns, (5.0 * columns, 4.5 * rows + 0.3), sharex=True, sharey=True
     )
-    for place, (title, scenario) in zip(axes, panels, strict=False):
-        _draw(place, title, scenario, separation)
-        place.label_outer()
+    for ax, (title, scenario) in zip(axes, panels, strict=False):
+        _draw(ax, title, scenario, separation)
+        ax.label_outer()
     for empty in axes[len(panels) :]:
         empty.set_axis_off()
     _legend(figure, [scenario for _, scenario in panels], separation)
     settle(figure)
-    for place, (_, scenario) in zip(axes, panels, strict=False):
-        _write_texts(place, scenario, separation)
+    for ax, (_, scenario) in zip(axes, panels, strict=False):
+        _write_texts(ax, scenario, separation)
     return figure
 
 
 def clearances_text(count: int) -> str:
-    """`7 clearances`, `1 clearance`."""
+    """Format as `7 clearances` or `1 clearance`."""
     return f"{count} clearance" if count == 1 else f"{count} clearances"
 
 
@@ -84,7 +84,7 @@ def _draw(axes: Axes, title: str, scenario: FlownScenario, separation: bool) -> 
 def _draw_track(axes: Axes, track: Track, number: int, crowded: bool) -> None:
     colour = SERIES[number % len(SERIES)]
     path = track.position_nm
-    # The planned route lies under the flight as a broad band: the eye sees the deviation.
+    # A broad band under the flight shows the planned route, so that deviations are visible.
     axes.plot(
         *track.route_nm.T,
         color=colour,
@@ -127,7 +127,7 @@ def _draw_track(axes: Axes, track: Track, number: int, crowded: bool) -> None:
 
 
 def _write_texts(axes: Axes, scenario: FlownScenario, separation: bool) -> None:
-    """Texts come last: they go where nothing is."""
+    """Write the texts. This comes last, because texts go where nothing is drawn."""
     nearest = scenario.least_separation if separation else None
     labels = [
         Label(name, _pair(point), MUTED, size_pt=7.0, distances_pt=(4.0, 7.0, 11.0, 16.0, 24.0))
@@ -150,11 +150,11 @@ def _write_texts(axes: Axes, scenario: FlownScenario, separation: bool) -> None:
         for number, track in enumerate(scenario.tracks):
             colour = SERIES[number % len(SERIES)]
             for burst in track.bursts:
-                # The middle of the burst: its marks lie on both sides of the text.
+                # The text belongs to the middle of the burst, with marks on both sides.
                 point = _points(track, burst[len(burst) // 2 : len(burst) // 2 + 1])[0]
                 labels.append(Label(burst_text(burst), _pair(point), colour))
     drawn = [track.position_nm for track in scenario.tracks]
-    # Marks are bigger than lines and weigh more.
+    # Marks are larger than lines, so their points count three times.
     drawn += [_points(track, track.clearances).repeat(3, axis=0) for track in scenario.tracks]
     drawn += [np.array(list(scenario.sector.fixes_nm.values())).repeat(3, axis=0)]
     if nearest is not None:
@@ -163,7 +163,7 @@ def _write_texts(axes: Axes, scenario: FlownScenario, separation: bool) -> None:
 
 
 def burst_text(burst: Sequence[IssuedClearance]) -> str:
-    """`right 285`, or `7 × right to 285` for clearances given one after the other."""
+    """Format as `right 285`, or as `7 × right to 285` for consecutive clearances."""
     last = burst[-1]
     if len(burst) == 1:
         return last.short
@@ -177,7 +177,7 @@ def _is_crowded(scenario: FlownScenario) -> bool:
 def _points(
     track: Track, clearances: Sequence[IssuedClearance]
 ) -> Float[np.ndarray, "clearances 2"]:
-    """Where the aircraft was when they were issued."""
+    """The positions of the aircraft when the clearances were issued."""
     last = len(track.position_nm) - 1
     return track.position_nm[[min(clearance.cycle, last) for clearance in clearances]]
 
@@ -197,10 +197,10 @@ def _legend(figure: Figure, scenarios: Sequence[FlownScenario], separation: bool
         ),
     ]
     if separation and any(scenario.least_separation for scenario in scenarios):
-        handles.append(Line2D([], [], **NEAREST, label="least separation"))
+        handles.append(Line2D([], [], **NEAREST, label="minimum separation"))
     if any(track.excursion_cycle is not None for track in tracks):
         handles.append(
-            Line2D([], [], marker="X", ls="", mfc=INK, mec=PAPER, ms=8.5, label="left the sector")
+            Line2D([], [], marker="X", ls="", mfc=INK, mec=PAPER, ms=8.5, label="excursion")
         )
     figure.legend(
         handles=handles,

@@ -1,31 +1,33 @@
-"""Which scenario a family's pictures show."""
+"""The choice of the scenario that the pictures of a family show."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from skystack.evaluation.summary import NO_OP_NAME
 from skystack.reporting.flights import Outcomes, Start, read_outcomes, read_starts
 from skystack.reporting.histograms import SCENARIOS
-from skystack.reporting.results import NO_OP_NAME, Row, Run
+from skystack.reporting.results import Row, Run
 
 CLIMB_FL = 150
 """The paper shows a climb of 15 instructions, 10 levels each."""
 
 
 def typical_scenario(run: Run, rows: Sequence[Row]) -> int:
-    """The scenario of a family's pictures: like the paper's, and typical among those.
+    """The number of a scenario that resembles the paper's and is typical.
 
-    For avoidance one aircraft's route is the other's reversed; for vertical control the exit level
-    is 150 levels above the entry level, or else as far above as there is. Where there is none such,
-    all scenarios count. Among them those in which every policy succeeds come first; then that
-    whose clearances lie nearest to every row's own mean, in each row's standard deviations.
+    In avoidance, one aircraft's route is the reverse of the other's. In vertical control, the exit
+    level is 150 levels above the entry level, or as far above as in any scenario. If there is no
+    such scenario, all are candidates. Among the candidates, those in which every policy succeeds
+    take precedence; then the one whose clearances are closest to the mean of each row, measured in
+    the row's standard deviations.
     """
     acting = [row for row in rows if row.experiment != NO_OP_NAME]
     if not acting:
         return 0
     family = acting[0].family
-    # Such a climb is rare: it is sought beyond the scenarios of the histograms.
+    # Such a climb is rare, so the search covers all scenarios.
     most = None if family == "vertical" else SCENARIOS
     flown = [read_outcomes(run.evaluation(row), most) for row in acting]
     common = min(len(outcomes.scenario) for outcomes in flown)
@@ -45,14 +47,14 @@ def kind_of_scenario(run: Run, rows: Sequence[Row], number: int) -> str | None:
         return None
     family, (start,) = acting[0].family, read_starts(run.evaluation(acting[0]), [number])
     if family == "vertical" and max(start.climbs_fl) == CLIMB_FL:
-        return f"a climb of {CLIMB_FL} levels"
+        return f"a climb of {CLIMB_FL} flight levels"
     if family == "avoidance" and start.reciprocal:
         return "two aircraft on reciprocal routes"
     return None
 
 
 def like_the_papers(family: str, starts: Sequence[Start]) -> Bool[np.ndarray, " scenarios"]:
-    """Which scenarios begin as the one that the paper shows does; in lateral navigation all."""
+    """Which scenarios resemble the one in the paper; in lateral navigation, all do."""
     if family == "avoidance":
         return np.array([start.reciprocal for start in starts])
     if family == "vertical":

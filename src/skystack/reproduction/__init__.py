@@ -1,1 +1,1 @@
-"""Reproduce the paper: train, judge and compare, a piece at a time, none of them twice."""
+"""Reproduce the paper: train, evaluate and compare. Finished pieces of work are cached."""

@@ -1,7 +1,7 @@
-"""Pieces of work that are done once: each leaves a record beside its files.
+"""Caching of pieces of work: each finished piece leaves a record next to its files.
 
-A record says what the piece was made from (its key), what came of it, and the hashes of its files.
-A piece whose record has the same key and whose files are unchanged is not made again.
+A record holds the key (everything that the piece depends on), the result, and the hashes of the
+files. A piece is not repeated if its record has the same key and its files are unchanged.
 """
 
 import hashlib
@@ -27,32 +27,33 @@ class _Record(msgspec.Struct):
 
 
 def finished(record: Path, key: Key, files: Iterable[str] = ()) -> Any | None:
-    """What came of a piece; None when it is not there, was made from something else, or damaged."""
+    """The result of a finished piece; None if it is missing or damaged, or its key differs."""
     try:
-        kept: _Record = decode(read_whole(record), _Record, str(record))
-        # Hash the caller's list of files: names in the record may point anywhere.
+        stored: _Record = decode(read_whole(record), _Record, str(record))
+        # Only the caller's files are hashed: names in the record could point anywhere.
         hashes = {name: _hash(record.parent / name) for name in files}
     except (InputError, OSError):
         return None
-    return kept.result if (kept.key, kept.files) == (key, hashes) else None
+    return stored.result if (stored.key, stored.files) == (key, hashes) else None
 
 
 def once(
     record: Path, key: Key, make: Callable[[], Any], files: Iterable[str] = ()
 ) -> tuple[Any, bool]:
-    """What comes of a piece, made now unless it was made before; and whether it was.
+    """The result of a piece, which `make` computes unless it is cached; and whether it was cached.
 
-    `files` are what it writes, beside the record. While it is made there is no record.
+    `files` are the names of the files that `make` writes next to the record. While `make` runs,
+    there is no record.
     """
     files = tuple(files)
-    known = finished(record, key, files)
-    if known is not None:
-        return known, True
+    cached = finished(record, key, files)
+    if cached is not None:
+        return cached, True
     record.unlink(missing_ok=True)
     result = make()
     hashes = {name: _hash(record.parent / name) for name in files}
-    kept = {"key": key, "result": result, "files": hashes}
-    atomic_write(record, (json.dumps(kept, indent=1) + "\n").encode())
+    contents = {"key": key, "result": result, "files": hashes}
+    atomic_write(record, (json.dumps(contents, indent=1) + "\n").encode())
     return result, False
 
 

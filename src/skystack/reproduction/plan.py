@@ -1,4 +1,4 @@
-"""What is to be reproduced: experiments by family, seeds, scenarios, other simulators."""
+"""The plan of a reproduction: experiments by family, seeds, scenarios, other simulators."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,28 +7,22 @@ from pathlib import Path
 import msgspec
 
 from skystack.errors import unknown_name
-from skystack.learning.experiment import Experiment, load_experiment
+from skystack.learning.experiment import Experiment, experiment_names, load_experiment
 from skystack.learning.run import CHECKPOINT_EVERY_S
 from skystack.platforms.registry import OWN, check_platform
-
-FAMILIES = {
-    "lateral": ("lateral-undamped", "lateral", "lateral-large", "lateral-tuned", "lateral-best"),
-    "vertical": ("vertical",),
-    "avoidance": ("avoidance", "avoidance-large", "avoidance-tuned", "avoidance-best"),
-}
-"""Experiments of each family."""
+from skystack.tasks.registry import tasks
 
 QUICK_STEPS = 500_000
 QUICK_EPISODES = 200
 PLATFORM_EPISODES = 100
-"""As many scenarios as the paper's."""
+"""The number of scenarios on other simulators, as in the paper."""
 OWN_FOLDERS = ("evaluation", "evaluation/*", "figures")
-"""Where in its folder a reproduction writes beside its trainings, which look after themselves."""
+"""The subfolders that a reproduction writes to, except trainings, which have their own locks."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be reproduced, and where it is written."""
+    """What to reproduce, and the folder to write to."""
 
     experiments: tuple[Experiment, ...]
     seeds: int
@@ -37,7 +31,7 @@ class Plan:
     quick: bool
     command: str
     platforms: tuple[str, ...] = ()
-    """Other simulators to fly the first seed's policies in."""
+    """Other simulators, in which the policies of the first seed are flown."""
     checkpoint_every_s: float = CHECKPOINT_EVERY_S
 
     def training(self, name: str) -> Path:
@@ -50,6 +44,14 @@ class Plan:
         return self.out / "evaluation"
 
 
+def families_of_experiments() -> dict[str, list[str]]:
+    """The shipped experiments by family, which is their task."""
+    families: dict[str, list[str]] = {name: [] for name in tasks()}
+    for name in experiment_names():
+        families[load_experiment(name).task.name].append(name)
+    return {family: names for family, names in families.items() if names}
+
+
 def plan_families(
     families: Sequence[str],
     seeds: int,
@@ -59,28 +61,29 @@ def plan_families(
     command: str,
     platforms: Sequence[str] = (),
 ) -> Plan:
-    """The experiments of some families. Raises InputError for an unknown one or a platform."""
+    """Plan the experiments of some families. Raises InputError for unknown ones or platforms."""
     for each in platforms:
         check_platform(each)
+    known = families_of_experiments()
     names: list[str] = []
     for family in families:
-        if family != "all" and family not in FAMILIES:
-            raise unknown_name("family", family, [*FAMILIES, "all"])
-        chosen = list(FAMILIES) if family == "all" else [family]
-        names += [name for key in chosen for name in FAMILIES[key] if name not in names]
+        if family != "all" and family not in known:
+            raise unknown_name("family", family, [*known, "all"])
+        chosen = list(known) if family == "all" else [family]
+        names += [name for key in chosen for name in known[key] if name not in names]
     experiments = tuple(load_experiment(name) for name in names)
     if quick:
         experiments = tuple(_quick(experiment) for experiment in experiments)
-    elsewhere = tuple(dict.fromkeys(name for name in platforms if name != OWN))
-    return Plan(experiments, seeds, episodes, out, quick, command, elsewhere)
+    others = tuple(dict.fromkeys(name for name in platforms if name != OWN))
+    return Plan(experiments, seeds, episodes, out, quick, command, others)
 
 
 def _quick(experiment: Experiment) -> Experiment:
-    """The same experiment with fewer steps, its first phase shortened alike."""
-    whole, before = experiment.ppo.total_steps, experiment.pretraining
-    steps = min(whole, QUICK_STEPS)
-    if before is not None:
-        shorter = max(before.steps * steps // whole, 1)
-        before = msgspec.structs.replace(before, steps=shorter)
+    """The experiment with fewer steps; pretraining is shortened in proportion."""
+    total_steps, pretraining = experiment.ppo.total_steps, experiment.pretraining
+    steps = min(total_steps, QUICK_STEPS)
+    if pretraining is not None:
+        shortened = max(pretraining.steps * steps // total_steps, 1)
+        pretraining = msgspec.structs.replace(pretraining, steps=shortened)
     ppo = msgspec.structs.replace(experiment.ppo, total_steps=steps)
-    return msgspec.structs.replace(experiment, ppo=ppo, pretraining=before)
+    return msgspec.structs.replace(experiment, ppo=ppo, pretraining=pretraining)

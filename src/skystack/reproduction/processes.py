@@ -1,4 +1,4 @@
-"""Jobs in processes of their own on this machine, one a core."""
+"""Run jobs in separate processes on this machine, one per core."""
 
 import multiprocessing
 import os
@@ -18,17 +18,17 @@ from skystack.reproduction.jobs import Job, JobResult, OnProgress, jobs_of, long
 from skystack.reproduction.plan import Plan
 
 Messages = Any
-"""A queue of `multiprocessing.Manager` (its proxy is no `Queue`) for messages."""
+"""A message queue of `multiprocessing.Manager`, whose proxy is not a `Queue`."""
 
 
 def run_in_processes(plan: Plan, report: OnProgress) -> list[JobResult]:
-    """All seeds of all experiments, in order of the plan; their progress goes to `report`."""
+    """Run all seeds of all experiments, reporting progress. Results are in the plan's order."""
     jobs = jobs_of(plan)
     context = multiprocessing.get_context("spawn")
     manager = SyncManager(ctx=context)
     with starting_processes():
         manager.start(_end_with_parent)
-    with _no_half_written(jobs), manager:
+    with _cleanup_on_failure(jobs), manager:
         messages: Messages = manager.Queue()
         free_cores = manager.Queue()
         for core in cores():
@@ -46,8 +46,8 @@ def run_in_processes(plan: Plan, report: OnProgress) -> list[JobResult]:
             return [wait_for(futures[job.name]) for job in jobs]
         except BrokenProcessPool:
             raise TrainingError(
-                "a process that trains was killed, perhaps for want of memory; what is finished is "
-                "kept, and the same command goes on"
+                "a training process was killed, perhaps because memory ran out; finished work is "
+                "kept, and the same command resumes"
             ) from None
         except BaseException:
             _stop_workers()
@@ -59,18 +59,18 @@ def run_in_processes(plan: Plan, report: OnProgress) -> list[JobResult]:
 
 
 def _stop_workers() -> None:
-    """Terminate the workers: nobody will read their results."""
+    """Terminate the workers: their results are no longer needed."""
     for child in multiprocessing.active_children():
         if not child.name.startswith("SyncManager"):
             child.terminate()
 
 
 @contextmanager
-def _no_half_written(jobs: Sequence[Job]) -> Iterator[None]:
-    """On failure inside the context, delete temporary files of its workers, which have ended then.
+def _cleanup_on_failure(jobs: Sequence[Job]) -> Iterator[None]:
+    """On failure inside the context, delete the temporary files of its workers, which have ended.
 
-    `locked_folder` does so when it locks a folder. A folder that another process has locked is left
-    alone.
+    `locked_folder` deletes them when it locks a folder. A folder that another process has locked is
+    left alone.
     """
     try:
         yield
@@ -82,7 +82,7 @@ def _no_half_written(jobs: Sequence[Job]) -> Iterator[None]:
 
 
 def _pin(free_cores: Any) -> None:
-    """One process, one core: two learners on the same cores slow each other down."""
+    """Pin this process to one core: two trainings on the same core slow each other down."""
     _end_with_parent()
     core = free_cores.get()
     if core is not None:
@@ -90,13 +90,13 @@ def _pin(free_cores: Any) -> None:
 
 
 def _end_with_parent() -> None:
-    """A parent that is killed cannot stop its children: left alone they would hold the folders."""
+    """Exit when the parent ends. A killed parent cannot stop its workers, which hold its locks."""
     parent = multiprocessing.parent_process()
     if parent is not None:
-        Thread(target=_outlive, args=(parent,), daemon=True).start()
+        Thread(target=_exit_after, args=(parent,), daemon=True).start()
 
 
-def _outlive(parent: Any) -> None:
+def _exit_after(parent: Any) -> None:
     parent.join()
     os._exit(1)
 
@@ -107,10 +107,10 @@ def _listen(messages: Messages, report: OnProgress) -> None:
 
 
 def _next(messages: Messages) -> Any:
-    """The next message; None after the last."""
+    """The next message; None after the last one."""
     try:
         return messages.get()
-    except (EOFError, OSError):  # after an interruption the queue's process may have ended
+    except (EOFError, OSError):  # the queue's process may have ended after an interruption
         return None
 
 

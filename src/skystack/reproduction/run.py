@@ -1,4 +1,4 @@
-"""A whole reproduction: all jobs, the rows over all seeds with their statistics, `results.json`."""
+"""Run a whole reproduction: all jobs, rows over all seeds with statistics, `results.json`."""
 
 import json
 import platform
@@ -33,36 +33,36 @@ COMPARED = (
     (("avoidance-tuned", True), ("avoidance", True)),
     (("avoidance-best", True), ("avoidance-tuned", True)),
 )
-"""Rows, (experiment, stacked), that the paper or we compare."""
+"""Pairs of rows (experiment, stacked) that are compared, by the paper or here."""
 
 
 Engine = Callable[[Plan, OnProgress], list[JobResult]]
-"""Runs all jobs of a plan, somewhere, and leaves their files in its folder."""
+"""Runs all jobs of a plan and puts their files into its folder."""
 
 
 def run_plan(plan: Plan, report: OnProgress, engine: Engine = run_in_processes) -> dict[str, Any]:
     """Run all jobs and write `results.json`; returns its contents (see docs/formats.md)."""
-    begun = time.monotonic()
+    started_s = time.monotonic()
     make_folder(plan.out)
-    done = engine(plan, report)
+    jobs = engine(plan, report)
     by_row: dict[tuple[str, bool], list[EvaluatedRow]] = {}
-    for job in done:
+    for job in jobs:
         for flown in job.flown:
             by_row.setdefault((flown.row["experiment"], flown.row["stacking"]), []).append(flown)
-    kept = [name for job in done for name in job.kept]
+    cached_names = [name for job in jobs for name in job.kept]
     lateral = [each for each in plan.experiments if each.task.name == "lateral"]
     if lateral:
-        nobody, before = no_op_once(plan, lateral[0])
-        by_row[nobody.row["experiment"], False] = [nobody]
-        kept += ["evaluation of no instructions"] * before
+        no_op, cached = no_op_once(plan, lateral[0])
+        by_row[no_op.row["experiment"], False] = [no_op]
+        cached_names += ["evaluation without instructions"] * cached
         atomic_write(plan.out / "bound.json", fewest_clearances())
     results = {
         "rows": [_row(group) for group in by_row.values()],
         "rows_by_seed": [flown.row for group in by_row.values() for flown in group],
         "comparisons": _comparisons(by_row),
-        "train": [job.train for job in done],
-        "wall_s": time.monotonic() - begun,
-        "kept": kept,
+        "train": [job.train for job in jobs],
+        "wall_s": time.monotonic() - started_s,
+        "kept": cached_names,
         "machine": machine(),
         "version": skystack.__version__,
         "command": plan.command,
@@ -74,29 +74,29 @@ def run_plan(plan: Plan, report: OnProgress, engine: Engine = run_in_processes) 
 
 
 def run_platforms(plan: Plan, results: dict[str, Any], count: ScenarioCounter) -> list[str]:
-    """Fly the first seed's policies in the plan's other simulators and add that to the results.
+    """Fly the first seed's policies in the plan's other simulators; add their rows to the results.
 
-    Returns what was not finished, and why.
+    Returns the scenarios that were not finished, each with the reason.
     """
-    begun, trained_s = time.monotonic(), results["wall_s"]
+    started_s, training_s = time.monotonic(), results["wall_s"]
     rows: list[RowValues] = []
     failed: list[str] = []
     for experiment in plan.experiments:
         policy = load_policy(plan.training(f"{experiment.name}-s0"))
         record = make_folder(plan.evaluation) / f"{experiment.name}-s0-platforms.json"
-        found = _everywhere_once(plan, policy, record, count)
+        found = _on_platforms_once(plan, policy, record, count)
         rows += found["rows"]
         failed += found["failed"]
         results["platforms"] = rows
-        results["wall_s"] = trained_s + time.monotonic() - begun
+        results["wall_s"] = training_s + time.monotonic() - started_s
         _write_results(plan, results)
     return failed
 
 
-def _everywhere_once(
+def _on_platforms_once(
     plan: Plan, policy: Policy, record: Path, count: ScenarioCounter
 ) -> dict[str, Any]:
-    """One policy in all simulators, unless it was before; what failed is tried again."""
+    """The evaluation of one policy in all simulators; cached only if no scenario failed."""
     episodes = min(plan.episodes, PLATFORM_EPISODES)
 
     def fly() -> dict[str, Any]:
@@ -117,15 +117,15 @@ def _everywhere_once(
 
 
 def fewest_clearances() -> bytes:
-    """What `studies/fewest_clearances.py` found for the evaluation scenarios, as JSON."""
+    """The results of `studies/fewest_clearances.py` for the evaluation scenarios, as JSON."""
     return files("skystack").joinpath("evaluation", "fewest_clearances.json").read_bytes()
 
 
 def machine() -> str:
-    """What the figures were measured on."""
+    """A description of this machine, for the figures measured on it."""
     python, count = platform.python_version(), len(cores())
-    many = f"{count} core" + "s" * (count > 1)
-    return f"{platform.machine()}, {many}, {platform.system()}, Python {python}"
+    core_count = f"{count} core" + "s" * (count > 1)
+    return f"{platform.machine()}, {core_count}, {platform.system()}, Python {python}"
 
 
 def _row(group: Sequence[EvaluatedRow]) -> RowValues:

@@ -1,1 +1,1 @@
-"""What flies: aircraft state, performance models, instruct and advance, scenarios."""
+"""The simulator: aircraft state, performance models, instruct and advance, scenarios."""

@@ -1,4 +1,4 @@
-"""Aircraft of several types in one scenario: each flies by a table of its own."""
+"""Fleets: several types of aircraft in one scenario, each with its own performance table."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,31 +14,32 @@ from skystack.errors import InputError
 from skystack.simulator.performance import DEFAULT_TYPE, TablePerformance
 
 _MEDIUM = TablePerformance()
+_DESIGNATOR = "text of 2 to 4 of A-Z and 0-9"
 
 Airspeed = Annotated[float, Meta(ge=80.0, le=400.0)]
 Mach = Annotated[float, Meta(ge=0.2, le=0.95)]
 
 
 class AircraftType(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An entry of a fleet: how fast a type flies, and how often it comes in random scenarios.
+    """An entry of a fleet: the performance of a type and its share of random traffic.
 
-    Triples are climb, cruise, descent; what is left out is as of the B753.
+    Triples are climb, cruise, descent. The defaults are those of the B753.
     """
 
-    type: Annotated[str, Meta(pattern=r"^[A-Z0-9]{2,4}$")] = DEFAULT_TYPE
-    """ICAO designator; what other simulators fly it as."""
+    type: Annotated[str, Meta(pattern=r"^[A-Z0-9]{2,4}\Z", description=_DESIGNATOR)] = DEFAULT_TYPE
+    """ICAO type designator, also used on other platforms."""
     share: Annotated[float, Meta(gt=0.0, le=1e6)] = 1.0
-    """How often, relative to the other entries."""
+    """Relative frequency in random scenarios."""
     low_cas_kt: tuple[Airspeed, Airspeed, Airspeed] = _MEDIUM.low_cas_kt
     """Calibrated airspeed up to FL100."""
     high_cas_kt: tuple[Airspeed, Airspeed, Airspeed] = _MEDIUM.high_cas_kt
-    """From FL150."""
+    """Calibrated airspeed from FL150."""
     mach: tuple[Mach, Mach, Mach] = _MEDIUM.mach
-    """Not exceeded."""
+    """Maximum Mach number."""
     rate_ft_min: Annotated[float, Meta(ge=100.0, le=8000.0)] = _MEDIUM.rate_ft_min
-    """Of climb and descent."""
+    """Rate of climb and descent."""
     ceiling_fl: Annotated[float, Meta(ge=0.0, le=600.0)] = _MEDIUM.ceiling_fl
-    """At or above it nothing climbs."""
+    """Aircraft at or above this level do not climb."""
 
     def table(self) -> TablePerformance:
         return TablePerformance(
@@ -48,13 +49,13 @@ class AircraftType(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class Fleet:
-    """Implements `skystack.simulator.performance.Performance`; a kind is an index of `members`."""
+    """Implements `skystack.simulator.performance.Performance`; `kind` is an index of `members`."""
 
     members: tuple[AircraftType, ...]
 
     @cached_property
     def tables(self) -> tuple[TablePerformance, ...]:
-        """One a member; each computes its airspeeds once, whatever asks for them."""
+        """One table per member. Cached, because a table computes its airspeeds on first use."""
         return tuple(member.table() for member in self.members)
 
     @property
@@ -74,7 +75,9 @@ class Fleet:
         phase: Float[Array, "*n"],
         kind: Int[Array, "*n"] | None = None,
     ) -> Float[Array, "*n"]:
-        return self._of(kind, [each.true_airspeed_kt(level_ticks, phase) for each in self.tables])
+        return self._select(
+            kind, [each.true_airspeed_kt(level_ticks, phase) for each in self.tables]
+        )
 
     def vertical_speed_ft_min(
         self,
@@ -82,14 +85,14 @@ class Fleet:
         phase: Float[Array, "*n"],
         kind: Int[Array, "*n"] | None = None,
     ) -> Float[Array, "*n"]:
-        return self._of(
+        return self._select(
             kind, [each.vertical_speed_ft_min(level_ticks, phase) for each in self.tables]
         )
 
-    def _of(
+    def _select(
         self, kind: Int[Array, "*n"] | None, values: list[Float[Array, "*n"]]
     ) -> Float[Array, "*n"]:
-        """Of the values of every member, each aircraft's own; the first's where none is said."""
+        """The value of each aircraft's type, or of the first type without `kind`."""
         value = values[0]
         if kind is not None:
             for number, other in enumerate(values[1:], start=1):
@@ -98,11 +101,11 @@ class Fleet:
 
 
 MOST_TYPES = 20
-"""In a fleet."""
+"""The maximum number of types in a fleet."""
 
 
 def fleet(members: tuple[AircraftType, ...], where: str = "task.fleet") -> Fleet:
-    """A fleet. Raises InputError, which names the field `where`, for a type that comes twice."""
+    """A fleet. Raises InputError, which names the field `where`, for a duplicate type."""
     types = [member.type for member in members]
     for number, name in enumerate(types):
         if name in types[:number]:

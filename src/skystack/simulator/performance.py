@@ -1,7 +1,8 @@
-"""How fast aircraft fly and climb.
+"""Performance models: the airspeed and the vertical speed of aircraft.
 
-A performance model answers two questions for arrays of levels and flight phases; both models agree
-with one of BluebirdDT's predictors. Speeds change at once with the phase: neither accelerates.
+A model computes both for arrays of levels and flight phases. Each of the two models here agrees
+with one of BluebirdDT's predictors. Speeds change immediately with the phase: acceleration is not
+modelled.
 """
 
 from dataclasses import dataclass
@@ -15,30 +16,31 @@ from jaxtyping import Array, Float, Int
 from skystack.errors import unknown_name
 
 TICKS_PER_FL = 6000.0
-"""One tick is what 1 ft/min gains in one second: rates are whole ticks, so levels stay exact in
-float32 (up to FL2796) and cannot drift."""
+"""One tick is the height gained in one second at 1 ft/min. Rates in ft/min are whole ticks per
+second, so levels are exact in float32 (up to FL2796) and do not drift."""
 
 DEFAULT_TYPE = "B753"
-"""Whose speeds are known: the table's default is BluebirdDT's MEDIUM class, which holds it."""
+"""The type with the default speeds, which are those of BluebirdDT's MEDIUM class."""
 
 
 @runtime_checkable
 class Performance(Protocol):
-    """Speeds and rates as functions of the level [ticks] and the phase (1 climb, 0, -1 descent).
+    """Speeds and rates as functions of level [ticks] and phase (1 climb, 0 level, -1 descent).
 
-    Where aircraft of several types fly, `kind` says of each which; see `skystack.simulator.fleet`.
+    With several types of aircraft, `kind` is the index of each aircraft's type; see
+    `skystack.simulator.fleet`.
     """
 
     @property
     def types(self) -> tuple[str, ...]:
-        """ICAO designators, by kind."""
+        """The ICAO type designators. `kind` is an index into them."""
 
     @property
     def route_end_nm(self) -> float:
-        """Own navigation ends this close to a route's last fix [NM]."""
+        """The distance [NM] from a route's last fix at which own navigation ends."""
 
     def cruise_kt(self, fl: Float[np.ndarray, " levels"]) -> Float[np.ndarray, "types levels"]:
-        """True airspeed of each type in level flight, at flight levels: for planning, in numpy."""
+        """True airspeed of each type in level flight at flight levels. In numpy, for planning."""
 
     def true_airspeed_kt(
         self,
@@ -53,12 +55,12 @@ class Performance(Protocol):
         phase: Float[Array, "*n"],
         kind: Int[Array, "*n"] | None = None,
     ) -> Float[Array, "*n"]:
-        """Signed rate: the ticks gained per second."""
+        """The signed rate, which equals the ticks gained per second."""
 
 
 @dataclass(frozen=True)
 class ConstantPerformance:
-    """One true airspeed at every level and one rate of climb and descent."""
+    """The same true airspeed at all levels, and one rate of climb and descent."""
 
     airspeed_kt: float = 400.0
     rate_ft_min: float = 2000.0
@@ -89,24 +91,26 @@ class ConstantPerformance:
 class TablePerformance:
     """Calibrated airspeeds and Mach numbers by level and phase in the standard atmosphere.
 
-    The default is BluebirdDT's MEDIUM class (which holds the B753): 465.94 kt in cruise at FL300.
-    Tuples are (climb, cruise, descent); calibrated airspeed is interpolated in the level.
+    The defaults are BluebirdDT's MEDIUM class, which includes the B753: 465.94 kt in cruise at
+    FL300. Tuples are (climb, cruise, descent). Calibrated airspeed is interpolated between FL100
+    and FL150.
     """
 
     low_cas_kt: tuple[float, float, float] = (250.0, 250.0, 250.0)
-    """Up to FL100."""
+    """Calibrated airspeed up to FL100."""
     high_cas_kt: tuple[float, float, float] = (290.0, 300.0, 280.0)
-    """From FL150."""
+    """Calibrated airspeed from FL150."""
     mach: tuple[float, float, float] = (0.79, 0.80, 0.78)
+    """Maximum Mach number."""
     rate_ft_min: float = 2500.0
     ceiling_fl: float = 400.0
-    """At or above it nothing climbs."""
+    """Aircraft at or above this level do not climb."""
     route_end_nm: float = 0.5
     types: tuple[str, ...] = (DEFAULT_TYPE,)
 
     @cached_property
     def airspeeds_kt(self) -> Float[np.ndarray, "3 levels"]:
-        """True airspeed at every flight level from 0 to 600 for climb, cruise and descent."""
+        """True airspeed at each flight level from 0 to 600, for climb, cruise and descent."""
         fl = np.arange(601.0)
         return np.array(
             [
@@ -116,7 +120,7 @@ class TablePerformance:
         )
 
     def cas_kt(self, fl: Float[np.ndarray, "*n"], phase: int) -> Float[np.ndarray, "*n"]:
-        """Calibrated airspeed flown below the crossover; phase 0 climb, 1 cruise, 2 descent."""
+        """Calibrated airspeed below the crossover level. Phases: 0 climb, 1 cruise, 2 descent."""
         return np.interp(fl, [100.0, 150.0], [self.low_cas_kt[phase], self.high_cas_kt[phase]])
 
     def cruise_kt(self, fl: Float[np.ndarray, " levels"]) -> Float[np.ndarray, "types levels"]:
@@ -153,7 +157,7 @@ PERFORMANCE: dict[str, Performance] = {
 
 
 def performance(name: str) -> Performance:
-    """The performance model of a name. Raises InputError for an unknown one."""
+    """The performance model with the given name. Raises InputError if it is unknown."""
     if name not in PERFORMANCE:
         raise unknown_name("performance model", name, PERFORMANCE)
     return PERFORMANCE[name]
@@ -187,7 +191,10 @@ def _atmosphere(
 def tas_from_cas(
     fl: Float[np.ndarray, "*n"], cas_kt: Float[np.ndarray, "*n"]
 ) -> Float[np.ndarray, "*n"]:
-    """True airspeed [kt] for a calibrated airspeed [kt]: compressible flow, standard atmosphere."""
+    """True airspeed [kt] for a calibrated airspeed [kt] in the standard atmosphere.
+
+    Uses the equations of compressible flow.
+    """
     temperature, pressure = _atmosphere(fl)
     power = (_HEAT_RATIO - 1.0) / _HEAT_RATIO
     cas = cas_kt / _KT_PER_M_S

@@ -1,4 +1,4 @@
-"""Scenario files: traffic and clearances as JSON, checked before they reach an array.
+"""Scenario files: traffic and clearances as JSON, fully checked before use.
 
 `docs/formats.md` (section "Scenario file") describes the fields.
 """
@@ -15,7 +15,8 @@ from skystack.airspace.projection import geodesic_leg
 from skystack.airspace.sector import MAX_DISTANCE_NM, Sector
 from skystack.airspace.sectors import find_sector
 from skystack.errors import InputError, error_context, unknown_name
-from skystack.io.json_file import convert, is_name, not_allowed, read_json
+from skystack.io.json_file import is_name, read_json
+from skystack.io.validation import convert, not_allowed
 from skystack.simulator.fleet import MOST_TYPES, AircraftType, fleet
 from skystack.simulator.performance import (
     DEFAULT_TYPE,
@@ -29,7 +30,8 @@ from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import Traffic, start, ticks
 
 MOST_POSITIONS = 500_000
-"""Aircraft times cycles: flown, written and replayed in seconds and within 1 GB."""
+"""The maximum number of aircraft times cycles. This many positions are simulated, written and
+replayed within seconds and 1 GB."""
 TURNS = ("shortest", "left", "right")
 
 Name = Annotated[str, Meta(max_length=40)]
@@ -37,18 +39,18 @@ Level = Annotated[int, Meta(ge=0, le=600, multiple_of=10)]
 
 
 class ScheduledClearance(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An entry of `clearances`: what one aircraft is told before cycle `cycle` + 1 is flown."""
+    """An entry of `clearances`: the clearance of one aircraft before cycle `cycle` + 1 is flown."""
 
     cycle: int
     callsign: Name
     heading_deg: Annotated[int, Meta(ge=0, le=360)] | None = None
     turn: Name | None = None
-    """A name in `TURNS`; "shortest" where none is given."""
+    """A name in `TURNS`. None means "shortest"."""
     fl: int | None = None
 
 
 class _AircraftEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An entry of `aircraft` as it stands in the file."""
+    """An entry of `aircraft` in the file."""
 
     callsign: Name
     route: Annotated[tuple[Name, ...], Meta(min_length=2)]
@@ -62,10 +64,10 @@ class _AircraftEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class _FileEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The whole file as it stands."""
+    """The contents of the file."""
 
     sector: Annotated[str, Meta(max_length=200)]
-    """A name, or a sector file in the scenario's folder."""
+    """A name, or a sector file in the scenario's folder or below."""
     cycles: Annotated[int, Meta(ge=1, le=10_000)]
     aircraft: Annotated[tuple[_AircraftEntry, ...], Meta(min_length=1, max_length=200)]
     levels_fl: tuple[Level, Level] | None = None
@@ -80,13 +82,13 @@ class Aircraft:
 
     callsign: str
     type: str
-    """An ICAO designator. Of a type that is not in the scenario's fleet each platform decides
-    whether it can fly it."""
+    """ICAO type designator. Each platform decides whether it supports a type that is not in the
+    scenario's fleet."""
     route: tuple[str, ...]
     lat: float
     lon: float
     fl: float
-    """Whole ticks, see `on_tick`."""
+    """A flight level on a whole tick, see `on_tick`."""
     heading_deg: float
     exit_fl: int
     own_navigation: bool
@@ -94,24 +96,24 @@ class Aircraft:
 
 @dataclass(frozen=True)
 class Scenario:
-    """A checked scenario: who flies where, and what they are told when."""
+    """A checked scenario: the sector, the aircraft and the scheduled clearances."""
 
     sector: Sector
-    """With the scenario's levels."""
+    """The sector, with the scenario's levels."""
     performance: str
     cycles: int
     aircraft: tuple[Aircraft, ...]
     clearances: tuple[ScheduledClearance, ...]
-    """In the order of the file: of two in one cycle the later one wins."""
+    """In the order of the file. Of two in the same cycle the later takes precedence."""
     fleet: tuple[AircraftType, ...] = ()
-    """The speeds and rates of its types; empty where all fly those of `performance`."""
+    """The types with their own speeds and rates. If empty, all aircraft use `performance`."""
 
     def model(self) -> Performance:
-        """The performance of all aircraft."""
+        """The performance model of the scenario."""
         return fleet(self.fleet, "fleet") if self.fleet else performance_named(self.performance)
 
     def performance_of(self, aircraft_type: str) -> TablePerformance | ConstantPerformance:
-        """The performance of a type; that of `performance` where the fleet does not have it."""
+        """The performance of a type in the fleet, otherwise the model `performance`."""
         for member in self.fleet:
             if member.type == aircraft_type:
                 return member.table()
@@ -120,80 +122,76 @@ class Scenario:
         return model
 
     def simulator(self) -> Simulator:
-        """The simulator that flies it."""
+        """The simulator for the scenario."""
         own_navigation = any(aircraft.own_navigation for aircraft in self.aircraft)
         return Simulator(self.sector, self.model(), own_navigation)
 
     def initial_traffic(self, simulator: Simulator) -> Traffic:
-        """The aircraft at cycle 0, in level flight; unknown types as the first that is known."""
+        """The aircraft at cycle 0, in level flight.
+
+        Aircraft of a type that the performance model does not have fly as its first type.
+        """
         aircraft, types = self.aircraft, simulator.performance.types
-        kinds = [types.index(one.type) if one.type in types else 0 for one in aircraft]
+        kinds = [types.index(each.type) if each.type in types else 0 for each in aircraft]
         kind = jnp.array(kinds, dtype=jnp.int32)
-        level = jnp.array([ticks(one.fl) for one in aircraft], dtype=jnp.float32)
+        level = jnp.array([ticks(each.fl) for each in aircraft], dtype=jnp.float32)
         position = self.sector.plane.to_plane(
-            [one.lat for one in aircraft], [one.lon for one in aircraft]
+            [each.lat for each in aircraft], [each.lon for each in aircraft]
         )
         return start(
             position_nm=jnp.asarray(position, dtype=jnp.float32),
-            heading_deg=jnp.array([one.heading_deg for one in aircraft], dtype=jnp.float32),
+            heading_deg=jnp.array([each.heading_deg for each in aircraft], dtype=jnp.float32),
             level_ticks=level,
             route=jnp.array(
-                [self.sector.route_index(one.route) for one in aircraft], dtype=jnp.int32
+                [self.sector.route_index(each.route) for each in aircraft], dtype=jnp.int32
             ),
             ground_speed_kt=simulator.level_ground_speed_kt(level, kind),
-            own_navigation=jnp.array([one.own_navigation for one in aircraft]),
+            own_navigation=jnp.array([each.own_navigation for each in aircraft]),
             kind=kind,
         )
 
     def transmissions(self) -> dict[int, list[ScheduledClearance]]:
-        """Who is told what before each cycle: one entry for each aircraft that is told anything.
+        """The clearances before each cycle, by cycle, at most one per aircraft.
 
-        Of several entries for one aircraft in one cycle the later wins and leaves what it does
-        not name.
+        Several clearances of one aircraft in the same cycle are merged: a later one replaces only
+        the elements (heading or level) that it contains.
         """
         merged: dict[int, dict[str, ScheduledClearance]] = {}
-        for given in self.clearances:
-            told = merged.setdefault(given.cycle, {})
-            if (before := told.get(given.callsign)) is not None:
-                later = before if given.heading_deg is None else given
-                heading, turn = later.heading_deg, later.turn
-                fl = before.fl if given.fl is None else given.fl
-                given = ScheduledClearance(given.cycle, given.callsign, heading, turn, fl)  # noqa: PLW2901
-            told[given.callsign] = given
-        return {cycle: list(told.values()) for cycle, told in sorted(merged.items())}
-
-
-_ENTRIES: dict[str, type[msgspec.Struct]] = {
-    "": _FileEntry,
-    "aircraft": _AircraftEntry,
-    "fleet": AircraftType,
-    "clearances": ScheduledClearance,
-}
+        for clearance in self.clearances:
+            by_callsign = merged.setdefault(clearance.cycle, {})
+            callsign = clearance.callsign
+            if (earlier := by_callsign.get(callsign)) is not None:
+                latest = earlier if clearance.heading_deg is None else clearance
+                heading, turn = latest.heading_deg, latest.turn
+                fl = earlier.fl if clearance.fl is None else clearance.fl
+                clearance = ScheduledClearance(clearance.cycle, callsign, heading, turn, fl)  # noqa: PLW2901
+            by_callsign[callsign] = clearance
+        return {cycle: list(each.values()) for cycle, each in sorted(merged.items())}
 
 
 def load_scenario(path: Path) -> Scenario:
-    """The scenario of a JSON file, checked.
+    """The checked scenario of a JSON file.
 
-    Raises InputError for a file that cannot be read or flown: one line with the file, the field,
-    its value and what is allowed.
+    Raises InputError for a file that cannot be read or flown. The message is one line with the
+    file, the field, its value and the allowed values.
     """
     with error_context(str(path)):
-        return _checked(convert(read_json(path), _ENTRIES), path.parent)
+        return _checked(convert(read_json(path), _FileEntry), path.parent)
 
 
 def _checked(file: _FileEntry, folder: Path) -> Scenario:
-    """What the types alone do not tell; a sector's file lies in the folder."""
+    """Check what the types alone do not ensure. `folder` is that of the scenario file."""
     count, cycles = len(file.aircraft), file.cycles
     if count * cycles > MOST_POSITIONS:
         raise InputError(
             f"{count} aircraft for {cycles} cycles are {count * cycles:,} positions (allowed: "
-            f"{MOST_POSITIONS:,}: with so many aircraft {MOST_POSITIONS // count:,} cycles)"
+            f"{MOST_POSITIONS:,}, which is {MOST_POSITIONS // count:,} cycles for {count} aircraft)"
         )
     with error_context("sector"):
         sector = find_sector(file.sector, folder)
     low, high = file.levels_fl or sector.levels_fl
     if low >= high:
-        raise not_allowed("levels_fl", [low, high], "the lowest level, then a higher one")
+        raise not_allowed("levels_fl", [low, high], "the lowest level, then a higher level")
     sector = replace(sector, levels_fl=(low, high))
     with error_context("performance"):
         performance_named(file.performance)
@@ -204,20 +202,20 @@ def _checked(file: _FileEntry, folder: Path) -> Scenario:
         for index, entry in enumerate(file.aircraft)
     )
     callsigns = {entry.callsign for entry in file.aircraft}
-    for index, given in enumerate(file.clearances):
+    for index, clearance in enumerate(file.clearances):
         where = f"clearances[{index}]"
-        if given.callsign not in callsigns:
+        if clearance.callsign not in callsigns:
             with error_context(f"{where}.callsign"):
-                raise unknown_name("callsign", given.callsign, callsigns)
-        if not 0 <= given.cycle < file.cycles:
+                raise unknown_name("callsign", clearance.callsign, callsigns)
+        if not 0 <= clearance.cycle < file.cycles:
             allowed = f"0 to {file.cycles - 1}, which is cycles - 1"
-            raise not_allowed(f"{where}.cycle", given.cycle, allowed)
-        _check_clearance(where, given, sector)
+            raise not_allowed(f"{where}.cycle", clearance.cycle, allowed)
+        _check_clearance(where, clearance, sector)
     return Scenario(sector, file.performance, file.cycles, aircraft, file.clearances, file.fleet)
 
 
 def on_tick(fl: float) -> float:
-    """The nearest level of whole ticks (1/60 ft): every simulator can start an aircraft there."""
+    """The nearest level on a whole tick (1/60 ft). Every platform can start an aircraft there."""
     return ticks(fl) / TICKS_PER_FL
 
 
@@ -225,7 +223,7 @@ def _check_fleet(file: _FileEntry) -> None:
     if not file.fleet:
         return
     if file.performance != "table":
-        raise not_allowed("performance", file.performance, '"table" where there is a fleet')
+        raise not_allowed("performance", file.performance, '"table" with a fleet')
     known = fleet(file.fleet, "fleet").types
     for index, entry in enumerate(file.aircraft):
         if entry.type not in known:
@@ -234,16 +232,16 @@ def _check_fleet(file: _FileEntry) -> None:
 
 
 def _check_callsigns(aircraft: tuple[_AircraftEntry, ...]) -> None:
-    seen: dict[str, int] = {}
+    first_index: dict[str, int] = {}
     for index, entry in enumerate(aircraft):
         callsign, where = entry.callsign, f"aircraft[{index}].callsign"
         if not is_name(callsign):
-            allowed = "printable characters, none of them a blank at either end"
+            allowed = "printable characters, without leading or trailing spaces"
             raise not_allowed(where, callsign, allowed)
-        if callsign in seen:
-            other = f"aircraft[{seen[callsign]}]"
-            raise not_allowed(where, callsign, f"a callsign of its own, {other} has this one")
-        seen[callsign] = index
+        if callsign in first_index:
+            other = f"aircraft[{first_index[callsign]}]"
+            raise not_allowed(where, callsign, f"a unique callsign; {other} has this one")
+        first_index[callsign] = index
 
 
 def _checked_aircraft(where: str, entry: _AircraftEntry, sector: Sector) -> Aircraft:
@@ -264,8 +262,8 @@ def _checked_aircraft(where: str, entry: _AircraftEntry, sector: Sector) -> Airc
     if not low <= fl <= high:
         raise not_allowed(f"{where}.fl", entry.fl, f"{low} to {high}")
     exit_fl = fl if entry.exit_fl is None else entry.exit_fl
-    given = "" if entry.exit_fl is not None else " (not given, so fl)"
-    _check_level(f"{where}.exit_fl{given}", exit_fl, sector)
+    note = "" if entry.exit_fl is not None else " (the default is fl)"
+    _check_level(f"{where}.exit_fl{note}", exit_fl, sector)
     heading = entry.heading_deg
     return Aircraft(
         callsign=entry.callsign,
@@ -280,16 +278,19 @@ def _checked_aircraft(where: str, entry: _AircraftEntry, sector: Sector) -> Airc
     )
 
 
-def _check_clearance(where: str, given: ScheduledClearance, sector: Sector) -> None:
-    if given.heading_deg is None and given.fl is None:
-        raise InputError(f"{where} clears nothing (allowed: heading_deg, fl or both)")
-    if given.turn is not None and given.turn not in TURNS:
+def _check_clearance(where: str, clearance: ScheduledClearance, sector: Sector) -> None:
+    heading, turn, fl = clearance.heading_deg, clearance.turn, clearance.fl
+    if heading is None and fl is None:
+        raise InputError(
+            f"{where} has neither a heading nor a level (allowed: heading_deg, fl or both)"
+        )
+    if turn is not None and turn not in TURNS:
         with error_context(f"{where}.turn"):
-            raise unknown_name("turn", given.turn, TURNS)
-    if given.turn is not None and given.heading_deg is None:
-        raise not_allowed(f"{where}.turn", given.turn, "only together with heading_deg")
-    if given.fl is not None:
-        _check_level(f"{where}.fl", given.fl, sector)
+            raise unknown_name("turn", turn, TURNS)
+    if turn is not None and heading is None:
+        raise not_allowed(f"{where}.turn", turn, "only together with heading_deg")
+    if fl is not None:
+        _check_level(f"{where}.fl", fl, sector)
 
 
 def _check_level(where: str, fl: int | float, sector: Sector) -> None:

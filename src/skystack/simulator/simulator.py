@@ -1,7 +1,8 @@
 """The simulator: `instruct` changes what aircraft are cleared to, `advance` flies one radar cycle.
 
-A clearance takes no time and flying does; everything else follows from keeping the two apart. As in
-BluebirdDT, `advance` first flies what was being flown and only then adopts what is newly cleared.
+Issuing a clearance takes no simulated time; only `advance` moves aircraft. As in BluebirdDT, a
+clearance takes effect one cycle after it is issued: `advance` first flies the adopted clearances
+and then adopts the new ones.
 """
 
 from dataclasses import dataclass
@@ -20,12 +21,12 @@ from skystack.simulator.performance import Performance
 from skystack.simulator.traffic import LEFT, NO_TURN, RIGHT, Clearance, Traffic
 
 CYCLE_S = 6
-"""Seconds of a radar cycle, flown in sub-steps of one second."""
+"""The length of a radar cycle in seconds, flown in sub-steps of one second."""
 TURN_RATE_DEG_S = 1.5
 
 
 def instruct(traffic: Traffic, clearance: Clearance) -> Traffic:
-    """Clear aircraft to headings and levels: nothing physical changes; inactive ones hear none."""
+    """Clear active aircraft to headings and levels. No physical state changes."""
     turned = traffic.active & (clearance.turn != NO_TURN)
     levelled = traffic.active & clearance.changes_level
     return traffic._replace(
@@ -37,25 +38,25 @@ def instruct(traffic: Traffic, clearance: Clearance) -> Traffic:
 
 @dataclass(frozen=True)
 class Simulator:
-    """Flies traffic in a sector under a performance model."""
+    """Flies traffic in a sector with a performance model."""
 
     sector: Sector
     performance: Performance
     own_navigation: bool = False
-    """Whether any aircraft may follow its route by itself; left out of the program if not."""
+    """Whether aircraft may be on own navigation. If False, compiled programs omit it."""
     turn_rate_deg_s: float = TURN_RATE_DEG_S
 
     def advance(self, traffic: Traffic) -> Traffic:
-        """One radar cycle of 6 s: active aircraft fly, then adopt what they are cleared to."""
-        begun_nm, place = traffic.position_nm, partial(_moved, self.sector.plane.scale)
-        flown, moved_nm = traffic, jnp.zeros_like(begun_nm)
+        """One radar cycle of 6 s: active aircraft fly, then adopt their new clearances."""
+        start_nm, move = traffic.position_nm, partial(_moved, self.sector.plane.scale)
+        flown, moved_nm = traffic, jnp.zeros_like(start_nm)
         for _ in range(CYCLE_S):
             flown, step_nm = self._fly_one_second(flown)
-            # Added up before they meet the position: rounded once, not six times.
+            # Summing the steps first rounds the position once, not six times.
             moved_nm += step_nm
-            if self.own_navigation:  # which depends on the position
-                flown = flown._replace(position_nm=place(begun_nm, moved_nm))
-        flown = flown._replace(position_nm=subroutine(place, begun_nm, moved_nm))
+            if self.own_navigation:  # steering needs the current position
+                flown = flown._replace(position_nm=move(start_nm, moved_nm))
+        flown = flown._replace(position_nm=subroutine(move, start_nm, moved_nm))
         return adopt(_where_active(flown, traffic))
 
     def level_ground_speed_kt(
@@ -63,15 +64,15 @@ class Simulator:
         level_ticks: Float[Array, "aircraft *batch"],
         kind: Int[Array, "aircraft *batch"] | None = None,
     ) -> Float[Array, "aircraft *batch"]:
-        """Ground speed in level flight (no wind: the true airspeed)."""
+        """Ground speed in level flight. Without wind it equals the true airspeed."""
         return self.performance.true_airspeed_kt(level_ticks, jnp.zeros_like(level_ticks), kind)
 
     def _fly_one_second(
         self, traffic: Traffic
     ) -> tuple[Traffic, Float[Array, "aircraft 2 *batch"]]:
-        """Speed, then lateral move, then level: BluebirdDT's order.
+        """Update the speed, the heading and then the level, in BluebirdDT's order.
 
-        Returns the traffic where it was, and how far it moves [NM, true lengths].
+        Returns the traffic with its position unchanged, and its displacement [NM, true length].
         """
         to_go = traffic.flown_level_ticks - traffic.level_ticks
         phase = jnp.sign(to_go)
@@ -99,17 +100,19 @@ _KT_PER_FT_MIN = 0.3048 * 60.0 / 1852.0
 def _turn(
     traffic: Traffic, rate_deg_s: Float[Array, "aircraft *batch"]
 ) -> tuple[Traffic, Float[Array, "aircraft 2 *batch"]]:
-    """One second of turning at a rate, exact at the target, and the move [NM] along the mid-point
-    heading."""
+    """Turn for one second at a rate, with an exact final heading.
+
+    Returns the traffic, and the displacement [NM] along the heading at the middle of the second.
+    """
     turned = jnp.clip(traffic.turn_deg, -rate_deg_s, rate_deg_s)
-    arrived = jnp.abs(traffic.turn_deg) <= rate_deg_s
+    completed = jnp.abs(traffic.turn_deg) <= rate_deg_s
     step_nm = (traffic.ground_speed_kt / 3600.0)[:, None] * direction(
         traffic.heading_deg + 0.5 * turned
     )
     heading = wrap_360(traffic.heading_deg + turned)
     turned_traffic = traffic._replace(
-        heading_deg=jnp.where(arrived, traffic.flown_heading_deg, heading),
-        turn_deg=jnp.where(arrived, 0.0, traffic.turn_deg - turned),
+        heading_deg=jnp.where(completed, traffic.flown_heading_deg, heading),
+        turn_deg=jnp.where(completed, 0.0, traffic.turn_deg - turned),
     )
     return turned_traffic, step_nm
 
@@ -119,9 +122,10 @@ def _moved(
     position_nm: Float[Array, "aircraft 2 *batch"],
     moved_nm: Float[Array, "aircraft 2 *batch"],
 ) -> Float[Array, "aircraft 2 *batch"]:
-    """Where a true displacement of a cycle or less leads in the plane.
+    """The plane position after a true displacement of at most one cycle.
 
-    Over so little the scale is linear in y to a part in ten million: its mean is that half-way.
+    Over this distance the scale is linear in y to one part in ten million, so the mean scale is the
+    scale at the midpoint.
     """
     local = scale(position_nm[:, 1])
     local += 0.5 * scale.slope(position_nm[:, 1]) * local * moved_nm[:, 1]
@@ -129,7 +133,7 @@ def _moved(
 
 
 def adopt(traffic: Traffic) -> Traffic:
-    """Begin to fly what has been cleared: headings turn from where the aircraft now points."""
+    """Adopt new clearances. Turns are computed from the current heading of the aircraft."""
     new = traffic.active & (traffic.pending_turn != NO_TURN)
     turn = turn_to_deg(traffic.heading_deg, traffic.cleared_heading_deg)
     turn = jnp.where((traffic.pending_turn == LEFT) & (turn > 0.0), turn - 360.0, turn)
@@ -143,7 +147,7 @@ def adopt(traffic: Traffic) -> Traffic:
         ),
         pending_turn=jnp.zeros_like(traffic.pending_turn),
         own_navigation=own,
-        # An aircraft that navigates by itself is cleared to whatever heading it takes.
+        # On own navigation the cleared heading follows the actual heading.
         cleared_heading_deg=jnp.where(own, traffic.heading_deg, traffic.cleared_heading_deg),
     )
 
@@ -151,16 +155,19 @@ def adopt(traffic: Traffic) -> Traffic:
 def turn_to_deg(
     heading_deg: Float[Array, "*n"], target_deg: Float[Array, "*n"]
 ) -> Float[Array, "*n"]:
-    """The shorter turn to a heading, positive to the right; half a turn passes through no north."""
+    """The shorter turn to a heading, positive to the right.
+
+    A turn of exactly 180 degrees takes the direction that does not pass through north.
+    """
     turn = wrap_180(target_deg - heading_deg)
     return jnp.where((turn == -180.0) & (target_deg > heading_deg), 180.0, turn)
 
 
-def _where_active(flown: Traffic, parked: Traffic) -> Traffic:
-    """Active aircraft as flown, the others as they were."""
+def _where_active(flown: Traffic, previous: Traffic) -> Traffic:
+    """The flown state of active aircraft and the previous state of the others."""
 
     def pick(new: Array, old: Array) -> Array:
-        active = parked.active if new.ndim == parked.active.ndim else parked.active[:, None]
+        active = previous.active if new.ndim == previous.active.ndim else previous.active[:, None]
         return jnp.where(active, new, old)
 
-    return jax.tree.map(pick, flown, parked)
+    return jax.tree.map(pick, flown, previous)

@@ -1,4 +1,4 @@
-"""The state of the traffic: all that any simulator reports, one row per aircraft."""
+"""The state of the traffic as any simulator can report it, with one row per aircraft."""
 
 from typing import NamedTuple
 
@@ -10,55 +10,56 @@ from skystack.airspace.projection import MercatorPlane
 from skystack.simulator.performance import TICKS_PER_FL
 
 NO_TURN, SHORTEST, LEFT, RIGHT = range(4)
-"""How a newly cleared heading is to be turned to; NO_TURN where no heading was cleared."""
+"""Directions of the turn to a newly cleared heading; NO_TURN means that none was cleared."""
 
 
 class Traffic(NamedTuple):
-    """Aircraft in the air. Levels are in ticks (6000 per flight level), see `performance`."""
+    """The aircraft of a scenario. Levels are in ticks, 6000 per flight level; see `performance`."""
 
     position_nm: Float[Array, "aircraft 2 *batch"]
-    """East and north of the sector's origin."""
+    """East and north of the sector's origin in the plane."""
     heading_deg: Float[Array, "aircraft *batch"]
     level_ticks: Float[Array, "aircraft *batch"]
     ground_speed_kt: Float[Array, "aircraft *batch"]
-    """Over the last second."""
+    """The ground speed during the last second."""
     vertical_speed_ft_min: Float[Array, "aircraft *batch"]
-    """Over the last second."""
+    """The vertical speed during the last second; 0 once the level is reached."""
     flown_heading_deg: Float[Array, "aircraft *batch"]
-    """The heading being turned to or held."""
+    """The heading that the aircraft turns to or holds."""
     turn_deg: Float[Array, "aircraft *batch"]
-    """What is left of the turn, positive to the right."""
+    """The remaining turn, positive to the right."""
     flown_level_ticks: Float[Array, "aircraft *batch"]
-    """The level being climbed or descended to or held."""
+    """The level that the aircraft climbs to, descends to or holds."""
     cleared_heading_deg: Float[Array, "aircraft *batch"]
-    """The heading told to the pilot, flown or not yet."""
+    """The cleared heading, adopted or not."""
     cleared_level_ticks: Float[Array, "aircraft *batch"]
+    """The cleared level, adopted or not."""
     pending_turn: Int[Array, "aircraft *batch"]
-    """How to turn to a heading cleared since the last cycle, NO_TURN if none was."""
+    """The direction of the turn to a heading cleared since the last cycle; NO_TURN if none."""
     own_navigation: Bool[Array, "aircraft *batch"]
-    """Following the route without instructions."""
+    """Whether the aircraft follows its route without instructions."""
     route: Int[Array, "aircraft *batch"]
-    """Index in the sector's routes."""
+    """Index of the route in the sector's routes."""
     next_fix: Int[Array, "aircraft *batch"]
-    """Index in the route that own navigation flies to; at the start of a scenario 1 or later."""
+    """Index in the route of the fix that own navigation flies to; at least 1 at the start."""
     turn_radius_nm: Float[Array, "aircraft *batch"]
-    """Radius of a fly-by turn under way, 0 if none."""
+    """Radius of the current fly-by turn; 0 if there is none."""
     active: Bool[Array, "aircraft *batch"]
-    """Inactive aircraft have left, or never were: they do not move."""
+    """Inactive aircraft have left the scenario, or the row is unused. They do not move."""
     kind: Int[Array, "aircraft *batch"]
-    """Index in the types of the performance model."""
+    """Index of the type in the types of the performance model."""
 
 
 class Clearance(NamedTuple):
-    """What aircraft are told at one moment; rows without a turn or a level leave it as it is."""
+    """Clearances to all aircraft at one time. Headings and levels without one stay unchanged."""
 
     turn: Int[Array, "aircraft *batch"]
     """NO_TURN, SHORTEST, LEFT or RIGHT."""
     heading_deg: Float[Array, "aircraft *batch"]
-    """Absolute, whole degrees in [0, 360); counts where there is a turn."""
+    """Absolute heading, whole degrees in [0, 360). Ignored with NO_TURN."""
     changes_level: Bool[Array, "aircraft *batch"]
     level_ticks: Float[Array, "aircraft *batch"]
-    """Absolute, in ticks; counts where the level changes."""
+    """Absolute level in ticks. Ignored unless `changes_level`."""
 
 
 def start(
@@ -70,7 +71,10 @@ def start(
     own_navigation: Bool[Array, "aircraft *batch"],
     kind: Int[Array, "aircraft *batch"] | None = None,
 ) -> Traffic:
-    """Aircraft in level flight, cleared to what they fly; of the first kind if none is given."""
+    """Aircraft in level flight, cleared to their headings and levels.
+
+    All are of the first type unless `kind` is given.
+    """
     zero = jnp.zeros_like(heading_deg)
     return Traffic(
         position_nm=position_nm,
@@ -94,19 +98,19 @@ def start(
 
 
 def callsigns(aircraft: int) -> list[str]:
-    """AC1, AC2, ...: of aircraft that nobody has named."""
+    """The default callsigns AC1, AC2, ..."""
     return [f"AC{number + 1}" for number in range(aircraft)]
 
 
 def ticks(fl: float) -> float:
-    """Ticks of a flight level, rounded to a whole one."""
+    """A flight level in ticks, rounded to a whole number."""
     return float(np.round(fl * TICKS_PER_FL))
 
 
 def trajectory_columns(traffic: Traffic, plane: MercatorPlane) -> dict[str, np.ndarray]:
     """The physical and the cleared values of traffic in the units of the tables.
 
-    Arrays of the shape of the traffic's, whatever it is; float64.
+    The arrays have the shape of the traffic's arrays and are float64.
     """
     degrees = plane.to_degrees(traffic.position_nm)
     columns = {

@@ -1,1 +1,1 @@
-"""What is asked of a controller: observation, action table, rewards, end of scenario."""
+"""Tasks: observations, action tables, rewards, metrics and the end of a scenario."""

@@ -1,7 +1,7 @@
-"""Many scenarios at once: batch axes come last in every array of a task.
+"""Batches of scenarios, with batch axes last in every array of a task.
 
-A scenario's values `[aircraft]` become `[aircraft, scenarios]`, its scalars `[scenarios]`. The last
-axis is contiguous in memory, so that all arithmetic runs along scenarios.
+Values `[aircraft]` of a scenario become `[aircraft, scenarios]`, scalars become `[scenarios]`. The
+last axis is contiguous in memory, so arithmetic runs along the scenarios.
 """
 
 from dataclasses import dataclass
@@ -9,16 +9,16 @@ from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Int, PRNGKeyArray
 
-from skystack.tasks.contract import Outcome, Task, TaskState
+from skystack.tasks.contract import Observation, Outcome, Task, TaskState
 from skystack.tasks.wrapper import TaskWrapper
 
 Tree = TypeVar("Tree")
 
 
 def choose(condition: Bool[Array, "*batch"], yes: Tree, no: Tree) -> Tree:
-    """One of two states for each scenario."""
+    """Select from two states, scenario by scenario."""
 
     def pick(a: Array, b: Array) -> Array:
         return jnp.where(
@@ -30,18 +30,18 @@ def choose(condition: Bool[Array, "*batch"], yes: Tree, no: Tree) -> Tree:
 
 
 def reset_many(task: Task, key: PRNGKeyArray, scenarios: int) -> TaskState:
-    """Random scenarios, batch axis last."""
+    """A batch of random scenarios, batch axis last."""
     return jax.vmap(task.reset, out_axes=-1)(jax.random.split(key, scenarios))
 
 
 @dataclass(frozen=True)
 class OneByOne(TaskWrapper[Task]):
-    """Makes a task that is written for one scenario take a batch, axis last: for users' tasks."""
+    """Adapts a task written for one scenario to batches, batch axis last. For custom tasks."""
 
     def reset(self, key: PRNGKeyArray) -> TaskState:
         return self.task.reset(key)
 
-    def observe(self, state: TaskState) -> Float[Array, "observation scenarios"]:
+    def observe(self, state: TaskState) -> Observation:
         return jax.vmap(self.task.observe, -1, -1)(state)
 
     def may_stack(

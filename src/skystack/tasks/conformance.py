@@ -1,18 +1,21 @@
-"""A check that a task keeps the contract of `skystack.tasks.contract`; for users' tasks too."""
+"""A check that a task, built-in or custom, satisfies the contract `skystack.tasks.contract`."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from skystack.tasks.contract import NO_OP, Task, TaskState
+from skystack.stacking import NO_OP
+from skystack.tasks.contract import Outcome, Task, TaskState
+from skystack.tasks.observations import flatten_observation
 
 
 def check_task(task: Task, seed: int = 0, steps: int = 50) -> None:
-    """Run a task with random actions. Raises AssertionError naming the first broken promise.
+    """Run a task with random actions. Raises AssertionError that states the first violation.
 
-    Promises: the sizes of observation and action table fit their names; observations are finite
-    and within [0, 1]; the same key gives the same scenario; shapes and types of the state never
-    change; `step` is `advance` after `instruct` or, where time can stand still, one of the two.
+    Checks that the observation has a value for each name and action names are unique; observations
+    are finite and in [0, 1]; the same key gives the same scenario; shapes and types of the state
+    never change; action 0 cannot be stacked; rewards and ends have an axis of agents; if the
+    scenario has ended, all agents have; and outcomes have the specified metrics.
     """
     keys = jax.random.split(jax.random.key(seed), steps + 1)
     state = jax.jit(task.reset)(keys[0])
@@ -20,21 +23,35 @@ def check_task(task: Task, seed: int = 0, steps: int = 50) -> None:
     _require(len(set(task.action_names)) == len(task.action_names), "action names repeat")
     step, observe = jax.jit(task.step), jax.jit(task.observe)
     for key in keys[1:]:
-        seen = np.asarray(observe(state))
-        _require(seen.shape == (len(task.observation_names),), "observation does not fit its names")
-        _require(bool(np.all(np.isfinite(seen))), "observation is not finite")
-        _require(bool(np.all((seen >= 0.0) & (seen <= 1.0))), "observation is not within [0, 1]")
+        values = np.asarray(flatten_observation(observe(state)))
+        _require(
+            values.shape == (len(task.observation_names),), "observation does not fit its names"
+        )
+        _require(bool(np.all(np.isfinite(values))), "observation is not finite")
+        _require(bool(np.all((values >= 0.0) & (values <= 1.0))), "observation is not in [0, 1]")
         action = jax.random.randint(key, (), 0, len(task.action_names))
-        after, outcome = step(state, action)
-        _require(_alike(state, after), "step changes the shape or type of the state")
-        _require(_alike(state, task.instruct(state, action)), "instruct changes shapes or types")
-        _require(bool(jnp.isfinite(outcome.reward)), "reward is not finite")
-        _require(not bool(outcome.terminated & outcome.truncated), "terminated and truncated")
+        next_state, outcome = step(state, action)
+        _require(_same_types(state, next_state), "step changes the shape or type of the state")
+        _require(
+            _same_types(state, task.instruct(state, action)), "instruct changes shapes or types"
+        )
         _require(
             not bool(task.may_stack(state, jnp.asarray(NO_OP, dtype=jnp.int32))),
-            "no action can be stacked",
+            "may_stack allows action 0, which is no instruction",
         )
-        state = after
+        _check_outcome(task, outcome)
+        state = next_state
+
+
+def _check_outcome(task: Task, outcome: Outcome) -> None:
+    for values in (outcome.reward, outcome.terminated, outcome.truncated):
+        _require(values.shape == (task.agents,), "rewards or ends have no axis of agents")
+    _require(bool(jnp.all(jnp.isfinite(outcome.reward))), "reward is not finite")
+    both = outcome.terminated & outcome.truncated
+    _require(not bool(jnp.any(both)), "an agent is terminated and truncated")
+    all_ended = jnp.all(outcome.terminated | outcome.truncated)
+    _require(bool(all_ended) or not bool(outcome.ended), "the scenario has ended, an agent has not")
+    _require(set(outcome.metrics) == set(task.metrics), "metrics are not those specified")
 
 
 def _equal(a: TaskState, b: TaskState) -> bool:
@@ -42,11 +59,11 @@ def _equal(a: TaskState, b: TaskState) -> bool:
     return all(bool(jnp.array_equal(x, y)) for x, y in pairs)
 
 
-def _alike(a: TaskState, b: TaskState) -> bool:
+def _same_types(a: TaskState, b: TaskState) -> bool:
     pairs = zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
     return all(x.shape == y.shape and x.dtype == y.dtype for x, y in pairs)
 
 
-def _require(holds: bool, broken: str) -> None:
-    if not holds:
-        raise AssertionError(broken)
+def _require(condition: bool, violation: str) -> None:
+    if not condition:
+        raise AssertionError(violation)

@@ -1,55 +1,74 @@
-"""What every task offers: pure functions of one scenario, or of many at once.
+"""The contract of a task: pure functions of one scenario, or of a batch of scenarios.
 
     reset(key) -> state                  a random scenario at cycle 0
-    observe(state) -> observation        what the policy sees, each value in [0, 1]
-    instruct(state, action) -> state     tell an aircraft something; no time passes
-    may_stack(state, action) -> bool     whether the instruction can be given now
-    advance(state) -> (state, outcome)   one radar cycle; everybody flies
+    observe(state) -> observation        the policy's observation: a pytree of values in [0, 1]
+    instruct(state, action) -> state     change a cleared value; no simulated time passes
+    may_stack(state, action) -> bool     whether the instruction can be issued now
+    advance(state) -> (state, outcome)   one radar cycle; all aircraft fly
     step(state, action)                  advance(instruct(state, action)): the MDP step
 
-Given arrays with batch axes behind their own, all but `reset` compute that batch, see
-`skystack.tasks.batch`, which also makes a task for one scenario take many.
+All functions except `reset` also accept arrays with additional batch axes at the end and compute
+the whole batch; see `skystack.tasks.batch`, which also adapts tasks written for one scenario.
 
-Tasks never truncate by themselves: the end of a scenario is part of the task, paid and terminal.
+A `Task` can be trained on. A `TrafficTask` also exposes its aircraft: it can be evaluated, run on
+other platforms, replayed and reported. Tasks are found by name in `skystack.tasks.registry`. Action
+0, `skystack.stacking.NO_OP`, instructs no aircraft in any task.
 """
 
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
 
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-NO_OP = 0
-"""The action that instructs nobody, in every task."""
+from skystack.airspace.sector import Sector
+from skystack.simulator.fleet import AircraftType
+from skystack.simulator.simulator import Simulator
+from skystack.simulator.traffic import Traffic
 
 TaskState = Any
 """Opaque to callers: a pytree of arrays."""
+Observation = Any
+"""A pytree of arrays, or a single array `[observation, *batch]`."""
+Metrics = Mapping[str, Array]
+"""The values of a task's metrics by name, each `[*batch]`."""
+
+Kind = Literal["heading", "level"]
+"""What an instruction changes: the cleared heading or the cleared level."""
 
 
-class Metrics(NamedTuple):
-    """One scenario judged so far; final once it has ended."""
+class Action(NamedTuple):
+    """The meaning of one action number."""
 
-    success: Bool[Array, "*batch"]
-    """Every criterion of the task, for every aircraft."""
-    correct_exit: Bool[Array, "*batch"]
-    """All aircraft left through their exit at their exit level."""
-    excursion: Bool[Array, "*batch"]
-    """Some aircraft left the sector otherwise, or never entered it."""
-    few_instructions: Bool[Array, "*batch"]
-    """Every aircraft was given fewer than 30."""
-    instructions: Float[Array, "*batch"]
-    bursts: Float[Array, "*batch"]
-    """Runs of the same instruction in consecutive cycles (or within one stack)."""
-    min_separation_nm: Float[Array, "*batch"]
-    """Least distance of two active aircraft less than 1,000 ft apart; infinite if none were."""
-    cycles: Float[Array, "*batch"]
+    name: str
+    """A readable name; "none" for action 0, which instructs no aircraft."""
+    aircraft: int | None = None
+    """Index of the addressed aircraft."""
+    kind: Kind | None = None
+    change: int = 0
+    """The change in degrees to the right or in flight levels up."""
+
+
+class Metric(NamedTuple):
+    """The specification of a metric."""
+
+    unit: str
+    """The unit: `true or false`, `count`, `NM`, ..."""
+    description: str
 
 
 class Outcome(NamedTuple):
-    """What one cycle brought."""
+    """The result of one cycle. The paper's tasks have one agent, which controls all aircraft."""
 
-    reward: Float[Array, "*batch"]
-    terminated: Bool[Array, "*batch"]
-    truncated: Bool[Array, "*batch"]
+    reward: Float[Array, "agents *batch"]
+    terminated: Bool[Array, "agents *batch"]
+    """The agent's episode has ended, and its value afterwards is 0."""
+    truncated: Bool[Array, "agents *batch"]
+    """The agent's episode was cut short. Never together with `terminated`."""
+    ended: Bool[Array, "*batch"]
+    """The scenario has ended for all agents."""
     metrics: Metrics
+    """The metrics of the scenario so far. They are final once it has ended."""
 
 
 @runtime_checkable
@@ -61,17 +80,26 @@ class Task(Protocol):
 
     @property
     def version(self) -> int:
-        """Raised when behaviour changes: trained policies are refused then."""
+        """Increased when behaviour changes. Policies trained for an older version are rejected."""
+
+    @property
+    def agents(self) -> int:
+        """The number of agents, which is the length of the first axis of rewards and ends."""
 
     @property
     def action_names(self) -> tuple[str, ...]: ...
 
     @property
-    def observation_names(self) -> tuple[str, ...]: ...
+    def observation_names(self) -> tuple[str, ...]:
+        """A name for each value of the flattened observation."""
+
+    @property
+    def metrics(self) -> Mapping[str, Metric]:
+        """The specification of each metric of an outcome, by name."""
 
     def reset(self, key: PRNGKeyArray) -> TaskState: ...
 
-    def observe(self, state: TaskState) -> Float[Array, "observation *batch"]: ...
+    def observe(self, state: TaskState) -> Observation: ...
 
     def instruct(self, state: TaskState, action: Int[Array, "*batch"]) -> TaskState: ...
 
@@ -82,3 +110,76 @@ class Task(Protocol):
     def advance(self, state: TaskState) -> tuple[TaskState, Outcome]: ...
 
     def step(self, state: TaskState, action: Int[Array, "*batch"]) -> tuple[TaskState, Outcome]: ...
+
+    # Optional, for training with `timing = "stack"`: `end_burst(state) -> state`, after which the
+    # next instruction starts a new burst.
+
+
+class AircraftStatus(NamedTuple):
+    """The status of each aircraft in the sector."""
+
+    entered: Bool[Array, "aircraft *batch"]
+    exited: Bool[Array, "aircraft *batch"]
+    """It has left through its exit and is no longer observed or controlled."""
+    excursion: Bool[Array, "aircraft *batch"]
+    """It has left the sector elsewhere, or never entered it."""
+
+
+@runtime_checkable
+class TrafficTask(Task, Protocol):
+    """A task with aircraft in a sector.
+
+    Its metrics include `correct_exit`, `excursion` and `min_separation_nm`, see
+    `skystack.tasks.metrics`.
+    """
+
+    @property
+    def sector(self) -> Sector: ...
+
+    @property
+    def simulator(self) -> Simulator:
+        """The simulator that flies the aircraft, with its performance model."""
+
+    @property
+    def performance(self) -> str:
+        """The name of the performance model."""
+
+    @property
+    def fleet(self) -> tuple[AircraftType, ...]:
+        """The types of aircraft. Empty if all aircraft use the performance model `performance`."""
+
+    @property
+    def aircraft(self) -> int:
+        """The number of aircraft in a scenario."""
+
+    @property
+    def cycles(self) -> int:
+        """The time limit of a scenario in cycles."""
+
+    @property
+    def actions(self) -> tuple[Action, ...]:
+        """The meaning of each action number, action 0 first."""
+
+    def traffic(self, state: TaskState) -> Traffic:
+        """The state of the traffic."""
+
+    def status(self, state: TaskState) -> AircraftStatus: ...
+
+    def exit_level_ticks(self, state: TaskState) -> Float[Array, "aircraft *batch"]:
+        """The exit levels of the aircraft."""
+
+    def with_traffic(self, state: TaskState, traffic: Traffic) -> TaskState:
+        """The scenario with its traffic replaced by the initial traffic on another platform."""
+
+    def end_cycle(self, state: TaskState, flown: Traffic) -> tuple[TaskState, Outcome]:
+        """`advance` for a cycle that another platform has flown.
+
+        `state` is the state before the cycle, `flown` the traffic after it.
+        """
+
+    def succeeded(
+        self,
+        metrics: Mapping[str, np.ndarray],
+        clearances: Int[np.ndarray, "scenarios aircraft"],
+    ) -> Bool[np.ndarray, " scenarios"]:
+        """Which scenarios succeeded, with clearances counted instead of instructions."""

@@ -1,8 +1,8 @@
-"""What a policy can be shown of each aircraft: named features, each scaled to [0, 1].
+"""The features of each aircraft that a policy can observe, each scaled to [0, 1].
 
-A task lists names; the paper's states are `("theta_f", "theta_sf", "d_c", "delta_t")` and, for
-vertical control, `("d_xfl", "fl_sx", "fl_nx", "delta_t_10")`. The others are ours. Angles are turns
-to the right, in degrees.
+A task lists features by name. The paper's are `("theta_f", "theta_sf", "d_c", "delta_t")` and, for
+vertical control, `("d_xfl", "fl_sx", "fl_nx", "delta_t_10")`; skystack adds the others. Angles are
+turns to the right in degrees.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -34,18 +34,21 @@ from skystack.simulator.traffic import Traffic
 from skystack.tasks.tracking import Memory
 
 LEVELS_PER_MIN = 20.0
-"""The set rate of the paper's d_xfl: 2,000 feet per minute."""
+"""The rate of level change assumed by the paper's d_xfl: 2,000 feet per minute."""
 
 PerAircraft = Float[Array, "aircraft *batch"]
 
 
 class Feature(NamedTuple):
-    """How to compute a value, the range that maps to [0, 1], and what an exited aircraft shows."""
+    """A feature: its function, its range and its description."""
 
     value: Callable[[Sector, Traffic, Memory], PerAircraft]
     low: float
+    """The value that is scaled to 0."""
     high: float
+    """The value that is scaled to 1."""
     exited: float
+    """The value for inactive aircraft."""
     meaning: str
 
 
@@ -58,18 +61,18 @@ def subsequent_fix_turn(sector: Sector, traffic: Traffic, memory: Memory) -> Per
 
 
 def centreline_distance(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
-    """d_c: from the nearest point of the route, whose legs are geodesics."""
+    """d_c: distance [NM] to the right of the nearest point of the route, with geodesic legs."""
     table = sector.route_table
     fixes = points_of(table.fixes_nm, traffic.route)
     bulges = [value_of(leg, traffic.route) for leg in table.leg_bulge_nm.T]
     if float(np.max(np.abs(table.leg_bulge_nm))) < STRAIGHT_WITHIN_NM:
-        bulges = []  # what cannot be seen need not be computed
+        bulges = []  # negligible, so not computed
     right = distance_right_of_route(traffic.position_nm, fixes, bulges)
     return right / sector.plane.scale(traffic.position_nm[:, 1])
 
 
 def time_since_instruction(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
-    return CYCLE_S * memory.cycles_since_instruction
+    return CYCLE_S * memory.counts.cycles_since_instruction
 
 
 def turn_under_way(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
@@ -94,25 +97,28 @@ def exit_distance(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircra
 
 
 def level_to_exit(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
-    """FL_sx: the cleared level above the exit level."""
-    return (traffic.cleared_level_ticks - memory.exit_level_ticks) / TICKS_PER_FL
+    """FL_sx: the cleared level minus the exit level."""
+    return (traffic.cleared_level_ticks - memory.plan.exit_level_ticks) / TICKS_PER_FL
 
 
 def entry_to_exit(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
-    """FL_nx: the entry level above the exit level."""
-    return (memory.entry_level_ticks - memory.exit_level_ticks) / TICKS_PER_FL
+    """FL_nx: the entry level minus the exit level."""
+    return (memory.plan.entry_level_ticks - memory.plan.exit_level_ticks) / TICKS_PER_FL
 
 
 def distance_in_hand(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
-    """d_xfl: the way to the exit fix along the route, less what changing level takes [NM]."""
-    minutes = jnp.abs(memory.exit_level_ticks - traffic.level_ticks) / TICKS_PER_FL / LEVELS_PER_MIN
+    """d_xfl: distance [NM] to the exit fix along the route, minus that for the level change."""
+    minutes = (
+        jnp.abs(memory.plan.exit_level_ticks - traffic.level_ticks) / TICKS_PER_FL / LEVELS_PER_MIN
+    )
     return _route_to_exit(sector, traffic, memory) - minutes / 60.0 * traffic.ground_speed_kt
 
 
 def room_ahead(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
-    """How much nearer the area's edge is than the exit edge, on the cleared heading [NM].
+    """Distance [NM] to the exit edge minus distance to the area's edge, on the cleared heading.
 
-    Zero: flying on leaves through the exit. From outside (before entry) the near edge is skipped.
+    Zero means that the heading leads out through the exit. Only edges crossed outwards count, so
+    before entry the near edge is ignored.
     """
     ray = direction(traffic.cleared_heading_deg)
     scale = sector.plane.scale(traffic.position_nm[:, 1])
@@ -133,12 +139,16 @@ FEATURES: dict[str, Feature] = {
         time_since_instruction, 0.0, 60.0, 60.0, "time since the last instruction, s"
     ),
     "delta_t_10": Feature(
-        time_since_instruction, 0.0, 10.0, 10.0, "time since the last instruction, cut at 10 s"
+        time_since_instruction, 0.0, 10.0, 10.0, "time since the last instruction, at most 10 s"
     ),
     "fl_sx": Feature(level_to_exit, -200.0, 200.0, 0.0, "cleared level minus exit level, FL"),
     "fl_nx": Feature(entry_to_exit, -200.0, 200.0, 0.0, "entry level minus exit level, FL"),
     "d_xfl": Feature(
-        distance_in_hand, -100.0, 100.0, 0.0, "way to the exit less that of the climb or descent"
+        distance_in_hand,
+        -100.0,
+        100.0,
+        0.0,
+        "distance to the exit fix minus that needed to change level, NM",
     ),
     "theta_turn": Feature(turn_under_way, -180.0, 180.0, 0.0, "cleared minus actual heading"),
     "d_f": Feature(next_fix_distance, 0.0, 100.0, 0.0, "distance to the next fix, NM"),
@@ -146,7 +156,11 @@ FEATURES: dict[str, Feature] = {
     "theta_xr": Feature(exit_right_turn, -180.0, 180.0, 0.0, "turn to the exit edge's right end"),
     "d_x": Feature(exit_distance, 0.0, 150.0, 0.0, "distance to the exit edge's middle, NM"),
     "room": Feature(
-        room_ahead, 0.0, 100.0, 0.0, "0 if the cleared heading leads out through the exit"
+        room_ahead,
+        0.0,
+        100.0,
+        0.0,
+        "distance ahead to the exit edge minus that to the area's edge, NM",
     ),
 }
 
@@ -154,40 +168,40 @@ FEATURES: dict[str, Feature] = {
 def observe(
     names: tuple[str, ...], sector: Sector, traffic: Traffic, memory: Memory
 ) -> Float[Array, "observation *batch"]:
-    """The named features, aircraft by aircraft, in [0, 1]."""
+    """The named features in [0, 1], aircraft by aircraft."""
     rows = []
     for name in names:
         feature = FEATURES[name]
         value = subroutine(partial(feature.value, sector), traffic, memory)
-        shown = jnp.where(traffic.active, value, feature.exited)
-        rows.append((shown - feature.low) / (feature.high - feature.low))
-    shown = jnp.clip(jnp.stack(rows, axis=1), 0.0, 1.0)
-    return shown.reshape(-1, *shown.shape[2:])
+        observed = jnp.where(traffic.active, value, feature.exited)
+        rows.append((observed - feature.low) / (feature.high - feature.low))
+    observation = jnp.clip(jnp.stack(rows, axis=1), 0.0, 1.0)
+    return observation.reshape(-1, *observation.shape[2:])
 
 
 def _fix(
     sector: Sector, traffic: Traffic, memory: Memory, ahead: int
 ) -> Float[Array, "aircraft 2 *batch"]:
     table = sector.route_table
-    index = jnp.minimum(memory.next_fix + ahead, value_of(table.last_fix, traffic.route))
+    index = jnp.minimum(memory.progress.next_fix + ahead, value_of(table.last_fix, traffic.route))
     return fix_of(table, traffic.route, index)
 
 
 def _route_to_exit(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
-    """To the next fix and on along the route to the last but one; 0 once that is passed."""
+    """Distance [NM] to the next fix and along the route to the exit fix; 0 after the exit fix."""
     table = sector.route_table
     exit_fix = value_of(table.last_fix, traffic.route) - 1
-    way = _distance(sector, traffic, _fix(sector, traffic, memory, ahead=0))
+    distance_nm = _distance(sector, traffic, _fix(sector, traffic, memory, ahead=0))
     for number, leg_nm in enumerate(table.leg_nm.T, start=1):
-        counts = (number > memory.next_fix) & (number <= exit_fix)
-        way += jnp.where(counts, value_of(leg_nm, traffic.route), 0.0)
-    return jnp.where(memory.next_fix <= exit_fix, way, 0.0)
+        remaining = (number > memory.progress.next_fix) & (number <= exit_fix)
+        distance_nm += jnp.where(remaining, value_of(leg_nm, traffic.route), 0.0)
+    return jnp.where(memory.progress.next_fix <= exit_fix, distance_nm, 0.0)
 
 
 def _distance(
     sector: Sector, traffic: Traffic, point_nm: Float[Array, "aircraft 2 *batch"]
 ) -> PerAircraft:
-    """True distance of each aircraft from a point: the scale is that half-way."""
+    """True distance [NM] of each aircraft from a point, with the scale at the midpoint."""
     offset = point_nm - traffic.position_nm
     return length(offset) / sector.plane.scale(traffic.position_nm[:, 1] + offset[:, 1] / 2.0)
 
@@ -208,32 +222,32 @@ def _nearest_ahead(
     lines: Iterable[Sequence[Sequence[Any]]],
     scale: PerAircraft,
 ) -> PerAircraft:
-    """True distance to the nearest edge that a ray crosses outwards, at most 100 NM."""
-    nearest_way, nearest_rate = 100.0 * scale, jnp.ones_like(scale)
+    """True distance [NM] to the nearest edge that a ray crosses outwards, at most 100 NM."""
+    nearest, nearest_divisor = 100.0 * scale, jnp.ones_like(scale)
     for start, end in lines:
-        way, rate = _way_ahead(traffic, ray, start, end)
-        nearer = way * nearest_rate < nearest_way * rate  # two fractions: divided below
-        nearest_way = jnp.where(nearer, way, nearest_way)
-        nearest_rate = jnp.where(nearer, rate, nearest_rate)
-    return nearest_way / (nearest_rate * scale)
+        distance, divisor = _distance_ahead(traffic, ray, start, end)
+        nearer = distance * nearest_divisor < nearest * divisor  # compares the two fractions
+        nearest = jnp.where(nearer, distance, nearest)
+        nearest_divisor = jnp.where(nearer, divisor, nearest_divisor)
+    return nearest / (nearest_divisor * scale)
 
 
-def _way_ahead(
+def _distance_ahead(
     traffic: Traffic,
     ray: Float[Array, "aircraft 2 *batch"],
     start_nm: Sequence[Any],
     end_nm: Sequence[Any],
 ) -> tuple[PerAircraft, PerAircraft]:
-    """Plane distance to where a ray from each aircraft crosses an edge outwards, as a fraction.
+    """Plane distance along a ray from each aircraft to its outward crossing of an edge.
 
-    1 / 0 where it does not. The ends of the edge are (east, north), numbers or one for each
-    aircraft.
+    Returned as a fraction (numerator, denominator), which is 1 / 0 without a crossing. The ends of
+    the edge are (east, north), as numbers or per aircraft.
     """
     ray_east, ray_north = ray[:, 0], ray[:, 1]
     edge_east, edge_north = end_nm[0] - start_nm[0], end_nm[1] - start_nm[1]
     east, north = start_nm[0] - traffic.position_nm[:, 0], start_nm[1] - traffic.position_nm[:, 1]
     facing = ray_east * edge_north - ray_north * edge_east
-    way = east * edge_north - north * edge_east
+    along_ray = east * edge_north - north * edge_east
     along_edge = east * ray_north - north * ray_east
-    hit = (facing > 0.0) & (way > 0.0) & (along_edge >= 0.0) & (along_edge <= facing)
-    return jnp.where(hit, way, 1.0), jnp.where(hit, facing, 0.0)
+    hit = (facing > 0.0) & (along_ray > 0.0) & (along_edge >= 0.0) & (along_edge <= facing)
+    return jnp.where(hit, along_ray, 1.0), jnp.where(hit, facing, 0.0)

@@ -1,4 +1,4 @@
-"""How many cycles a sector's routes take, and which take more than a scenario lasts."""
+"""The flight times of a sector's routes in cycles, compared with a scenario's time limit."""
 
 from typing import NamedTuple
 
@@ -12,43 +12,46 @@ class FlightTimes(NamedTuple):
     """The cycles that each route takes from its start to its exit, in level flight."""
 
     fastest: Int[np.ndarray, " routes"]
-    """At `fastest_kt`, the highest speed of any type at any level."""
+    """The cycles at `fastest_kt`."""
     slowest: Int[np.ndarray, " routes"]
-    """At `slowest_kt`, the lowest."""
+    """The cycles at `slowest_kt`."""
     fastest_kt: float
+    """The highest level speed of any type at any level."""
     slowest_kt: float
+    """The lowest level speed of any type at any level."""
 
     @property
     def shortest(self) -> int:
-        """Index of the route that takes the fewest."""
+        """Index of the route that takes the fewest cycles."""
         return int(np.argmin(self.fastest))
 
     def beyond(self, cycles: int) -> str | None:
-        """A line on the routes that some aircraft cannot fly in so many cycles, if any."""
-        late = self.slowest[self.slowest > cycles]
-        if not late.size:
+        """A notice about the routes that the slowest aircraft cannot fly in `cycles`, or None."""
+        too_long = self.slowest[self.slowest > cycles]
+        if not too_long.size:
             return None
-        least, most = int(late.min()), int(late.max())
+        least, most = int(too_long.min()), int(too_long.max())
         span = f"{least} to {most}" if least < most else f"{most}"
         return (
-            f"{late.size} of {self.slowest.size} routes take more than {cycles} cycles: {span} at "
-            f"{self.slowest_kt:.0f} kt (see --cycles)"
+            f"{too_long.size} of {self.slowest.size} routes take more than {cycles} cycles: {span} "
+            f"at {self.slowest_kt:.0f} kt (see --cycles)"
         )
 
 
 def flight_times(simulator: Simulator, levels_fl: tuple[int, ...], disc_nm: float) -> FlightTimes:
-    """Times from the near side of the disc [NM] round the first fix to the exit fix.
+    """Flight times from the near side of the disc around the first fix to the exit fix.
 
-    Along geodesic legs, at the level speeds of all types at all of the levels.
+    `disc_nm` is the radius of the disc. Routes are flown along geodesic legs, and speeds are the
+    level speeds of all types at all levels.
     """
     speed_kt = simulator.performance.cruise_kt(np.array(levels_fl, dtype=np.float64))
     table = simulator.sector.route_table
     leg = np.arange(table.leg_nm.shape[1])
     to_exit_nm = np.where(leg < table.last_fix[:, None] - 1, table.leg_nm, 0.0).sum(axis=1)
-    way_nm = np.maximum(to_exit_nm.astype(np.float64) - disc_nm, 0.0)
+    distance_nm = np.maximum(to_exit_nm.astype(np.float64) - disc_nm, 0.0)
 
     def cycles(kt: float) -> Int[np.ndarray, " routes"]:
-        return np.maximum(np.ceil(way_nm / (kt * CYCLE_S / 3600.0)), 1.0).astype(np.int64)
+        return np.maximum(np.ceil(distance_nm / (kt * CYCLE_S / 3600.0)), 1.0).astype(np.int64)
 
     fastest_kt, slowest_kt = float(speed_kt.max()), float(speed_kt.min())
     return FlightTimes(cycles(fastest_kt), cycles(slowest_kt), fastest_kt, slowest_kt)

@@ -1,32 +1,35 @@
-"""Navigation: bring aircraft through the sector to their exits with small instructions.
+"""Navigation: guide aircraft through the sector to their exits with small instructions.
 
-The paper's tasks (sections "State", "Action", "Reward"), lateral, vertical and avoidance, are this
-one under different settings: which scenarios, what is seen and said, and what is paid for.
+The paper's tasks (sections "State", "Action" and "Reward") are this task with different settings
+for scenarios, observation, actions and rewards.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skystack.airspace.sector import Sector
 from skystack.compilation.subroutine import subroutine
+from skystack.simulator.fleet import AircraftType
 from skystack.simulator.generator import Scenarios
-from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import Traffic
-from skystack.tasks import features, rewards
-from skystack.tasks.actions import ActionTable, addressed
-from skystack.tasks.contract import Metrics, Outcome
-from skystack.tasks.pairs import RANGE_NM, observe_pairs, pair_names, pairs_of
-from skystack.tasks.settings import TaskSettings
+from skystack.tasks import features, metrics, rewards
+from skystack.tasks.actions import ActionTable
+from skystack.tasks.contract import Action, AircraftStatus, Metric, Outcome
+from skystack.tasks.instruction_counts import end_burst
+from skystack.tasks.pairs import observe_pairs, pair_names
+from skystack.tasks.settings import NavigationSettings
 from skystack.tasks.tracking import Memory, Tracker
 
 
 class NavigationState(NamedTuple):
-    """What any simulator reports, and what the task remembers."""
+    """The traffic, as any platform reports it, and the memory of the task."""
 
     traffic: Traffic
     memory: Memory
@@ -34,14 +37,15 @@ class NavigationState(NamedTuple):
 
 @dataclass(frozen=True)
 class NavigationTask:
-    """Implements `skystack.tasks.contract.Task`; `skystack.tasks.build` makes one from settings."""
+    """Implements `skystack.tasks.contract.TrafficTask`, with one agent for all aircraft."""
 
-    settings: TaskSettings
+    settings: NavigationSettings
     simulator: Simulator
     scenarios: Scenarios
-    actions: ActionTable
+    table: ActionTable
 
     version = 1
+    agents = 1
 
     @property
     def name(self) -> str:
@@ -49,75 +53,119 @@ class NavigationTask:
 
     @property
     def action_names(self) -> tuple[str, ...]:
-        return self.actions.names
+        return self.table.names
 
     @property
     def observation_names(self) -> tuple[str, ...]:
-        count, settings = self.scenarios.aircraft, self.settings
-        each = (f"{name}_{aircraft + 1}" for aircraft in range(count) for name in settings.features)
-        return (*each, *pair_names(settings.pair_features, count))
+        settings = self.settings
+        each = (
+            f"{name}_{aircraft + 1}"
+            for aircraft in range(self.aircraft)
+            for name in settings.features
+        )
+        return (*each, *pair_names(settings.pair_features, self.aircraft))
+
+    @property
+    def metrics(self) -> Mapping[str, Metric]:
+        return metrics.SPECIFICATIONS
 
     @property
     def sector(self) -> Sector:
         return self.simulator.sector
+
+    @property
+    def performance(self) -> str:
+        return self.settings.performance
+
+    @property
+    def fleet(self) -> tuple[AircraftType, ...]:
+        return self.settings.fleet
+
+    @property
+    def aircraft(self) -> int:
+        return self.scenarios.aircraft
+
+    @property
+    def cycles(self) -> int:
+        return self.settings.cycles
+
+    @property
+    def actions(self) -> tuple[Action, ...]:
+        return self.table.actions
 
     @cached_property
     def tracker(self) -> Tracker:
         return Tracker(self.sector)
 
     def traffic(self, state: NavigationState) -> Traffic:
-        """All that can be seen on a radar."""
         return state.traffic
+
+    def status(self, state: NavigationState) -> AircraftStatus:
+        progress = state.memory.progress
+        return AircraftStatus(progress.entered, progress.exited, progress.excursion)
+
+    def exit_level_ticks(self, state: NavigationState) -> Float[Array, "aircraft *batch"]:
+        return state.memory.plan.exit_level_ticks
+
+    def with_traffic(self, state: NavigationState, traffic: Traffic) -> NavigationState:
+        return state._replace(traffic=traffic)
 
     def reset(self, key: PRNGKeyArray) -> NavigationState:
         return self.begin(*self.scenarios.draw(key))
 
     def begin(
-        self, traffic: Traffic, exit_level_ticks: Float[Array, "aircraft *batch"] | None = None
+        self,
+        traffic: Traffic,
+        exit_level_ticks: Float[Array, "aircraft *batch"] | None = None,
     ) -> NavigationState:
-        """A scenario from given traffic; who has no exit level is to leave as it starts."""
-        level_ticks = traffic.level_ticks if exit_level_ticks is None else exit_level_ticks
-        return NavigationState(traffic, self.tracker.begin(traffic, level_ticks))
+        """The initial state of a scenario with the given traffic.
+
+        Exit levels default to the initial levels.
+        """
+        levels = traffic.level_ticks if exit_level_ticks is None else exit_level_ticks
+        return NavigationState(traffic, self.tracker.begin(traffic, levels))
 
     def observe(self, state: NavigationState) -> Float[Array, "observation *batch"]:
-        seen = features.observe(
-            self.settings.features, self.simulator.sector, state.traffic, state.memory
-        )
-        if not self.settings.pair_features:
-            return seen
-        plane, names = self.sector.plane, self.settings.pair_features
-        return jnp.concatenate([seen, observe_pairs(names, plane, state.traffic)])
+        names, pair_feature_names = self.settings.features, self.settings.pair_features
+        observation = features.observe(names, self.sector, state.traffic, state.memory)
+        if not pair_feature_names:
+            return observation
+        pairs = observe_pairs(pair_feature_names, self.sector.plane, state.traffic)
+        return jnp.concatenate([observation, pairs])
 
     def may_stack(
         self, state: NavigationState, action: Int[Array, "*batch"]
     ) -> Bool[Array, "*batch"]:
-        return self.actions.may_stack(state.traffic, action)
+        return self.table.may_stack(state.traffic, action)
 
     def instruct(self, state: NavigationState, action: Int[Array, "*batch"]) -> NavigationState:
-        heard = addressed(self.actions, state.traffic, action) & state.traffic.active
+        instructed = self.table.addressed(state.traffic, action) & state.traffic.active
         return NavigationState(
-            self.actions.instruct(state.traffic, action),
-            self.tracker.note_instruction(state.memory, heard, action),
+            self.table.instruct(state.traffic, action),
+            self.tracker.instruct(state.memory, instructed, action),
         )
+
+    def end_burst(self, state: NavigationState) -> NavigationState:
+        """End the burst, so that the next instruction starts a new one."""
+        return state._replace(memory=state.memory._replace(counts=end_burst(state.memory.counts)))
 
     def advance(self, state: NavigationState) -> tuple[NavigationState, Outcome]:
-        return self.judge(state.memory, subroutine(self.simulator.advance, state.traffic))
+        return self.end_cycle(state, subroutine(self.simulator.advance, state.traffic))
 
-    def judge(self, memory: Memory, flown: Traffic) -> tuple[NavigationState, Outcome]:
-        """Everything of `advance` but flying, which another simulator may do."""
-        before, memory = memory, subroutine(self.tracker.track, memory, flown)
-        traffic = flown._replace(active=flown.active & ~memory.exited)
-        ended = ~jnp.any(traffic.active, axis=0) | (memory.cycles >= self.settings.cycles)
-        memory = memory._replace(excursion=memory.excursion | (ended[None] & ~memory.entered))
-        criteria = jnp.stack(self._criteria(memory))
-        reward = self._running_reward(before, memory, flown) + jnp.where(
-            ended, self.settings.reward.terminal * rewards.terminal(criteria), 0.0
-        )
+    def end_cycle(self, state: NavigationState, flown: Traffic) -> tuple[NavigationState, Outcome]:
+        before, memory = state.memory, subroutine(self.tracker.track, state.memory, flown)
+        traffic = flown._replace(active=flown.active & ~memory.progress.exited)
+        at_time_limit = memory.progress.cycles >= self.settings.cycles
+        ended = ~jnp.any(traffic.active, axis=0) | at_time_limit
+        memory = self.tracker.close(memory, ended)
+        cycle = rewards.Cycle(self.sector, self.settings.reward, before, memory, flown)
+        success = jnp.all(cycle.criteria, axis=(0, 1))
         outcome = Outcome(
-            reward=reward,
-            terminated=ended,
-            truncated=jnp.zeros_like(ended),
-            metrics=self._metrics(memory, jnp.all(criteria, axis=(0, 1))),
+            reward=rewards.total(cycle, ended)[None],
+            terminated=ended[None],
+            truncated=jnp.zeros_like(ended)[None],
+            ended=ended,
+            metrics=metrics.measure(memory, success),
         )
         return NavigationState(traffic, memory), outcome
 
@@ -126,51 +174,12 @@ class NavigationTask:
     ) -> tuple[NavigationState, Outcome]:
         return self.advance(self.instruct(state, action))
 
-    def _running_reward(
-        self, before: Memory, memory: Memory, flown: Traffic
-    ) -> Float[Array, "*batch"]:
-        """Weighted sum of the terms of one cycle, averaged over all aircraft of the scenario."""
-        weights, sector = self.settings.reward, self.simulator.sector
-        distance = features.centreline_distance(sector, flown, memory)
-        each = jnp.zeros_like(flown.level_ticks)
-        if weights.centreline:
-            each += weights.centreline * rewards.centreline(distance)
-        if weights.damping:
-            each += weights.damping * rewards.damping(memory.cycles_since_instruction)
-        if weights.outside_band:
-            each -= weights.outside_band * rewards.outside_band(distance, weights.band_nm)
-        if weights.stray:
-            each -= jnp.where(memory.excursion & ~before.excursion, weights.stray, 0.0)
-        if weights.vertical:
-            gap_fl = (flown.cleared_level_ticks - memory.exit_level_ticks) / TICKS_PER_FL
-            each += weights.vertical * rewards.vertical(gap_fl)
-        shared = -weights.burst * before.new_bursts
-        if weights.safety:
-            shared += weights.safety * self._safety(flown)
-        if weights.conflict:
-            inside_nm = weights.conflict_nm - memory.separation_nm
-            shared -= weights.conflict * jnp.maximum(inside_nm, 0.0)
-        return jnp.mean(jnp.where(flown.active, each, 0.0), axis=0) + shared
-
-    def _safety(self, flown: Traffic) -> Float[Array, "*batch"]:
-        """The safety reward of the scenario: its worst pair's."""
-        pairs = pairs_of(self.sector.plane, flown)
-        each = rewards.safety(pairs.distance_nm, pairs.closest_nm, RANGE_NM)
-        return jnp.min(jnp.where(pairs.active, each, 0.0), axis=0, initial=0.0)
-
-    def _criteria(self, memory: Memory) -> list[Bool[Array, "aircraft *batch"]]:
-        few = memory.instructions < rewards.MAX_INSTRUCTIONS
-        criteria = [memory.exited_correctly, ~memory.excursion]
-        return [*criteria, few] if self.settings.reward.count_criterion else criteria
-
-    def _metrics(self, memory: Memory, success: Bool[Array, "*batch"]) -> Metrics:
-        return Metrics(
-            success=success,
-            correct_exit=jnp.all(memory.exited_correctly, axis=0),
-            excursion=jnp.any(memory.excursion, axis=0),
-            few_instructions=jnp.all(memory.instructions < rewards.MAX_INSTRUCTIONS, axis=0),
-            instructions=jnp.sum(memory.instructions, axis=0),
-            bursts=memory.bursts,
-            min_separation_nm=memory.min_separation_nm,
-            cycles=memory.cycles,
-        )
+    def succeeded(
+        self,
+        metrics: Mapping[str, np.ndarray],
+        clearances: Int[np.ndarray, "scenarios aircraft"],
+    ) -> Bool[np.ndarray, " scenarios"]:
+        success = metrics["correct_exit"] & ~metrics["excursion"]
+        if self.settings.reward.count_criterion:
+            success = success & np.all(clearances < rewards.MAX_INSTRUCTIONS, axis=1)
+        return success

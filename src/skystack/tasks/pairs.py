@@ -1,7 +1,7 @@
-"""Pairs of aircraft: what a policy can be shown of them, and how near they are predicted to come.
+"""Pairs of aircraft: the features that a policy can observe, and predicted closest approaches.
 
-Predictions fly everybody straight on along their *cleared* headings at their present ground speeds:
-what would happen "even if no further instructions are issued".
+Predictions assume that all aircraft fly straight along their *cleared* headings at their current
+ground speeds: what would happen "even if no further instructions are issued" (paper).
 """
 
 from collections.abc import Callable
@@ -26,25 +26,27 @@ from skystack.compilation.subroutine import subroutine
 from skystack.simulator.traffic import Traffic
 
 RANGE_NM = 150.0
-"""d_max: how far the faster of a pair is flown ahead; pairs farther apart are no matter."""
+"""d_max: the distance over which the faster aircraft of a pair is predicted. Pairs further apart
+have no safety reward."""
 
 PerPair = Float[Array, "pairs *batch"]
 
 
 class Pairs(NamedTuple):
-    """Every two aircraft, the first the one of the lower number; east and north."""
+    """All pairs of aircraft, the one with the lower index first. Vectors are (east, north)."""
 
     offset_nm: Float[Array, "pairs 2 *batch"]
-    """From the first to the second, in true lengths: the scale is that half-way."""
+    """From the first to the second, in true length with the scale at the midpoint."""
     velocity_kt: Float[Array, "pairs 2 *batch"]
-    """Of the second as seen from the first, on cleared headings."""
+    """The velocity of the second relative to the first, on cleared headings."""
     horizon_h: PerPair
-    """Until the faster has flown `RANGE_NM`."""
+    """The time in which the faster aircraft flies `RANGE_NM`."""
     first_heading_deg: PerPair
-    """Cleared."""
+    """The cleared heading of the first."""
     second_heading_deg: PerPair
+    """The cleared heading of the second."""
     active: Bool[Array, "pairs *batch"]
-    """Both are."""
+    """Whether both are active."""
 
     @property
     def distance_nm(self) -> PerPair:
@@ -52,14 +54,14 @@ class Pairs(NamedTuple):
 
     @property
     def closest_nm(self) -> PerPair:
-        """d_s: the predicted closest approach within the horizon, closed form."""
+        """d_s: the predicted closest approach within the horizon, in closed form."""
         return closest_approach(
             self.offset_nm, self.velocity_kt, jnp.zeros_like(self.horizon_h), self.horizon_h
         )
 
 
 def pairs_of(plane: MercatorPlane, traffic: Traffic) -> Pairs:
-    """All pairs of the traffic's aircraft."""
+    """All pairs of aircraft of the traffic."""
     speed = traffic.ground_speed_kt
     position, other_position = first_and_second(traffic.position_nm)
     velocity, other_velocity = first_and_second(
@@ -79,12 +81,15 @@ def pairs_of(plane: MercatorPlane, traffic: Traffic) -> Pairs:
 
 
 class PairFeature(NamedTuple):
-    """How to compute a value, the range that maps to [0, 1], and what a pair shows without one."""
+    """A feature of a pair: its function, its range and its description."""
 
     value: Callable[[Pairs], PerPair]
     low: float
+    """The value that is scaled to 0."""
     high: float
+    """The value that is scaled to 1."""
     gone: float
+    """The value for a pair with an inactive aircraft."""
     meaning: str
 
 
@@ -101,7 +106,8 @@ def track_difference(pairs: Pairs) -> PerPair:
 
 
 def signed_miss(pairs: Pairs) -> PerPair:
-    """How far the second passes from the first; positive to the right of the relative motion."""
+    """The predicted closest approach [NM], positive if the first aircraft is to the right of the
+    second's relative motion."""
     return jnp.where(cross(pairs.velocity_kt, pairs.offset_nm) < 0.0, -1.0, 1.0) * pairs.closest_nm
 
 
@@ -123,22 +129,24 @@ PAIR_FEATURES: dict[str, PairFeature] = {
         track_difference, -180.0, 180.0, 0.0, "the second's cleared heading minus the first's"
     ),
     "miss": PairFeature(signed_miss, -30.0, 30.0, 30.0, "predicted closest approach, signed, NM"),
-    "time": PairFeature(minutes_to_closest, 0.0, 20.0, 20.0, "minutes until it"),
+    "time": PairFeature(
+        minutes_to_closest, 0.0, 20.0, 20.0, "time to the closest approach, minutes"
+    ),
 }
-"""The paper's are `theta` and `d` (theta_12, d_12); the others are ours."""
+"""The paper's features are `theta` and `d` (theta_12, d_12). skystack adds the others."""
 
 
 def observe_pairs(
     names: tuple[str, ...], plane: MercatorPlane, traffic: Traffic
 ) -> Float[Array, "observation *batch"]:
-    """The named features, pair by pair, in [0, 1]."""
+    """The named features in [0, 1], pair by pair."""
     pairs, columns = subroutine(partial(pairs_of, plane), traffic), []
     for name in names:
         feature = PAIR_FEATURES[name]
-        shown = jnp.where(pairs.active, subroutine(feature.value, pairs), feature.gone)
-        columns.append((shown - feature.low) / (feature.high - feature.low))
-    shown = jnp.clip(jnp.stack(columns, axis=1), 0.0, 1.0)
-    return shown.reshape(-1, *shown.shape[2:])
+        observed = jnp.where(pairs.active, subroutine(feature.value, pairs), feature.gone)
+        columns.append((observed - feature.low) / (feature.high - feature.low))
+    observation = jnp.clip(jnp.stack(columns, axis=1), 0.0, 1.0)
+    return observation.reshape(-1, *observation.shape[2:])
 
 
 def pair_names(names: tuple[str, ...], aircraft: int) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
-"""A task's functions as compiled programs, without a tie to the process that made them.
+"""Compiled programs of a task's functions, in objects that can be copied and pickled.
 
-Programs are made when they are first called. Objects that hold them can therefore be made, copied,
-pickled and taken through a fork before JAX has started.
+Programs are compiled on their first call. So before JAX has started, the objects can be created,
+copied, pickled, and inherited by a forked process.
 """
 
 from collections.abc import Callable
@@ -22,9 +22,9 @@ Result = TypeVar("Result")
 class TaskPrograms:
     """Base of classes whose methods are compiled, see `compiled`, and whose only state is a task.
 
-    Copies are the object itself. A pickle loads as the original where that still exists, otherwise
-    as one new object for all pickles of it in the process, which compiles again. Subclasses take
-    the task as their only argument.
+    Copying returns the object itself. Unpickling returns the original object if it still exists in
+    the process; otherwise one new object, shared by all its pickles, which compiles again.
+    Subclasses take the task as their only argument.
     """
 
     def __init__(self, task: Task) -> None:
@@ -39,7 +39,7 @@ class TaskPrograms:
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _loaded, (type(self), self._identity, self._task)
+        return _unpickle, (type(self), self._identity, self._task)
 
     def _register(self, identity: str) -> None:
         self._identity = identity
@@ -49,7 +49,7 @@ class TaskPrograms:
 _ALIVE: WeakValueDictionary[str, TaskPrograms] = WeakValueDictionary()
 
 
-def _loaded(kind: type[TaskPrograms], identity: str, task: Task) -> TaskPrograms:
+def _unpickle(kind: type[TaskPrograms], identity: str, task: Task) -> TaskPrograms:
     alive = _ALIVE.get(identity)
     if alive is None:
         alive = kind(task)
@@ -58,7 +58,7 @@ def _loaded(kind: type[TaskPrograms], identity: str, task: Task) -> TaskPrograms
 
 
 def compiled(method: Callable[..., Result]) -> Callable[..., Result]:
-    """A method of `TaskPrograms` as a compiled program, for positional arguments, JAX's or numpy's.
+    """Make a method of `TaskPrograms` a compiled program. Takes positional JAX or numpy arguments.
 
     Raises InputError in a process that was forked after JAX was started.
     """

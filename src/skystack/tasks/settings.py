@@ -1,71 +1,94 @@
-"""The settings of a task: the `[task]` tables of an experiment's TOML. Data only."""
+"""The settings of tasks: the table `[task]` of an experiment's TOML."""
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import msgspec
 
 from skystack.airspace.sector_file import SectorEntry
 from skystack.simulator.fleet import AircraftType
+from skystack.tasks.rewards import MOST_WEIGHT, REWARDS, Parameter
 
 PAPER_FEATURES = ("theta_f", "theta_sf", "d_c", "delta_t")
 
 MOST_CYCLES = 10_000
-"""As of a scenario file: more than 16 hours."""
-
-Weight = Annotated[float, msgspec.Meta(ge=0.0, le=1000.0)]
-
-
-class RewardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Weights of the reward's terms: the paper's table of weightings, and ours."""
-
-    centreline: Weight = 1.0
-    damping: Weight = 0.25
-    terminal: Weight = 1.0
-    count_criterion: bool = True
-    """Whether fewer than 30 instructions per aircraft is one of the criteria."""
-    safety: Weight = 0.0
-    """Of the predicted closest approach of the worst pair."""
-    vertical: Weight = 0.0
-    burst: Weight = 0.0
-    """Ours: the price of every burst, which stacking makes one clearance."""
-    outside_band: Weight = 0.0
-    """Ours: the cost per NM further from the centreline than the band."""
-    band_nm: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 0.0
-    stray: Weight = 0.0
-    """Ours: the price of an excursion, paid when it happens."""
-    conflict: Weight = 0.0
-    """Ours: the cost of every cycle in which two aircraft are closer than `conflict_nm`."""
-    conflict_nm: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 5.5
+"""The same limit as for a scenario file: more than 16 hours."""
 
 
 class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Which scenarios, what the policy sees and says, and what it is rewarded for."""
+    """The settings common to all tasks. Each task adds its own."""
 
-    name: Literal["lateral", "vertical", "avoidance"] = "lateral"
-    """`avoidance` is `lateral` by another name: what it sees and pays for is in the settings."""
+    name: str = "lateral"
+    """The name of the task. `skystack list` prints all names."""
     sector: str | SectorEntry = "x-plus"
-    """A name, or the sector itself; in an experiment's file also the name of a sector file."""
+    """The name of a sector or the sector itself. In an experiment file also the name of a sector
+    file."""
+    cycles: Annotated[int, msgspec.Meta(ge=1, le=MOST_CYCLES)] = 300
+    """The time limit of a scenario in cycles. It must suffice for the sector's shortest route."""
+    timing: Literal["cycle", "stack"] = "cycle"
+    """The meaning of one training step. `cycle`: an instruction and a radar cycle, as in the paper.
+    `stack` (not in the paper): an instruction takes no simulated time, as with online
+    action-stacking, and a cycle is flown only when the stack ends."""
+
+
+def _field(name: str, parameter: Parameter) -> tuple[str, Any, Any]:
+    if isinstance(parameter.default, bool):
+        return name, bool, parameter.default
+    allowed = msgspec.Meta(ge=parameter.low, le=parameter.high)
+    return name, Annotated[float, allowed], parameter.default
+
+
+def _fields() -> list[tuple[str, Any, Any]]:
+    """A field for each weight and parameter in `REWARDS`."""
+    fields = []
+    for name, reward in REWARDS.items():
+        fields.append(_field(name, Parameter(reward.default, reward.description, high=MOST_WEIGHT)))
+        fields += [_field(key, parameter) for key, parameter in reward.parameters.items()]
+    return fields
+
+
+if TYPE_CHECKING:
+
+    class RewardSettings(msgspec.Struct, frozen=True):
+        """The weights and parameters of `skystack.tasks.rewards.REWARDS`."""
+
+        def __init__(self, **weights: float | bool) -> None: ...
+
+        def __getattr__(self, name: str) -> Any: ...
+
+else:
+    RewardSettings = msgspec.defstruct(
+        "RewardSettings",
+        _fields(),
+        module=__name__,
+        frozen=True,
+        forbid_unknown_fields=True,
+        namespace={
+            "__doc__": "The weights and parameters of `skystack.tasks.rewards.REWARDS`: "
+            "the paper's table of weightings and skystack's additions."
+        },
+    )
+
+
+class NavigationSettings(TaskSettings, frozen=True, forbid_unknown_fields=True):
+    """The scenarios, the observation, the actions and the rewards of the paper's tasks."""
+
     levels_fl: tuple[int, int] | None = None
-    """The sector's lowest and highest level; its own where none is given."""
+    """The lowest and highest level of the sector. None means those in the sector's definition."""
     performance: str = "table"
+    """The name of the performance model in `skystack.simulator.performance`."""
     aircraft: Annotated[int, msgspec.Meta(ge=1, le=200)] = 2
     level_fl: int | Annotated[tuple[int, ...], msgspec.Meta(min_length=1, max_length=61)] = 300
-    """At which aircraft enter and leave; of several, each gets one (but not in `vertical`)."""
+    """The entry and exit level of all aircraft. If it is a list, each aircraft draws one. Not used
+    by `vertical`."""
     fleet: Annotated[tuple[AircraftType, ...], msgspec.Meta(max_length=20)] = ()
-    """Types of aircraft, one drawn for each; the B753 alone where none is given."""
+    """The types of aircraft; each aircraft draws one. If empty, all are B753."""
     disc_nm: Annotated[float, msgspec.Meta(ge=0.0, le=50.0)] = 4.0
-    """Radius of the disc round the first fix in which aircraft start."""
-    cycles: Annotated[int, msgspec.Meta(ge=1, le=MOST_CYCLES)] = 300
-    """The scenario ends after so many, if not before. The sector's shortest route must be flyable
-    in them."""
+    """Radius of the disc around the first fix in which aircraft start. Not used by `vertical`."""
     actions: Literal["small", "large", "levels"] = "small"
-    """`small`: turns of 10 degrees; `large`: turns of 10 to 90 degrees; `levels`: 10 levels."""
+    """`small`: turns of 10 degrees; `large`: turns of 10 to 90 degrees; `levels`: climbs and
+    descents of 10 flight levels."""
     features: tuple[str, ...] = PAPER_FEATURES
-    """What is shown of each aircraft; names in `skystack.tasks.features`."""
+    """The observed features of each aircraft; names in `skystack.tasks.features`."""
     pair_features: tuple[str, ...] = ()
-    """What is shown of each pair of aircraft; names in `skystack.tasks.pairs`."""
-    timing: Literal["cycle", "stack"] = "cycle"
-    """What one training step is. `cycle`: an instruction and a radar cycle, as in the paper.
-    `stack` (ours): an instruction takes no time, as it will be when stacked; only what would
-    end the stack lets the traffic fly."""
+    """The observed features of each pair of aircraft; names in `skystack.tasks.pairs`."""
     reward: RewardSettings = RewardSettings()

@@ -1,37 +1,38 @@
-"""Training with time frozen (ours): a step is an instruction or a radar cycle, never both.
+"""Training with frozen time (not in the paper): instructions and radar cycles are separate.
 
-Online action-stacking queries a policy several times within a cycle. A policy trained with one
-instruction a cycle meets that only when it is used; with these steps it is trained on it.
+Online action-stacking queries a policy several times per cycle. A policy trained with one
+instruction per cycle experiences this only at inference. With these steps it also experiences it in
+training.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Int, PRNGKeyArray
 
 from skystack.airspace.sector import Sector
 from skystack.simulator.traffic import Traffic
+from skystack.stacking import Stack, belongs
 from skystack.tasks.batch import choose
-from skystack.tasks.contract import NO_OP, Outcome
-from skystack.tasks.navigation import NavigationState, NavigationTask
+from skystack.tasks.contract import Observation, Outcome, TaskState
 from skystack.tasks.wrapper import TaskWrapper
 
 
 class StackedState(NamedTuple):
-    """A scenario and the instruction being stacked, NO_OP when none is."""
+    """A scenario and the stack of the current cycle."""
 
-    inner: NavigationState
-    stacking: Int[Array, "*batch"]
+    inner: TaskState
+    stack: Stack
 
 
 @dataclass(frozen=True)
-class StackedSteps(TaskWrapper[NavigationTask]):
-    """A task whose step gives one more instruction, or else flies one cycle.
+class StackedSteps(TaskWrapper[Any]):
+    """A task whose step adds an instruction to the stack, or flies a cycle if the stack ends.
 
-    An instruction that would stop the stack (another one than the first of the cycle) is not
-    executed, and time goes on, as in `skystack.stacking`. Time goes on in the same step, too, when
-    the instruction that was given cannot be given once more.
+    As in `skystack.stacking`, an action that differs from the first of the cycle ends the stack: it
+    is not executed, and the cycle is flown. If an instruction is executed and cannot be repeated,
+    the cycle is flown in the same step.
     """
 
     @property
@@ -42,33 +43,39 @@ class StackedSteps(TaskWrapper[NavigationTask]):
         return self.task.traffic(state.inner)
 
     def reset(self, key: PRNGKeyArray) -> StackedState:
-        return StackedState(self.task.reset(key), jnp.zeros((), dtype=jnp.int32))
+        return _begin_cycle(self.task.reset(key), jnp.zeros((), dtype=jnp.int32))
 
-    def observe(self, state: StackedState) -> Float[Array, "observation *batch"]:
+    def observe(self, state: StackedState) -> Observation:
         return self.task.observe(state.inner)
 
     def may_stack(self, state: StackedState, action: Int[Array, "*batch"]) -> Bool[Array, "*batch"]:
-        same = (state.stacking == NO_OP) | (state.stacking == action)
-        return (action != NO_OP) & same & self.task.may_stack(state.inner, action)
+        return belongs(action, state.stack) & self.task.may_stack(state.inner, action)
 
     def instruct(self, state: StackedState, action: Int[Array, "*batch"]) -> StackedState:
-        return StackedState(self.task.instruct(state.inner, action), action)
+        stack = Stack(action, state.stack.instructions + 1)
+        return StackedState(self.task.instruct(state.inner, action), stack)
 
     def advance(self, state: StackedState) -> tuple[StackedState, Outcome]:
         inner, outcome = self.task.advance(state.inner)
         # A burst ends with the cycle: in the next one the same instruction is a new clearance.
-        memory = inner.memory._replace(burst_action=jnp.zeros_like(state.stacking))
-        return StackedState(inner._replace(memory=memory), jnp.zeros_like(state.stacking)), outcome
+        end_burst = getattr(self.task, "end_burst", lambda inner: inner)
+        return _begin_cycle(end_burst(inner), jnp.zeros_like(state.stack.action)), outcome
 
     def step(
         self, state: StackedState, action: Int[Array, "*batch"]
     ) -> tuple[StackedState, Outcome]:
-        given = self.may_stack(state, action)
-        told = choose(given, self.instruct(state, action), state)
-        frozen = given & self.may_stack(told, action)
-        flown, outcome = self.advance(told)
-        return choose(frozen, told, flown), outcome._replace(
-            reward=jnp.where(frozen, 0.0, outcome.reward),
-            terminated=outcome.terminated & ~frozen,
-            truncated=outcome.truncated & ~frozen,
+        executed = self.may_stack(state, action)
+        instructed = choose(executed, self.instruct(state, action), state)
+        frozen = executed & self.may_stack(instructed, action)
+        flown, outcome = self.advance(instructed)
+        return choose(frozen, instructed, flown), Outcome(
+            reward=jnp.where(frozen[None], 0.0, outcome.reward),
+            terminated=outcome.terminated & ~frozen[None],
+            truncated=outcome.truncated & ~frozen[None],
+            ended=outcome.ended & ~frozen,
+            metrics=outcome.metrics,
         )
+
+
+def _begin_cycle(inner: TaskState, zero: Int[Array, "*batch"]) -> StackedState:
+    return StackedState(inner, Stack(zero, zero))

@@ -1,16 +1,17 @@
-"""What a task made from another one takes over from it."""
+"""The base class of tasks that wrap another task."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from skystack.tasks.contract import Task
+from skystack.tasks.contract import Metric, Task
 
 Wrapped = TypeVar("Wrapped", bound=Task)
 
 
 @dataclass(frozen=True)
 class TaskWrapper(Generic[Wrapped]):
-    """Names and version are the wrapped task's; policies are trained for and judged on that."""
+    """Forwards names, version and metrics of the wrapped task, for which policies are trained."""
 
     task: Wrapped
 
@@ -21,6 +22,14 @@ class TaskWrapper(Generic[Wrapped]):
     @property
     def version(self) -> int:
         return self.task.version
+
+    @property
+    def agents(self) -> int:
+        return self.task.agents
+
+    @property
+    def metrics(self) -> Mapping[str, Metric]:
+        return self.task.metrics
 
     @property
     def action_names(self) -> tuple[str, ...]:

@@ -147,7 +147,7 @@ def test_a_predicted_and_an_actual_loss_of_separation(open_page):
             to_go_nm = AHEAD_NM - CLOSING_NM * row - math.sqrt(4.9995**2 - BESIDE_NM**2)
             seconds = round(to_go_nm / CLOSING_NM * 6)
             left = f"{seconds // 60}:{seconds % 60:02d}"
-            assert viewer.alerts == [f"{EVIL} and AC2: in {left}, least 3.0 NM"]
+            assert viewer.alerts == [f"{EVIL} and AC2: conflict in {left}, min 3.0 NM"]
         assert viewer.pixels("conflict") > 50
         assert viewer.pixels("loss") == 0
         for row in range(FIRST_LOSS + 1, LAST_LOSS):
@@ -175,7 +175,7 @@ def test_amber_from_the_first_cycle_that_leads_to_a_loss_in_ten_minutes(open_pag
         assert viewer.alerts == []
         viewer.keys("ArrowRight")
         (alert,) = viewer.alerts
-        assert alert.startswith("AC1 and AC2: in 9:5")
+        assert alert.startswith("AC1 and AC2: conflict in 9:5")
 
 
 def test_rings_have_their_true_size_far_north(open_page):

@@ -12,7 +12,7 @@ from PIL import Image
 
 from skystack.errors import InputError
 from skystack.reporting.radar import colour_of
-from skystack.reporting.replay.film import Span, _Moving, _Scene, film, span_of, still
+from skystack.reporting.replay.film import Span, _FilmScene, _Scene, film, span_of, still
 from skystack.reporting.replay.recording import Loss, read_replay
 from skystack.reporting.style import VERMILION, house_style
 from tests.reporting.replay.made import ROWS, replay
@@ -26,7 +26,7 @@ def test_aircraft_are_drawn_where_they_are():
     """The middle of each square has the aircraft's colour, or that of a loss of separation."""
     made = replay()
     with house_style():
-        scene = _Moving((made,), 4, Span(0, ROWS - 1))
+        scene = _FilmScene((made,), 4, Span(0, ROWS - 1))
         (axes,) = scene._panels
         for row in (0, 10, 16):
             pixels = np.asarray(scene.pixels(row)) / 255.0
@@ -70,15 +70,15 @@ def test_the_panel_says_what_has_been_said_so_far():
         (axes,) = scene._panels
         kept = set(axes.get_children())
         for row, title, texts in (
-            (2, "policy\n0 clearances, minute 00:12", []),
+            (2, "policy\n0 clearances, time 00:12", []),
             (
                 3,
-                "policy\n1 clearance, minute 00:18",
+                "policy\n1 clearance, time 00:18",
                 ["AC1 turn right heading 090 (3 instructions)"],
             ),
             (
                 13,
-                "policy\n2 clearances, minute 01:18",
+                "policy\n2 clearances, time 01:18",
                 ["AC2 fly heading 270", "AC1 turn right heading 090 (3 instructions)"],
             ),
         ):
@@ -142,7 +142,7 @@ def test_frames_show_what_a_still_shows():
     """Drawn together or one by one, labels pasted: nearly every pixel is the same."""
     made = replay()
     with house_style():
-        frame = np.asarray(_Moving((made,), 4, Span(0, ROWS - 1)).pixels(10)).astype(int)
+        frame = np.asarray(_FilmScene((made,), 4, Span(0, ROWS - 1)).pixels(10)).astype(int)
         scene = _Scene((made,), 4, Span(0, ROWS - 1))
         scene.draw(10)
         scene._canvas.draw()

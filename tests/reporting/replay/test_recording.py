@@ -136,8 +136,8 @@ def rewrite(folder, table, change):
         ("trajectories", lambda t: t.filter(t["cycle"].to_numpy() < 2), "agree on scenario 0"),
         ("clearances", lambda t: t.slice(1), "agree on scenario 0"),
         ("clearances", lambda t: t.slice(0, 0), "agree on scenario 0"),
-        ("aircraft", lambda t: t.slice(1), "is for 'AC1', who does not fly"),
-        ("episodes", lambda t: t.slice(0, 0), "holds no scenario"),
+        ("aircraft", lambda t: t.slice(1), "is for 'AC1', which does not fly"),
+        ("episodes", lambda t: t.slice(0, 0), "contains no scenario"),
     ],
     ids=["column", "row", "scenario", "cycles", "clearance", "silent", "aircraft", "empty"],
 )
@@ -155,16 +155,16 @@ def test_a_table_of_another_evaluation_is_refused(copied, table, tmp_path):
     read = pq.read_table(path)
     metadata = read.schema.metadata | {b"evaluation": b"another"}
     pq.write_table(read.replace_schema_metadata(metadata), path)
-    with pytest.raises(InputError, match="its tables are of different evaluations"):
+    with pytest.raises(InputError, match="its tables are from different evaluations"):
         read_replay(copied)
-    with pytest.raises(InputError, match="its tables are of different evaluations"):
+    with pytest.raises(InputError, match="its tables are from different evaluations"):
         stored_scenario(copied, 0)
 
 
 def test_what_holds_nothing_to_replay(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
         read_replay(tmp_path / "nowhere")
-    with pytest.raises(InputError, match="holds no evaluation"):
+    with pytest.raises(InputError, match="contains no evaluation"):
         read_replay(tmp_path)
     (tmp_path / "scenario.json").write_text("{}")
     with pytest.raises(InputError, match="damaged"):

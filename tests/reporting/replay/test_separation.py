@@ -144,7 +144,7 @@ def test_a_slow_overtake(ask):
     assert near["seconds"] == pytest.approx(0.5005 / 5.0 * 3600.0, abs=0.1)
     # Followed for 20 minutes.
     assert near["nm"] == pytest.approx(5.5 - 5.0 * 1200.0 / 3600.0, abs=1e-3)
-    assert near["text"] == "in 6:00, least 3.8 NM"
+    assert near["text"] == "in 6:00, min 3.8 NM"
     # Drawn where separation is lost: at 475 kt, and 4.9995 NM behind.
     np.testing.assert_allclose(np.subtract(*near["at"]), [4.9995, 0.0], atol=1e-3)
     assert near["at"][0][0] == pytest.approx(475.0 * 0.5005 / 5.0, abs=0.01)

@@ -13,14 +13,14 @@ from skystack.reporting.replay.side_by_side import in_common, read_side_by_side
 def test_only_the_same_scenarios_are_shown_side_by_side(one_by_one, at_once, alone):
     first, other, lonely = map(read_replay, (one_by_one, at_once, alone))
     assert in_common((first, other)) == (first, other)
-    with pytest.raises(InputError, match="scenario 0 of alone begins otherwise"):
+    with pytest.raises(InputError, match="scenario 0 of alone starts differently"):
         in_common((first, lonely))
     moved = dataclasses.replace(
         other.scenarios[0].aircraft[0], position_nm=other.scenarios[0].aircraft[0].position_nm + 0.2
     )
     aircraft = (moved, other.scenarios[0].aircraft[1])
     elsewhere = dataclasses.replace(other.scenarios[0], aircraft=aircraft)
-    with pytest.raises(InputError, match="begins otherwise"):
+    with pytest.raises(InputError, match="starts differently"):
         in_common((first, dataclasses.replace(other, scenarios=(elsewhere,))))
     later = dataclasses.replace(other.scenarios[0], number=7)
     with pytest.raises(InputError, match="no scenario in common"):
@@ -29,7 +29,9 @@ def test_only_the_same_scenarios_are_shown_side_by_side(one_by_one, at_once, alo
     with pytest.raises(InputError, match=r"is of sector another, .* of [\w-]+ \(allowed"):
         in_common((first, dataclasses.replace(other, sector=sector)))
     sector = dataclasses.replace(other.sector, separation_nm=4.0)
-    with pytest.raises(InputError, match=f"are of different sectors with the name {sector.name} "):
+    with pytest.raises(
+        InputError, match=f"have different sectors with the same name, {sector.name} "
+    ):
         in_common((first, dataclasses.replace(other, sector=sector)))
 
 

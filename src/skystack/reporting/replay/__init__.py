@@ -1,1 +1,1 @@
-"""The radar replay: what was flown and said, as a page, pictures and films."""
+"""The radar replay of recorded flights and clearances: a page, stills and films."""

@@ -1,7 +1,7 @@
-"""Stills and films of a replay, without a display: PNG, SVG and GIF.
+"""Stills and films of a replay as PNG, SVG and GIF, drawn without a display.
 
-One replay, or two of the same scenario side by side and in step. The page shows more; this is for
-papers, slides and the first screen of a README.
+They show one replay, or two of the same scenario side by side and in step. They are for papers,
+slides and READMEs; the page (`page.py`) shows more.
 """
 
 import io
@@ -38,23 +38,23 @@ from skystack.simulator.simulator import CYCLE_S
 PANEL_IN, PIXELS_PER_INCH = (5.2, 5.6), 84
 FRAMES_PER_S = 10
 SAID = 3
-"""How many of the last clearances are written below."""
+"""The number of latest clearances that are written below the picture."""
 MOST_FRAMES = 2000
-"""The most frames of a film: all are in memory while it is written."""
+"""The maximum number of frames of a film. All are in memory while it is written."""
 
 
 SUFFIXES = (".png", ".svg", ".gif")
 
 
 class Span(NamedTuple):
-    """The part of a scenario that is drawn, in rows; both within."""
+    """The part of a scenario that is drawn: its first and its last row."""
 
     begin: int
     end: int
 
 
 def span_of(replays: tuple[Replay, ...], number: int, from_s: int, to_s: int | None) -> Span:
-    """The rows between two times. Raises InputError for a scenario or times that are not there."""
+    """The rows between two times. Raises InputError for a missing scenario or invalid times."""
     scenarios = [_scenario(replay, number) for replay in replays]
     last = max(scenario.cycles for scenario in scenarios)
     end = last if to_s is None else to_s // CYCLE_S
@@ -76,8 +76,8 @@ def write_picture(
 ) -> dict[str, Any]:
     """Write a still or a film of a scenario; `runs` as for `read_replay`.
 
-    Returns what was written: `output`, `bytes`, `runs` (their titles), `from_s` and `to_s`. Raises
-    InputError as `read_side_by_side` and `span_of` do; nothing is written then.
+    Returns `output`, `bytes`, `runs` (their titles), `from_s` and `to_s`. Raises InputError as
+    `read_side_by_side` and `span_of` do, before anything is written.
     """
     check_output(output, *runs)
     replays = read_side_by_side(runs, only=number)
@@ -96,7 +96,7 @@ def write_picture(
 
 
 def still(replays: tuple[Replay, ...], number: int, span: Span, kind: str) -> bytes:
-    """The picture at the end of the span, with the trails of all of it; `kind` is png or svg."""
+    """The picture at the end of the span, with trails from its start; `kind` is png or svg."""
     with house_style():
         scene = _Scene(replays, number, span)
         scene.draw(span.end)
@@ -109,15 +109,15 @@ def film(
     span: Span,
     on_frame: Callable[[int], None] = lambda row: None,
 ) -> bytes:
-    """An animated GIF, a radar cycle a frame and ten frames a second: sixty times real time."""
+    """An animated GIF: one radar cycle per frame, ten frames per second, 60 times real time."""
     rows = range(span.begin, span.end + 1)
     if len(rows) > MOST_FRAMES:
         raise InputError(
-            f"a film of {len(rows)} cycles (allowed: {MOST_FRAMES}; --from and --to choose a part)"
+            f"a film of {len(rows)} cycles (allowed: {MOST_FRAMES}; --from and --to select a part)"
         )
     with house_style():
-        scene = _Moving(replays, number, span)
-        # One palette for all frames, from the last, which shows everything: no colour flickers.
+        scene = _FilmScene(replays, number, span)
+        # One palette for all frames, so that no colour flickers; the last frame shows everything.
         palette = scene.pixels(span.end).quantize(64, dither=Image.Dither.NONE)
         frames = []
         for row in rows:
@@ -139,7 +139,7 @@ def film(
 
 
 class _Scene:
-    """The figure: a panel a replay."""
+    """The figure, with one panel per replay."""
 
     def __init__(self, replays: tuple[Replay, ...], number: int, span: Span) -> None:
         width, height = PANEL_IN
@@ -152,95 +152,94 @@ class _Scene:
             draw_sector(axes, replay.sector)
             axes.set_axis_off()
             axes.set_title(f"{replay.title}\n ")
-            # Room for what is said.
+            # Room for the clearances.
             axes.text(0.0, -0.02, "\n" * SAID, transform=axes.transAxes, va="top", fontsize=9.0)
         settle(self.figure)
-        self._names = list[tuple[Axes, Artist]]()
+        self._fix_names = list[tuple[Axes, Artist]]()
         for axes, replay in zip(self._panels, replays, strict=True):
             before = set(axes.get_children())
             name_fixes(axes, replay.sector)
             new = (artist for artist in axes.get_children() if artist not in before)
-            self._names += [(axes, artist) for artist in new]
+            self._fix_names += [(axes, artist) for artist in new]
 
     @property
-    def _shown(self) -> Iterator[tuple[Axes, Replay, ReplayScenario]]:
+    def _contents(self) -> Iterator[tuple[Axes, Replay, ReplayScenario]]:
         return zip(self._panels, self._replays, self._scenarios, strict=True)
 
     def draw(self, row: int) -> None:
-        """Everything that is to be seen after a number of cycles."""
-        for axes, replay, scenario in self._shown:
+        """Draw the state after a number of cycles."""
+        for axes, replay, scenario in self._contents:
             axes.set_title(_title(replay, scenario, row))
-            close = _close(scenario, row)
+            lost = _in_loss(scenario, row)
             for number, flown in enumerate(scenario.aircraft):
                 trail = flown.position_nm[self._span.begin : row + 1]
                 draw_way(axes, replay.sector.path_nm(flown.route), trail, colour_of(number))
                 if row < len(flown.fl):
-                    colour = VERMILION if number in close else colour_of(number)
-                    ring_nm = replay.sector.separation_nm if number in close else 0.0
+                    colour = VERMILION if number in lost else colour_of(number)
+                    ring_nm = replay.sector.separation_nm if number in lost else 0.0
                     draw_aircraft(axes, _blip(replay.sector, flown, row), colour, ring_nm)
-            _write_said(axes, scenario, row)
+            _write_clearances(axes, scenario, row)
 
 
-class _Moving(_Scene):
-    """The same for a film: the static background is drawn once."""
+class _FilmScene(_Scene):
+    """The figure of a film, whose static background is drawn once."""
 
     def __init__(self, replays: tuple[Replay, ...], number: int, span: Span) -> None:
         super().__init__(replays, number, span)
         texts = Texts(PIXELS_PER_INCH)
         self._traffic = []
-        for axes, replay, scenario in self._shown:
+        for axes, replay, scenario in self._contents:
             colours = [colour_of(aircraft) for aircraft in range(len(scenario.aircraft))]
             routes = (flown.route for flown in scenario.aircraft)
             for route, colour in dict.fromkeys(zip(routes, colours, strict=True)):
                 draw_route(axes, replay.sector.path_nm(route), colour)
             self._traffic.append(TrafficPicture(axes, colours, texts))
             axes.set_title("").set_animated(True)
-        for _, artist in self._names:
+        for _, artist in self._fix_names:
             artist.set_animated(True)
         self._canvas.draw()  # type: ignore[no-untyped-call]
-        self._ground = self._canvas.copy_from_bbox(self.figure.bbox)  # type: ignore[no-untyped-call]
-        self._above = self._names_alone()
+        self._background = self._canvas.copy_from_bbox(self.figure.bbox)  # type: ignore[no-untyped-call]
+        self._names_layer = self._draw_fix_names()
 
-    def _names_alone(self) -> Picture:
+    def _draw_fix_names(self) -> Picture:
         renderer = self._canvas.get_renderer()  # type: ignore[no-untyped-call]
         renderer.clear()
-        for axes, artist in self._names:
+        for axes, artist in self._fix_names:
             axes.draw_artist(artist)
         return lowest_row_first(renderer)
 
     def pixels(self, row: int) -> Image.Image:
-        """One frame."""
+        """Render one frame."""
         renderer = self._canvas.get_renderer()  # type: ignore[no-untyped-call]
-        self._canvas.restore_region(self._ground)  # type: ignore[no-untyped-call]
-        for traffic, (_, _, scenario) in zip(self._traffic, self._shown, strict=True):
+        self._canvas.restore_region(self._background)  # type: ignore[no-untyped-call]
+        for traffic, (_, _, scenario) in zip(self._traffic, self._contents, strict=True):
             begin = self._span.begin
             traffic.draw_trails([one.position_nm[begin : row + 1] for one in scenario.aircraft])
-        renderer.draw_image(renderer.new_gc(), 0, 0, self._above)
-        for traffic, (axes, replay, scenario) in zip(self._traffic, self._shown, strict=True):
-            close = _close(scenario, row)
+        renderer.draw_image(renderer.new_gc(), 0, 0, self._names_layer)
+        for traffic, (axes, replay, scenario) in zip(self._traffic, self._contents, strict=True):
+            lost = _in_loss(scenario, row)
             flying = [n for n, flown in enumerate(scenario.aircraft) if row < len(flown.fl)]
             traffic.draw_aircraft(
                 [_blip(replay.sector, scenario.aircraft[number], row) for number in flying],
-                [VERMILION if number in close else colour_of(number) for number in flying],
-                [replay.sector.separation_nm if number in close else 0.0 for number in flying],
+                [VERMILION if number in lost else colour_of(number) for number in flying],
+                [replay.sector.separation_nm if number in lost else 0.0 for number in flying],
             )
             axes.draw_artist(axes.set_title(_title(replay, scenario, row)))
-            for text in _write_said(axes, scenario, row):
+            for text in _write_clearances(axes, scenario, row):
                 axes.draw_artist(text)
                 text.remove()
         return Image.fromarray(np.asarray(self._canvas.buffer_rgba())[:, :, :3])  # type: ignore[no-untyped-call]
 
 
 def _title(replay: Replay, scenario: ReplayScenario, row: int) -> str:
-    said = sum(each.cycle < row for each in scenario.clearances)
-    plural, seconds = "" if said == 1 else "s", row * CYCLE_S
-    return (
-        f"{replay.title}\n{said} clearance{plural}, minute {seconds // 60:02d}:{seconds % 60:02d}"
-    )
+    issued = sum(each.cycle < row for each in scenario.clearances)
+    minutes, seconds = divmod(row * CYCLE_S, 60)
+    count = f"{issued} clearance{'' if issued == 1 else 's'}"
+    return f"{replay.title}\n{count}, time {minutes:02d}:{seconds:02d}"
 
 
-def _close(scenario: ReplayScenario, row: int) -> set[int]:
-    """Numbers of the aircraft that have lost separation."""
+def _in_loss(scenario: ReplayScenario, row: int) -> set[int]:
+    """The indices of the aircraft that have lost separation."""
     return {
         number
         for loss in scenario.losses
@@ -249,12 +248,12 @@ def _close(scenario: ReplayScenario, row: int) -> set[int]:
     }
 
 
-def _write_said(axes: Axes, scenario: ReplayScenario, row: int) -> list[Text]:
+def _write_clearances(axes: Axes, scenario: ReplayScenario, row: int) -> list[Text]:
     """Write the last clearances below the panel, the latest first."""
-    said = [each for each in scenario.clearances if each.cycle < row]
+    issued = [each for each in scenario.clearances if each.cycle < row]
     texts = []
-    for line, each in enumerate(said[: -SAID - 1 : -1]):
-        fresh = row - each.cycle <= 5
+    for line, each in enumerate(issued[: -SAID - 1 : -1]):
+        recent = row - each.cycle <= 5
         stacked = f" ({each.instructions} instructions)" if each.instructions > 1 else ""
         texts.append(
             axes.text(
@@ -264,8 +263,8 @@ def _write_said(axes: Axes, scenario: ReplayScenario, row: int) -> list[Text]:
                 transform=axes.transAxes,
                 va="top",
                 fontsize=9.0,
-                color=colour_of(each.aircraft) if fresh else MUTED,
-                fontweight="bold" if fresh else "normal",
+                color=colour_of(each.aircraft) if recent else MUTED,
+                fontweight="bold" if recent else "normal",
             )
         )
     return texts

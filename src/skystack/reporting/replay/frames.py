@@ -1,7 +1,7 @@
 """The frames of a film: the background is drawn once, moving parts with few draw calls.
 
-Lines and marks of all aircraft are drawn together, and a label is rendered once and then pasted.
-Drawn one by one, as in a still, 200 aircraft would take seconds a frame.
+The lines and marks of all aircraft are drawn together, and each label is rendered once and then
+pasted. Drawn one by one, as in a still, 200 aircraft would take seconds per frame.
 """
 
 from collections.abc import Sequence
@@ -31,16 +31,16 @@ Picture = UInt8[np.ndarray, "height width 4"]
 
 
 class Sprite(NamedTuple):
-    """A text as pixels, red to alpha, lowest row first."""
+    """A text as RGBA pixels, lowest row first."""
 
     pixels: Picture
     left: int
-    """Offset from the text's position, as is `bottom`."""
+    """The offset from the text's position, like `bottom`."""
     bottom: int
 
 
 class Texts:
-    """Texts with their halo, each drawn once."""
+    """A cache of rendered texts with halos."""
 
     WIDTH, HEIGHT = 1200, 120
 
@@ -54,10 +54,10 @@ class Texts:
         """The pixels of a text with the given alignment."""
         key = (text, colour, ha, va)
         if key not in self._known:
-            self._known[key] = self._drawn(*key)
+            self._known[key] = self._rendered(*key)
         return self._known[key]
 
-    def _drawn(self, text: str, colour: str, ha: str, va: str) -> Sprite:
+    def _rendered(self, text: str, colour: str, ha: str, va: str) -> Sprite:
         renderer = self._canvas.get_renderer()  # type: ignore[no-untyped-call]
         renderer.clear()
         x, y = self.WIDTH // 2, self.HEIGHT // 2
@@ -75,13 +75,13 @@ class Texts:
 
 
 def lowest_row_first(renderer: RendererAgg) -> Picture:
-    """What has been drawn, in the order in which it is drawn again."""
+    """The rendered pixels in the row order that `draw_image` expects."""
     pixels = np.asarray(renderer.buffer_rgba())  # type: ignore[no-untyped-call]
     return np.ascontiguousarray(pixels[::-1])
 
 
 class TrafficPicture:
-    """All aircraft of a panel: their trails, lines, rings, marks and labels."""
+    """The aircraft of a panel: their trails, lines, rings, marks and labels."""
 
     def __init__(self, axes: Axes, colours: Sequence[str], texts: Texts) -> None:
         self._axes, self._texts = axes, texts
@@ -153,7 +153,7 @@ class TrafficPicture:
             label = place_of_label(blip)
             points = renderer.points_to_pixels(1.0)
             left, bottom = x + points * label.offset_pt[0], y + points * label.offset_pt[1]
-            # Line by line: the line with the level changes often and is shared between aircraft.
+            # Line by line, since lines with levels change often and are shared between aircraft.
             first, second = label.text.split("\n")
             for text in (f"{first}\n ", f" \n{second}"):
                 sprite = self._texts.sprite(text, colour, label.ha, label.va)

@@ -1,7 +1,7 @@
-"""The replay as one page: everything in a single HTML file, no server, no network.
+"""The replay as a single HTML file that needs no server and no network.
 
-What is drawn is handed to the page as JSON (`page_data`); how it is drawn stands in the folder
-`web` beside this module: HTML, CSS and plain JavaScript, put into one file as they are.
+The page contains the recorded flights as JSON (`page_data`). The folder `web` has its HTML, CSS and
+plain JavaScript, which are copied into the file unchanged.
 """
 
 import hashlib
@@ -28,21 +28,20 @@ from skystack.simulator.simulator import CYCLE_S
 
 FORMAT = 2
 PARTS = {"nm": 10_000, "fl": TICKS_PER_FL, "deg": 100, "kt": 10, "ft_min": 1}
-"""Into how many parts each unit is divided to be kept as a whole number. Positions must be finer
-than the tolerance of the separation; levels and rates of climb are whole already."""
+"""The resolution of each unit: values are stored as multiples of 1/`PARTS`. Positions must be
+finer than the tolerance of the separation; levels and rates of climb are stored exactly."""
 SCRIPTS = (
     *("plane", "data", "separation", "player", "view", "blocks", "radar", "scope"),
     *("panels", "timeline", "controls", "main"),
 )
-"""In the order in which they need each other: together one module of JavaScript."""
+"""In the order of their dependencies; together they are one JavaScript module."""
 
 
 def write_replay(runs: Sequence[Path], output: Path, scenarios: int = 100) -> dict[str, Any]:
     """Write the page of one run, or of two side by side; `runs` as for `read_replay`.
 
-    Returns what was written: `output`, `bytes`, `runs` (their titles), `scenarios` (how many).
-    Raises InputError for runs that cannot be read or do not belong together, and for a file that
-    cannot be written; nothing is written then.
+    Returns `output`, `bytes`, `runs` (their titles) and `scenarios` (their number). Raises
+    InputError as `read_side_by_side` does, and if the file cannot be written.
     """
     check_output(output, *runs)
     data = page_data(read_side_by_side(runs, scenarios))
@@ -70,14 +69,14 @@ def _page(data: dict[str, Any]) -> str:
         sector=data["sector"]["name"],
         style=source("radar.css"),
         script=script,
-        script_hash=f"sha256-{digest}",  # the one script that the browser is to run
+        script_hash=f"sha256-{digest}",  # the only script that the browser may run
         data=as_json(data),
     )
 
 
 def page_data(replays: tuple[Replay, ...]) -> dict[str, Any]:
-    """What the page draws. Numbers are kept as differences of differences from row to row, which
-    on a straight course are nearly all zero."""
+    """The data that the page draws. Columns are stored as second differences, which are nearly
+    all zero on a straight course."""
     sector = replays[0].sector
     return {
         "format": FORMAT,
@@ -120,7 +119,7 @@ def _scenario(scenario: ReplayScenario) -> dict[str, Any]:
         "cycles": scenario.cycles,
         "success": scenario.success,
         "aircraft": [_aircraft(aircraft) for aircraft in scenario.aircraft],
-        "clearances": [said._asdict() for said in scenario.clearances],
+        "clearances": [each._asdict() for each in scenario.clearances],
         "losses": [
             loss._asdict() | {"least_nm": round(loss.least_nm, 3)} for loss in scenario.losses
         ],
@@ -140,23 +139,23 @@ def _aircraft(flown: RecordedAircraft) -> dict[str, Any]:
         "entry_fl": flown.entry_fl,
         "exit_fl": flown.exit_fl,
         "rows": len(flown.status),
-        "x": _differences(flown.position_nm[:, 0], "nm"),
-        "y": _differences(flown.position_nm[:, 1], "nm"),
-        "fl": _differences(flown.fl, "fl"),
-        "heading": _differences(flown.heading_deg, "deg"),
-        "cleared_heading": _differences(flown.cleared_heading_deg, "deg"),
-        "cleared_fl": _differences(flown.cleared_fl, "fl"),
-        "speed_kt": _differences(flown.ground_speed_kt, "kt"),
-        "climb_ft_min": _differences(flown.vertical_speed_ft_min, "ft_min"),
+        "x": _second_differences(flown.position_nm[:, 0], "nm"),
+        "y": _second_differences(flown.position_nm[:, 1], "nm"),
+        "fl": _second_differences(flown.fl, "fl"),
+        "heading": _second_differences(flown.heading_deg, "deg"),
+        "cleared_heading": _second_differences(flown.cleared_heading_deg, "deg"),
+        "cleared_fl": _second_differences(flown.cleared_fl, "fl"),
+        "speed_kt": _second_differences(flown.ground_speed_kt, "kt"),
+        "climb_ft_min": _second_differences(flown.vertical_speed_ft_min, "ft_min"),
         "status": changes,
     }
 
 
-def _differences(values: Float[np.ndarray, " rows"], unit: str) -> list[int]:
-    """Second differences of values rounded to parts of the unit; zeros at the end left out."""
+def _second_differences(values: Float[np.ndarray, " rows"], unit: str) -> list[int]:
+    """Second differences of values in `PARTS` of the unit, without the zeros at the end."""
     whole = np.rint(values * PARTS[unit]).astype(np.int64)
     steps = np.diff(whole, n=2, prepend=[0, 0])
-    kept = np.flatnonzero(steps)
-    last = int(kept[-1]) + 1 if len(kept) else 1
-    found: list[int] = steps[:last].tolist()
-    return found
+    nonzero = np.flatnonzero(steps)
+    end = int(nonzero[-1]) + 1 if len(nonzero) else 1
+    kept: list[int] = steps[:end].tolist()
+    return kept

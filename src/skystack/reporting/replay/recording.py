@@ -1,6 +1,6 @@
-"""What is replayed: scenarios with everybody's rows, all clearances and losses of separation.
+"""Recorded scenarios: the rows of all aircraft, the clearances and the losses of separation.
 
-Read from the folder of an evaluation, or from what `skystack simulate` wrote.
+They are read from the folder of an evaluation, or from a file that `skystack simulate` wrote.
 """
 
 import json
@@ -33,29 +33,29 @@ NUMBERS = (
     *("lat", "lon", "fl", "heading_deg", "cleared_heading_deg", "cleared_fl"),
     *("ground_speed_kt", "vertical_speed_ft_min"),
 )
-"""Columns of trajectories that are drawn."""
+"""The columns of the trajectories that are drawn."""
 CLEARANCE = ("callsign", "cycle", "kind", "value", "direction", "instructions", "text")
 FLYING = "in_sector"
 
 
 class RecordedClearance(NamedTuple):
-    """A clearance as it was issued before cycle `cycle` + 1 was flown."""
+    """A clearance that was issued after cycle `cycle`, before the next one was flown."""
 
     aircraft: int
-    """Index in the scenario's aircraft."""
+    """The index of the addressed aircraft in the scenario."""
     cycle: int
     kind: str
     """`heading` or `level`."""
     value: int
     direction: str | None
     instructions: int
-    """How many were stacked into it."""
+    """The number of instructions stacked into it."""
     text: str
 
 
 @dataclass(frozen=True)
 class RecordedAircraft:
-    """One aircraft, row 0 the start; it ends with the row in which it has exited."""
+    """One aircraft, from its start in row 0 to the row in which it has exited, if it does."""
 
     callsign: str
     type: str
@@ -71,7 +71,7 @@ class RecordedAircraft:
     ground_speed_kt: Float[np.ndarray, " rows"]
     vertical_speed_ft_min: Float[np.ndarray, " rows"]
     status: tuple[str, ...]
-    """Of each row, as in the tables."""
+    """One per row, as in the tables."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class ReplayScenario:
     number: int
     cycles: int
     success: bool | None
-    """None where nobody judged it."""
+    """None if the scenario was not evaluated."""
     aircraft: tuple[RecordedAircraft, ...]
     clearances: tuple[RecordedClearance, ...]
     losses: tuple[Loss, ...]
@@ -89,7 +89,7 @@ class ReplayScenario:
 
 @dataclass(frozen=True)
 class Replay:
-    """Scenarios of one sector, flown under one policy or from one file."""
+    """The scenarios of one evaluation or one file, all in one sector."""
 
     title: str
     sector: Sector
@@ -97,11 +97,11 @@ class Replay:
 
 
 def read_replay(path: Path, scenarios: int = 100, only: int | None = None) -> Replay:
-    """The first scenarios of an evaluation, or the flight in a `.parquet` file of `simulate`.
+    """Read an evaluation's first scenarios, or the scenario in a `.parquet` file of `simulate`.
 
-    `only` selects a single scenario by its number instead. `path` may also be a folder that holds
-    just one evaluation. Raises InputError that names a missing or damaged table, a missing
-    scenario, or the evaluations to choose from.
+    `only` selects a single scenario by its number instead. `path` may also be a folder that
+    contains exactly one evaluation. Raises InputError that names a missing or damaged table, a
+    missing scenario, or the evaluations to choose from.
     """
     if path.is_dir():
         return _evaluation(_evaluation_in(path), scenarios, only)
@@ -126,9 +126,11 @@ def _evaluation_in(path: Path) -> Path:
     if len(found) == 1:
         return found[0]
     if not found:
-        raise InputError(f"{path}: holds no evaluation (evaluate --out and reproduce write them)")
+        raise InputError(
+            f"{path}: contains no evaluation (written by evaluate --out and reproduce)"
+        )
     names = ", ".join(str(folder.relative_to(path)) for folder in found)
-    raise InputError(f"{path}: holds {len(found)} evaluations: choose one or two of {names}")
+    raise InputError(f"{path}: contains {len(found)} evaluations: choose one or two of {names}")
 
 
 def _evaluation(folder: Path, count: int, number: int | None) -> Replay:
@@ -136,15 +138,15 @@ def _evaluation(folder: Path, count: int, number: int | None) -> Replay:
     only = [("scenario", "in", episodes["scenario"].to_pylist())]
     path = folder / "trajectories.parquet"
     flown = read_table(path, ("scenario", "cycle", "callsign", "status", *NUMBERS), only)
-    who = read_table(
+    entries = read_table(
         folder / "aircraft.parquet",
         ("scenario", "callsign", "type", "route", "entry_fl", "exit_fl"),
         only,
     )
-    said = read_table(folder / "clearances.parquet", ("scenario", *CLEARANCE), only)
-    check_together(folder, (episodes, flown, who, said))
+    issued = read_table(folder / "clearances.parquet", ("scenario", *CLEARANCE), only)
+    check_together(folder, (episodes, flown, entries, issued))
     sector = sector_of(path, flown)
-    rows, aircraft, clearances = (_by_scenario(table) for table in (flown, who, said))
+    rows, aircraft, clearances = (_by_scenario(table) for table in (flown, entries, issued))
     return Replay(
         _title(folder),
         sector,
@@ -155,21 +157,21 @@ def _evaluation(folder: Path, count: int, number: int | None) -> Replay:
 
 
 def _episodes(folder: Path, count: int, number: int | None) -> pa.Table:
-    """Those of the first scenarios, or of one."""
+    """The rows of the first scenarios, or of one."""
     path, columns = folder / "episodes.parquet", ("scenario", "cycles", "success", "clearances")
     one = None if number is None else [("scenario", "=", number)]
     episodes = read_table(path, columns, one).sort_by("scenario").slice(0, count)
     if not episodes.num_rows:
         known = read_table(path, ("scenario",))["scenario"].to_numpy()
         if not len(known):
-            raise InputError(f"{folder}: holds no scenario")
+            raise InputError(f"{folder}: contains no scenario")
         found = f"(found: {known.min()} to {known.max()})"
         raise InputError(f"{_title(folder)} has no scenario {number} {found}")
     return episodes
 
 
 def _title(folder: Path) -> str:
-    """`lateral-tuned, stacked` of `lateral-tuned-s0-skystack-stacked`; others keep their name."""
+    """`lateral-tuned, stacked` for `lateral-tuned-s0-skystack-stacked`; else the folder's name."""
     name = printable(folder.name)
     found = re.fullmatch(r"(.+)-s\d+-(\w+)-(stacked|plain)", name)
     if found is None:
@@ -190,14 +192,14 @@ def _scenario(
     number = episode["scenario"]
     if number not in rows or number not in aircraft:
         raise not_agreeing(path.parent, number)
-    who = aircraft[number].to_pylist()
-    check_who(path.parent / "aircraft.parquet", sector, who)
-    said = clearances[number].to_pylist() if number in clearances else []
-    flying = tuple(_aircraft(sector, path, rows[number], each) for each in who)
+    entries = aircraft[number].to_pylist()
+    check_who(path.parent / "aircraft.parquet", sector, entries)
+    issued = clearances[number].to_pylist() if number in clearances else []
+    flying = tuple(_aircraft(sector, path, rows[number], each) for each in entries)
     cycles = episode["cycles"]
-    flown = _assembled(sector, number, cycles, episode["success"], flying, said, path)
-    found = len(said), len(rows[number])
-    if found != (episode["clearances"], len(who) * (cycles + 1)):
+    flown = _assemble(sector, number, cycles, episode["success"], flying, issued, path)
+    found = len(issued), len(rows[number])
+    if found != (episode["clearances"], len(entries) * (cycles + 1)):
         raise not_agreeing(path.parent, number)
     return flown
 
@@ -205,16 +207,16 @@ def _scenario(
 def _simulated(path: Path) -> Replay:
     has_status = has_column(path, "status")  # older tables have none
     flown = read_table(path, ("cycle", "callsign", *NUMBERS, *(("status",) if has_status else ())))
-    who, said = (metadata_of(path, flown, key) for key in ("aircraft", "clearances"))
+    entries, issued = (metadata_of(path, flown, key) for key in ("aircraft", "clearances"))
     sector = sector_of(path, flown)
-    check_who(path, sector, who)
+    check_who(path, sector, entries)
     if not flown.num_rows:
-        raise InputError(f"{path}: holds no row")
+        raise InputError(f"{path}: contains no row")
     if not has_status:
         flown = flown.append_column("status", pa.array([FLYING] * flown.num_rows))
-    flying = tuple(_aircraft(sector, path, flown, each) for each in who)
+    flying = tuple(_aircraft(sector, path, flown, each) for each in entries)
     cycles = int(flown["cycle"].to_numpy().max())
-    scenario = _assembled(sector, 0, cycles, None, flying, said, path)
+    scenario = _assemble(sector, 0, cycles, None, flying, issued, path)
     return Replay(printable(path.stem), sector, (scenario,))
 
 
@@ -240,22 +242,22 @@ def _aircraft(
     )
 
 
-def _assembled(
+def _assemble(
     sector: Sector,
     number: int,
     cycles: int,
     success: bool | None,
     aircraft: tuple[RecordedAircraft, ...],
-    said: list[dict[str, Any]],
+    issued: list[dict[str, Any]],
     path: Path,
 ) -> ReplayScenario:
     index = {each.callsign: place for place, each in enumerate(aircraft)}
-    for row in said:
+    for row in issued:
         if row["callsign"] not in index:
-            raise InputError(f"{path}: a clearance is for {row['callsign']!r}, who does not fly")
+            raise InputError(f"{path}: a clearance is for {row['callsign']!r}, which does not fly")
     clearances = (
         RecordedClearance(index[row["callsign"]], *(row[name] for name in CLEARANCE[1:]))
-        for row in said
+        for row in issued
     )
     lost = tuple(losses(sector, [FlightPath(each.position_nm, each.fl) for each in aircraft]))
     in_order = tuple(sorted(clearances, key=lambda each: each.cycle))
@@ -263,7 +265,7 @@ def _assembled(
 
 
 def _by_scenario(table: pa.Table) -> dict[int, pa.Table]:
-    """The table cut where the scenario changes."""
+    """The table, split by scenario."""
     if not table.num_rows:
         return {}
     table = table.sort_by("scenario")
@@ -277,6 +279,6 @@ def _by_scenario(table: pa.Table) -> dict[int, pa.Table]:
 
 
 def as_json(value: Any) -> str:
-    """JSON that may stand inside a script element of a page: no `<` ends it."""
+    """JSON that is safe inside a script element, as it contains no `<`."""
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")

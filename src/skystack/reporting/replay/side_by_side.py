@@ -1,4 +1,4 @@
-"""One recording, or two of the same scenarios to be seen side by side."""
+"""Read one recording, or two of the same scenarios to show side by side."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,19 +10,19 @@ from skystack.errors import InputError, printable
 from skystack.reporting.replay.recording import Replay, ReplayScenario, read_replay
 
 SAME_START_NM = 0.1
-"""Other simulators place aircraft as ours does but for rounding."""
+"""The tolerance of start positions, which other simulators round."""
 
 
 def read_side_by_side(
     runs: Sequence[Path], scenarios: int = 100, only: int | None = None
 ) -> tuple[Replay, ...]:
-    """Recordings as of `read_replay`, with the scenarios that they have in common.
+    """Read recordings, as `read_replay` does, and keep the scenarios that they have in common.
 
-    Raises InputError as `read_replay` does, and where two do not belong together.
+    Raises InputError as `read_replay` and `in_common` do.
     """
     replays = tuple(read_replay(path, scenarios, only) for path in runs)
     if len({replay.title for replay in replays}) < len(replays):
-        # Of the same name, in different places.
+        # The folders have the same name, so the paths become the titles.
         replays = tuple(
             replace(replay, title=printable(str(path)))
             for replay, path in zip(replays, runs, strict=True)
@@ -31,10 +31,10 @@ def read_side_by_side(
 
 
 def in_common(replays: tuple[Replay, ...]) -> tuple[Replay, ...]:
-    """Only the scenarios that all hold.
+    """Keep only the scenarios that all recordings contain.
 
-    Raises InputError where there is none, where recordings are not of one sector or where aircraft
-    start elsewhere.
+    Raises InputError if there are none, if the sectors differ, or if the aircraft or their starts
+    differ.
     """
     first = replays[0]
     common = {scenario.number for scenario in first.scenarios}
@@ -48,15 +48,17 @@ def in_common(replays: tuple[Replay, ...]) -> tuple[Replay, ...]:
 
 
 def _comparable(first: Replay, other: Replay) -> set[int]:
-    """The numbers of the scenarios that both hold, the same in both."""
+    """The numbers of the scenarios in both recordings. Raises InputError as `in_common` does."""
     if other.sector != first.sector:
-        name, of = first.sector.name, f"{other.title} is of sector {other.sector.name}"
-        if other.sector.name == name:
+        if other.sector.name == first.sector.name:
             raise InputError(
-                f"{other.title} and {first.title} are of different sectors with the name {name} "
-                "(allowed: side by side in one sector)"
+                f"{other.title} and {first.title} have different sectors with the same name, "
+                f"{first.sector.name} (allowed: recordings of one sector)"
             )
-        raise InputError(f"{of}, {first.title} of {name} (allowed: side by side in one sector)")
+        raise InputError(
+            f"{other.title} is of sector {other.sector.name}, {first.title} of "
+            f"{first.sector.name} (allowed: recordings of one sector)"
+        )
     known = {scenario.number: scenario for scenario in first.scenarios}
     common = [scenario for scenario in other.scenarios if scenario.number in known]
     if not common:
@@ -64,15 +66,15 @@ def _comparable(first: Replay, other: Replay) -> set[int]:
     for scenario in common:
         if not _same_start(known[scenario.number], scenario):
             raise InputError(
-                f"scenario {scenario.number} of {other.title} begins otherwise than that of "
-                f"{first.title} (allowed: side by side the same scenarios)"
+                f"scenario {scenario.number} of {other.title} starts differently from that of "
+                f"{first.title} (allowed: recordings of the same scenarios)"
             )
     return {scenario.number for scenario in common}
 
 
 def _same_start(one: ReplayScenario, other: ReplayScenario) -> bool:
-    who = [[(each.callsign, each.route) for each in s.aircraft] for s in (one, other)]
-    if who[0] != who[1]:
+    planned = [[(each.callsign, each.route) for each in s.aircraft] for s in (one, other)]
+    if planned[0] != planned[1]:
         return False
     start = [np.array([each.position_nm[0] for each in s.aircraft]) for s in (one, other)]
     return bool(np.all(np.abs(start[0] - start[1]) < SAME_START_NM))

@@ -1,4 +1,4 @@
-// Data blocks: what they say, and where they stand so that they do not cover each other.
+// Data blocks: their text, and their placement without overlaps.
 
 const BLOCK_LINE_PX = 14;
 const SLOTS = [16, 44].flatMap((far) =>
@@ -8,7 +8,7 @@ const SLOTS = [16, 44].flatMap((far) =>
     far,
   })),
 );
-const STAY = 60; // what moving a block to another slot must gain, in square pixels covered
+const STAY = 60; // the gain for which a block moves to another slot, in square pixels covered
 
 function blockLines(aircraft, row) {
   const speed = String(Math.round(aircraft.speedKt[row]));
@@ -45,8 +45,8 @@ const around = ([x, y], reach) => ({
 });
 
 /**
- * A slot for every block, `{at, ahead, width, height, slot}`, in the order given: the one that covers
- * least of the blocks placed before, of aircraft, of what lies ahead of them, and of `keepFree`.
+ * Chooses a slot for every block, `{at, ahead, width, height, slot}`, in the order given: the slot
+ * that covers least of the earlier blocks, the aircraft, the points ahead of them, and `keepFree`.
  */
 function chooseSlots(blocks, keepFree, canvas) {
   const taken = [...keepFree];
@@ -54,11 +54,11 @@ function chooseSlots(blocks, keepFree, canvas) {
     taken.push(around(block.at, 12), ...block.ahead.map((point) => around(point, 6)));
   }
   for (const block of blocks) {
-    const cost = (slot, place) => {
+    const cost = (slot, index) => {
       const box = boxIn(slot, block.at, block.width, block.height);
       const outside = box.width * box.height - overlap(box, canvas);
       const covered = taken.reduce((sum, other) => sum + overlap(box, other), 0);
-      return covered + 3 * outside + place + slot.far - (place === block.slot ? STAY : 0);
+      return covered + 3 * outside + index + slot.far - (index === block.slot ? STAY : 0);
     };
     const costs = SLOTS.map(cost);
     block.slot = costs.indexOf(Math.min(...costs));

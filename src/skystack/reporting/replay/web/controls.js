@@ -1,43 +1,43 @@
-// Buttons, scrubber, keyboard and pointer: all of them ask the player or the view.
+// Buttons, keyboard and pointer, all of which call the player or the view.
 
 const PAN_PX = 60;
 const ZOOM_STEP = 1.3;
 
-/** Every key, once: the help is made from this. `does` holds the words; `run` what happens. */
+/** All keys, from which the help is made. `does` describes the action, `run` performs it. */
 function keysOf(player, view, actions) {
   const size = () => [actions.canvas.clientWidth, actions.canvas.clientHeight];
   const pan = (right, down) => () => view.panBy(right * PAN_PX, down * PAN_PX, ...size());
   const zoom = (factor) => () => view.zoomBy(factor, ...size());
   const number = (key) => player.select(player.callsigns[Number(key) - 1] ?? player.selected);
   return [
-    { keys: [" ", "k"], shown: "Space or K", does: "play, pause", run: () => player.play(!player.playing) },
-    { keys: ["ArrowRight"], shown: "→", does: "one cycle on", run: () => player.step(1) },
+    { keys: [" ", "k"], shown: "Space or K", does: "play or pause", run: () => player.play(!player.playing) },
+    { keys: ["ArrowRight"], shown: "→", does: "one cycle forward", run: () => player.step(1) },
     { keys: ["ArrowLeft"], shown: "←", does: "one cycle back", run: () => player.step(-1) },
     { keys: [".", "Shift+ArrowRight"], shown: ". or Shift →", does: "next clearance", run: () => player.toClearance(1) },
     { keys: [",", "Shift+ArrowLeft"], shown: ", or Shift ←", does: "previous clearance", run: () => player.toClearance(-1) },
-    { keys: ["Home"], shown: "Home", does: "start", run: () => player.step(-player.lastRow) },
-    { keys: ["End"], shown: "End", does: "end", run: () => player.step(player.lastRow) },
+    { keys: ["Home"], shown: "Home", does: "go to the start", run: () => player.step(-player.lastRow) },
+    { keys: ["End"], shown: "End", does: "go to the end", run: () => player.step(player.lastRow) },
     { keys: ["]"], shown: "]", does: "faster", run: () => player.faster(1) },
     { keys: ["["], shown: "[", does: "slower", run: () => player.faster(-1) },
     { keys: ["n", "ArrowDown"], shown: "N or ↓", does: "next scenario", run: () => player.open(player.index + 1) },
     { keys: ["p", "ArrowUp"], shown: "P or ↑", does: "previous scenario", run: () => player.open(player.index - 1) },
     { keys: [..."123456789"], shown: "1 to 9", does: "select an aircraft", run: number },
-    { keys: ["Escape"], shown: "Esc", does: "select none", run: () => player.select(null) },
+    { keys: ["Escape"], shown: "Esc", does: "clear the selection", run: () => player.select(null) },
     { keys: ["+", "="], shown: "+", does: "zoom in", run: zoom(ZOOM_STEP) },
     { keys: ["-"], shown: "-", does: "zoom out", run: zoom(1 / ZOOM_STEP) },
-    { keys: ["0"], shown: "0", does: "whole sector", run: () => view.fit() },
-    { keys: ["w"], shown: "W", does: "look further up", run: pan(0, 1) },
-    { keys: ["s"], shown: "S", does: "look further down", run: pan(0, -1) },
-    { keys: ["a"], shown: "A", does: "look further left", run: pan(1, 0) },
-    { keys: ["d"], shown: "D", does: "look further right", run: pan(-1, 0) },
-    { keys: ["r"], shown: "R", does: "rings of all, or of few", run: actions.rings },
-    { keys: ["t"], shown: "T", does: "light, dark", run: actions.theme },
+    { keys: ["0"], shown: "0", does: "show the whole sector", run: () => view.fit() },
+    { keys: ["w"], shown: "W", does: "move the view up", run: pan(0, 1) },
+    { keys: ["s"], shown: "S", does: "move the view down", run: pan(0, -1) },
+    { keys: ["a"], shown: "A", does: "move the view left", run: pan(1, 0) },
+    { keys: ["d"], shown: "D", does: "move the view right", run: pan(-1, 0) },
+    { keys: ["r"], shown: "R", does: "show rings for all aircraft or only where relevant", run: actions.rings },
+    { keys: ["t"], shown: "T", does: "light or dark theme", run: actions.theme },
     { keys: ["l"], shown: "L", does: "copy a link to this moment", run: actions.link },
-    { keys: ["?"], shown: "?", does: "this help", run: actions.help },
+    { keys: ["?"], shown: "?", does: "show this help", run: actions.help },
   ];
 }
 
-/** What an element does with keys of its own is left to it. */
+/** Whether the focused element handles the key itself. */
 function keepsKey(target, key) {
   if (target.closest("select, dialog")) return true;
   return Boolean(target.closest("button")) && (key === " " || key === "Enter");
@@ -55,7 +55,7 @@ function listenToKeys(keys) {
   });
 }
 
-/** A button does what its key does, and says which that is. */
+/** Connects each button to its key, which the tooltip names. */
 function wireButtons(keys) {
   for (const button of document.querySelectorAll("button[data-key]")) {
     const { shown, does, run } = keys.find((each) => each.keys.includes(button.dataset.key));
@@ -63,7 +63,7 @@ function wireButtons(keys) {
     button.setAttribute("aria-label", does);
     button.addEventListener("click", (event) => {
       run(button.dataset.key);
-      // Clicked with a pointer it need not keep the focus: space is for playing then.
+      // After a pointer click the button drops the focus, so that space plays.
       if (event.detail) button.blur();
     });
   }
@@ -79,13 +79,13 @@ function fillHelp(list, keys) {
   }
 }
 
-/** Drag to pan, wheel or two fingers to zoom, click to select. */
+/** Drag pans, wheel or two fingers zoom, click selects. */
 function listenToPointer(scope, player, view) {
   const { canvas } = scope;
   const held = new Map();
   let moved = 0;
   const size = () => [canvas.clientWidth, canvas.clientHeight];
-  const place = (event) => [event.offsetX, event.offsetY];
+  const position = (event) => [event.offsetX, event.offsetY];
   const spread = () => {
     const [one, other] = [...held.values()];
     return other ? Math.hypot(one[0] - other[0], one[1] - other[1]) : 0;
@@ -93,12 +93,12 @@ function listenToPointer(scope, player, view) {
   canvas.addEventListener("pointerdown", (event) => {
     canvas.setPointerCapture(event.pointerId);
     if (!held.size) moved = 0;
-    held.set(event.pointerId, place(event));
+    held.set(event.pointerId, position(event));
   });
   canvas.addEventListener("pointermove", (event) => {
     const before = held.get(event.pointerId);
     if (!before) return;
-    const [now, apart] = [place(event), spread()];
+    const [now, apart] = [position(event), spread()];
     const [right, down] = [now[0] - before[0], now[1] - before[1]];
     held.set(event.pointerId, now);
     moved += Math.hypot(right, down);
@@ -106,7 +106,7 @@ function listenToPointer(scope, player, view) {
     if (apart) view.zoomBy(spread() / apart, ...size(), middle([...held.values()]));
   });
   canvas.addEventListener("pointerup", (event) => {
-    if (held.size === 1 && moved < 6) player.select(scope.hit(...place(event)));
+    if (held.size === 1 && moved < 6) player.select(scope.hit(...position(event)));
   });
   for (const end of ["pointerup", "pointercancel"]) {
     canvas.addEventListener(end, (event) => held.delete(event.pointerId));
@@ -115,7 +115,7 @@ function listenToPointer(scope, player, view) {
     "wheel",
     (event) => {
       event.preventDefault();
-      view.zoomBy(Math.exp(-event.deltaY / 500), ...size(), place(event));
+      view.zoomBy(Math.exp(-event.deltaY / 500), ...size(), position(event));
     },
     { passive: false },
   );

@@ -1,8 +1,8 @@
-// What was flown, unpacked from the JSON that the page carries.
+// The recorded flights, unpacked from the JSON in the page.
 
-const CLIMB_FT_MIN = 2000; // of aircraft that are never seen to climb or descend
+const CLIMB_FT_MIN = 2000; // for aircraft that never climb or descend in the recording
 
-/** Differences of differences from row to row added up twice; those missing at the end are zero. */
+/** Values from their second differences; those missing at the end are zero. */
 function summed(differences, rows, parts) {
   const values = new Float64Array(rows);
   let [whole, step] = [0, 0];
@@ -14,7 +14,7 @@ function summed(differences, rows, parts) {
   return values;
 }
 
-/** `parts`: into how many parts a unit is divided to be kept as a whole number. */
+/** `parts`: the resolution of each unit; values are stored as multiples of 1 / `parts`. */
 function unpackAircraft(packed, parts) {
   const column = (name, each) => summed(packed[name], packed.rows, each);
   const climbFtMin = column("climb_ft_min", parts.ft_min);
@@ -33,7 +33,7 @@ function unpackAircraft(packed, parts) {
     clearedFl: column("cleared_fl", parts.fl),
     speedKt: column("speed_kt", parts.kt),
     climbFtMin,
-    usualClimbFtMin: Math.max(...climbFtMin.map(Math.abs)) || CLIMB_FT_MIN,
+    maxClimbFtMin: Math.max(...climbFtMin.map(Math.abs)) || CLIMB_FT_MIN,
     status: packed.status,
   };
 }
@@ -46,10 +46,10 @@ function unpackScenario(packed, parts) {
     success: packed.success,
     aircraft,
     losses: packed.losses,
-    clearances: packed.clearances.map((said) => ({
-      ...said,
-      callsign: aircraft[said.aircraft].callsign,
-      row: said.cycle + 1, // the first that shows it as cleared
+    clearances: packed.clearances.map((issued) => ({
+      ...issued,
+      callsign: aircraft[issued.aircraft].callsign,
+      row: issued.cycle + 1, // the first that shows it as cleared
     })),
   };
 }
@@ -58,12 +58,12 @@ function statusAt(aircraft, row) {
   return aircraft.status.findLast(([from]) => from <= row)[1];
 }
 
-/** Whoever is on the radar: an aircraft that has exited is seen once more, in its last row. */
+/** The aircraft on the radar. One that has exited is still shown in its last row. */
 function onRadar(scenario, row) {
   return scenario.aircraft.filter((aircraft) => row < aircraft.rows);
 }
 
-/** Heading and cleared heading as said: three digits, north is 360. */
+/** A heading as spoken: three digits, north is 360. */
 function threeDigits(degrees) {
   return String(((Math.round(degrees) + 359) % 360) + 1).padStart(3, "0");
 }
@@ -73,7 +73,7 @@ function minutes(seconds) {
   return `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}`;
 }
 
-/** "300", or with an arrow what it climbs or descends to. */
+/** "300", or with an arrow and the cleared level while climbing or descending. */
 function levelText(aircraft, row) {
   const level = String(Math.round(aircraft.fl[row])).padStart(3, "0");
   const left = aircraft.clearedFl[row] - aircraft.fl[row];

@@ -1,4 +1,4 @@
-// The page: put together, and kept in step with the player and the address.
+// Builds the page and keeps it in step with the player and the address.
 
 const replay = JSON.parse(document.getElementById("recorded").textContent);
 const view = new View(replay.sector);
@@ -35,57 +35,57 @@ function changed(what) {
     timeline.show();
     if (what === "selection") panes.forEach(({ panels }) => panels.reveal(player.selected));
   }
-  rememberSoon();
+  updateAddressSoon();
 }
 
-// The address: scenario, cycle and selection. Browsers stop pages that change it too often.
+// The address has scenario, cycle and selection. Browsers block pages that change it too often.
 
-let remembering = 0;
+let addressTimer = 0;
 
-function rememberSoon() {
-  clearTimeout(remembering);
-  if (!player.playing) remembering = setTimeout(remember, 150);
+function updateAddressSoon() {
+  clearTimeout(addressTimer);
+  if (!player.playing) addressTimer = setTimeout(updateAddress, 150);
 }
 
-function remember() {
-  const place = new URLSearchParams({ scenario: player.packed.number, cycle: player.row });
-  if (player.selected !== null) place.set("aircraft", player.selected);
-  history.replaceState(null, "", `#${place}`);
+function updateAddress() {
+  const state = new URLSearchParams({ scenario: player.packed.number, cycle: player.row });
+  if (player.selected !== null) state.set("aircraft", player.selected);
+  history.replaceState(null, "", `#${state}`);
 }
 
-function follow() {
-  const place = new URLSearchParams(location.hash.slice(1));
-  const wanted = Number(place.get("scenario") ?? NaN);
+function openAddress() {
+  const state = new URLSearchParams(location.hash.slice(1));
+  const wanted = Number(state.get("scenario") ?? NaN);
   const index = replay.runs[0].scenarios.findIndex((each) => each.number === wanted);
-  if (place.has("scenario") && index < 0) tell(`There is no scenario ${place.get("scenario")} here.`);
+  if (state.has("scenario") && index < 0) notify(`There is no scenario ${state.get("scenario")}.`);
   player.play(false);
-  player.selected = place.get("aircraft");
-  player.open(Math.max(index, 0), index < 0 ? 0 : Math.trunc(Number(place.get("cycle"))) || 0);
+  player.selected = state.get("aircraft");
+  player.open(Math.max(index, 0), index < 0 ? 0 : Math.trunc(Number(state.get("cycle"))) || 0);
 }
 
-function tell(message) {
+function notify(message) {
   byId("told").textContent = message;
   setTimeout(() => (byId("told").textContent = ""), 4000);
 }
 
 async function copyLink() {
-  remember();
+  updateAddress();
   try {
     await navigator.clipboard.writeText(location.href);
-    tell("Link copied.");
+    notify("Link copied.");
   } catch {
-    tell("The link to this moment is in the address bar.");
+    notify("The link to this moment is in the address bar.");
   }
 }
 
 function fillScenarios() {
   replay.runs[0].scenarios.forEach(({ number }, index) => {
     const flown = replay.runs.map((run) => run.scenarios[index]);
-    const said = flown.map((each) => each.clearances.length).join(" and ");
+    const counts = flown.map((each) => each.clearances.length).join(" and ");
     const lost = flown.some((each) => each.losses.length) ? ", loss of separation" : "";
     const failed = flown.some((each) => each.success === false) ? ", no success" : "";
-    const one = said === "1" ? "clearance" : "clearances";
-    byId("scenario").add(new Option(`${number}: ${said} ${one}${lost}${failed}`, String(index)));
+    const noun = counts === "1" ? "clearance" : "clearances";
+    byId("scenario").add(new Option(`${number}: ${counts} ${noun}${lost}${failed}`, String(index)));
   });
   for (const speed of SPEEDS) byId("speed").add(new Option(`${speed}×`, String(speed)));
 }
@@ -94,7 +94,7 @@ let before = 0;
 let drawn = "";
 
 function frame(now) {
-  player.tick(Math.min(now - before, 250)); // a page in the background stands still
+  player.tick(Math.min(now - before, 250)); // a page in the background pauses
   before = now;
   const part = player.speed <= SMOOTH_UP_TO && !calm.matches ? player.elapsed : 0;
   const { index, row, selected } = player;
@@ -124,10 +124,10 @@ byId("scenario").addEventListener("change", (event) => player.open(Number(event.
 byId("speed").addEventListener("change", (event) => player.faster(
   SPEEDS.indexOf(Number(event.target.value)) - SPEEDS.indexOf(player.speed),
 ));
-const asTheSystem = () => (look.theme = light.matches ? "light" : "dark");
-light.addEventListener("change", asTheSystem);
-asTheSystem();
-addEventListener("hashchange", follow);
-follow();
+const followSystemTheme = () => (look.theme = light.matches ? "light" : "dark");
+light.addEventListener("change", followSystemTheme);
+followSystemTheme();
+addEventListener("hashchange", openAddress);
+openAddress();
 player.faster(0);
 requestAnimationFrame(frame);

@@ -1,6 +1,6 @@
-// What stands beside a radar: title and count, strips, the log of clearances. Text, never markup.
+// The panels next to a radar: title, count, strips, clearance log. Recorded text is never markup.
 
-const SAID_LAST = 12; // clearances on a strip; the log has all
+const STRIP_CLEARANCES = 12; // the latest ones; the log has all
 const ALERTS = 6;
 
 function element(tag, className = "", text = "") {
@@ -13,7 +13,7 @@ function element(tag, className = "", text = "") {
 const VERDICTS = new Map([
   [true, "success"],
   [false, "no success"],
-  [null, ""], // nobody judged it
+  [null, ""], // not evaluated
 ]);
 
 class Panels {
@@ -38,26 +38,26 @@ class Panels {
     this.verdict.dataset.good = scenario.success !== false && !lost;
     this.rows = scenario.aircraft.map((aircraft) => this.strip(aircraft));
     this.strips.replaceChildren(...this.rows.map((row) => row.item));
-    this.entries = scenario.clearances.map((said) => this.entry(said));
+    this.entries = scenario.clearances.map((issued) => this.entry(issued));
     this.log.replaceChildren(...this.entries.map((entry) => entry.item));
-    if (!this.entries.length) this.log.append(element("li", "none", "Nothing is said."));
+    if (!this.entries.length) this.log.append(element("li", "none", "No clearances."));
   }
 
-  entry(said) {
+  entry(issued) {
     const item = element("li");
     const button = element("button");
-    const times = element("span", "times", said.instructions > 1 ? `×${said.instructions}` : "");
-    times.title = counted(said.instructions, "instruction");
-    const time = element("time", "", minutes(said.row * this.player.replay.cycle_s));
-    const spoken = element("span", "unseen", `, ${counted(said.instructions, "instruction")}`);
-    button.append(time, element("span", "text", said.text), times, spoken);
+    const times = element("span", "times", issued.instructions > 1 ? `×${issued.instructions}` : "");
+    times.title = counted(issued.instructions, "instruction");
+    const time = element("time", "", minutes(issued.row * this.player.replay.cycle_s));
+    const spoken = element("span", "unseen", `, ${counted(issued.instructions, "instruction")}`);
+    button.append(time, element("span", "text", issued.text), times, spoken);
     times.setAttribute("aria-hidden", "true");
     button.addEventListener("click", () => {
       this.player.play(false);
-      this.player.goTo(said.row);
+      this.player.goTo(issued.row);
     });
     item.append(button);
-    return { item, button, said };
+    return { item, button };
   }
 
   strip(aircraft) {
@@ -70,7 +70,7 @@ class Panels {
     const entryFl = Math.round(aircraft.entryFl);
     cell("levels").textContent = `in ${entryFl}, out ${aircraft.exitFl}`;
     cell("route").textContent = aircraft.route.join(" ");
-    row.told = cell("told");
+    row.summary = cell("told");
     button.addEventListener("click", () => {
       const { player } = this;
       player.select(player.selected === aircraft.callsign ? null : aircraft.callsign);
@@ -79,41 +79,44 @@ class Panels {
     return row;
   }
 
-  /** What changes from row to row. */
-  show(row, met) {
-    const said = this.scenario.clearances.filter((each) => each.row <= row);
+  /** Updates what changes from row to row. */
+  show(row, encounters) {
+    const issued = this.scenario.clearances.filter((each) => each.row <= row);
     const all = this.scenario.clearances.length;
-    const given = said.reduce((sum, each) => sum + each.instructions, 0);
-    const number = element("strong", "", String(said.length));
-    const rest = ` of ${counted(all, "clearance")}, from ${counted(given, "instruction")}`;
+    const instructions = issued.reduce((sum, each) => sum + each.instructions, 0);
+    const number = element("strong", "", String(issued.length));
+    const rest = ` of ${counted(all, "clearance")} (${counted(instructions, "instruction")})`;
     this.count.replaceChildren(number, rest);
-    this.alerts.replaceChildren(...met.slice(0, ALERTS).map(alertOf));
-    if (met.length > ALERTS) this.alerts.append(element("li", "", `and ${met.length - ALERTS} more`));
-    for (const each of this.rows) this.showStrip(each, row, said);
-    this.showLog(said.length);
+    this.alerts.replaceChildren(...encounters.slice(0, ALERTS).map(alertOf));
+    const more = encounters.length - ALERTS;
+    if (more > 0) this.alerts.append(element("li", "", `and ${more} more`));
+    for (const each of this.rows) this.showStrip(each, row, issued);
+    this.showLog(issued.length);
   }
 
-  showStrip({ aircraft, button, now, state, told }, row, said) {
-    const seen = Math.min(row, aircraft.rows - 1);
-    const status = statusAt(aircraft, seen).replaceAll("_", " ");
-    const heading = threeDigits(aircraft.headingDeg[seen]);
-    const cleared = threeDigits(aircraft.clearedHeadingDeg[seen]);
+  showStrip({ aircraft, button, now, state, summary }, row, issued) {
+    const last = Math.min(row, aircraft.rows - 1);
+    const status = statusAt(aircraft, last).replaceAll("_", " ");
+    const heading = threeDigits(aircraft.headingDeg[last]);
+    const cleared = threeDigits(aircraft.clearedHeadingDeg[last]);
     const turn = heading === cleared ? `H${heading}` : `H${heading}→${cleared}`;
-    const speed = `${Math.round(aircraft.speedKt[seen])}\u00a0kt`;
-    now.textContent = `FL${levelText(aircraft, seen)} ${turn} ${speed}`;
-    state.textContent = row >= aircraft.rows ? "gone" : status;
+    const speed = `${Math.round(aircraft.speedKt[last])}\u00a0kt`;
+    now.textContent = `FL${levelText(aircraft, last)} ${turn} ${speed}`;
+    state.textContent = row >= aircraft.rows ? "off radar" : status;
     state.dataset.status = status;
-    const own = said.filter((each) => each.callsign === aircraft.callsign);
-    const values = own.slice(-SAID_LAST).map((each) => {
+    const own = issued.filter((each) => each.callsign === aircraft.callsign);
+    const values = own.slice(-STRIP_CLEARANCES).map((each) => {
       const value = String(each.kind === "level" ? each.value : threeDigits(each.value));
       return `${each.kind === "level" ? "FL" : "H"}${value.padStart(3, "0")}`;
     });
-    const more = own.length > SAID_LAST ? "… " : "";
-    told.textContent = own.length ? `${own.length}: ${more}${values.join(" ")}` : "nothing said yet";
+    const more = own.length > STRIP_CLEARANCES ? "… " : "";
+    summary.textContent = own.length
+      ? `${own.length}: ${more}${values.join(" ")}`
+      : "no clearances yet";
     button.setAttribute("aria-pressed", String(this.player.selected === aircraft.callsign));
   }
 
-  /** Scroll to the strip of the selected aircraft, where there are many. */
+  /** Scrolls to the strip of the selected aircraft. */
   reveal(callsign) {
     const found = this.rows.find((row) => row.aircraft.callsign === callsign)?.item;
     const box = this.strips.parentElement;
@@ -124,14 +127,14 @@ class Panels {
     }
   }
 
-  showLog(said) {
+  showLog(count) {
     this.entries.forEach(({ item, button }, number) => {
-      item.classList.toggle("to-come", number >= said);
-      if (number === said - 1) button.setAttribute("aria-current", "step");
+      item.classList.toggle("to-come", number >= count);
+      if (number === count - 1) button.setAttribute("aria-current", "step");
       else button.removeAttribute("aria-current");
     });
-    // Its own scrolling only: the page must not move under the reader.
-    const last = this.entries[said - 1]?.item;
+    // Scroll the log only, not the page.
+    const last = this.entries[count - 1]?.item;
     const box = this.log.parentElement;
     box.scrollTop = last ? last.offsetTop - box.clientHeight / 2 : 0;
   }
@@ -139,6 +142,6 @@ class Panels {
 
 function alertOf({ kind, pair, text }) {
   const who = pair.map((aircraft) => aircraft.callsign).join(" and ");
-  const what = kind === "loss" ? `loss of separation, ${text}` : text;
+  const what = kind === "loss" ? `loss of separation, ${text}` : `conflict ${text}`;
   return element("li", kind, `${who}: ${what}`);
 }

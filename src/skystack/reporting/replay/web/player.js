@@ -1,7 +1,7 @@
-// Where the replay is: scenario, row, speed, who is selected. It knows nothing of the page.
+// The state of the replay: scenario, row, speed and selection. It does not access the page.
 
 const SPEEDS = [1, 2, 5, 10, 20, 30, 60];
-const SMOOTH_UP_TO = 10; // times real time; above, the next row is there before one could see
+const SMOOTH_UP_TO = 10; // times real time; at higher speeds, rows change too fast for interpolation
 
 class Player {
   /** `changed(what)` is called with "scenario", "row", "selection" or "playing". */
@@ -28,7 +28,7 @@ class Player {
       unpackScenario(run.scenarios[this.index], this.replay.parts),
     );
     this.lastRow = Math.max(...this.runs.map((run) => run.cycles));
-    const rows = this.runs.flatMap((run) => run.clearances.map((said) => said.row));
+    const rows = this.runs.flatMap((run) => run.clearances.map((issued) => issued.row));
     this.clearanceRows = [...new Set(rows)].sort((one, other) => one - other);
     this.callsigns = this.runs[0].aircraft.map((aircraft) => aircraft.callsign);
     if (!this.callsigns.includes(this.selected)) this.selected = null;
@@ -63,8 +63,8 @@ class Player {
   }
 
   faster(steps) {
-    const place = SPEEDS.indexOf(this.speed) + steps;
-    this.speed = SPEEDS[Math.min(Math.max(place, 0), SPEEDS.length - 1)];
+    const index = SPEEDS.indexOf(this.speed) + steps;
+    this.speed = SPEEDS[Math.min(Math.max(index, 0), SPEEDS.length - 1)];
     this.changed("playing");
   }
 
@@ -73,7 +73,7 @@ class Player {
     this.changed("selection");
   }
 
-  /** Time passes: `milliseconds` of the viewer's. */
+  /** Advances the replay by `milliseconds` of the viewer's time. */
   tick(milliseconds) {
     if (!this.playing) return;
     this.elapsed += ((milliseconds / 1000) * this.speed) / this.replay.cycle_s;

@@ -1,4 +1,4 @@
-// The radar picture: one function a layer, on a canvas.
+// The radar picture on a canvas, one function per layer.
 
 const TRAIL_ROWS = 8;
 const VECTOR_S = 60;
@@ -9,8 +9,8 @@ const COLOURS = [
   ...["aircraft", "waiting", "selected", "conflict", "loss"],
 ];
 
-/** What layers draw with: the context, places in pixels, a true NM in pixels at a distance north of
- *  the origin, the theme's colours. */
+/** The drawing tools of the layers: the context, functions for positions in pixels and for pixels per
+ *  true NM at a plane distance north of the origin, and the colours of the theme. */
 function penOf(canvas, view, plane) {
   const ratio = window.devicePixelRatio || 1;
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
@@ -53,7 +53,7 @@ function ring(pen, [x, y], radius, colour, { width = 1, dash = [] } = {}) {
   g.setLineDash([]);
 }
 
-/** Text with a rim of the radar's own colour, so that it can be read across lines. */
+/** Text with a halo in the background colour, so that it is legible on lines. */
 function write(pen, text, x, y, colour, { align = "left", bold = false, size = 12 } = {}) {
   const { g } = pen;
   g.font = `${bold ? "700 " : ""}${size}px ${MONO}`;
@@ -80,7 +80,7 @@ function drawArea(pen, sector) {
   stroke(pen, outline, colour["area-line"], { width: 1.5, close: true });
 }
 
-/** The points of a leg: its two fixes, and some between where the geodesic bends in the plane. */
+/** The points of a leg: its two fixes, and more if the geodesic bends in the plane. */
 function legPoints(sector, from, to) {
   const known = sector.bent_legs[JSON.stringify([from, to])];
   return known ?? [sector.fixes[from], sector.fixes[to]];
@@ -105,10 +105,10 @@ function drawRoute(pen, sector, { route }) {
   stroke(pen, points, pen.colour.selected, { width: 1.5, dash: [7, 5] });
 }
 
-/** Fixes in pixels, with the place of their names: below, or opposite to a fix that is near. */
+/** Fixes in pixels with the boxes of their names: below, or on the side away from a close fix. */
 function fixesOn(pen, sector) {
   const size = pen.width < 480 ? 10 : 11;
-  const at = Object.values(sector.fixes).map((place) => pen.at(...place));
+  const at = Object.values(sector.fixes).map((position) => pen.at(...position));
   return Object.keys(sector.fixes).map((name, index) => {
     const [x, y] = at[index];
     const [right, down] = awayFromNearest(index, at);
@@ -118,11 +118,11 @@ function fixesOn(pen, sector) {
   });
 }
 
-function awayFromNearest(index, places) {
-  const [x, y] = places[index];
-  const gaps = places
+function awayFromNearest(index, positions) {
+  const [x, y] = positions[index];
+  const gaps = positions
     .filter((_, other) => other !== index)
-    .map((place) => [x - place[0], y - place[1]])
+    .map((position) => [x - position[0], y - position[1]])
     .sort((one, other) => Math.hypot(...one) - Math.hypot(...other));
   const nearest = gaps[0] ?? [Infinity, Infinity];
   if (Math.hypot(...nearest) > 60) return [0, 1.15];
@@ -138,9 +138,9 @@ function drawFixes(pen, fixes) {
   }
 }
 
-const SAME_SCALE = 0.02; // lengths that differ less look the same
+const SAME_SCALE = 0.02; // relative difference of lengths that is not visible
 
-/** A bar of a round number of NM, true in the middle of the picture; north is up. */
+/** A scale bar of a round number of NM, true in the middle of the picture. */
 function drawScale(pen) {
   const [low, middle, high] = pen.seen.map(pen.nm);
   const nm = [100, 50, 20, 10, 5, 2, 1].find((each) => each * middle <= pen.width / 4) ?? 1;
@@ -150,18 +150,18 @@ function drawScale(pen) {
   write(pen, `${nm} NM${where}`, x + length + 8, y - 3, pen.colour.muted, { size: 11 });
 }
 
-/** Where an aircraft is drawn: between its row and the next by the part of the cycle gone. */
-function placeOf(aircraft, row, part) {
+/** The position of an aircraft, interpolated between its row and the next. */
+function positionOf(aircraft, row, part) {
   const next = Math.min(row + 1, aircraft.rows - 1);
   const between = (values) => values[row] + part * (values[next] - values[row]);
   return [between(aircraft.xNm), between(aircraft.yNm)];
 }
 
-function ahead(pen, aircraft, row, place, degrees, seconds) {
-  return pen.plane.reached(place, degrees, (aircraft.speedKt[row] * seconds) / 3600);
+function ahead(pen, aircraft, row, position, degrees, seconds) {
+  return pen.plane.reached(position, degrees, (aircraft.speedKt[row] * seconds) / 3600);
 }
 
-function drawAircraft(pen, aircraft, row, place, look) {
+function drawAircraft(pen, aircraft, row, position, look) {
   const { g } = pen;
   for (let back = 1; back <= Math.min(TRAIL_ROWS, row); back++) {
     const [x, y] = pen.at(aircraft.xNm[row - back], aircraft.yNm[row - back]);
@@ -170,17 +170,17 @@ function drawAircraft(pen, aircraft, row, place, look) {
     g.fillRect(x - 1.2, y - 1.2, 2.4, 2.4);
   }
   g.globalAlpha = 1;
-  const [x, y] = pen.at(...place);
+  const [x, y] = pen.at(...position);
   const heading = aircraft.headingDeg[row];
-  const vector = ahead(pen, aircraft, row, place, heading, VECTOR_S);
+  const vector = ahead(pen, aircraft, row, position, heading, VECTOR_S);
   stroke(pen, [[x, y], pen.at(...vector)], look.colour, { width: 1.3 });
   const cleared = aircraft.clearedHeadingDeg[row];
   if (threeDigits(cleared) !== threeDigits(heading)) {
-    const turned = ahead(pen, aircraft, row, place, cleared, VECTOR_S);
+    const turned = ahead(pen, aircraft, row, position, cleared, VECTOR_S);
     stroke(pen, [[x, y], pen.at(...turned)], look.colour, { dash: [3, 4] });
   }
   if (look.ring) {
-    const radius = look.ring * pen.nm(place[1]);
+    const radius = look.ring * pen.nm(position[1]);
     ring(pen, [x, y], radius, look.colour, { width: look.strong ? 1.6 : 0.7 });
   }
   g.fillStyle = pen.colour.radar;
@@ -191,12 +191,12 @@ function drawAircraft(pen, aircraft, row, place, look) {
   if (look.selected) ring(pen, [x, y], 10, look.colour, { width: 1.5 });
 }
 
-function drawEncounter(pen, met) {
-  const colour = pen.colour[met.kind];
-  const [one, other] = met.at.map((place) => pen.at(...place));
-  if (met.kind === "conflict") {
-    stroke(pen, [pen.at(...met.from[0]), one], colour, { dash: [2, 5] });
-    stroke(pen, [pen.at(...met.from[1]), other], colour, { dash: [2, 5] });
+function drawEncounter(pen, encounter) {
+  const colour = pen.colour[encounter.kind];
+  const [one, other] = encounter.at.map((position) => pen.at(...position));
+  if (encounter.kind === "conflict") {
+    stroke(pen, [pen.at(...encounter.from[0]), one], colour, { dash: [2, 5] });
+    stroke(pen, [pen.at(...encounter.from[1]), other], colour, { dash: [2, 5] });
     for (const point of [one, other]) ring(pen, point, 3.5, colour, { width: 1.5 });
   }
   stroke(pen, [one, other], colour, { width: 2 });
@@ -209,12 +209,12 @@ function drawBlock(pen, block) {
     Math.min(Math.max(x, left), left + width),
     Math.min(Math.max(y, top), top + height),
   ];
-  const far = Math.hypot(foot[0] - x, foot[1] - y);
-  if (far > 8) {
-    const start = [x + ((foot[0] - x) * 7) / far, y + ((foot[1] - y) * 7) / far];
+  const distance = Math.hypot(foot[0] - x, foot[1] - y);
+  if (distance > 8) {
+    const start = [x + ((foot[0] - x) * 7) / distance, y + ((foot[1] - y) * 7) / distance];
     stroke(pen, [start, foot], block.colour, { width: 0.8 });
   }
-  const toLeft = left + width <= x; // the text stands on the aircraft's side of the box
+  const toLeft = left + width <= x; // text is aligned to the aircraft's side of the box
   block.lines.forEach((line, number) => {
     const middle = top + (number + 0.5) * BLOCK_LINE_PX;
     const look = { align: toLeft ? "right" : "left", bold: number === 0 };

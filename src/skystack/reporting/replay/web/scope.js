@@ -1,8 +1,8 @@
-// One radar on the page: what of a run it shows, and which aircraft is under the pointer.
+// One radar on the page: what it shows of a run, and which aircraft is at the pointer.
 
-const NEAR_PX = 24; // how near a click must be
+const NEAR_PX = 24; // the maximum distance of a click
 const LETTER_PX = 7.25;
-const LABELLED = 12; // encounters; the picture of more would be nothing but labels
+const LABELLED = 12; // encounters; with more, labels would cover the picture
 
 class Scope {
   constructor(canvas, replay, view) {
@@ -16,18 +16,18 @@ class Scope {
     this.blocks = [];
   }
 
-  /** What is to be drawn of a scenario at a row; returns who meets whom. */
+  /** Selects what to draw of a scenario at a row; returns the encounters. */
   show(scenario, row) {
     this.flying = onRadar(scenario, row);
-    this.met = encountersAt(this.plane, scenario, row, this.limits);
+    this.encounters = encountersAt(this.plane, scenario, row, this.limits);
     this.row = row;
     this.settled = false;
-    return this.met;
+    return this.encounters;
   }
 
-  /** Everything, with the part of the cycle that has passed since the row. */
+  /** Draws everything; `part` is the fraction of the cycle that has passed since the row. */
   draw(part, selected, rings) {
-    const { sector, flying, met, row } = this;
+    const { sector, flying, encounters, row } = this;
     const pen = penOf(this.canvas, this.view, this.plane);
     const fixes = fixesOn(pen, sector);
     drawArea(pen, sector);
@@ -37,21 +37,21 @@ class Scope {
     }
     drawFixes(pen, fixes);
     drawScale(pen);
-    for (const each of met) drawEncounter(pen, each);
+    for (const each of encounters) drawEncounter(pen, each);
     const drawn = flying.map((aircraft) => {
-      const place = placeOf(aircraft, row, part);
+      const position = positionOf(aircraft, row, part);
       const look = this.look(pen, aircraft, selected, rings);
-      drawAircraft(pen, aircraft, row, place, look);
-      return this.blockOf(pen, aircraft, place, look.colour);
+      drawAircraft(pen, aircraft, row, position, look);
+      return this.blockOf(pen, aircraft, position, look.colour);
     });
-    const labels = met.slice(0, LABELLED).map((each) => labelOf(pen, each));
+    const labels = encounters.slice(0, LABELLED).map((each) => labelOf(pen, each));
     this.blocks = [...drawn, ...labels.filter(({ at }) => isOn(pen, at))];
     this.place(pen, fixes, part > 0);
     for (const block of this.blocks) drawBlock(pen, block);
   }
 
   look(pen, aircraft, selected, rings) {
-    const kind = this.met.find((each) => each.pair.includes(aircraft))?.kind;
+    const kind = this.encounters.find((each) => each.pair.includes(aircraft))?.kind;
     const isSelected = aircraft.callsign === selected;
     const waiting = statusAt(aircraft, this.row) === "before_entry";
     const plain = isSelected ? "selected" : waiting ? "waiting" : "aircraft";
@@ -63,23 +63,23 @@ class Scope {
     };
   }
 
-  blockOf(pen, aircraft, place, colour) {
+  blockOf(pen, aircraft, position, colour) {
     const lines = blockLines(aircraft, this.row);
     const headings = [aircraft.headingDeg[this.row], aircraft.clearedHeadingDeg[this.row]];
     const vector = (heading, part) =>
-      pen.at(...ahead(pen, aircraft, this.row, place, heading, part * VECTOR_S));
+      pen.at(...ahead(pen, aircraft, this.row, position, heading, part * VECTOR_S));
     return {
       callsign: aircraft.callsign,
       name: aircraft.callsign,
       lines,
       colour,
-      at: pen.at(...place),
+      at: pen.at(...position),
       ahead: headings.flatMap((heading) => [vector(heading, 0.5), vector(heading, 1)]),
       ...sizeOf(lines),
     };
   }
 
-  /** Blocks keep their slots within a cycle. */
+  /** Places the blocks, which keep their slots within a cycle. */
   place(pen, fixes, moving) {
     for (const block of this.blocks) block.slot = this.slots.get(block.name);
     if (!moving || !this.settled) {
@@ -111,16 +111,16 @@ function sizeOf(lines) {
   return { width: letters * LETTER_PX + 4, height: lines.length * BLOCK_LINE_PX };
 }
 
-/** How soon and how close, beside the line between the places where two will lose separation. */
-function labelOf(pen, met) {
-  const [one, other] = met.at.map((place) => pen.at(...place));
+/** The label of an encounter, next to the line between the positions where separation is lost. */
+function labelOf(pen, encounter) {
+  const [one, other] = encounter.at.map((position) => pen.at(...position));
   const between = (part) => [0, 1].map((axis) => one[axis] + part * (other[axis] - one[axis]));
   return {
-    name: JSON.stringify(met.pair.map((aircraft) => aircraft.callsign)),
-    lines: [met.text],
-    colour: pen.colour[met.kind],
+    name: JSON.stringify(encounter.pair.map((aircraft) => aircraft.callsign)),
+    lines: [encounter.text],
+    colour: pen.colour[encounter.kind],
     at: between(0.5),
     ahead: [one, between(0.25), between(0.75), other],
-    ...sizeOf([met.text]),
+    ...sizeOf([encounter.text]),
   };
 }

@@ -1,4 +1,4 @@
-// The scrubber and what is marked above it: clearances and losses of separation, a lane a run.
+// The scrubber, and the marks of clearances and losses of separation above it, one lane per run.
 
 const SVG = "http://www.w3.org/2000/svg";
 
@@ -42,16 +42,16 @@ class Timeline {
   }
 }
 
-/** Losses as bars, clearances as lines, longer the more instructions they were stacked from. */
+/** Losses as bars; clearances as lines, which are longer the more instructions they contain. */
 function laneOf(run, lane) {
   const losses = run.losses.map((loss) => {
     const [x, width] = [loss.begins, loss.ends - loss.begins];
     return mark("rect", { class: "loss", x, y: lane + 0.1, width, height: 0.85 });
   });
-  const said = run.clearances.map(({ row, instructions }) => {
+  const issued = run.clearances.map(({ row, instructions }) => {
     const height = Math.min(0.35 + 0.1 * (instructions - 1), 0.85);
     const [y1, y2] = [lane + 0.95 - height, lane + 0.95];
     return mark("line", { class: "said", x1: row, x2: row, y1, y2 });
   });
-  return [...losses, ...said];
+  return [...losses, ...issued];
 }

@@ -1,4 +1,4 @@
-// What part of the plane is seen; one view for all radars, so that they stay together.
+// The visible part of the plane. All radars share one view, so that they stay aligned.
 
 const ZOOM_LEAST = 0.5;
 const ZOOM_MOST = 16;
@@ -17,7 +17,7 @@ class View {
     this.centre = [0, 1].map((axis) => (this.low[axis] + this.high[axis]) / 2);
   }
 
-  /** Pixels of a NM of the plane, which is a true one only at the origin. */
+  /** Pixels per NM of the plane, which is a true NM only at the origin. */
   pixelsPerNm(width, height) {
     const [marginX, marginY] = [Math.min(56, width / 9), Math.min(40, height / 9)];
     const across = (width - 2 * marginX) / (this.high[0] - this.low[0]);
@@ -25,7 +25,7 @@ class View {
     return Math.max(Math.min(across, up), 0.1) * this.zoom;
   }
 
-  /** Pixels of a point of the plane. */
+  /** A function that turns a point of the plane into pixels. */
   toPixels(width, height) {
     const scale = this.pixelsPerNm(width, height);
     const [x0, y0] = this.centre;
@@ -40,7 +40,7 @@ class View {
     );
   }
 
-  /** Zoom, a point of the picture (default: its middle) staying where it is. */
+  /** Zooms about a point of the picture (default: its centre), which stays in place. */
   zoomBy(factor, width, height, [x, y] = [width / 2, height / 2]) {
     const before = this.zoom;
     this.zoom = Math.min(Math.max(before * factor, ZOOM_LEAST), ZOOM_MOST);
