@@ -71,7 +71,8 @@ def test_the_wheel_holds_the_package_and_nothing_else(built):
 def test_the_source_distribution_holds_the_project(built):
     with tarfile.open(built[1]) as source:
         held = [name.partition("/")[2] for name in source.getnames()]
-    automation = {name for name in project() if name.startswith(".ci/")}
+    hosting = (".ci/", ".github/", ".pre-commit-config.yaml")
+    automation = {name for name in project() if name.startswith(hosting)}
     assert sorted(held) == sorted(project() - automation | {"PKG-INFO"})
 
 
