@@ -15,6 +15,9 @@ pytestmark = pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")
 READY = """
 import os, pathlib, signal, subprocess, sys, time
 folder, cache = pathlib.Path(sys.argv[1]), pathlib.Path(os.environ["SKYSTACK_CACHE"])
+child = "import time; print(flush=True); time.sleep(600)"
+def leave_a_child():
+    subprocess.Popen([sys.executable, "-c", child], stdout=subprocess.PIPE).stdout.readline()
 signal.signal(signal.SIGTERM, lambda *_: {then})
 (folder / "ready.jsonl").touch()
 while True:
@@ -28,7 +31,7 @@ WRONG = {
     "((folder / '.a.b.aside').touch(), os._exit(143))": "left behind",
     "((cache / 'running-1').mkdir(parents=True), os._exit(143))": "left behind",
     "((folder / 'a.json').write_text('{'), os._exit(143))": "half-written",
-    "(subprocess.Popen([sys.executable, '-c', 'input()'], stdin=-1), os._exit(143))": "running",
+    "(leave_a_child(), os._exit(143))": "running",
 }
 
 
