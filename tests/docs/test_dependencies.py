@@ -55,7 +55,7 @@ def test_every_import_is_declared_and_the_core_is_imported():
     of_module, declared = packages_distributions(), set().union(*DECLARED.values())
     found = {module: distributions(module, of_module) for module in imported()}
     undeclared = {module for module, names in found.items() if not names & declared}
-    assert undeclared == {module for module, _ in rows("Used where it is there")}
+    assert undeclared == {module for module, _ in rows("Used if installed")}
     assert DECLARED[CORE] <= set().union(*found.values())
 
 
