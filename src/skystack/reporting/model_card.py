@@ -1,5 +1,6 @@
 """A model card, `card.md`: what a policy is, how it was trained, and how well it performs."""
 
+import textwrap
 from collections.abc import Iterator, Mapping
 from importlib.resources import files
 from typing import Any, NamedTuple
@@ -19,6 +20,7 @@ from skystack.tasks.registry import find_task
 from skystack.tasks.rewards import MAX_INSTRUCTIONS
 
 FILE = "card.md"
+LONGEST_LINE = 100
 
 
 class Term(NamedTuple):
@@ -26,8 +28,8 @@ class Term(NamedTuple):
 
     name: str
     description: str
-    value: float
-    first_value: float
+    value: float | bool
+    first_value: float | bool
     """In the first part of the training; equal to `value` if there is only one part."""
 
 
@@ -52,9 +54,10 @@ def card(name: str, policy: Policy, measured: Measured) -> str:
         "decimal": decimal,
         "number": "{:,}".format,
         "way": lambda stacking: "stacked" if stacking else "unstacked",
+        "weight": _weight,
     }
     source = files("skystack.reporting").joinpath("model_card.md.jinja").read_text("utf-8")
-    return environment.from_string(source).render(
+    text = environment.from_string(source).render(
         name=name,
         policy=described,
         experiment=experiment,
@@ -68,6 +71,23 @@ def card(name: str, policy: Policy, measured: Measured) -> str:
         clearances=[_clearances(row) for row in measured.rows],
         paper=[_clearances(each) for each in paper] if any(paper) else None,
     )
+    return "".join(f"{_wrapped(line)}\n" for line in text.splitlines())
+
+
+def _wrapped(line: str) -> str:
+    """A line of prose, broken if it is too long; rows of tables and code stay as they are."""
+    if len(line) <= LONGEST_LINE or line.startswith(("|", "    ")):
+        return line
+    indent = "  " if line.startswith("- ") else ""
+    return textwrap.fill(
+        line, LONGEST_LINE, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
+
+
+def _weight(value: float | bool) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:g}"
 
 
 def _clearances(row: Mapping[str, Any] | None) -> str:
