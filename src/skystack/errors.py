@@ -25,12 +25,15 @@ class InputError(ValueError):
 
 
 @contextmanager
-def error_context(where: str) -> Iterator[None]:
-    """Prefix the message of an InputError raised inside the context with its location."""
+def error_context(where: str, separator: str = ": ") -> Iterator[None]:
+    """Prefix the message of an InputError raised inside the context with its location.
+
+    With the separator ".", `where` becomes part of the path of the field that the message names.
+    """
     try:
         yield
     except InputError as error:
-        raise InputError(f"{where}: {error}") from None
+        raise InputError(f"{where}{separator}{error}") from None
 
 
 def printable(text: str) -> str:

@@ -13,7 +13,7 @@ from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
 from skystack.evaluation import columns, stored, writing
 from skystack.evaluation.stored import (
-    MOST_CYCLES,
+    MOST_STORED_CYCLES,
     check_who,
     has_column,
     metadata_of,
@@ -159,14 +159,21 @@ def test_the_old_name_of_an_excursion_is_replaced(encoded, tmp_path):
     assert sector_of(path, found) == x_plus()
 
 
-@pytest.mark.parametrize(("field", "at"), [("fixes", (1e300, 0.0)), ("origin", (0.0, 400.0))])
-def test_a_sector_in_metadata_lies_on_the_earth(field, at, tmp_path):
+@pytest.mark.parametrize(
+    ("field", "at", "place", "limits"),
+    [
+        ("fixes", (1e300, 0.0), r"fixes\.EGL\.lat", "allowed: number from -"),
+        ("origin", (0.0, 400.0), r"origin\.lon", "allowed: number from -360 to 360"),
+    ],
+)
+def test_a_sector_in_metadata_lies_on_the_earth(field, at, place, limits, tmp_path):
     sector = msgspec.to_builtins(x_plus())
     sector[field] = sector[field] | {"EGL": at} if field == "fixes" else at
     path = tmp_path / "table.parquet"
     table = pa.table({"cycle": [0]})
     pq.write_table(table.replace_schema_metadata({"sector": msgspec.json.encode(sector)}), path)
-    with pytest.raises(InputError, match=f"the sector in its metadata: {field}.*Expected `float`"):
+    named = f"the sector in its metadata: {place} is .*{limits}"
+    with pytest.raises(InputError, match=named):
         sector_of(path, read_table(path, ("cycle",)))
 
 
@@ -287,12 +294,12 @@ def test_the_last_cycle_and_the_greatest_values_can_be_given(folder, values, giv
     assert stored_scenario(folder, 9).clearances == (given, given)
 
 
-@pytest.mark.parametrize("cycles", [0, 1, MOST_CYCLES, MOST_CYCLES + 1])
+@pytest.mark.parametrize("cycles", [0, 1, MOST_STORED_CYCLES, MOST_STORED_CYCLES + 1])
 def test_a_scenario_has_some_cycles_and_not_too_many(folder, cycles):
     replaced(folder, "episodes", cycles=cycles)
     pq.write_table(pq.read_table(folder / "clearances.parquet")[:0], folder / "clearances.parquet")
     replaced(folder, "episodes", clearances=0)
-    if 1 <= cycles <= MOST_CYCLES:
+    if 1 <= cycles <= MOST_STORED_CYCLES:
         assert stored_scenario(folder, 9).cycles == cycles
         return
     with pytest.raises(InputError, match=f"scenario 9 has {cycles} cycles .1 to 100000"):

@@ -45,7 +45,7 @@ class Plan(msgspec.Struct, forbid_unknown_fields=True):
         (int | str | None, "whole number or text"),
         (Level, "whole number from 0 to 600, a multiple of 10"),
         (Annotated[int, Meta(ge=0, le=MOST_NUMBER)], "whole number from 0 to 2,147,483,647"),
-        (Annotated[float, Meta(gt=0.0, le=1e6)], "number above 0 to 1,000,000"),
+        (Annotated[float, Meta(gt=0.0, le=1e6)], "number above 0, up to 1,000,000"),
         (Annotated[float, Meta(ge=0.25)], "number from 0.25"),
         (Annotated[float, Meta(le=-0.5)], "number to -0.5"),
         (Annotated[list[int], Meta(min_length=2)], "list of at least 2"),

@@ -92,7 +92,7 @@ def test_types_come_by_their_shares_and_levels_alike():
         (['task.fleet=[{type="A320"}]', "task.performance=constant"], "task.performance is con"),
         (['task.fleet=[{type="a-320"}]'], 'task.fleet[0].type is "a-320" (allowed: text of 2 to'),
         (['task.fleet=[{type="A320\\n"}]'], 'task.fleet[0].type is "A320\\n" (allowed: text of 2'),
-        (["task.fleet=[{share=0}]"], "task.fleet[0].share is 0 (allowed: number above 0 to 1,"),
+        (["task.fleet=[{share=0}]"], "task.fleet[0].share is 0 (allowed: number above 0, up to 1,"),
         (
             ["task.fleet=[{mach=[0.8,0.8]}]"],
             "task.fleet[0].mach is [0.8, 0.8] (allowed: list of 3)",

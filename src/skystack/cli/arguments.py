@@ -11,6 +11,7 @@ import skystack
 from skystack.cli import verbs
 from skystack.errors import MOST_NUMBER, InputError
 from skystack.io.streams import StandardOutput
+from skystack.simulator.limits import MOST_CYCLES
 
 
 class _Parser(argparse.ArgumentParser):
@@ -363,7 +364,7 @@ def _integer(text: str, least: int, most: int = MOST_NUMBER) -> int:
 
 
 def _cycle_limit(text: str) -> int:
-    return _integer(text, least=1, most=10_000)
+    return _integer(text, least=1, most=MOST_CYCLES)
 
 
 def _positive(text: str) -> int:

@@ -45,9 +45,9 @@ from skystack.platforms.registry import (
     platform_notes,
 )
 from skystack.policies.facts import Facts
+from skystack.simulator.limits import MOST_CYCLES
 from skystack.tasks.contract import TrafficTask
 from skystack.tasks.registry import build_traffic_task, check_cycles
-from skystack.tasks.settings import MOST_CYCLES
 
 AnyExperiment = AnyPath | Experiment
 """The name of an experiment, its file (.toml) or the experiment itself."""

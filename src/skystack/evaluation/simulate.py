@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from skystack.errors import InputError, PlatformError
+from skystack.errors import PlatformError, error_context
 from skystack.evaluation.followed import STATUS, follow
 from skystack.evaluation.writing import write_table
 from skystack.io.files import check_output, scratch_folder
@@ -94,13 +94,10 @@ def _clearances(flight: Flight) -> list[dict[str, Any]]:
 
 def _fly(path: Path, scenario: Scenario, platform: str, time_limit_s: float) -> Flight:
     """Fly in this process on our simulator, and in a separate process on others."""
-    with scratch_folder("skystack-") as folder:
-        try:
-            if platform == OWN:
-                return fly_scenario(open_platform(platform, folder), scenario)
-            (outcome,) = in_processes(partial(_open, platform), [scenario], folder, time_limit_s)
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
+    with scratch_folder("skystack-") as folder, error_context(str(path)):
+        if platform == OWN:
+            return fly_scenario(open_platform(platform, folder), scenario)
+        (outcome,) = in_processes(partial(_open, platform), [scenario], folder, time_limit_s)
     if outcome.failed is not None:
         raise PlatformError(f"{path}: {platform}: {outcome.failed}")
     flight: Flight = outcome.result

@@ -23,15 +23,16 @@ from skystack.evaluation.columns import (
 )
 from skystack.evaluation.writing import EVALUATION, FLEET, PERFORMANCE_MODEL, SCENARIOS, SECTOR
 from skystack.io.json_file import decode
+from skystack.io.validation import convert
 from skystack.platforms.registry import PLATFORMS, flown_type
-from skystack.simulator.fleet import MOST_TYPES, AircraftType, fleet
+from skystack.simulator.fleet import AircraftType, fleet
+from skystack.simulator.limits import MOST_AIRCRAFT, MOST_TYPES
 from skystack.simulator.performance import DEFAULT_TYPE, PERFORMANCE
 from skystack.simulator.scenario_file import Aircraft, Scenario, ScheduledClearance, on_tick
 
-MOST_AIRCRAFT = 200
-MOST_CYCLES = 100_000
+MOST_STORED_CYCLES = 100_000
 
-Cycle = Annotated[int, msgspec.Meta(ge=0, le=MOST_CYCLES)]
+Cycle = Annotated[int, msgspec.Meta(ge=0, le=MOST_STORED_CYCLES)]
 Level = Annotated[float, msgspec.Meta(ge=-1000.0, le=1000.0)]
 
 _Number = Annotated[int, msgspec.Meta(ge=0, le=MOST_NUMBER)]
@@ -187,10 +188,9 @@ def _stored_sector(data: bytes) -> Sector:
 def _point(where: str, at: LatLon) -> Point:
     """A point with checked coordinates, as the metadata is untrusted."""
     lat, lon = at
-    try:
-        return msgspec.convert({"lat": lat, "lon": lon}, Point)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{where}: {error}") from None
+    with error_context(where, "."):
+        point: Point = convert({"lat": lat, "lon": lon}, Point)
+    return point
 
 
 class _AircraftRow(msgspec.Struct):
@@ -267,8 +267,9 @@ def stored_scenario(folder: Path, number: int) -> Scenario:
     aircraft_rows, clearances = aircraft.to_pylist(), issued.to_pylist()
     check_who(folder / "aircraft.parquet", sector, aircraft_rows)
     cycles = episodes["cycles"][0].as_py()
-    if not 1 <= cycles <= MOST_CYCLES:
-        raise InputError(f"{folder}: scenario {number} has {cycles} cycles (1 to {MOST_CYCLES})")
+    if not 1 <= cycles <= MOST_STORED_CYCLES:
+        allowed = f"1 to {MOST_STORED_CYCLES}"
+        raise InputError(f"{folder}: scenario {number} has {cycles} cycles ({allowed})")
     for row in clearances:
         _check_clearance(folder / "clearances.parquet", row, cycles, starts)
     return Scenario(

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from skystack.errors import InputError
+from skystack.errors import InputError, error_context
 from skystack.evaluation.stored import stored_scenario
 from skystack.io.files import atomic_write
 from skystack.platforms.bluesky_scenario import scenario_text
@@ -19,10 +19,8 @@ def export_scenario(source: Path, number: int | None, output: Path) -> list[str]
     written.
     """
     scenario = _scenario(source, number)
-    try:
+    with error_context(str(source)):
         text = scenario_text(scenario)
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from None
     atomic_write(output, text.encode())
     return scenario_notes("bluesky", scenario)
 

@@ -144,8 +144,9 @@ def _form_words(kind: inspect.Type) -> str:
 
 
 def _range(least: float | None, above: float | None, most: float | None) -> str:
+    if above is not None:
+        return f" above {_number(above)}" + (f", up to {_number(most)}" if most is not None else "")
     begin = f" from {_number(least)}" if least is not None else ""
-    begin = f" above {_number(above)}" if above is not None else begin
     return begin + (f" to {_number(most)}" if most is not None else "")
 
 

@@ -1,7 +1,6 @@
 """Experiments by name or from a TOML file, with `--set` changes. All keys are checked."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from importlib.resources import files
 from os import fspath
@@ -125,25 +124,16 @@ def _converted(values: Mapping[str, Any], kind: TaskKind) -> Experiment:
     other = {key: value for key, value in values.items() if key not in ("task", "pretraining")}
     experiment: Experiment = convert(other, Experiment)
     tables: dict[str, Any] = {}
-    with _inside_table("task"):
+    with error_context("task", "."):
         tables["task"] = convert(values.get("task", {}), kind.settings)
     if "pretraining" in values:
-        with _inside_table("pretraining"):
+        with error_context("pretraining", "."):
             pretraining: Pretraining = convert(values["pretraining"], Pretraining)
         reward, reward_type = pretraining.reward, _reward_type(kind)
-        with _inside_table("pretraining.reward"):
+        with error_context("pretraining.reward", "."):
             reward = convert({} if reward is None else reward, reward_type)
         tables["pretraining"] = msgspec.structs.replace(pretraining, reward=reward)
     return msgspec.structs.replace(experiment, **tables)
-
-
-@contextmanager
-def _inside_table(table: str) -> Iterator[None]:
-    """Prefix the field in the message of an InputError with its table."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{table}.{error}") from None
 
 
 def _reward_type(kind: TaskKind) -> Any:

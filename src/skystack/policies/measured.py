@@ -44,7 +44,8 @@ def read_measured(folder: Path) -> Measured | None:
     if not path.exists():
         return None
     with error_context(str(path)):
-        measured = decode(read_whole(path), Measured, "cannot be read")
+        data = read_whole(path)
+    measured: Measured = decode(data, Measured, str(path))
     if measured.format != FORMAT:
         raise InputError(f"{path}: format {measured.format} (allowed: {FORMAT})")
     return measured

@@ -100,10 +100,6 @@ class Fleet:
         return value
 
 
-MOST_TYPES = 20
-"""The maximum number of types in a fleet."""
-
-
 def fleet(members: tuple[AircraftType, ...], where: str = "task.fleet") -> Fleet:
     """A fleet. Raises InputError, which names the field `where`, for a duplicate type."""
     types = [member.type for member in members]

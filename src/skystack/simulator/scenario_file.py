@@ -17,7 +17,8 @@ from skystack.airspace.sectors import find_sector
 from skystack.errors import InputError, error_context, unknown_name
 from skystack.io.json_file import is_name, read_json
 from skystack.io.validation import convert, not_allowed
-from skystack.simulator.fleet import MOST_TYPES, AircraftType, fleet
+from skystack.simulator.fleet import AircraftType, fleet
+from skystack.simulator.limits import MOST_AIRCRAFT, MOST_CYCLES, MOST_TYPES
 from skystack.simulator.performance import (
     DEFAULT_TYPE,
     TICKS_PER_FL,
@@ -68,8 +69,8 @@ class _FileEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     sector: Annotated[str, Meta(max_length=200)]
     """A name, or a sector file in the scenario's folder or below."""
-    cycles: Annotated[int, Meta(ge=1, le=10_000)]
-    aircraft: Annotated[tuple[_AircraftEntry, ...], Meta(min_length=1, max_length=200)]
+    cycles: Annotated[int, Meta(ge=1, le=MOST_CYCLES)]
+    aircraft: Annotated[tuple[_AircraftEntry, ...], Meta(min_length=1, max_length=MOST_AIRCRAFT)]
     levels_fl: tuple[Level, Level] | None = None
     performance: Name = "table"
     fleet: Annotated[tuple[AircraftType, ...], Meta(max_length=MOST_TYPES)] = ()

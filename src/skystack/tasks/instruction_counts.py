@@ -72,4 +72,4 @@ def count_cycle(counts: InstructionCounts) -> InstructionCounts:
 
 def end_burst(counts: InstructionCounts) -> InstructionCounts:
     """End the burst, so that the next instruction starts a new one."""
-    return counts._replace(burst_action=jnp.zeros_like(counts.burst_action))
+    return counts._replace(burst_action=jnp.full_like(counts.burst_action, NO_OP))

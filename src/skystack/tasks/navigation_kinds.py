@@ -9,6 +9,7 @@ from skystack.errors import InputError, unknown_name
 from skystack.simulator.entries import first_fixes
 from skystack.simulator.fleet import fleet
 from skystack.simulator.generator import LateralScenarios, VerticalScenarios
+from skystack.simulator.limits import MOST_CYCLES
 from skystack.simulator.performance import Performance, performance
 from skystack.simulator.simulator import Simulator
 from skystack.tasks.actions import ActionTable, large_turns, level_changes, small_turns
@@ -18,7 +19,7 @@ from skystack.tasks.kinds import Family, ObservedValue, RewardTerm, TaskDescript
 from skystack.tasks.navigation import NavigationTask
 from skystack.tasks.pairs import PAIR_FEATURES
 from skystack.tasks.rewards import REWARDS
-from skystack.tasks.settings import MOST_CYCLES, NavigationSettings, RewardSettings
+from skystack.tasks.settings import NavigationSettings, RewardSettings
 
 LATERAL = "lateral"
 VERTICAL = "vertical"

@@ -6,12 +6,10 @@ import msgspec
 
 from skystack.airspace.sector_file import SectorEntry
 from skystack.simulator.fleet import AircraftType
+from skystack.simulator.limits import MOST_AIRCRAFT, MOST_CYCLES, MOST_TYPES
 from skystack.tasks.rewards import MOST_WEIGHT, REWARDS, Parameter
 
 PAPER_FEATURES = ("theta_f", "theta_sf", "d_c", "delta_t")
-
-MOST_CYCLES = 10_000
-"""The same limit as for a scenario file: more than 16 hours."""
 
 
 class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -76,11 +74,11 @@ class NavigationSettings(TaskSettings, frozen=True, forbid_unknown_fields=True):
     """The lowest and highest level of the sector. None means those in the sector's definition."""
     performance: str = "table"
     """The name of the performance model in `skystack.simulator.performance`."""
-    aircraft: Annotated[int, msgspec.Meta(ge=1, le=200)] = 2
+    aircraft: Annotated[int, msgspec.Meta(ge=1, le=MOST_AIRCRAFT)] = 2
     level_fl: int | Annotated[tuple[int, ...], msgspec.Meta(min_length=1, max_length=61)] = 300
     """The entry and exit level of all aircraft. If it is a list, each aircraft draws one. Not used
     by `vertical`."""
-    fleet: Annotated[tuple[AircraftType, ...], msgspec.Meta(max_length=20)] = ()
+    fleet: Annotated[tuple[AircraftType, ...], msgspec.Meta(max_length=MOST_TYPES)] = ()
     """The types of aircraft; each aircraft draws one. If empty, all are B753."""
     disc_nm: Annotated[float, msgspec.Meta(ge=0.0, le=50.0)] = 4.0
     """Radius of the disc around the first fix in which aircraft start. Not used by `vertical`."""
