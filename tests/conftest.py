@@ -1,6 +1,7 @@
-"""Strictness for all tests: shapes are checked, nothing is promoted or warned about silently."""
+"""Set-up of all tests: shapes are checked, and arrays are never promoted implicitly."""
 
 import os
+import shutil
 from pathlib import Path
 
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
@@ -8,7 +9,7 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 
 from jaxtyping import install_import_hook
 
-import tests.typecheck  # noqa: F401  (the hook looks it up by name)
+import tests.typecheck  # noqa: F401  (the import hook finds it by name)
 
 install_import_hook("skystack", "tests.typecheck.typecheck")
 
@@ -16,7 +17,7 @@ import jax  # noqa: E402
 import jaxtyping  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import HealthCheck, settings  # noqa: E402
-from jax._src import compiler  # noqa: E402  (no other way to set XLA's options for some tests)
+from jax._src import compiler  # noqa: E402  (there is no public way to set XLA options per test)
 
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -34,22 +35,22 @@ settings.load_profile("skystack")
 
 @pytest.fixture(scope="session", autouse=True)
 def compile_once(tmp_path_factory):
-    """Programs that several tests compile alike are compiled once a session."""
-    common = tmp_path_factory.getbasetemp().parent  # of all workers
-    os.environ["SKYSTACK_CACHE"] = str(common / "programs")  # for commands in their own processes
+    """Cache compiled programs, so that each is compiled once per session."""
+    common = tmp_path_factory.getbasetemp().parent  # shared by all workers
+    os.environ["SKYSTACK_CACHE"] = str(common / "programs")  # for commands in subprocesses
     jax.config.update("jax_compilation_cache_dir", str(tmp_path_factory.mktemp("compiled")))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 
 @pytest.fixture
 def types_unchecked(monkeypatch):
-    """Turn type checks off, as for users: values of a wrong type reach the code."""
+    """Disable type checks, as for users, so that values of a wrong type reach the code."""
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
 
 
-MEASURED = ("learning", "simulator", "tasks", "test_stacking.py")
-"""The tests of what coverage is measured of; to note every line slows Python down."""
-QUICKLY = (
+COVERED = ("learning", "simulator", "tasks", "test_stacking.py")
+"""Tests that run with coverage. For the others it is disabled, because it slows Python down."""
+FAST_COMPILE = (
     "agents",
     "benchmarking",
     "docs",
@@ -73,47 +74,66 @@ QUICKLY = (
     "test_examples.py",
     "io/test_names.py",
 )
-"""Where tests are of what is said and written, not of what is computed: what they run need not be
-fast, and is compiled in a third of the time. All others compile as users do."""
+"""Tests of output rather than of computed values. Their programs are compiled without most
+optimisations, in a third of the time. All other tests compile with the default options."""
 _EMITTERS = "xla_cpu_use_fusion_emitters"
-QUICK = {"JAX_DISABLE_MOST_OPTIMIZATIONS": "1", "XLA_FLAGS": f"--{_EMITTERS}=false"}
-"""The same for commands in processes of their own."""
+FAST_COMPILE_ENVIRONMENT = {
+    "JAX_DISABLE_MOST_OPTIMIZATIONS": "1",
+    "XLA_FLAGS": f"--{_EMITTERS}=false",
+}
+"""The same options, as environment variables for commands in subprocesses."""
 
 
 @pytest.fixture(scope="module", autouse=True)
-def compiled_for_the_purpose(request):
-    """Programs as users have them, or made quickly; nothing is kept from the one to the other."""
-    quickly = _within(request.path, QUICKLY)
-    if quickly != _compiling["quickly"]:
+def compiler_optimisations(request):
+    """Compile with or without most optimisations; clear JAX's caches between the two."""
+    fast = _within(request.path, FAST_COMPILE)
+    if fast != _compiling["fast"]:
         jax.clear_caches()
-        jax.config.update("jax_disable_most_optimizations", quickly)
-        _compiling["quickly"] = quickly
+        jax.config.update("jax_disable_most_optimizations", fast)
+        _compiling["fast"] = fast
     with pytest.MonkeyPatch.context() as patch:
-        if quickly:
-            patch.setattr(compiler, "get_compile_options", _quick_options)
-            for variable, value in QUICK.items():
+        if fast:
+            patch.setattr(compiler, "get_compile_options", _fast_options)
+            for variable, value in FAST_COMPILE_ENVIRONMENT.items():
                 patch.setenv(variable, value)
         yield
 
 
 NO_BROWSER = "no Chromium on this machine"
-"""Why tests of the replay page are skipped."""
+"""The reason for skipping tests of pages in a browser."""
+
+
+@pytest.fixture(scope="module")
+def browser():
+    from tests.reporting.replay.browser import ARGUMENTS, TIMEOUT_MS
+
+    sync_api = pytest.importorskip("playwright.sync_api")
+    executable = shutil.which("chromium") or shutil.which("chromium-browser")
+    if executable is None:
+        pytest.skip(NO_BROWSER)
+    with sync_api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(
+            executable_path=executable, args=ARGUMENTS, timeout=TIMEOUT_MS
+        )
+        yield chromium
+        chromium.close()
 
 
 def pytest_terminal_summary(terminalreporter):
-    """One line at the end, with the command that brings what is missing."""
+    """If tests in a browser were skipped, print how to install Chromium."""
     skipped = terminalreporter.stats.get("skipped", [])
     count = sum(NO_BROWSER in str(report.longrepr) for report in skipped)
     if count:
         terminalreporter.write_line(
-            f"{count} tests of the replay page were skipped: {NO_BROWSER} (on Debian and Ubuntu, "
+            f"{count} tests of HTML pages were skipped: {NO_BROWSER} (on Debian and Ubuntu, "
             "as root: apt-get install chromium)"
         )
 
 
 def pytest_collection_modifyitems(items):
     for item in items:
-        if not _within(item.path, MEASURED):
+        if not _within(item.path, COVERED):
             item.add_marker(pytest.mark.no_cover)
 
 
@@ -121,10 +141,10 @@ def _within(path, parts):
     return any(path.is_relative_to(TESTS / each) for each in parts)
 
 
-_compiling = {"quickly": False}
-_options = compiler.get_compile_options
+_compiling = {"fast": False}
+_default_options = compiler.get_compile_options
 
 
-def _quick_options(*given, env_options_overrides=None, **named):
+def _fast_options(*arguments, env_options_overrides=None, **keywords):
     overrides = (env_options_overrides or {}) | {_EMITTERS: False}
-    return _options(*given, env_options_overrides=overrides, **named)
+    return _default_options(*arguments, env_options_overrides=overrides, **keywords)

@@ -1,4 +1,4 @@
-"""Scenario files for tests: a minimal one, and that one with a field changed."""
+"""Scenario files for tests: a minimal one, and variants of it."""
 
 import copy
 import json
@@ -21,7 +21,7 @@ MINIMAL = {
 
 
 def changed(where, value, of=MINIMAL):
-    """The minimal scenario (or another) with one field set (or, for `...`, taken out)."""
+    """A copy of a scenario with one field set, or removed if the value is `...`."""
     scenario = copy.deepcopy(of)
     *steps, last = where
     at = scenario
@@ -35,11 +35,12 @@ def changed(where, value, of=MINIMAL):
 
 
 def renamed(callsign, of=MINIMAL):
-    """The minimal scenario (or another) with another callsign for AC1."""
+    """A copy of a scenario with another callsign for AC1."""
     return json.loads(json.dumps(of).replace('"AC1"', json.dumps(callsign)))
 
 
 def load(scenario, folder):
+    """Write a scenario (or the text of one) to a file, and load it."""
     path = folder / "scenario.json"
     path.write_text(scenario if isinstance(scenario, str) else json.dumps(scenario))
     return load_scenario(path)

@@ -1,4 +1,4 @@
-"""What is shipped: wheel and source distribution hold the project's files, all that are needed."""
+"""The wheel and the source distribution contain exactly the files that they should."""
 
 import os
 import subprocess
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.conftest import QUICK
+from tests.conftest import FAST_COMPILE_ENVIRONMENT
 from verification.robustness.empty_environment import (
     BrokenError,
     build,
@@ -29,74 +29,74 @@ SMALL = (
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory):
+def distributions(tmp_path_factory):
     return build(tmp_path_factory.mktemp("built"))
 
 
 @pytest.fixture(scope="module")
-def alone(built, tmp_path_factory):
-    """The Python of an environment with the wheel in it, all else borrowed from this one."""
+def wheel_python(distributions, tmp_path_factory):
+    """The Python of an environment with the wheel; its dependencies come from this environment."""
     here = [sysconfig.get_path("purelib"), sysconfig.get_path("platlib")]
-    python = make_environment(tmp_path_factory.mktemp("alone"), built[0], here)
+    python = make_environment(tmp_path_factory.mktemp("alone"), distributions[0], here)
     return str(python)
 
 
-def project(*folders):
-    """The project's files: tracked, or to be."""
+def project_files(*folders):
+    """The project's files: tracked, or untracked and not ignored."""
     command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "--", *folders]
     listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     return {name for name in listed.stdout.splitlines() if (ROOT / name).exists()}
 
 
-def test_the_wheel_holds_the_package_and_nothing_else(built):
-    with zipfile.ZipFile(built[0]) as wheel:
-        held = wheel.namelist()
-        about = {name for name in held if ".dist-info/" in name}
-        (metadata,) = (name for name in about if name.endswith("/METADATA"))
-        stated = wheel.read(metadata).decode()
-    package = {name.removeprefix("src/") for name in project("src/skystack")}
-    assert len(held) == len(set(held))
-    assert set(held) - about == package
-    for kind in ("policies/*/policy.safetensors", "policies/*/card.md", "experiments/*.toml"):
-        assert any(Path(name).match(f"skystack/{kind}") for name in held), kind
+def test_wheel_contains_exactly_the_package(distributions):
+    with zipfile.ZipFile(distributions[0]) as wheel:
+        names = wheel.namelist()
+        metadata_files = {name for name in names if ".dist-info/" in name}
+        (metadata,) = (name for name in metadata_files if name.endswith("/METADATA"))
+        metadata_text = wheel.read(metadata).decode()
+    package = {name.removeprefix("src/") for name in project_files("src/skystack")}
+    assert len(names) == len(set(names))
+    assert set(names) - metadata_files == package
+    for kind in ("policies/*/policy.safetensors", "policies/*/README.md", "experiments/*.toml"):
+        assert any(Path(name).match(f"skystack/{kind}") for name in names), kind
     for kind in ("sectors/*.json", "reporting/replay/web/*.js", "reporting/*.jinja", "py.typed"):
-        assert any(Path(name).match(f"skystack/{kind}") for name in held), kind
-    assert {name.partition("/")[2] for name in about} == {
+        assert any(Path(name).match(f"skystack/{kind}") for name in names), kind
+    assert {name.partition("/")[2] for name in metadata_files} == {
         *("METADATA", "RECORD", "WHEEL", "entry_points.txt", "licenses/LICENSE"),
     }
-    assert "License-Expression: Apache-2.0" in stated
-    assert "# skystack" in stated  # the README, for an index to show
+    assert "License-Expression: Apache-2.0" in metadata_text
+    assert "# skystack" in metadata_text  # the README, shown by package indexes
 
 
-def test_the_source_distribution_holds_the_project(built):
-    with tarfile.open(built[1]) as source:
-        held = [name.partition("/")[2] for name in source.getnames()]
+def test_source_distribution_contains_the_project(distributions):
+    with tarfile.open(distributions[1]) as source:
+        names = [name.partition("/")[2] for name in source.getnames()]
     hosting = (".ci/", ".github/", ".pre-commit-config.yaml")
-    automation = {name for name in project() if name.startswith(hosting)}
-    assert sorted(held) == sorted(project() - automation | {"PKG-INFO"})
+    automation = {name for name in project_files() if name.startswith(hosting)}
+    assert sorted(names) == sorted(project_files() - automation | {"PKG-INFO"})
 
 
-def test_the_environment_has_the_wheel_and_no_network(alone, tmp_path):
-    said = run_clean([alone, "-c", "import skystack; print(skystack.__file__)"], tmp_path)
-    assert Path(said.strip()).is_relative_to(Path(alone).parents[1])
-    for asked in ("create_connection(('127.0.0.1', 9))", "gethostbyname('localhost')"):
+def test_environment_has_the_wheel_but_no_network(wheel_python, tmp_path):
+    output = run_clean([wheel_python, "-c", "import skystack; print(skystack.__file__)"], tmp_path)
+    assert Path(output.strip()).is_relative_to(Path(wheel_python).parents[1])
+    for call in ("create_connection(('127.0.0.1', 9))", "gethostbyname('localhost')"):
         with pytest.raises(BrokenError, match="no network here"):
-            run_clean([alone, "-c", f"import socket; socket.{asked}"], tmp_path)
+            run_clean([wheel_python, "-c", f"import socket; socket.{call}"], tmp_path)
 
 
-def test_the_main_job_from_the_wheel_is_that_of_the_checkout(alone, tmp_path):
-    """Bit for bit: without a network on all cores, then on one core with the programs kept."""
+def test_wheel_and_checkout_reproduce_identical_results(wheel_python, tmp_path):
+    """Bit for bit: offline on all cores, then on one core with cached programs."""
     variables = {
-        **QUICK,
+        **FAST_COMPILE_ENVIRONMENT,
         "SKYSTACK_CACHE": str(tmp_path / "programs"),
         "JAX_PLATFORMS": "cpu",
     }
     first, second = tmp_path / "wheel", tmp_path / "checkout"
-    _, *words = reproduce_command(first, "vertical", 1, SMALL)
-    run_clean([*without_network(), alone, *words], tmp_path, **variables)
+    _, *arguments = reproduce_command(first, "vertical", 1, SMALL)
+    run_clean([*without_network(), wheel_python, *arguments], tmp_path, **variables)
     one_core = ["taskset", "--cpu-list", str(min(os.sched_getaffinity(0)))]
-    again = [*one_core, *reproduce_command(second, "vertical", 1, SMALL)]
-    run_clean(again, tmp_path, PYTHONPATH=str(ROOT / "src"), **variables)
+    command = [*one_core, *reproduce_command(second, "vertical", 1, SMALL)]
+    run_clean(command, tmp_path, PYTHONPATH=str(ROOT / "src"), **variables)
     expected, found = contents(first), contents(second)
     assert {"results.json", "train/vertical-s0/policy.safetensors"} <= set(expected)
     assert len([name for name in expected if name.endswith(".parquet")]) == 8

@@ -1,4 +1,4 @@
-"""Messages stay one printable line, whatever names a stranger's file holds."""
+"""Messages are one printable line, whatever names an untrusted file contains."""
 
 import numpy as np
 import pytest
@@ -7,38 +7,38 @@ import torch
 from skystack.errors import LONGEST_LINE, InputError, checked_whole, unknown_name
 
 
-def test_a_message_is_one_printable_line():
+def test_message_is_one_printable_line():
     assert str(InputError("a\nb\x1b[31m\ud800é")) == "a\\nb\\x1b[31m\\ud800é"
 
 
-def test_a_long_message_is_cut():
+def test_truncates_a_long_message():
     assert str(InputError("x" * 1_000_000)) == "x" * LONGEST_LINE + "..."
 
 
-def test_no_nearest_name_is_sought_among_very_many():
+def test_suggests_no_name_among_very_many():
     names = [f"FIX{number}" for number in range(200_000)]
     assert "did you mean" not in str(unknown_name("fix", "FIX200000", names))
 
 
-def test_a_name_too_long_for_a_file_is_unknown_like_any_other():
+def test_reports_a_name_too_long_for_a_path_as_unknown():
     for name in ("x" * 300, "\u00e9" * 190):
         error = unknown_name("sector", name, ["merge"], [f"{name}.json"])
         assert str(error).endswith("(allowed: merge)")
 
 
 @pytest.mark.parametrize("kind", [int, np.int8, np.uint64, np.array, torch.tensor])
-def test_a_whole_number_of_any_library_becomes_an_int(kind):
+def test_converts_integers_of_any_library_to_int(kind):
     number = checked_whole("it", kind(3), 3, 3)
     assert (number, type(number)) == (3, int)
 
 
 @pytest.mark.parametrize("flag", [True, np.True_, np.array(True), torch.tensor(True)])
-def test_booleans_are_refused(flag):
+def test_rejects_booleans(flag):
     with pytest.raises(InputError, match=r"^it is .*\(allowed: whole numbers from 0\)$"):
         checked_whole("it", flag, 0)
 
 
 @pytest.mark.parametrize("value", [-1, 6, 1.0, "1", None, np.array([1, 2]), np.float32(1)])
-def test_other_values_are_refused(value):
+def test_rejects_other_values(value):
     with pytest.raises(InputError, match=r"\(allowed: whole numbers from 0 to 5\)$"):
         checked_whole("it", value, 0, 5)

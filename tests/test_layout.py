@@ -1,4 +1,4 @@
-"""Imports point downwards: packages import only those below them; no modules form a cycle."""
+"""Packages import only packages below them, and no modules form a cycle."""
 
 import ast
 from graphlib import TopologicalSorter
@@ -28,7 +28,7 @@ LAYERS = (
     "cli",
     "__main__",
 )
-"""From the lowest to the highest. `stacking` and `errors` need nothing but themselves."""
+"""From the lowest to the highest. `stacking` and `errors` have no dependencies."""
 
 
 def module_of(path):
@@ -40,7 +40,7 @@ MODULES = {module_of(path): path for path in SOURCE.rglob("*.py")}
 
 
 def imported(path):
-    """The modules of skystack that a file imports when it runs, also inside functions."""
+    """The skystack modules that a file imports at run time, including inside functions."""
     found = set()
     for node in nodes(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
@@ -53,14 +53,14 @@ def imported(path):
 
 
 def nodes(tree):
-    """All nodes of a syntax tree, without those for type checkers only."""
-    waiting = [tree]
-    while waiting:
-        node = waiting.pop()
+    """All nodes of a syntax tree, except under `if TYPE_CHECKING`."""
+    pending = [tree]
+    while pending:
+        node = pending.pop()
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
             continue
         yield node
-        waiting += ast.iter_child_nodes(node)
+        pending += ast.iter_child_nodes(node)
 
 
 def layer(module):
@@ -82,16 +82,16 @@ def test_imports_point_downwards():
     assert upward == []
 
 
-def test_importing_the_package_imports_no_module_of_it():
+def test_top_level_package_imports_no_submodule():
     assert imported(MODULES[""]) == set()
 
 
-def test_no_modules_form_a_cycle():
+def test_modules_form_no_cycle():
     graph = {module: imported(path) - {module} for module, path in MODULES.items() if module}
     TopologicalSorter(graph).prepare()
 
 
-def test_every_class_has_a_name_of_its_own():
+def test_class_names_are_unique():
     names = [
         node.name
         for path in MODULES.values()

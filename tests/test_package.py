@@ -11,12 +11,12 @@ import pytest
 import skystack
 
 
-def test_every_public_name_is_there_and_documented():
+def test_every_public_name_exists_and_is_documented():
     assert set(skystack._MODULES) == set(skystack.__all__) - {"__version__"}
     for name in skystack._MODULES:
-        found = getattr(skystack, name)
-        assert found.__doc__
-        assert found.__module__ == f"skystack.{skystack._MODULES[name]}"
+        value = getattr(skystack, name)
+        assert value.__doc__
+        assert value.__module__ == f"skystack.{skystack._MODULES[name]}"
         assert name in dir(skystack)
         if name[0].islower():
             assert f"    {name} " in skystack.__doc__
@@ -24,19 +24,19 @@ def test_every_public_name_is_there_and_documented():
         skystack.stak  # noqa: B018
 
 
-def test_the_package_says_that_it_is_typed():
+def test_package_is_marked_as_typed():
     assert (Path(skystack.__file__).parent / "py.typed").exists()
 
 
-def test_importing_it_loads_no_heavy_library():
-    """Names come when they are used; `stack` itself needs none of them at all."""
+def test_import_loads_no_heavy_library():
+    """Public names are imported lazily; `stack` needs none of these libraries."""
     program = (
         "import sys, skystack; skystack.stack; skystack.InputError;"
         "print([m for m in ('jax', 'numpy', 'matplotlib', 'gymnasium') if m in sys.modules])"
     )
     command = [sys.executable, "-c", program]
-    found = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert found.stdout.strip() == "[]", found.stderr
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "[]", done.stderr
 
 
 WITHOUT_EXTRAS = """
@@ -59,8 +59,8 @@ for module in pkgutil.walk_packages(skystack.__path__, "skystack."):
 """
 
 
-def test_without_its_extra_a_module_names_it():
-    """All that is not required is hidden; nothing else of a module's import may fail."""
+def test_a_missing_extra_is_named():
+    """With all optional packages hidden, imports fail only with an error naming the extra."""
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
         "optional-dependencies"
     ]
@@ -80,6 +80,7 @@ def test_without_its_extra_a_module_names_it():
 HIDDEN = {
     "bluebird_dt": "bluebird-dt",
     "bluesky": "bluesky-simulator",
+    "imageio_ffmpeg": "imageio-ffmpeg",
     "onnx": "onnx",
     "onnxruntime": "onnxruntime",
     "pebble": "pebble",
@@ -89,6 +90,6 @@ HIDDEN = {
     "tensorboardX": "tensorboardX",
     "torch": "torch",
 }
-"""Modules and the packages that they come in."""
-NEEDS = r"(\S+) needs (\w+), not installed here \(install skystack with the extra \[(\w+)\]\)"
+"""Optional modules, and the packages that contain them."""
+NEEDS = r"(\S+) needs (\w+), which is not installed \(install skystack with the extra \[(\w+)\]\)"
 ROOT = Path(__file__).parents[1]

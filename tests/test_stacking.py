@@ -1,4 +1,4 @@
-"""Online action-stacking: what it means, in Python and inside jit, and what it leaves alone."""
+"""Online action-stacking: its rule, in Python and inside jit, and what a stack leaves unchanged."""
 
 import itertools
 from typing import Any, NamedTuple
@@ -29,7 +29,7 @@ LEFT_1, RIGHT_1, LEFT_2, RIGHT_2 = 1, 2, 3, 4
 
 
 class Counter:
-    """The smallest two-phase environment: a number per action, at most seven times each."""
+    """A minimal two-phase environment: it collects its instructions, seven per stack at most."""
 
     def observe(self, state):
         return state
@@ -42,7 +42,7 @@ class Counter:
 
 
 def script(*answers):
-    """A policy that reads its answers from a list, whatever it sees."""
+    """A policy that returns these actions in turn, whatever it observes."""
     given = iter(answers)
     return lambda observation: next(given)
 
@@ -58,33 +58,33 @@ def script(*answers):
         ((3, 3, 1, 3), (3, 3)),
         ((1,) * 9, (1,) * 7),
     ],
-    ids=["nothing", "one", "three", "opposite", "other way", "other aircraft", "cap"],
+    ids=["none", "one", "three", "reverse", "reverse back", "other aircraft", "limit"],
 )
-def test_a_stack_is_the_run_of_the_first_answer(answers, issued):
+def test_stack_is_the_run_of_the_first_action(answers, issued):
     state, result = stack(Counter(), script(*answers), ())
     assert state == issued
     assert result.instructions == len(issued)
     assert result.action == answers[0]
 
 
-def test_an_action_may_be_anything_but_0():
+def test_actions_need_not_be_integers():
     state, result = stack(Counter(), script("left", "left", "right"), ())
     assert state == ("left", "left")
     assert result == ("left", 2)
 
 
-def expected_of(answers, most):
-    """Instructions and queries of a policy with these answers, where `most` may be given.
+def expected_counts(answers, most):
+    """The expected numbers of instructions and of queries; at most `most` instructions are allowed.
 
-    The instructions are the run of the first answer, cut at `most`; a run that is not cut takes one
+    The instructions are the run of the first answer, cut at `most`. A run that is not cut takes one
     more query, whose answer ends it.
     """
     run = len(list(next(itertools.groupby(answers))[1])) if answers[0] else 0
     return (run, run + 1) if run < most else (most, max(most, 1))
 
 
-def counted(answers):
-    """A policy that gives these answers, and the observations that it was asked with."""
+def recorded(answers):
+    """A policy that returns these actions in turn, and the list of its observations."""
     seen = []
 
     def policy(observation):
@@ -95,28 +95,28 @@ def counted(answers):
 
 
 @given(st.lists(st.integers(0, 3), min_size=9, max_size=9), st.integers(1, 9), st.integers(0, 7))
-def test_a_stack_is_the_longest_equal_prefix(answers, limit, allowed):
-    """No query is made whose answer cannot be used."""
+def test_stack_is_the_longest_prefix_of_equal_actions(answers, limit, allowed):
+    """The policy is not queried if its answer cannot be used."""
     environment = Counter()
     environment.may_stack = lambda state, action: len(state) < allowed
-    policy, seen = counted(answers)
+    policy, seen = recorded(answers)
     state, result = stack(environment, policy, (), limit=limit)
-    instructions, queries = expected_of(answers, min(limit, allowed))
+    instructions, queries = expected_counts(answers, min(limit, allowed))
     assert state == (answers[0],) * instructions
     assert result.instructions == instructions
     assert seen == [(answers[0],) * query for query in range(queries)]
 
 
-def test_a_limit_of_one_is_the_policy_without_stacking():
-    """One with memory that instructs at every third call instructs in every third cycle."""
-    policy, seen = counted([1, 0, 0] * 4)
+def test_limit_of_one_disables_stacking():
+    """A stateful policy that instructs at every third call instructs in every third cycle."""
+    policy, seen = recorded([1, 0, 0] * 4)
     issued = [stack(Counter(), policy, (), limit=1)[1].instructions for _ in range(12)]
     assert issued == [1, 0, 0] * 4
     assert len(seen) == 12
 
 
-def test_inside_jit_one_scenario_is_asked_as_often():
-    """Its policy asks Python, whose answers may depend on how often it was asked."""
+def test_queries_as_often_inside_jit():
+    """The policy calls back into Python, where each query consumes one of the given answers."""
 
     class Numbers(Counter):
         def instruct(self, state, action):
@@ -138,16 +138,16 @@ def test_inside_jit_one_scenario_is_asked_as_often():
             given[:] = answers
             state, result = compiled()
             found = int(result.instructions), len(answers) - len(given)
-            assert found == expected_of(answers, min(limit, 3)), answers
+            assert found == expected_counts(answers, min(limit, 3)), answers
             assert int(state) == found[0]
 
 
 @pytest.mark.parametrize("shape", [(), (1,)])
-def test_a_policy_may_write_all_its_answers_into_one_array(shape):
-    """Every sequence of four answers; the array holds something else between the calls."""
+def test_policy_may_reuse_one_array_for_all_actions(shape):
+    """Every sequence of four actions; the array is overwritten between the calls."""
     buffer = np.zeros(shape, dtype=np.int64)
 
-    class Scribbling(Counter):
+    class Overwriting(Counter):
         def observe(self, state):
             buffer[...] = 3
             return state
@@ -162,23 +162,23 @@ def test_a_policy_may_write_all_its_answers_into_one_array(shape):
 
     for answers in itertools.product(range(4), repeat=4):
         for limit in (1, 3):
-            state, result = stack(Scribbling(), lambda seen, a=answers: policy(a, seen), (), limit)
+            state, result = stack(Overwriting(), lambda seen, a=answers: policy(a, seen), (), limit)
             buffer[...] = 3
-            instructions, _ = expected_of(answers, limit)
+            instructions, _ = expected_counts(answers, limit)
             assert state == (answers[0],) * instructions
             assert result.instructions == instructions
             assert result.action == answers[0]
 
 
-def test_an_action_may_be_the_same_object_each_time():
-    """Objects without an equality of their own are equal to themselves alone."""
+def test_compares_actions_without_equality_by_identity():
+    """Objects that do not define equality are equal only to themselves."""
     left = object()
     assert stack(Counter(), script(left, left, 0), ()) == ((left, left), (left, 2))
 
 
 @pytest.mark.parametrize("limit", [0, -1, True, False])
-def test_a_limit_below_one_is_refused_before_the_policy_is_asked(limit):
-    policy, seen = counted([1] * 9)
+def test_rejects_a_limit_below_one_before_any_query(limit):
+    policy, seen = recorded([1] * 9)
     zeros, key = np.zeros(2, dtype=int), jax.random.key(0)
     for attempt in (
         lambda: stack(Counter(), policy, (), limit),
@@ -193,14 +193,14 @@ def test_a_limit_below_one_is_refused_before_the_policy_is_asked(limit):
 @pytest.mark.parametrize(
     "limit", [2.5, float("nan"), "3", None, [1], np.array([1, 2]), np.int64(0)]
 )
-def test_a_limit_is_a_whole_number(limit):
+def test_limit_must_be_a_whole_number(limit):
     with pytest.raises(InputError, match="limit is "):
         checked_limit(limit)
     assert [checked_limit(number) for number in (1, np.int8(7), np.array(3))] == [1, 7, 3]
 
 
 class Counters:
-    """Many counters at once: how many instructions each scenario was given, at most seven."""
+    """Counters of many scenarios at once: instructions per scenario, seven at most."""
 
     def observe(self, state):
         return state
@@ -220,33 +220,33 @@ class Counters:
     st.integers(1, 9),
     st.data(),
 )
-def test_many_stacks_are_those_of_each_scenario_alone(answers, limit, data):
-    """Each scenario is asked as often as alone, and not at all where it does not ask."""
+def test_stack_many_equals_stacking_each_scenario(answers, limit, data):
+    """Each scenario is queried as often as alone, and never if it is not in the mask."""
     count = len(answers)
     asking = np.array(data.draw(st.lists(st.booleans(), min_size=count, max_size=count)))
-    table, asked = np.array(answers), np.zeros(count, dtype=int)
+    table, queried = np.array(answers), np.zeros(count, dtype=int)
 
     buffer = np.zeros(count, dtype=int)
 
-    def policy(observation, still, query):
-        assert still.any() or not asking.any()
-        asked[still] += 1
-        buffer[:] = np.where(still, table[np.arange(count), query], 0)
+    def policy(observation, mask, query):
+        assert mask.any() or not asking.any()
+        queried[mask] += 1
+        buffer[:] = np.where(mask, table[np.arange(count), query], 0)
         return buffer
 
     state, issued = stack_many(Counters(), policy, np.zeros(count, dtype=int), asking, limit)
-    for number, own in enumerate(answers):
+    for number, actions in enumerate(answers):
         if not asking[number]:
-            assert (state[number], issued.instructions[number], asked[number]) == (0, 0, 0)
+            assert (state[number], issued.instructions[number], queried[number]) == (0, 0, 0)
             continue
-        instructions, queries = expected_of(own, min(limit, 7))
+        instructions, queries = expected_counts(actions, min(limit, 7))
         assert state[number] == issued.instructions[number] == instructions
-        assert issued.action[number] == own[0]
-        assert asked[number] == queries
+        assert issued.action[number] == actions[0]
+        assert queried[number] == queries
 
 
-def test_every_query_inside_jit_samples_anew():
-    """A fair coin instructs k times with probability 1 / 2 ** (k + 1), and seven at most."""
+def test_every_query_inside_jit_draws_a_new_sample():
+    """A fair coin instructs k times with probability 1 / 2 ** (k + 1), but at most 7 times."""
 
     class Numbers(Counter):
         def instruct(self, state, action):
@@ -269,7 +269,7 @@ def test_every_query_inside_jit_samples_anew():
 
 
 class Endless(Counter):
-    """Allows everything, for ever."""
+    """Its stacks never end; only actions 0, 1 and 2 are valid."""
 
     def may_stack(self, state, action):
         return True
@@ -280,13 +280,13 @@ class Endless(Counter):
         return action
 
 
-def test_a_stack_without_end_is_an_error():
+def test_endless_stack_is_an_error():
     with pytest.raises(InputError, match=r"endless stack: .* action 2 1000 times in one cycle"):
         stack(Endless(), lambda observation: 2, ())
     assert stack(Endless(), lambda observation: 2, (), limit=1500)[1].instructions == 1500
 
 
-def test_a_compiled_stack_ends_too():
+def test_endless_compiled_stack_ends():
     class Numbers(Endless):
         def instruct(self, state, action):
             return state + action
@@ -300,12 +300,12 @@ def test_a_compiled_stack_ends_too():
 
 
 @pytest.mark.parametrize("answers", [(7,), (1, 1, 7), (2, float("nan"))])
-def test_an_answer_outside_the_table_is_named_wherever_it_comes(answers):
+def test_names_an_invalid_action_at_any_query(answers):
     with pytest.raises(InputError, match=f"action is {answers[-1]}"):
         stack(Endless(), script(*answers), ())
 
 
-def test_every_query_sees_what_the_last_instruction_cleared():
+def test_every_query_observes_the_previous_instructions():
     seen = []
 
     def policy(observation):
@@ -316,7 +316,7 @@ def test_every_query_sees_what_the_last_instruction_cleared():
     assert seen == [(), (1,), (1, 1), (1, 1, 1)]
 
 
-def test_the_lateral_task_is_a_two_phase_environment(lateral):
+def test_lateral_task_is_a_two_phase_environment(lateral):
     assert isinstance(lateral, TwoPhase)
 
 
@@ -326,7 +326,7 @@ def lateral():
 
 
 def lookup(observation):
-    """A policy by table: steer whoever points more than 5 degrees off the next fix."""
+    """A table policy: steer the aircraft that points more than 5 degrees off its next fix."""
     off_1, off_2 = observation[0] - 0.5, observation[4] - 0.5
     threshold = 5.0 / 360.0
     return (
@@ -337,8 +337,8 @@ def lookup(observation):
     )
 
 
-def states_on_the_way(task, count, cycles):
-    """States of scenarios after some cycles without instructions."""
+def states_after(task, count, cycles):
+    """The states of `count` scenarios after some cycles without instructions."""
 
     def one(key):
         return jax.lax.fori_loop(0, cycles, lambda _, s: task.advance(s)[0], task.reset(key))
@@ -361,9 +361,9 @@ def row(states, index):
 PHYSICAL = ("position_nm", "heading_deg", "level_ticks", "ground_speed_kt", "vertical_speed_ft_min")
 
 
-def test_nothing_physical_moves_during_a_stack(lateral):
-    """Bitwise: position, heading, speeds, level, and time; what is being flown too."""
-    before = states_on_the_way(lateral, 500, 60)
+def test_stack_changes_no_physical_state(lateral):
+    """Bit for bit: positions, headings, speeds, levels, time, and the clearances being flown."""
+    before = states_after(lateral, 500, 60)
     after, stacks = jax.jit(
         jax.vmap(lambda s: stack_traced(lateral, traced_lookup, s, jax.random.key(0)))
     )(before)
@@ -383,21 +383,21 @@ def test_nothing_physical_moves_during_a_stack(lateral):
         assert np.asarray(old).tobytes() == np.asarray(new).tobytes(), name
 
 
-def test_the_cap_of_the_lateral_task(lateral):
-    """A policy that never stops is stopped before the turn would go the other way."""
+def test_lateral_task_limits_a_stack_to_half_a_turn(lateral):
+    """A stack that the policy never ends is ended before the turn would reverse."""
     state = lateral.reset(jax.random.key(3))
-    told, result = stack_traced(
+    instructed, result = stack_traced(
         lateral, lambda o, k: jnp.asarray(RIGHT_2, dtype=jnp.int32), state, jax.random.key(0)
     )
-    start, cleared = state.traffic.heading_deg[1], told.traffic.cleared_heading_deg[1]
+    start, cleared = state.traffic.heading_deg[1], instructed.traffic.cleared_heading_deg[1]
     assert 170.0 <= float(cleared - start) % 360.0 < 180.0
     assert int(result.instructions) in (17, 18)
 
 
 class Phases(NamedTuple):
-    """The lateral task compiled in pieces for a plain Python loop.
+    """The lateral task, compiled function by function for a plain Python loop.
 
-    Its state is the task's with what can be asked of it: the observation, and what may be stacked.
+    A state consists of the task's state, its observation, and which actions may be stacked.
     """
 
     reset: Any
@@ -411,47 +411,47 @@ class Phases(NamedTuple):
 def phases(lateral):
     actions = jnp.arange(len(lateral.action_names), dtype=jnp.int32)
 
-    def asked(state):
+    def extend(state):
         allowed = jax.vmap(lambda action: lateral.may_stack(state, action))(actions)
         return state, lateral.observe(state), allowed
 
     def advance(state):
         state, outcome = lateral.advance(state)
-        return asked(state), outcome.ended
+        return extend(state), outcome.ended
 
-    told = jax.jit(lambda state, action: asked(lateral.instruct(state, action)))
-    flown = jax.jit(advance)
+    jitted_instruct = jax.jit(lambda state, action: extend(lateral.instruct(state, action)))
+    jitted_advance = jax.jit(advance)
     return Phases(
-        reset=jax.jit(lambda key: asked(lateral.reset(key))),
+        reset=jax.jit(lambda key: extend(lateral.reset(key))),
         observe=lambda state: np.asarray(state[1]),
-        instruct=lambda state, action: told(state[0], action),
+        instruct=lambda state, action: jitted_instruct(state[0], action),
         may_stack=lambda state, action: bool(np.asarray(state[2])[action]),
-        advance=lambda state: flown(state[0]),
+        advance=lambda state: jitted_advance(state[0]),
     )
 
 
 def fly_in_python(phases, policy, number):
-    """One scenario with `stack` in a Python loop: cycle, action and count of each clearance."""
+    """Fly a scenario with `stack` in a Python loop; (cycle, action, count) of each clearance."""
     state, issued = phases.reset(scenario_key(0, number)), []
     for cycle in range(300):
         state, result = stack(phases, policy, state)
         if result.instructions:
             issued.append((cycle, result.action, result.instructions))
-        state, over = phases.advance(state)
-        if over:
+        state, ended = phases.advance(state)
+        if ended:
             break
     return issued
 
 
 def clearances(recording, number):
-    given = recording.instructions[number]
-    return [(int(c), int(recording.action[number, c]), int(given[c])) for c in np.nonzero(given)[0]]
+    counts, actions = recording.instructions[number], recording.action[number]
+    return [(int(c), int(actions[c]), int(counts[c])) for c in np.nonzero(counts)[0]]
 
 
 SCENARIOS = 100
 
 
-def test_python_and_jit_issue_the_same_clearances_with_a_table_policy(lateral, phases):
+def test_python_and_jit_stack_alike_with_a_table_policy(lateral, phases):
     recording = fly(
         lateral, Controller(lambda _, seen, key: traced_lookup(seen, key)), 0, SCENARIOS, True
     )
@@ -461,8 +461,8 @@ def test_python_and_jit_issue_the_same_clearances_with_a_table_policy(lateral, p
         assert in_python == clearances(recording, number), number
 
 
-def test_python_and_jit_issue_the_same_clearances_with_the_network(lateral, phases):
-    """numpy and XLA add in another order: they may differ where two logits nearly tie."""
+def test_python_and_jit_stack_alike_with_the_network(lateral, phases):
+    """NumPy and XLA add in different orders, so they may decide near-ties of logits differently."""
     policy = find_policy("lateral")
     controller = network_controller(policy.actor, policy.normaliser, greedy=True)
     recording = fly(lateral, controller, 0, SCENARIOS, True)
@@ -470,12 +470,12 @@ def test_python_and_jit_issue_the_same_clearances_with_the_network(lateral, phas
     for number in range(SCENARIOS):
         margins = []
 
-        def ask(seen, margins=margins):
+        def query(seen, margins=margins):
             logits = np.sort(policy.logits(seen))
             margins.append(float(logits[-1] - logits[-2]))
             return policy(seen)
 
-        in_python, in_jit = fly_in_python(phases, ask, number), clearances(recording, number)
+        in_python, in_jit = fly_in_python(phases, query, number), clearances(recording, number)
         if in_python != in_jit:
             different += 1
             assert min(margins) < 1e-3, f"scenario {number} differs without a near-tie"

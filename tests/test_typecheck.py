@@ -1,4 +1,4 @@
-"""What the tests' type checker checks: every function but nested ones without shapes."""
+"""The tests' type checker checks every function, except nested ones without shapes."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def outer(tmp_path, monkeypatch):
         return nesting.outer
 
 
-def test_shapes_are_checked_inside_and_outside(outer):
+def test_checks_shapes_in_outer_and_nested_functions(outer):
     with pytest.raises(TypeCheckError, match=r"parameters of nesting\.outer\."):
         outer(np.zeros((2, 2)), "plain")
     with pytest.raises(TypeCheckError, match=r"parameters of nesting\.outer\.<locals>\.shaped"):

@@ -1,7 +1,7 @@
-"""The type checker of the tests: beartype, with int where float is asked for, as PEP 484 has it.
+"""The type checker of the tests: beartype, accepting int for float as in PEP 484.
 
-Wrapping a nested function at each call of the outer one takes a millisecond, most of the time of
-tests that loop over cycles. A nested function is therefore checked only if it contains a shape.
+Wrapping a nested function at each call of its outer function takes a millisecond, which dominates
+tests that loop over cycles. Nested functions are therefore checked only if they contain a shape.
 """
 
 import ast
@@ -12,7 +12,7 @@ from jaxtyping._import_hook import JaxtypingTransformer  # private: there is no 
 typecheck = beartype(conf=BeartypeConf(is_pep484_tower=True))
 
 
-def states_shape(function):
+def contains_shape(function):
     """Whether a function contains a shape, such as `Float[Array, "n"]`, in any subscript."""
     return any(
         isinstance(each, ast.Subscript)
@@ -24,8 +24,8 @@ def states_shape(function):
 
 
 def _visit(transformer, function):
-    inside = any(isinstance(each, ast.FunctionDef) for each in transformer._parents)
-    if inside and not states_shape(function):
+    nested = any(isinstance(each, ast.FunctionDef) for each in transformer._parents)
+    if nested and not contains_shape(function):
         return function
     return _wrap(transformer, function)
 

@@ -1,14 +1,14 @@
-"""Waiting in tests: as long as a busy machine needs, but not for ever."""
+"""Waiting in tests: long enough for a busy machine, but not forever."""
 
 import time
 from collections.abc import Callable
 
-HANGS_S = 600.0
-"""What takes so long hangs: nothing here takes more than some seconds on an idle machine."""
+TIMEOUT_S = 600.0
+"""Anything slower than this is considered hung; all tests take seconds on an idle machine."""
 
 
 def wait_until(condition: Callable[[], object]) -> None:
-    begun = time.monotonic()
+    start = time.monotonic()
     while not condition():
-        assert time.monotonic() - begun < HANGS_S, "it hangs"
+        assert time.monotonic() - start < TIMEOUT_S, "it hangs"
         time.sleep(0.05)

@@ -1,4 +1,4 @@
-"""What is a policy, what it is called, and for which experiment it is."""
+"""Objects that are policies, their names and their experiments."""
 
 import pickle
 
@@ -14,33 +14,33 @@ FEW = Conditions(episodes=2)
 
 
 class Model:
-    """What Stable-Baselines3's models look like from outside."""
+    """The interface of a model of Stable-Baselines3. Its generator cannot be pickled."""
 
     def __init__(self, state=None):
-        self._state, self.lock = state, (open_end for open_end in ())
+        self._state, self.generator = state, (item for item in ())
 
     def predict(self, observation, deterministic=False):
         assert deterministic
         return np.zeros(len(observation), dtype=np.int64), self._state
 
 
-def test_names_come_from_what_is_given():
+def test_names_are_derived_from_the_policy():
     def rule(observation):
         return 0
 
     assert agent_of(rule).name == agent_of(Batched(rule)).name == "rule"
     assert agent_of(Model()).name == "Model"
     assert agent_of(lambda observation: 0).name == "policy"
-    judged = skystack.evaluate(rule, FEW, experiment="lateral", name="no rule")
-    assert judged.row["experiment"] == "no-rule"
+    result = skystack.evaluate(rule, FEW, experiment="lateral", name="no rule")
+    assert result.row["experiment"] == "no-rule"
 
 
-def test_what_is_no_policy_is_refused():
+def test_rejects_an_object_that_is_not_a_policy():
     with pytest.raises(InputError, match=r"^policy is 3 .allowed: .*find_agent"):
         skystack.evaluate(3, FEW, experiment="lateral")
 
 
-def test_the_experiment_must_be_given_and_fit():
+def test_requires_an_experiment_that_fits():
     with pytest.raises(InputError, match=r"needs an experiment.*--experiment NAME or FILE.toml"):
         skystack.evaluate(lambda observation: 0, FEW)
     with pytest.raises(InputError, match="did you mean 'lateral'"):
@@ -53,32 +53,32 @@ def test_the_experiment_must_be_given_and_fit():
     assert agent_task(some, "vertical", "merge").sector.name == "merge"
 
 
-def test_our_own_policies_carry_their_experiment():
+def test_rejects_an_experiment_for_our_own_policies():
     with pytest.raises(InputError, match=r"^lateral carries its own experiment"):
         skystack.evaluate(skystack.find_policy("lateral"), FEW, experiment="lateral")
 
 
-def test_a_function_has_no_probabilities():
-    greedless = FEW._replace(greedy=False)
+def test_rejects_sampling_from_a_function():
+    sampling = FEW._replace(greedy=False)
     with pytest.raises(InputError, match="no probabilities to sample from"):
-        skystack.evaluate(lambda observation: 0, greedless, experiment="lateral")
+        skystack.evaluate(lambda observation: 0, sampling, experiment="lateral")
 
 
-def test_a_model_that_predicts_is_a_policy():
-    judged = skystack.evaluate(Model(), FEW, experiment="lateral")
-    assert judged.row["clearances_mean"] == 0.0
+def test_accepts_a_model_that_predicts_but_no_recurrent_one():
+    result = skystack.evaluate(Model(), FEW, experiment="lateral")
+    assert result.row["clearances_mean"] == 0.0
     with pytest.raises(InputError, match=r"^scenario 0 and 1 more, cycle 0: it is recurrent"):
         skystack.evaluate(Model(state=(1, 2)), FEW, experiment="lateral")
 
 
-def test_functions_reach_other_processes():
-    """Closures and lambdas, which plain pickle refuses."""
+def test_functions_can_be_pickled():
+    """Including closures and lambdas, which plain pickle refuses."""
     offset = 3
     agent = pickle.loads(pickle.dumps(agent_of(lambda observation: len(observation) - offset)))
     assert agent.act(np.zeros(5)) == 2
 
 
-def test_what_cannot_reach_other_processes_is_refused():
+def test_rejects_a_model_that_cannot_be_pickled():
     pytest.importorskip("bluebird_dt")
     elsewhere = FEW._replace(platform="bluebird")
     with pytest.raises(InputError, match="cannot be sent to other processes"):

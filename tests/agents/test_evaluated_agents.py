@@ -1,4 +1,4 @@
-"""`skystack evaluate` of other libraries' files, and functions in other simulators."""
+"""`skystack evaluate` with files of other libraries, and functions in other simulators."""
 
 import json
 
@@ -17,7 +17,7 @@ TABLES = ["aircraft", "clearances", "episodes", "trajectories"]
 
 
 def evaluate(capsys, *words):
-    """The exit code, the row and what went to standard error."""
+    """The exit code, the row and the output on standard error."""
     code = main(["evaluate", *(str(word) for word in words), "--json"])
     captured = capsys.readouterr()
     return code, json.loads(captured.out)["rows"][0] if captured.out else None, captured.err
@@ -32,15 +32,15 @@ def onnx_file(tmp_path_factory):
 
 
 @pytest.mark.parametrize("stacking", ["--stacking", "--no-stacking"])
-def test_an_onnx_file_gives_the_row_and_the_tables(stacking, onnx_file, capsys, tmp_path):
+def test_an_onnx_file_gives_the_row_and_tables_of_the_policy(stacking, onnx_file, capsys, tmp_path):
     words = ["--episodes", 6, stacking, "--out", tmp_path]
     code, row, _ = evaluate(capsys, onnx_file, *words)
     assert code == 0
     _, ours, _ = evaluate(capsys, "lateral-best", *words)
-    left = {"experiment", "wall_s", "min_separation_nm_min", "min_separation_nm_mean"}
+    varying = {"experiment", "wall_s", "min_separation_nm_min", "min_separation_nm_mean"}
     assert row.keys() == ours.keys()
-    assert {name: row[name] for name in row.keys() - left} == {
-        name: ours[name] for name in row.keys() - left
+    assert {name: row[name] for name in row.keys() - varying} == {
+        name: ours[name] for name in row.keys() - varying
     }
     kind = "stacked" if stacking == "--stacking" else "plain"
     folder, other = (tmp_path / f"{name}-s0-skystack-{kind}" for name in ("theirs", "lateral-best"))
@@ -53,7 +53,7 @@ def test_an_onnx_file_gives_the_row_and_the_tables(stacking, onnx_file, capsys, 
     capsys.readouterr()
 
 
-def test_an_onnx_file_is_sampled_as_the_policy_itself(onnx_file, capsys):
+def test_an_onnx_file_samples_the_same_as_the_policy(onnx_file, capsys):
     rows = [
         evaluate(capsys, name, "--episodes", 6, "--sample")[1]
         for name in (onnx_file, "lateral-best")
@@ -62,7 +62,7 @@ def test_an_onnx_file_is_sampled_as_the_policy_itself(onnx_file, capsys):
     assert not rows[0]["greedy"]
 
 
-def test_a_zip_is_judged_on_the_experiment_that_is_named(capsys, tmp_path):
+def test_evaluates_a_zip_on_the_given_experiment(capsys, tmp_path):
     stable_baselines3 = pytest.importorskip("stable_baselines3")
     import gymnasium
 
@@ -75,50 +75,52 @@ def test_a_zip_is_judged_on_the_experiment_that_is_named(capsys, tmp_path):
     code, row, _ = evaluate(capsys, *few, "--experiment", "lateral", "--out", tmp_path / "e")
     assert (code, row["experiment"], row["episodes"]) == (0, "model", 2)
     assert [path.name for path in (tmp_path / "e").iterdir()] == ["model-s0-skystack-stacked"]
-    for words, why in (
+    for words, message in (
         ([], "model needs an experiment: none was given (allowed: --experiment NAME"),
         (["--experiment", "vertical"], "model has 8 observed values and 5 actions (allowed for ve"),
         (["--experiment", "lateral", "--sector", "merg"], "unknown sector 'merg'; did you mean"),
     ):
         code, _, err = evaluate(capsys, *few, *words)
         assert (code, err.count("\n")) == (2, 1)
-        assert err.startswith(f"skystack: {why}")
+        assert err.startswith(f"skystack: {message}")
 
 
-def test_mistakes_are_reported_in_one_line(capsys, tmp_path):
+def test_reports_mistakes_in_one_line(capsys, tmp_path):
     (tmp_path / "model.zip").write_bytes(b"no zip")
-    for words, why in (
+    for words, message in (
         (["lateral", "--experiment", "lateral"], "lateral carries its own experiment"),
         ([tmp_path / "model.zip"], f"{tmp_path / 'model.zip'}: is not a zip"),
         ([tmp_path / "none.onnx"], f"{tmp_path / 'none.onnx'}: cannot be read"),
     ):
         code, row, err = evaluate(capsys, *words)
         assert (code, row, err.count("\n")) == (2, None, 1)
-        assert err.startswith(f"skystack: {why}")
+        assert err.startswith(f"skystack: {message}")
 
 
 def turning(settings, until_deg):
-    """A function that pickles by its contents only: turns the first aircraft left for so long.
+    """A closure, pickled by value: turns AC1 left until its turn to the next fix is this large.
 
     `theta_f` is the turn to the next fix, -180 to 180 degrees as 0 to 1.
     """
 
-    def turn(seen):
-        return int(360.0 * seen[settings.features.index("theta_f")] - 180.0 < until_deg)
+    def turn(observation):
+        return int(360.0 * observation[settings.features.index("theta_f")] - 180.0 < until_deg)
 
     return turn
 
 
 @pytest.mark.parametrize("stacking", [True, False])
 def test_a_function_flies_in_bluebird(stacking, tmp_path):
-    """The same clearances as here: left turns of the first aircraft, in bursts."""
+    """The same clearances as in our simulator: left turns of AC1, in bursts."""
     pytest.importorskip("bluebird_dt")
     settings = NavigationSettings(features=("theta_f", "d_f"), cycles=100)
     experiment = Experiment("turning", task=settings)
     turn = turning(settings, until_deg=25.0)
     conditions = skystack.Conditions(episodes=2, stacking=stacking)
     here = skystack.evaluate(turn, conditions, tmp_path, experiment=experiment)
-    many = Batched(lambda observations: np.array([turn(seen) for seen in observations]))
+    many = Batched(
+        lambda observations: np.array([turn(observation) for observation in observations])
+    )
     for policy in (turn, many) if stacking else (turn,):
         there = skystack.evaluate(
             policy,
@@ -146,12 +148,12 @@ def test_an_onnx_file_flies_in_bluebird(onnx_file):
     assert there.row["success_rate"] == 1.0
 
 
-def test_a_function_that_fails_elsewhere_is_named_too():
+def test_reports_a_function_that_fails_in_bluebird():
     pytest.importorskip("bluebird_dt")
     calls = []
 
-    def fails(seen):
-        calls.append(seen)
+    def fails(observation):
+        calls.append(observation)
         return 1 // (4 - len(calls))
 
     settings = NavigationSettings(cycles=100)

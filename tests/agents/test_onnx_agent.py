@@ -1,4 +1,4 @@
-"""ONNX files of any library as policies: what they may be, and what is refused."""
+"""ONNX files of any library as policies: what is accepted, and what is refused."""
 
 import os
 import pickle
@@ -22,13 +22,13 @@ from skystack.export.onnx_file import export_onnx
 from skystack.policies.shipped import find_policy
 
 FLOAT, INT64 = TensorProto.FLOAT, TensorProto.INT64
-SEEN, ACTIONS = 14, 5
-WEIGHTS = np.random.default_rng(0).normal(size=(SEEN, ACTIONS)).astype(np.float32)
-ROWS = np.random.default_rng(1).uniform(size=(50, SEEN)).astype(np.float32)
+OBSERVATIONS, ACTIONS = 14, 5
+WEIGHTS = np.random.default_rng(0).normal(size=(OBSERVATIONS, ACTIONS)).astype(np.float32)
+ROWS = np.random.default_rng(1).uniform(size=(50, OBSERVATIONS)).astype(np.float32)
 
 
 def write(path, outputs=("logits", "action"), batch="batch", extra_nodes=(), **metadata):
-    """A linear policy: logits, and the action of the greatest."""
+    """A linear policy: logits, and the action with the greatest."""
     known = {
         "logits": helper.make_tensor_value_info("logits", FLOAT, [batch, ACTIONS]),
         "action": helper.make_tensor_value_info("action", INT64, [batch]),
@@ -44,7 +44,7 @@ def write(path, outputs=("logits", "action"), batch="batch", extra_nodes=(), **m
     graph = helper.make_graph(
         nodes,
         "linear",
-        [helper.make_tensor_value_info("seen", FLOAT, [batch, SEEN])],
+        [helper.make_tensor_value_info("seen", FLOAT, [batch, OBSERVATIONS])],
         [known[name] for name in outputs],
         [numpy_helper.from_array(WEIGHTS, "weights")],
     )
@@ -71,18 +71,18 @@ def answers(agent):
 @pytest.mark.parametrize(
     "outputs", [("action",), ("logits",), ("logits", "action"), ("action", "value", "second")]
 )
-def test_it_answers_as_the_matrix_does(outputs, batch, tmp_path):
+def test_gives_the_answers_of_the_matrix(outputs, batch, tmp_path):
     agent = read_onnx(write(tmp_path / "a b.onnx", outputs, batch))
     expected = (ROWS @ WEIGHTS).argmax(axis=1)
     np.testing.assert_array_equal(answers(agent), expected)
-    assert (agent.name, agent.observations, agent.facts) == ("a-b", SEEN, None)
+    assert (agent.name, agent.observations, agent.facts) == ("a-b", OBSERVATIONS, None)
     assert agent.logits == (agent.scores is not None)
     if "logits" in outputs:
         assert agent.actions == ACTIONS
     np.testing.assert_array_equal(answers(pickle.loads(pickle.dumps(agent))), expected)
 
 
-def test_an_export_of_ours_knows_its_experiment(tmp_path):
+def test_our_own_export_names_its_experiment(tmp_path):
     policy = find_policy("lateral-best")
     export_onnx(policy, tmp_path / "mine.onnx")
     agent = find_agent(str(tmp_path / "mine.onnx"))
@@ -110,13 +110,13 @@ def facts(**changes):
     return described | changes
 
 
-def test_metadata_is_read_with_care(tmp_path):
+def test_rejects_invalid_metadata_and_ignores_foreign(tmp_path):
     path = tmp_path / "policy.onnx"
     with pytest.raises(InputError, match=r"policy.onnx: seed in its metadata is damaged"):
         read_onnx(write(path, **facts(seed="none")))
     with pytest.raises(InputError, match="observation in its metadata is damaged"):
         read_onnx(write(path, **facts(observation="[" * 100_000)))
-    # Another program may use some of the same words.
+    # Other programs may use some of the same keys.
     assert read_onnx(write(path, experiment="mlflow", seed="x")).facts is None
     for name in (str(tmp_path / "secret.toml"), "../secret", ""):
         with pytest.raises(InputError, match=r"metadata is damaged: experiment is .*: 1 to 80 of"):
@@ -126,8 +126,8 @@ def test_metadata_is_read_with_care(tmp_path):
         agent_task(elsewhere, None)
 
 
-def test_weights_in_other_files_are_refused(tmp_path, monkeypatch):
-    """Wherever they are named: an attribute, a function, a graph inside."""
+def test_rejects_weights_in_other_files(tmp_path, monkeypatch):
+    """In an initializer, in an attribute and in a nested graph."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "passwd").write_bytes(WEIGHTS.tobytes())
     outside = numpy_helper.from_array(WEIGHTS, "weights")
@@ -135,7 +135,7 @@ def test_weights_in_other_files_are_refused(tmp_path, monkeypatch):
     outside.data_location = TensorProto.EXTERNAL
     for key, value in (("location", "passwd"), ("offset", "0")):
         outside.external_data.add(key=key, value=value)
-    seen = helper.make_tensor_value_info("seen", FLOAT, ["batch", SEEN])
+    seen = helper.make_tensor_value_info("seen", FLOAT, ["batch", OBSERVATIONS])
     logits = helper.make_tensor_value_info("logits", FLOAT, ["batch", ACTIONS])
     multiply = helper.make_node("MatMul", ["seen", "weights"], ["logits"])
     constant = helper.make_node("Constant", [], ["weights"], value=outside)
@@ -155,7 +155,7 @@ def test_weights_in_other_files_are_refused(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("inputs", "outputs", "why"),
+    ("inputs", "outputs", "message"),
     [
         ([("seen", TensorProto.DOUBLE, ["b", 3])], [3], r"its inputs are seen tensor\(double\)"),
         (
@@ -170,7 +170,7 @@ def test_weights_in_other_files_are_refused(tmp_path, monkeypatch):
         ([("seen", FLOAT, ["b", 10**6])], [10**6], "it observes 1000000 values"),
     ],
 )
-def test_other_forms_are_refused(inputs, outputs, why, tmp_path):
+def test_rejects_other_inputs_and_outputs(inputs, outputs, message, tmp_path):
     kind, shape = inputs[0][1], [inputs[0][2][0], *outputs]
     graph = helper.make_graph(
         [helper.make_node("Identity", ["seen"], ["out"])],
@@ -178,11 +178,11 @@ def test_other_forms_are_refused(inputs, outputs, why, tmp_path):
         [helper.make_tensor_value_info(*each) for each in inputs],
         [helper.make_tensor_value_info("out", kind, shape)],
     )
-    with pytest.raises(InputError, match=rf"^.*policy.onnx: {why}"):
+    with pytest.raises(InputError, match=rf"^.*policy.onnx: {message}"):
         read_onnx(save(tmp_path / "policy.onnx", graph))
 
 
-def test_logits_are_named_where_several_outputs_could_be(tmp_path):
+def test_of_several_possible_outputs_takes_the_one_named_logits(tmp_path):
     agent = read_onnx(write(tmp_path / "policy.onnx", ("second", "logits")))
     np.testing.assert_allclose(agent.scores(ROWS), ROWS @ WEIGHTS, rtol=1e-4, atol=1e-5)
     path = write(tmp_path / "policy.onnx", ("second", "logits"))
@@ -196,7 +196,7 @@ def test_logits_are_named_where_several_outputs_could_be(tmp_path):
         read_onnx(path)
 
 
-def test_damaged_files_are_refused_in_one_line(tmp_path, capfd):
+def test_rejects_damaged_files_in_one_line(tmp_path, capfd):
     path = tmp_path / "policy.onnx"
     whole = write(path).read_bytes()
     with pytest.raises(InputError, match="cannot be read"):
@@ -217,7 +217,7 @@ def test_damaged_files_are_refused_in_one_line(tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_too_large_a_file_is_refused(tmp_path):
+def test_rejects_a_file_that_is_too_large(tmp_path):
     path = tmp_path / "policy.onnx"
     with path.open("wb") as file:
         file.truncate(65_000_000)
@@ -225,7 +225,7 @@ def test_too_large_a_file_is_refused(tmp_path):
         read_onnx(path)
 
 
-def test_onnxruntime_that_is_not_installed_names_its_extra(tmp_path, monkeypatch):
+def test_missing_onnxruntime_names_its_extra(tmp_path, monkeypatch):
     path = write(tmp_path / "policy.onnx")
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     with pytest.raises(InputError, match=r"policy.onnx needs onnx and onnxruntime.*\[onnx\]"):

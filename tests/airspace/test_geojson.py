@@ -1,4 +1,4 @@
-"""Areas as real maps write them: one ring of vertices, or one line that says why not."""
+"""GeoJSON areas as found in practice: read into one ring, or refused in one line."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from skystack.airspace.geojson import merge_near, outer_ring, unwrapped
 from skystack.airspace.projection import WGS84
 from skystack.errors import InputError
 
-# Two degrees on either side of the antimeridian, cut there as RFC 7946 (section 3.1.9) has it.
+# Two degrees on either side of the antimeridian, split there as in RFC 7946, section 3.1.9.
 WEST = [[178.0, -19.0], [180.0, -19.0], [180.0, -17.0], [178.0, -17.0], [178.0, -19.0]]
 EAST = [[-180.0, -19.0], [-178.0, -19.0], [-178.0, -17.0], [-180.0, -17.0], [-180.0, -19.0]]
 CORNERS = {(-19.0, 178.0), (-19.0, -178.0), (-17.0, -178.0), (-17.0, 178.0)}
@@ -22,7 +22,7 @@ def multi(*rings):
 
 
 def square_metres(ring):
-    """By pyproj, on geodesic edges, which makes no difference where edges are this short."""
+    """The area by pyproj, on geodesic edges, which makes no difference for edges this short."""
     lat, lon = np.array(ring).T
     return abs(WGS84.polygon_area_perimeter(lon, lat)[0])
 
@@ -44,10 +44,10 @@ def square_metres(ring):
     ids=[
         *("as in the RFC", "the eastern part first", "one part clockwise", "parts not closed"),
         *("both parts at +180", "10 cm short of 180", "altitudes"),
-        *("a jump", "beyond 180", "below -180"),
+        *("a jump from 178 to -178", "beyond 180", "below -180"),
     ],
 )
-def test_an_area_across_the_antimeridian_is_one_ring(area):
+def test_joins_an_area_split_at_the_antimeridian(area):
     ring = outer_ring(area)
     assert set(ring) == CORNERS
     assert len(ring) == 4
@@ -56,11 +56,11 @@ def test_an_area_across_the_antimeridian_is_one_ring(area):
 
 
 @pytest.mark.parametrize("digits", [9, 6, 3])
-def test_cutting_leaves_no_vertex_on_an_edge(digits):
-    """A northern edge from 17.0 S to 16.3 S, cut a third of its way along; the cut is rounded."""
-    cut = round(-17.0 + 0.7 * 2.0 / 3.0, digits)
-    west = [[178.0, -19.0], [180.0, -19.0], [180.0, cut], [178.0, -17.0]]
-    east = [[-180.0, -19.0], [-179.0, -19.0], [-179.0, -16.3], [-180.0, cut]]
+def test_removes_the_vertices_of_the_split(digits):
+    """A northern edge from 17.0 S to 16.3 S is split two thirds along, at a rounded latitude."""
+    split = round(-17.0 + 0.7 * 2.0 / 3.0, digits)
+    west = [[178.0, -19.0], [180.0, -19.0], [180.0, split], [178.0, -17.0]]
+    east = [[-180.0, -19.0], [-179.0, -19.0], [-179.0, -16.3], [-180.0, split]]
     assert set(outer_ring(multi(west, east))) == {
         *((-19.0, 178.0), (-19.0, -179.0)),
         *((-16.3, -179.0), (-17.0, 178.0)),
@@ -79,25 +79,28 @@ def test_180_degrees_east_is_180_degrees_west():
     assert np.ptp(unwrapped(ring)[:, 0]) == 2.0
 
 
-AWAY = [[170.0, -19.0], [171.0, -19.0], [171.0, -17.0]]
-BESIDE = [[179.0, -19.0], [180.0, -19.0], [180.0, -18.0]]
+DISTANT = [[170.0, -19.0], [171.0, -19.0], [171.0, -17.0]]
+OVERLAPPING = [[179.0, -19.0], [180.0, -19.0], [180.0, -18.0]]
 BOW_TIE = [[178.0, -19.0], [180.0, -17.0], [180.0, -19.0], [178.0, -17.0]]
-CORNER = [[-180.0, -17.0], [-178.0, -17.0], [-178.0, -15.0], [-180.0, -15.0]]
-BAY = [[-180.0, -19.0], [-178.0, -19.0], [-178.0, -17.0], [-180.0, -17.0], [-180.0, -17.5]]
-BAY += [[-179.0, -17.5], [-179.0, -18.5], [-180.0, -18.5], [-180.0, -19.0]]
+TOUCHING = [[-180.0, -17.0], [-178.0, -17.0], [-178.0, -15.0], [-180.0, -15.0]]
+WITH_BAY = [[-180.0, -19.0], [-178.0, -19.0], [-178.0, -17.0], [-180.0, -17.0], [-180.0, -17.5]]
+WITH_BAY += [[-179.0, -17.5], [-179.0, -18.5], [-180.0, -18.5], [-180.0, -19.0]]
 
 
 @pytest.mark.parametrize(
     ("area", "message"),
     [
-        (multi(WEST, AWAY), "is a MultiPolygon of 2 separate polygons (allowed: one polygon, or"),
-        (multi(WEST, EAST, AWAY), "is a MultiPolygon of 3 separate polygons"),
-        (multi(WEST, BESIDE), "is a MultiPolygon of 2 separate polygons"),
-        (multi(WEST, CORNER), "is a MultiPolygon of 2 separate polygons"),
-        (multi(*[AWAY] * 501), "is a MultiPolygon of 501 separate polygons"),
+        (
+            multi(WEST, DISTANT),
+            "is a MultiPolygon of 2 separate polygons (allowed: one polygon, or",
+        ),
+        (multi(WEST, EAST, DISTANT), "is a MultiPolygon of 3 separate polygons"),
+        (multi(WEST, OVERLAPPING), "is a MultiPolygon of 2 separate polygons"),
+        (multi(WEST, TOUCHING), "is a MultiPolygon of 2 separate polygons"),
+        (multi(*[DISTANT] * 501), "is a MultiPolygon of 501 separate polygons"),
         (multi(BOW_TIE, EAST), "coordinates[0] is not a simple polygon: Self-intersection"),
         (multi(WEST[:2], EAST), "coordinates[0][0] has 2 vertices"),
-        (multi(WEST, BAY), "has a hole at the antimeridian"),
+        (multi(WEST, WITH_BAY), "has a hole at the antimeridian"),
         (multi([], EAST), "coordinates[0][0] is not a ring"),
         (polygon([[-19.0, 178.5]]), "coordinates[0][0] is [-19.0, 178.5] (allowed: [longitude"),
         (polygon([[True, 1.0]]), "coordinates[0][0] is [true, 1.0]"),
@@ -108,23 +111,23 @@ BAY += [[-179.0, -17.5], [-179.0, -18.5], [-180.0, -18.5], [-180.0, -19.0]]
         (polygon([[0.0, 70.0], [120.0, 70.0], [-120.0, 70.0]]), "contains a pole"),
     ],
 )
-def test_what_is_no_single_area_is_refused(area, message):
+def test_refuses_an_invalid_area(area, message):
     with pytest.raises(InputError) as error:
         outer_ring(area)
     assert str(error.value).startswith(message)
 
 
-def test_exchanged_coordinates_are_recognised():
+def test_recognises_swapped_coordinates():
     with pytest.raises(InputError, match="are they swapped"):
         outer_ring(polygon([[lat, lon] for lon, lat in WEST]))
-    with pytest.raises(InputError) as error:  # too far north, not exchanged
+    with pytest.raises(InputError) as error:  # too far north, not swapped
         outer_ring(polygon([[10.0, 76.0], [11.0, 76.0], [11.0, 77.0]]))
     assert "exchanged" not in str(error.value)
 
 
 @pytest.mark.parametrize("start", [(0.0, 0.0), (52.0, -179.9999999), (-74.0, 20.0)])
-def test_vertices_less_than_a_metre_apart_are_one(start):
-    """Steps by pyproj's direct problem, to the north-east."""
+def test_merges_vertices_less_than_a_metre_apart(start):
+    """Points to the north-east by pyproj's direct problem."""
 
     def beyond(metres):
         lon, lat, _ = WGS84.fwd(start[1], start[0], 45.0, metres)
@@ -134,7 +137,7 @@ def test_vertices_less_than_a_metre_apart_are_one(start):
     assert merge_near([start, beyond(0.99), *far]) == [start, *far]
     assert merge_near([start, beyond(1.01), *far]) == [start, beyond(1.01), *far]
     assert merge_near([start, *far, beyond(0.99), start]) == [start, *far]
-    # A chain of short steps goes on where it is a metre from the vertex kept before it.
+    # In a chain of short steps, a vertex is kept if it is a metre from the last one kept.
     chain = [beyond(0.6 * step) for step in range(6)]
     assert merge_near([*chain, *far]) == [*chain[::2], *far]
     assert merge_near([start, beyond(0.5), beyond(0.9)]) == [start]

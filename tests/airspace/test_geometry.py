@@ -18,15 +18,15 @@ from skystack.airspace.xplus import x_plus
 ANGLES = st.floats(-3600.0, 3600.0, width=32, allow_subnormal=False)
 BELOW_MINUS_180 = float(np.nextafter(np.float32(-180.0), np.float32(-200.0)))
 COORDINATES = st.integers(-12800, 12800).map(lambda n: n / 128.0)
-"""NM within 100 of the origin, exact in float32, not closer than the rounding of a computation."""
+"""Within 100 NM of the origin, exact in float32 and further apart than rounding errors."""
 POINTS = st.tuples(COORDINATES, COORDINATES)
 
 
 compiled = cache(jax.jit)
 
 
-def one(function, *arguments):
-    """A function of arrays of one, applied to single things."""
+def single(function, *arguments):
+    """A function of arrays, applied to single values."""
     return float(
         compiled(function)(*(jnp.asarray(a, dtype=jnp.float32)[None] for a in arguments))[0]
     )
@@ -86,7 +86,7 @@ def test_bearing_undoes_direction(heading, distance):
     assert -180.0 <= back <= 180.0
 
 
-def test_bearing_of_nothing_is_zero():
+def test_bearing_of_a_zero_vector_is_zero():
     assert float(geometry.bearing(jnp.zeros((1, 2)))[0]) == 0.0
 
 
@@ -99,15 +99,15 @@ def test_cross_is_positive_to_the_left():
 @given(POINTS, st.lists(POINTS, min_size=2, max_size=6, unique=True))
 @example((0.0, -5.0), [(0.0, 0.0), (0.0, 10.0)])  # straight behind the first fix
 @example((10.0, 20.0), [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0)])  # straight beyond the last
-def test_distance_to_a_route_is_that_to_the_polyline(position, fixes):
+def test_distance_to_a_route_is_that_to_its_polyline(position, fixes):
     padded = fixes + fixes[-1:] * (6 - len(fixes))
-    distance = one(right_of_route, position, padded)
+    distance = single(right_of_route, position, padded)
     assert abs(distance) == pytest.approx(LineString(fixes).distance(Point(position)), abs=2e-3)
 
 
 @pytest.mark.parametrize("route", range(10))
-def test_distance_is_kept_all_round_the_end_of_a_route(route):
-    """Far from the last fix the repeated fix must not hide the leg that tells the side."""
+def test_distance_is_correct_all_round_the_end_of_a_route(route):
+    """Far from the last fix, the repeated fix must not hide the leg that determines the side."""
     fixes = x_plus().route_table.fixes_nm[route]
     radii, angles = np.meshgrid(np.linspace(1.0, 100.0, 34), np.linspace(0.0, 2.0 * np.pi, 61))
     points = fixes[-1] + np.stack([radii * np.sin(angles), radii * np.cos(angles)], -1)
@@ -120,25 +120,25 @@ def test_distance_is_kept_all_round_the_end_of_a_route(route):
 
 
 @given(POINTS, POINTS, st.floats(0.05, 0.95), st.floats(0.1, 50.0), st.sampled_from([-1.0, 1.0]))
-def test_distance_is_positive_right_of_a_leg(start, end, along, aside, side):
+def test_distance_is_positive_right_of_a_leg(start, end, along, offset, side):
     start, end = np.array(start), np.array(end)
     length = np.linalg.norm(end - start)
     assume(length > 1.0)
     unit = (end - start) / length
     right = np.array([unit[1], -unit[0]])
-    position = start + along * (end - start) + side * aside * right
-    distance = one(right_of_route, position, [start, end])
-    assert distance == pytest.approx(side * aside, abs=2e-3)
+    position = start + along * (end - start) + side * offset * right
+    distance = single(right_of_route, position, [start, end])
+    assert distance == pytest.approx(side * offset, abs=2e-3)
 
 
 @given(POINTS, st.lists(POINTS, min_size=3, max_size=3, unique=True))
 def test_mirrored_and_reversed_routes_change_only_the_side(position, fixes):
-    here = one(right_of_route, position, fixes)
+    original = single(right_of_route, position, fixes)
     mirror = np.array([-1.0, 1.0])
-    mirrored = one(right_of_route, np.array(position) * mirror, np.array(fixes) * mirror)
-    assert abs(mirrored) == pytest.approx(abs(here), abs=1e-5)
-    reverse = one(right_of_route, position, fixes[::-1])
-    assert abs(reverse) == pytest.approx(abs(here), abs=2e-3)
+    mirrored = single(right_of_route, np.array(position) * mirror, np.array(fixes) * mirror)
+    assert abs(mirrored) == pytest.approx(abs(original), abs=1e-5)
+    reverse = single(right_of_route, position, fixes[::-1])
+    assert abs(reverse) == pytest.approx(abs(original), abs=2e-3)
 
 
 @given(
@@ -146,20 +146,20 @@ def test_mirrored_and_reversed_routes_change_only_the_side(position, fixes):
     st.floats(0.0, 360.0),
     st.tuples(st.floats(-40.0, 40.0), st.floats(-40.0, 40.0)),
 )
-def test_distance_moves_and_turns_with_the_world(position, angle, shift):
+def test_distance_is_invariant_to_rotation_and_shift(position, angle, shift):
     fixes = np.array([(-50.0, 0.0), (0.0, 5.0), (20.0, 40.0)])
-    here = one(right_of_route, position, fixes)
-    assume(abs(here) > 0.01)
-    there = one(
+    original = single(right_of_route, position, fixes)
+    assume(abs(original) > 0.01)
+    moved = single(
         right_of_route,
         turned(position, angle, shift),
         turned(fixes, angle, shift),
     )
-    assert there == pytest.approx(here, abs=2e-3)
+    assert moved == pytest.approx(original, abs=2e-3)
 
 
 @given(hnp.arrays(np.float32, (20, 2), elements=st.floats(-60.0, 60.0, width=32)))
-def test_inside_the_sector_as_shapely_says(points):
+def test_inside_the_sector_agrees_with_shapely(points):
     area = Polygon(x_plus().area_nm)
     clear = shapely.distance(shapely.points(points), area.exterior) > 1e-3
     inside = geometry.inside_area(jnp.asarray(points), x_plus().area_nm)
@@ -172,7 +172,7 @@ def test_inside_the_sector_as_shapely_says(points):
     st.booleans(),
     st.floats(0.0, 360.0),
 )
-def test_inside_any_star_shaped_area_as_shapely_says(radii, point, clockwise, angle):
+def test_inside_a_star_shaped_area_agrees_with_shapely(radii, point, clockwise, angle):
     bearings = np.linspace(0.0, 2.0 * np.pi, len(radii), endpoint=False)
     corners = np.array(radii)[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
     corners = turned(corners[::-1] if clockwise else corners, angle)
@@ -193,7 +193,7 @@ def test_a_ray_through_a_corner_is_counted_once():
 def test_crossing_outward_is_an_intersection_from_left_to_right(before, after, start, end):
     assume(start != end and before != after)
     edge, flown = LineString([start, end]), LineString([before, after])
-    # Only in general position: no end point on the other segment.
+    # Only in general position: no end point lies on the other segment.
     near = [edge.distance(Point(p)) for p in (before, after)]
     near += [flown.distance(Point(p)) for p in (start, end)]
     assume(min(near) > 1e-2)
@@ -217,8 +217,8 @@ def test_crossing_outward_is_an_intersection_from_left_to_right(before, after, s
         ((1.0, 5.0), (2.0, 5.0), False),
     ],
 )
-def test_a_path_over_an_edge_to_the_north_crosses_it_once(before, after, crosses):
-    """Stopping on the edge is not yet crossing, leaving from there is: not twice, not never."""
+def test_a_path_crosses_a_northbound_edge_once(before, after, crosses):
+    """A path that stops on the edge has not crossed it; a path that starts on it has."""
     got = compiled(geometry.crosses_outward)(
         *(jnp.array([point]) for point in (before, after, (0.0, 0.0), (0.0, 10.0)))
     )
@@ -234,8 +234,8 @@ VELOCITIES = st.tuples(SPEEDS, SPEEDS)
 
 @given(OFFSETS, VELOCITIES, SPANS)
 @example((3.0, 4.0), (0.0, 0.0), [0.0, 1.0])
-def test_closest_approach_against_brute_force(offset, velocity, span):
-    closest = one(geometry.closest_approach, offset, velocity, *span)
+def test_closest_approach_agrees_with_brute_force(offset, velocity, span):
+    closest = single(geometry.closest_approach, offset, velocity, *span)
     times = np.linspace(*span, 2001)
     track = np.array(offset) + times[:, None] * np.array(velocity)
     step_nm = np.linalg.norm(velocity) * (span[1] - span[0]) / 2000.0
@@ -246,19 +246,17 @@ def test_closest_approach_against_brute_force(offset, velocity, span):
 @given(OFFSETS, VELOCITIES, SPANS)
 def test_closest_approach_is_the_distance_to_the_segment_flown(offset, velocity, span):
     ends = [np.array(offset) + t * np.array(velocity) for t in span]
-    closest = one(geometry.closest_approach, offset, velocity, *span)
+    closest = single(geometry.closest_approach, offset, velocity, *span)
     assert closest == pytest.approx(LineString(ends).distance(Point(0.0, 0.0)), abs=1e-3)
 
 
 @given(OFFSETS, VELOCITIES, SPANS, st.floats(0.0, 360.0))
-def test_closest_approach_turns_with_the_world(offset, velocity, span, angle):
-    here = one(geometry.closest_approach, offset, velocity, *span)
-    there = one(geometry.closest_approach, turned(offset, angle), turned(velocity, angle), *span)
-    assert there == pytest.approx(here, abs=1e-3)
-    seen_from_the_other = one(
-        geometry.closest_approach, -np.array(offset), -np.array(velocity), *span
-    )
-    assert seen_from_the_other == here
+def test_closest_approach_is_invariant_to_rotation(offset, velocity, span, angle):
+    original = single(geometry.closest_approach, offset, velocity, *span)
+    moved = single(geometry.closest_approach, turned(offset, angle), turned(velocity, angle), *span)
+    assert moved == pytest.approx(original, abs=1e-3)
+    exchanged = single(geometry.closest_approach, -np.array(offset), -np.array(velocity), *span)
+    assert exchanged == original
 
 
 def test_closest_approach_head_on_and_passing():
@@ -274,12 +272,12 @@ def test_closest_approach_head_on_and_passing():
 
 
 def test_a_span_that_ends_before_it_begins_has_no_approach():
-    assert one(geometry.closest_approach, (1.0, 0.0), (0.0, 1.0), 1.0, 0.5) == np.inf
+    assert single(geometry.closest_approach, (1.0, 0.0), (0.0, 1.0), 1.0, 0.5) == np.inf
 
 
 @pytest.mark.parametrize("corners", [64, 65, 500])
 def test_inside_an_area_of_many_corners(corners):
-    """A star, by shapely: written out or as a loop."""
+    """A star against shapely, for unrolled code and for a loop."""
     turn = 2.0 * np.pi * np.arange(corners) / corners
     radius = np.where(np.arange(corners) % 2, 60.0, 45.0)
     star = (radius * np.stack([np.cos(turn), np.sin(turn)])).T

@@ -35,7 +35,7 @@ def random_points(plane, count, seed=0):
 
 
 @pytest.mark.parametrize("origin", ORIGINS)
-def test_the_scale_is_that_of_short_geodesics(origin):
+def test_scale_agrees_with_short_geodesics(origin):
     plane = MercatorPlane(*origin)
     points = random_points(plane, 2000)
     step = 1e-3 * np.array([np.sin(np.arange(2000.0)), np.cos(np.arange(2000.0))]).T
@@ -45,14 +45,14 @@ def test_the_scale_is_that_of_short_geodesics(origin):
 
 
 @pytest.mark.parametrize("origin", ORIGINS)
-def test_the_slope_is_that_of_the_scale(origin):
+def test_slope_is_the_derivative_of_the_scale(origin):
     scale = MercatorPlane(*origin).scale
     north = np.linspace(-0.99 * SCALE_RANGE_NM, 0.99 * SCALE_RANGE_NM, 101)
     change = (scale(north + 0.5) - scale(north - 0.5)) / 1.0
     assert scale.slope(north) == pytest.approx(change, abs=1e-8)
 
 
-def test_beyond_its_range_the_scale_stays_what_it_is():
+def test_scale_is_constant_beyond_its_range():
     scale = MercatorPlane(75.0, 0.0).scale
     far = scale(np.array([SCALE_RANGE_NM, 1e4, 1e9]))
     assert np.all(far == far[0])
@@ -70,13 +70,13 @@ def test_plane_directions_are_true_bearings(origin):
 
 
 @pytest.mark.parametrize("origin", ORIGINS)
-def test_separations_below_20_nm_are_geodesic_within_0_005_nm(origin):
+def test_separations_below_20_nm_agree_with_geodesics(origin):
     plane = MercatorPlane(*origin)
     points = random_points(plane, 20_000)
     rng = np.random.default_rng(1)
     angle, length = rng.uniform(0.0, 2.0 * np.pi, 20_000), rng.uniform(0.0, 20.0, 20_000)
-    across = length[:, None] * np.array([np.sin(angle), np.cos(angle)]).T
-    others = points + across * plane.scale(points[:, 1:])
+    offset = length[:, None] * np.array([np.sin(angle), np.cos(angle)]).T
+    others = points + offset * plane.scale(points[:, 1:])
     _, true_nm = geodesic(plane.to_degrees(points), plane.to_degrees(others))
     middle = (points[:, 1] + others[:, 1]) / 2.0
     measured = np.linalg.norm(others - points, axis=1) / plane.scale(middle)
@@ -86,13 +86,13 @@ def test_separations_below_20_nm_are_geodesic_within_0_005_nm(origin):
 
 
 @pytest.mark.parametrize("origin", ORIGINS)
-def test_geodesic_directions_are_bearings_of_pyproj(origin):
+def test_geodesic_directions_agree_with_pyproj(origin):
     plane = MercatorPlane(*origin)
-    here, there = random_points(plane, 5000), random_points(plane, 5000, seed=1)
-    bearing, distance_nm = geodesic(plane.to_degrees(here), plane.to_degrees(there))
+    starts, ends = random_points(plane, 5000), random_points(plane, 5000, seed=1)
+    bearing, distance_nm = geodesic(plane.to_degrees(starts), plane.to_degrees(ends))
     found = np.asarray(
         plane.geodesic_direction(
-            jnp.asarray(here, dtype=jnp.float32), jnp.asarray(there, dtype=jnp.float32)
+            jnp.asarray(starts, dtype=jnp.float32), jnp.asarray(ends, dtype=jnp.float32)
         )
     )
     error = np.degrees(np.arctan2(found[:, 0], found[:, 1])) - bearing
@@ -103,7 +103,7 @@ def test_geodesic_directions_are_bearings_of_pyproj(origin):
 @given(
     st.floats(-75.0, 75.0), st.floats(-180.0, 180.0), st.floats(-5.0, 5.0), st.floats(-10.0, 10.0)
 )
-def test_there_and_back(origin_lat, origin_lon, lat_offset, lon_offset):
+def test_projecting_back_returns_the_point(origin_lat, origin_lon, lat_offset, lon_offset):
     plane = MercatorPlane(origin_lat, origin_lon)
     lat, lon = origin_lat + lat_offset, float(wrap_longitude(origin_lon + lon_offset))
     back = plane.to_degrees(plane.to_plane(lat, lon))
@@ -113,7 +113,7 @@ def test_there_and_back(origin_lat, origin_lon, lat_offset, lon_offset):
 
 
 @pytest.mark.parametrize("origin_lon", [180.0, -180.0, 179.5, -179.5])
-def test_longitudes_count_the_shorter_way_from_the_origin(origin_lon):
+def test_longitudes_are_taken_the_shorter_way_from_the_origin(origin_lon):
     plane = MercatorPlane(0.0, origin_lon)
     west, east = plane.to_plane([0.0, 0.0], [179.0, -179.0])[:, 0]
     assert east - west == pytest.approx(2.0 * 60.107716411, abs=1e-6)
@@ -121,7 +121,7 @@ def test_longitudes_count_the_shorter_way_from_the_origin(origin_lon):
 
 
 @given(st.floats(-1e4, 1e4))
-def test_wrapped_longitudes_are_in_range_and_the_same_meridian(lon):
+def test_wrapped_longitudes_are_in_range_on_the_same_meridian(lon):
     wrapped = float(wrap_longitude(lon))
     assert -180.0 <= wrapped < 180.0
     assert np.sin(np.radians(wrapped)) == pytest.approx(np.sin(np.radians(lon)), abs=1e-9)
@@ -129,7 +129,7 @@ def test_wrapped_longitudes_are_in_range_and_the_same_meridian(lon):
 
 
 @pytest.mark.parametrize("lon", [-180.0, -0.1, 0.0, 8.123456789, 179.99999])
-def test_longitudes_in_range_are_left_alone(lon):
+def test_longitudes_in_range_stay_unchanged(lon):
     assert float(wrap_longitude(lon)) == lon
 
 
@@ -137,7 +137,7 @@ def test_longitudes_in_range_are_left_alone(lon):
     ("start", "end"),
     [((59.0, 11.0), (66.0, 19.0)), ((66.0, 179.0), (60.0, -178.0)), ((-70.0, 10.0), (-66.0, 20.0))],
 )
-def test_edges_straight_in_degrees_are_followed_in_the_plane(start, end):
+def test_densified_edges_are_straight_in_degrees(start, end):
     plane = MercatorPlane((start[0] + end[0]) / 2.0, start[1] + 2.0)
     points = plane.densified(start, end, 0.05)
     assert points[0] == pytest.approx(plane.to_plane(*start), abs=1e-9)
@@ -153,13 +153,13 @@ def test_edges_straight_in_degrees_are_followed_in_the_plane(start, end):
     assert np.linalg.norm(gap, axis=2).min(axis=0).max() < 0.05
 
 
-def test_edges_along_a_meridian_or_a_parallel_need_no_points():
+def test_edges_along_meridians_or_parallels_need_no_points():
     plane = MercatorPlane(62.0, 15.0)
     assert len(plane.densified((59.0, 11.0), (66.0, 11.0), 0.05)) == 2
     assert len(plane.densified((59.0, 11.0), (59.0, 19.0), 0.05)) == 2
 
 
-def test_any_shape_of_points():
+def test_accepts_points_of_any_shape():
     points = EQUATOR.to_plane(np.zeros((3, 4)), np.ones((3, 4)))
     assert points.shape == (3, 4, 2)
     assert EQUATOR.to_degrees(points).shape == (3, 4, 2)

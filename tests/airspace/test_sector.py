@@ -1,4 +1,4 @@
-"""A sector made by hand: a square of 60 NM with one route straight through and one bent."""
+"""A hand-made sector: a square of 60 NM with a straight route and one that turns."""
 
 import numpy as np
 import pytest
@@ -25,24 +25,27 @@ SQUARE = Sector(
         ("SOUTH", "MIDDLE", "EDOOR", "EAST"),
     ),
 )
-LON_NM = 60.107716411
-"""Of a degree of longitude at the equator."""
+LON_DEGREE_NM = 60.107716411
+"""The length of a degree of longitude at the equator."""
 
 
 def north_nm(lat_deg):
-    """How far north of the equator a latitude lies in the plane: the isometric latitude."""
-    first = np.sqrt(0.0066943799901413165)  # eccentricity of WGS 84
+    """The distance north of the equator in the plane: the isometric latitude."""
+    eccentricity = np.sqrt(0.0066943799901413165)  # of WGS 84
     sine = np.sin(np.radians(lat_deg))
-    return np.degrees(np.arctanh(sine) - first * np.arctanh(first * sine)) * LON_NM
+    return (
+        np.degrees(np.arctanh(sine) - eccentricity * np.arctanh(eccentricity * sine))
+        * LON_DEGREE_NM
+    )
 
 
 def test_positions_in_the_plane():
-    assert SQUARE.fixes_nm["EAST"] == pytest.approx((0.6 * LON_NM, 0.0), abs=1e-6)
+    assert SQUARE.fixes_nm["EAST"] == pytest.approx((0.6 * LON_DEGREE_NM, 0.0), abs=1e-6)
     assert SQUARE.fixes_nm["SOUTH"] == pytest.approx((0.0, -north_nm(0.6)), abs=1e-6)
-    assert SQUARE.area_nm[1] == pytest.approx((0.5 * LON_NM, -north_nm(0.5)), abs=1e-6)
+    assert SQUARE.area_nm[1] == pytest.approx((0.5 * LON_DEGREE_NM, -north_nm(0.5)), abs=1e-6)
 
 
-def test_origin_is_where_the_plane_begins():
+def test_origin_is_at_zero_in_the_plane():
     moved = Sector("moved", (10.0, 20.0), (), (0, 1), {"HERE": (10.0, 20.0)}, ())
     assert moved.fixes_nm["HERE"] == pytest.approx((0.0, 0.0))
 
@@ -69,9 +72,9 @@ def test_first_headings_are_geodesic_bearings():
     assert SQUARE.first_heading_deg(("MIDDLE", "EAST")) == pytest.approx(90.0)
 
 
-def test_exit_edges_hold_the_last_but_one_fix():
+def test_exit_edges_contain_the_exit_fix():
     north, east = SQUARE.route_table.exit_edge_nm
-    corner = np.array([0.5 * LON_NM, north_nm(0.5)])
+    corner = np.array([0.5 * LON_DEGREE_NM, north_nm(0.5)])
     assert north == pytest.approx(np.array([corner, corner * (-1, 1)]), abs=1e-5)
     assert east == pytest.approx(np.array([corner * (1, -1), corner]), abs=1e-5)
 
@@ -87,13 +90,13 @@ def test_route_index(index):
     assert SQUARE.route_index(SQUARE.routes[index]) == index
 
 
-def test_an_unknown_fix_is_named_with_the_nearest_one():
+def test_refuses_an_unknown_fix_and_suggests_the_nearest():
     with pytest.raises(InputError, match=r"fix 'MIDLE'.*did you mean 'MIDDLE'\?") as error:
         SQUARE.route_index(("SOUTH", "MIDLE", "EDOOR", "EAST"))
     assert "\n" not in str(error.value)
 
 
-def test_an_unknown_route_is_refused_with_those_that_exist():
+def test_refuses_an_unknown_route_and_lists_the_known_ones():
     with pytest.raises(InputError, match="SOUTH MIDDLE EDOOR EAST") as error:
         SQUARE.route_index(("SOUTH", "MIDDLE", "NDOOR", "NORTH"))
     assert "square" in str(error.value)

@@ -1,4 +1,4 @@
-"""Sectors from files: what is read, and what is refused."""
+"""Sector files: the sectors of valid files, and the messages for invalid ones."""
 
 import json
 
@@ -37,14 +37,14 @@ def read(sector, folder):
     return make_sector(read_sector(path))
 
 
-def test_a_file_becomes_a_sector(tmp_path):
+def test_reads_a_sector(tmp_path):
     sector = read(PLAIN, tmp_path)
     assert sector.name == "square"
-    assert sector.origin == (50.0, 10.0)  # the middle
+    assert sector.origin == (50.0, 10.0)  # the centre
     assert sector.levels_fl == (200, 400)
     assert sector.fixes["EASTO"] == (50.0, 10.7)
     assert sector.routes == (("WESTO", "MIDDL", "EDGED", "EASTO"),)
-    # The exit is the eastern edge, south to north: 1 degree of the meridian, 60 NM of a sphere.
+    # The exit is the eastern edge, from south to north: 1 degree of the meridian.
     south, north = sector.edge_through("EDGED")
     length_nm = geodesic_leg((49.5, 10.5), (50.5, 10.5))[1]
     middle = sector.plane.scale((south + north)[1:] / 2.0)
@@ -72,12 +72,12 @@ FEATURE = {"type": "Feature", "properties": {"name": "any"}, "geometry": PLAIN["
         {"type": "Polygon", "coordinates": [[*SQUARE[:-1], [9.5, 49.5 + 8e-6], SQUARE[-1]]]},
     ],
     ids=[
-        *("feature", "collection", "clockwise", "open", "a vertex twice", "multipolygon of one"),
+        *("feature", "collection", "clockwise", "open", "a repeated vertex", "multipolygon of one"),
         *("feature of a multipolygon", "altitudes", "longitudes below -180"),
-        *("a vertex 0.4 m on", "a last vertex 0.9 m from the first"),
+        *("a vertex 0.4 m from the first", "a last vertex 0.9 m from the first"),
     ],
 )
-def test_an_area_may_be_written_in_several_ways(area, tmp_path):
+def test_reads_equivalent_areas_alike(area, tmp_path):
     sector, plain = read(changed(["area"], area, PLAIN), tmp_path), read(PLAIN, tmp_path)
     assert np.allclose(sorted(sector.area), sorted(plain.area), atol=1e-12)
     assert shapely.LinearRing(sector.area_nm).is_ccw
@@ -90,7 +90,7 @@ def test_vertices_more_than_a_metre_apart_are_kept(tmp_path):
 
 
 def moved(sector, lon):
-    """The same sector, so many degrees further east, longitudes in [-180, 180]."""
+    """The sector shifted east by `lon` degrees, with longitudes in [-180, 180]."""
 
     def wrapped(value):
         return (value + lon + 180.0) % 360.0 - 180.0
@@ -104,18 +104,18 @@ def moved(sector, lon):
 
 
 @pytest.mark.parametrize("lon", [169.5, 170.0, 170.25, -190.2, 169.4])
-def test_across_the_antimeridian_a_sector_is_the_same(lon, tmp_path):
-    there, here = read(moved(PLAIN, lon), tmp_path), read(PLAIN, tmp_path)
-    assert np.allclose(there.area_nm, here.area_nm, atol=1e-6)
-    for name, at in here.fixes_nm.items():
-        assert np.allclose(there.fixes_nm[name], at, atol=1e-6)
-    assert np.allclose(there.edge_through("EDGED"), here.edge_through("EDGED"), atol=1e-6)
-    assert np.isclose((there.origin[1] - here.origin[1] - lon + 180.0) % 360.0, 180.0)
-    for _, east in (*there.area, *there.fixes.values(), there.origin):
+def test_a_sector_is_the_same_across_the_antimeridian(lon, tmp_path):
+    shifted, plain = read(moved(PLAIN, lon), tmp_path), read(PLAIN, tmp_path)
+    assert np.allclose(shifted.area_nm, plain.area_nm, atol=1e-6)
+    for name, at in plain.fixes_nm.items():
+        assert np.allclose(shifted.fixes_nm[name], at, atol=1e-6)
+    assert np.allclose(shifted.edge_through("EDGED"), plain.edge_through("EDGED"), atol=1e-6)
+    assert np.isclose((shifted.origin[1] - plain.origin[1] - lon + 180.0) % 360.0, 180.0)
+    for _, east in (*shifted.area, *shifted.fixes.values(), shifted.origin):
         assert -180.0 <= east < 180.0
 
 
-def test_separation_standards_are_those_of_the_file(tmp_path):
+def test_reads_separation_standards(tmp_path):
     sector = read(PLAIN | {"separation_nm": 3.0, "separation_fl": 20}, tmp_path)
     assert (sector.separation_nm, sector.separation_fl) == (3.0, 20)
     assert sector.loss_below_nm == 2.9995
@@ -123,13 +123,13 @@ def test_separation_standards_are_those_of_the_file(tmp_path):
     assert (plain.separation_nm, plain.separation_fl) == (5.0, 10)
 
 
-def test_whole_numbers_may_be_written_with_a_point(tmp_path):
+def test_accepts_whole_numbers_with_a_decimal_point(tmp_path):
     assert read(PLAIN | {"levels_fl": [200.0, 4e2]}, tmp_path).levels_fl == (200, 400)
 
 
 @pytest.mark.parametrize(("south", "west"), [(63.4, 10.0), (-38.5, 144.0), (-2.0, -178.0)])
 def test_sectors_400_nm_across_keep_their_size(south, west, tmp_path):
-    """Area and lengths by pyproj."""
+    """Its area and lengths agree with pyproj."""
     wide = 6.7 / np.cos(np.radians(south + 3.3))
     ring = [[west, south], [west + wide, south], [west + wide, south + 6.6], [west, south + 6.6]]
     fixes = {
@@ -141,7 +141,7 @@ def test_sectors_400_nm_across_keep_their_size(south, west, tmp_path):
     entry = PLAIN | {"area": area, "fixes": fixes, "routes": [["WESTO", "EASTE", "EASTO"]]}
     sector = read(entry, tmp_path)
     x, y = sector.area_nm.T
-    across = 0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))  # in the plane
+    plane_area = 0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
     north = np.linspace(y.min(), y.max(), 2001)
     middle = (north[1:] + north[:-1]) / 2.0
     strips = (x.max() - x.min()) * np.diff(north) / sector.plane.scale(middle) ** 2
@@ -149,38 +149,45 @@ def test_sectors_400_nm_across_keep_their_size(south, west, tmp_path):
     lon = np.concatenate([parallel, parallel[::-1]])
     lat = np.repeat([south, south + 6.6], 2001)
     geodesic_m2 = WGS84.polygon_area_perimeter(lon, lat)[0]
-    assert across == pytest.approx((x.max() - x.min()) * (y.max() - y.min()), rel=1e-6)
+    assert plane_area == pytest.approx((x.max() - x.min()) * (y.max() - y.min()), rel=1e-6)
     assert strips.sum() * METRES_PER_NM**2 == pytest.approx(geodesic_m2, rel=1e-4)
     leg = geodesic_leg(sector.fixes["EASTE"], sector.fixes["EASTO"])[1]
     assert sector.route_table.leg_nm[0, 1] == pytest.approx(leg, rel=1e-6)
 
 
-def test_the_area_may_lie_in_a_file_beside(tmp_path):
+def test_reads_the_area_from_a_file_in_the_same_folder(tmp_path):
     (tmp_path / "area.geojson").write_text(json.dumps(FEATURE))
     assert read(changed(["area"], "area.geojson", PLAIN), tmp_path) == read(PLAIN, tmp_path)
 
 
-def test_of_an_area_its_polygon_is_kept(tmp_path):
-    """GeoJSON may tell anything beside it, in types that a configuration does not have."""
+def test_keeps_only_the_polygon_of_an_area(tmp_path):
+    """Other members of GeoJSON can have types that configurations do not support."""
     path = tmp_path / "sector.json"
     polygon = PLAIN["area"] | {"remark": [None]}
     feature = {"type": "Feature", "properties": {"tags": [None]}, "geometry": polygon}
     path.write_text(json.dumps(PLAIN | {"area": feature}))
     assert read_sector(path).area == PLAIN["area"]
-    high = [[*at, 9144.0] for at in SQUARE]
-    area = {"type": "MultiPolygon", "coordinates": [[[*high[:1], *high]]]}
+    with_altitudes = [[*at, 9144.0] for at in SQUARE]
+    area = {"type": "MultiPolygon", "coordinates": [[[*with_altitudes[:1], *with_altitudes]]]}
     path.write_text(json.dumps(PLAIN | {"area": area}))
     assert read_sector(path).area == PLAIN["area"]
 
 
 @pytest.mark.parametrize("name", ["../area.geojson", "/tmp/area.geojson", "area.txt", ""])
-def test_no_name_leads_out_of_the_folder(name, tmp_path):
+def test_refuses_files_outside_the_folder(name, tmp_path):
     with pytest.raises(
         InputError, match=r"area: .*: is not allowed \(allowed: the name of a .geojson"
     ):
         read(changed(["area"], name, PLAIN), tmp_path)
     with pytest.raises(InputError, match="is not allowed"):
         find_sector("../sector.json", tmp_path)
+
+
+def test_find_sector_without_a_folder_reads_any_path(tmp_path):
+    path = tmp_path / "sector.json"
+    path.write_text(json.dumps(PLAIN))
+    assert find_sector(path).fixes == find_sector("sector.json", tmp_path).fixes
+    assert find_sector("x-plus") is sector_named("x-plus")
 
 
 BOW_TIE = [[9.5, 49.5], [10.5, 50.5], [10.5, 49.5], [9.5, 50.5]]
@@ -257,7 +264,7 @@ HOLE = [[9.9, 49.9], [10.1, 49.9], [10.1, 50.1]]
             ["area", "coordinates", 0],
             [at[::-1] for at in SQUARE],
             "fixes.WESTO is 3131 NM from the origin at lat 50.0, lon 9.3 (allowed: at most 400 NM; "
-            "are they swapped? GeoJSON lists the longitude first)",
+            "are lat and lon swapped?)",
         ),
         (["fixes", "MIDDL", "lat"], 91.0, "fixes.MIDDL.lat is 91 (allowed: number from -75 to 75)"),
         (["fixes", "MIDDL", "lat"], "x", 'fixes.MIDDL.lat is "x" (allowed: number from -75 to'),
@@ -294,15 +301,15 @@ HOLE = [[9.9, 49.9], [10.1, 49.9], [10.1, 50.1]]
         ),
     ],
 )
-def test_what_is_no_sector_is_refused_in_one_line(where, value, message, tmp_path):
+def test_refuses_an_invalid_sector_in_one_line(where, value, message, tmp_path):
     with pytest.raises(InputError) as error:
         read(changed(where, value, PLAIN), tmp_path)
     assert str(error.value).startswith(f"{tmp_path / 'sector.json'}: {message}")
     assert "\n" not in str(error.value)
 
 
-def test_the_example_across_the_antimeridian_is_read_whole():
-    """A MultiPolygon cut in two, with altitudes and a vertex twice; its area by pyproj."""
+def test_reads_the_example_across_the_antimeridian():
+    """A split MultiPolygon with altitudes and a repeated vertex. Its area is that by pyproj."""
     folder = EXAMPLES / "antimeridian"
     sector = make_sector(read_sector(folder / "sector.json"))
     parts = json.loads((folder / "area.geojson").read_text())["features"][0]["geometry"]
@@ -310,7 +317,7 @@ def test_the_example_across_the_antimeridian_is_read_whole():
     parts_m2 = sum(abs(WGS84.polygon_area_perimeter(*ring.T)[0]) for ring in rings)
     lat, lon = np.array(sector.area).T
     assert abs(WGS84.polygon_area_perimeter(lon, lat)[0]) == pytest.approx(parts_m2, rel=1e-3)
-    # 8 vertices in the west and 6 in the east, beside the cut and the one that repeats.
+    # 8 vertices in the west and 6 in the east, without the split and the repeated vertex.
     assert len(sector.area) == 14
     assert not np.any(np.abs(lon) == 180.0)
     # RABIX, on the antimeridian, lies on an edge that crosses it.
@@ -319,8 +326,8 @@ def test_the_example_across_the_antimeridian_is_read_whole():
 
 
 @pytest.mark.parametrize("name", sector_names())
-def test_the_sectors_of_the_package_hold_what_a_sector_promises(name):
-    """As shapely sees them: a plain polygon, ends outside, the exit fix on its edge."""
+def test_shipped_sectors_are_valid(name):
+    """By shapely: a simple polygon, routes that end outside, exit fixes on the edge."""
     sector = sector_named(name)
     assert sector.name == name
     area = shapely.Polygon(sector.area_nm)
@@ -342,7 +349,7 @@ def test_the_sectors_of_the_package_hold_what_a_sector_promises(name):
     clockwise=st.booleans(),
 )
 def test_a_regular_polygon_anywhere_keeps_its_size(lat, lon, corners, radius_nm, clockwise):
-    """Drawn round its origin in the plane; area there by the closed form."""
+    """Its area in the plane is that of the closed form."""
     plane = MercatorPlane(lat, lon)
     turn = 2.0 * np.pi * np.arange(corners) / corners
     ring = radius_nm * np.stack([np.cos(turn), np.sin(turn)], axis=1)
@@ -385,7 +392,7 @@ def test_a_regular_polygon_anywhere_keeps_its_size(lat, lon, corners, radius_nm,
         (1000, 1, 97, None),
     ],
 )
-def test_more_than_can_be_flown_in_seconds_is_refused(fixes, routes, inner, message, tmp_path):
+def test_limits_the_numbers_of_fixes_and_routes(fixes, routes, inner, message, tmp_path):
     spare = {f"S{n}": {"lat": 50.0, "lon": 10.1} for n in range(fixes - 4)}
     route = ["WESTO", *[("MIDDL", "S0")[n % 2] for n in range(inner)], "EDGED", "EASTO"]
     crowded = PLAIN | {"fixes": PLAIN["fixes"] | spare, "routes": [route] * routes}
@@ -396,9 +403,9 @@ def test_more_than_can_be_flown_in_seconds_is_refused(fixes, routes, inner, mess
         read(crowded, tmp_path)
 
 
-def test_an_area_whose_edges_meet_in_the_plane_alone_is_refused():
-    """The second vertex lies on the edge from the third to the fourth, to the last bit of a degree:
-    edges are straight in degrees and bend in the plane, where these two cross."""
+def test_refuses_an_area_whose_edges_cross_only_in_the_plane():
+    """The second vertex lies almost exactly on the edge from the third to the fourth. Edges are
+    straight in degrees and bend in the plane, where two of these cross."""
     ring = [(7.2, 45.7), (8.2, 45.6), (8.0, 45.5), (9.0, 46.0), (8.4, 46.3), (7.2, 46.1)]
     area = {"type": "Polygon", "coordinates": [[list(each) for each in (*ring, ring[0])]]}
     entry = msgspec.structs.replace(

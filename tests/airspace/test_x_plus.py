@@ -1,4 +1,4 @@
-"""The generated X-Plus sector against the public BluebirdDT's: typed in, not computed here.
+"""The generated X-Plus sector against the published values of BluebirdDT.
 
 Points of the layout are NM at 60 NM per degree; legs and bearings are WGS-84 geodesics.
 """
@@ -130,14 +130,14 @@ ARM_ENDS_LAYOUT_NM = {
 }
 
 
-def test_fixes_lie_where_they_are_published():
+def test_fixes_have_the_published_positions():
     sector = x_plus()
     assert set(sector.fixes) == set(FIXES_LAT_LON)
     for name, point in FIXES_LAT_LON.items():
         assert sector.fixes[name] == pytest.approx(point, abs=1e-11)
 
 
-def test_layout_is_drawn_at_60_nm_per_degree():
+def test_layout_has_60_nm_per_degree():
     layout = XPlus().fixes_layout_nm()
     for name, point in FIXES_LAYOUT_NM.items():
         assert layout[name] == pytest.approx(point, abs=1e-8)
@@ -156,7 +156,7 @@ def test_area_in_degrees_is_the_layout_over_60():
     assert np.array(sector.area) == pytest.approx(expected, abs=1e-12)
 
 
-def test_area_measures():
+def test_size_of_the_area():
     area = Polygon(XPlus().area_layout_nm())
     west, south, east, north = area.bounds
     assert area.area == pytest.approx(3381.56, abs=5e-3)
@@ -164,7 +164,7 @@ def test_area_measures():
     assert x_plus().levels_fl == (200, 400)
 
 
-def test_ten_routes_are_left():
+def test_has_the_ten_published_routes():
     assert {" ".join(route) for route in x_plus().routes} == set(ROUTES)
 
 
@@ -183,7 +183,7 @@ def test_legs_turns_and_first_heading(route):
 
 
 @pytest.mark.parametrize(
-    ("max_turn_deg", "also"),
+    ("max_turn_deg", "additional"),
     [
         (
             91.0,
@@ -203,10 +203,10 @@ def test_legs_turns_and_first_heading(route):
         ),
     ],
 )
-def test_a_wider_turn_limit_keeps_more_routes(max_turn_deg, also):
+def test_a_wider_turn_limit_keeps_more_routes(max_turn_deg, additional):
     sector = XPlus(max_turn_deg=max_turn_deg).sector()
-    assert {" ".join(route) for route in sector.routes} == {*ROUTES, *also}
-    for route, sharpest in also.items():
+    assert {" ".join(route) for route in sector.routes} == {*ROUTES, *additional}
+    for route, sharpest in additional.items():
         turns = turns_deg(tuple(route.split()), sector.fixes)
         assert max(turns, key=abs) == pytest.approx(sharpest, abs=2e-3)
 
@@ -221,14 +221,14 @@ EXETER_LAT_LON = {
 }
 
 
-def test_elsewhere_the_layout_keeps_its_shape():
+def test_layout_keeps_its_shape_at_other_origins():
     """BluebirdDT's "xplus" airspace round Exeter: a degree of longitude is 60 NM cos(latitude)."""
     fixes = EXETER.sector().fixes
     for name, point in EXETER_LAT_LON.items():
         assert fixes[name] == pytest.approx(point, abs=1e-9)
 
 
-def test_at_exeter_one_right_angle_more_survives():
+def test_exeter_has_one_more_route():
     routes = {" ".join(route) for route in EXETER.sector().routes}
     assert routes == {*ROUTES, "HERON CRANE EGL ALB GOOSE PEL"}
 
@@ -256,7 +256,7 @@ def test_a_disc_of_4_nm_round_a_first_fix_stays_outside(fix):
     assert Polygon(sector.area_nm).distance(Point(sector.fixes_nm[fix])) > 4.9
 
 
-def test_exit_edges_are_the_arm_ends_with_the_inside_to_the_left():
+def test_exit_edges_are_arm_ends_with_the_inside_to_the_left():
     sector = x_plus()
     for route, edge in zip(sector.routes, sector.route_table.exit_edge_nm, strict=True):
         lon, lat = np.array(ARM_ENDS_LAYOUT_NM[route[-2]]).T / 60.0
@@ -283,7 +283,7 @@ def test_rotation_turns_the_layout_clockwise(rotation_deg):
     )
 
 
-def test_upright_arms_have_the_paper_s_lengths():
+def test_arms_have_the_lengths_of_the_paper():
     layout = XPlus(rotation_deg=0.0).fixes_layout_nm()
     assert layout["QUAIL"] == pytest.approx((0.0, 60.0), abs=1e-9)
     assert layout["GOOSE"] == pytest.approx((-50.0, 0.0), abs=1e-9)

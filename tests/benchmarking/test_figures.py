@@ -1,4 +1,4 @@
-"""Figures: medians, extremes, and what a rate is of."""
+"""Benchmark figures: medians, extremes, rates and ratios."""
 
 from types import SimpleNamespace
 
@@ -23,17 +23,17 @@ def test_a_figure_has_a_median_and_extremes():
     assert line == ("jump", "3.00", "1.00 to 10.0", "m", "3")
 
 
-def test_a_rate_is_amount_by_time_and_the_first_run_does_not_count(monkeypatch):
-    took_s, clock = iter([8.0, 0.5, 0.25, 2.0]), [0.0]
+def test_rates_are_amount_per_time_without_the_first_run(monkeypatch):
+    durations_s, clock = iter([8.0, 0.5, 0.25, 2.0]), [0.0]
 
     def work():
-        clock[0] += next(took_s)
+        clock[0] += next(durations_s)
 
     monkeypatch.setattr(figures, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
     assert tuple(rates(work, amount=10.0, repetitions=3)) == (20.0, 40.0, 5.0)
 
 
-def test_ratios_are_of_medians_to_the_peer_with_the_same_work():
+def test_ratios_compare_medians_of_peers_with_the_same_work():
     peer = PEERS[0]
     measured = [
         Figure(peer.ours, "steps/s", (90.0, 100.0, 900.0), ""),

@@ -1,4 +1,4 @@
-"""The plain PPO is one: it learns too."""
+"""The plain PPO that training is compared with learns, too."""
 
 from functools import partial
 
@@ -11,7 +11,7 @@ from skystack.learning.settings import PPOSettings
 from tests.learning.test_ppo import SignTask
 
 
-def test_it_learns_a_task_with_a_known_answer():
+def test_learns_a_task_with_a_known_answer():
     settings = PPOSettings(
         learning_rate=3e-3, environments=16, steps=32, minibatch=64, epochs=4, reward_scale=1.0
     )
@@ -21,6 +21,6 @@ def test_it_learns_a_task_with_a_known_answer():
     for _ in range(40):
         carry, loss = update(carry)
         assert bool(jnp.all(jnp.isfinite(loss)))
-    shown = jnp.linspace(0.0, 1.0, 101)[:, None]
-    said = jnp.argmax(forward(carry.parameters.actor, plain_ppo._centred(shown)), axis=1)
-    assert float(jnp.mean((said == 1) == (shown[:, 0] > 0.5))) > 0.9
+    observations = jnp.linspace(0.0, 1.0, 101)[:, None]
+    actions = jnp.argmax(forward(carry.parameters.actor, plain_ppo._centred(observations)), axis=1)
+    assert float(jnp.mean((actions == 1) == (observations[:, 0] > 0.5))) > 0.9

@@ -1,4 +1,4 @@
-"""Trainings that are timed are trainings."""
+"""Timed trainings are real trainings, and their figures describe them."""
 
 from functools import partial
 
@@ -24,13 +24,13 @@ def small(monkeypatch):
     return experiment
 
 
-def test_several_seeds_at_once_learn_what_each_would_alone(small):
+def test_seeds_trained_together_learn_the_same_as_alone(small):
     task, settings = build_training_task(small.task), small.ppo
     init, update = jax.jit(partial(ppo.init, task, settings)), partial(ppo.update, task, settings)
-    begun = [init(training_key(seed)) for seed in range(2)]
-    both = jax.tree.map(lambda *leaves: jnp.stack(leaves), *begun)
+    states = [init(training_key(seed)) for seed in range(2)]
+    both = jax.tree.map(lambda *leaves: jnp.stack(leaves), *states)
     together, _ = jax.jit(jax.vmap(update))(both)
-    for seed, learner in enumerate(begun):
+    for seed, learner in enumerate(states):
         alone, _ = jax.jit(update)(learner)
         for ours, theirs in zip(
             jax.tree.leaves(together.parameters), jax.tree.leaves(alone.parameters), strict=True
@@ -38,7 +38,7 @@ def test_several_seeds_at_once_learn_what_each_would_alone(small):
             np.testing.assert_allclose(ours[seed], theirs, atol=2e-5)
 
 
-def test_figures_name_what_was_trained(small):
+def test_figures_describe_the_training(small):
     rate, memory = training.training_figures("lateral", 2, seeds=2)
     assert (rate.name, rate.unit, len(rate.values)) == (
         "training, lateral, 2 seeds at once",
@@ -50,6 +50,6 @@ def test_figures_name_what_was_trained(small):
     assert memory.values[0] > 50.0
 
 
-def test_many_seeds_at_once_are_for_accelerators():
+def test_accelerator_figures_are_empty_on_a_cpu():
     assert jax.default_backend() == "cpu"
     assert training.accelerator_figures("lateral", 1) == []

@@ -1,4 +1,4 @@
-"""A training does not depend on how many cores it is given."""
+"""Training does not depend on the number of cores."""
 
 import subprocess
 import sys
@@ -7,21 +7,21 @@ import pytest
 
 from skystack.compilation.cores import cores
 
-FEW = ("ppo.total_steps=8192", "ppo.environments=64", "ppo.epochs=2")
+SMALL = ("ppo.total_steps=8192", "ppo.environments=64", "ppo.epochs=2")
 
 
-def trained_on(numbers, folder):
-    words = ["train", "lateral", "--out", str(folder)]
-    words += [word for change in FEW for word in ("--set", change)]
+def train_on(cores_to_use, folder):
+    arguments = ["train", "lateral", "--out", str(folder)]
+    arguments += [word for change in SMALL for word in ("--set", change)]
     program = (
         "import os; from skystack.cli import main; "
-        f"os.sched_setaffinity(0, {set(numbers)}); raise SystemExit(main({words}))"
+        f"os.sched_setaffinity(0, {set(cores_to_use)}); raise SystemExit(main({arguments}))"
     )
     subprocess.run([sys.executable, "-c", program], check=True, capture_output=True)
     return (folder / "policy.safetensors").read_bytes()
 
 
-@pytest.mark.skipif(len(cores()) < 2, reason="has one core")
+@pytest.mark.skipif(len(cores()) < 2, reason="needs two cores")
 def test_one_core_and_several_train_the_same_policy(tmp_path):
-    alone = trained_on(cores()[:1], tmp_path / "alone")
-    assert trained_on(cores(), tmp_path / "together") == alone
+    one_core = train_on(cores()[:1], tmp_path / "alone")
+    assert train_on(cores(), tmp_path / "together") == one_core

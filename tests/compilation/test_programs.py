@@ -1,4 +1,4 @@
-"""Compiled programs are kept between runs, whole, and never in the way."""
+"""The cache of compiled programs: reuse, damaged files, and folders that cannot be used."""
 
 import math
 import os
@@ -23,7 +23,7 @@ jax.monitoring.register_event_listener(
     lambda event, **_: event.endswith("cache_misses") and missed.append(event)
 )
 with kept_programs():
-    # However fast it is compiled, it is kept.
+    # Cache the program, however fast it is compiled.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     {inside}
     total = float(jax.jit(lambda x: jnp.sin(x) @ x)(jnp.eye(3)).sum())
@@ -39,47 +39,47 @@ def command(inside="pass", after="pass"):
 
 
 def run(cache, inside="pass", after="pass", **variables):
-    """What it computed and how many programs it compiled; any warning is an error."""
+    """Run the program and return how many programs it compiled; any warning is an error."""
     environment = os.environ | {"SKYSTACK_CACHE": str(cache), "PYTHONWARNINGS": "error"}
-    done = subprocess.run(
+    completed = subprocess.run(
         command(inside, after),
         env=environment | variables,
         capture_output=True,
         text=True,
         check=False,
     )
-    assert (done.returncode, done.stderr) == (0, "")
-    total, missed = done.stdout.split()
+    assert (completed.returncode, completed.stderr) == (0, "")
+    total, missed = completed.stdout.split()
     assert float(total) == pytest.approx(TOTAL, rel=1e-5)
     return int(missed)
 
 
-def kept(cache):
+def cached_files(cache):
     (folder,) = cache.iterdir()
     return sorted(folder.iterdir())
 
 
-def test_a_second_run_compiles_nothing(tmp_path):
+def test_second_run_compiles_nothing(tmp_path):
     assert run(tmp_path) > 0
-    first = kept(tmp_path)
+    first = cached_files(tmp_path)
     assert first
     assert not any(path.name.startswith("running-") for path in first)
     assert run(tmp_path) == 0
-    assert kept(tmp_path) == first
+    assert cached_files(tmp_path) == first
 
 
-def test_a_run_that_is_killed_leaves_nothing_under_a_programs_name(tmp_path):
+def test_killed_run_leaves_only_its_work_folder(tmp_path):
     environment = os.environ | {"SKYSTACK_CACHE": str(tmp_path)}
     killed = command(after="import os, signal; os.kill(os.getpid(), signal.SIGKILL)")
     subprocess.run(killed, env=environment, check=False)
-    assert [path.name.startswith("running-") for path in kept(tmp_path)] == [True]
+    assert [path.name.startswith("running-") for path in cached_files(tmp_path)] == [True]
     assert run(tmp_path) > 0
 
 
-def test_damaged_programs_are_dropped_and_compiled_again(tmp_path):
-    """Cut short, empty, changed in one bit, or of a version that gave them no digest."""
+def test_damaged_programs_are_deleted_and_recompiled(tmp_path):
+    """Truncated, empty, with one bit changed, or from a version without digests in the names."""
     compiled = run(tmp_path)
-    first = kept(tmp_path)
+    first = cached_files(tmp_path)
     whole = {path: path.read_bytes() for path in first}
     for path, data in whole.items():
         damages = [data[:-1], data[: len(data) // 2], b"", bytes([data[0] ^ 1]) + data[1:]]
@@ -87,15 +87,17 @@ def test_damaged_programs_are_dropped_and_compiled_again(tmp_path):
             path.unlink()
             path.write_bytes(damage)
             with ExitStack() as stack:
-                left = programs._work_folder(path.parent, stack)
+                work_folder = programs._work_folder(path.parent, stack)
                 assert not path.exists()
-                assert not (left / path.stem).exists()
+                assert not (work_folder / path.stem).exists()
             path.write_bytes(data)
     for path, data in whole.items():
         path.unlink()
         path.with_suffix("").write_bytes(data[:-1])
     assert run(tmp_path) == compiled
-    assert {path.stem for path in kept(tmp_path) if path.is_file()} == {p.stem for p in first}
+    assert {path.stem for path in cached_files(tmp_path) if path.is_file()} == {
+        p.stem for p in first
+    }
     assert run(tmp_path) == 0
 
 
@@ -103,20 +105,20 @@ FULL = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, resour
 FREE = "resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)"
 
 
-def test_a_program_truncated_by_a_full_disk_is_not_kept(tmp_path):
-    """Files end at 1,000 bytes while JAX writes; there is room again when they are moved."""
+def test_programs_truncated_by_a_full_disk_are_not_cached(tmp_path):
+    """Files are cut at 1,000 bytes while JAX writes; the limit is lifted before they are moved."""
     ignored = "import signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN)"
     written = "Path(jax.config.jax_compilation_cache_dir).glob('*-cache')"
     cut = f"assert {{p.stat().st_size for p in {written}}}"
     after = f"{FREE}; from pathlib import Path; {cut} == {{1000}}"
     compiled = run(tmp_path, inside=f"{FULL}; {ignored}", after=after)
     assert compiled > 0
-    assert kept(tmp_path) == []
+    assert cached_files(tmp_path) == []
     assert run(tmp_path) == compiled
     assert run(tmp_path) == 0
 
 
-def test_leftovers_of_a_killed_run_are_deleted_by_a_later_one(tmp_path):
+def test_later_run_deletes_leftovers_of_killed_runs(tmp_path):
     run(tmp_path)
     (folder,) = tmp_path.iterdir()
     for name in ("running-killed", "running-new", "running-at-work"):
@@ -127,18 +129,18 @@ def test_leftovers_of_a_killed_run_are_deleted_by_a_later_one(tmp_path):
         for name in ("running-killed", "running-at-work"):
             os.utime(folder / name, (hour_ago, hour_ago))
         run(tmp_path)
-    left = {path.name for path in kept(tmp_path) if path.name.startswith("running-")}
+    left = {path.name for path in cached_files(tmp_path) if path.name.startswith("running-")}
     assert left == {"running-new", "running-at-work"}
 
 
-@pytest.mark.parametrize("named", ["off", "/proc/nowhere", "~nobody-of-this-name/cache"])
-def test_without_a_folder_programs_are_compiled(named, tmp_path, monkeypatch):
+@pytest.mark.parametrize("setting", ["off", "/proc/nowhere", "~nobody-of-this-name/cache"])
+def test_compiles_without_a_cache_folder(setting, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    run(named)
+    run(setting)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_file_where_the_folder_should_be_is_left_alone(tmp_path):
+def test_file_in_place_of_the_folder_is_left_alone(tmp_path):
     file = tmp_path / "file"
     file.write_text("mine")
     run(file)
@@ -147,7 +149,7 @@ def test_a_file_where_the_folder_should_be_is_left_alone(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "gone",
+    "deletion",
     [
         "shutil.rmtree(folder)",
         "shutil.rmtree(folder.parent); folder.parent.write_text('')",
@@ -155,14 +157,14 @@ def test_a_file_where_the_folder_should_be_is_left_alone(tmp_path):
     ],
 )
 @pytest.mark.parametrize("when", ["inside", "after"])
-def test_a_folder_may_vanish_during_the_run(tmp_path, gone, when):
-    find = "import shutil; from pathlib import Path"
-    find += "; folder = Path(jax.config.jax_compilation_cache_dir)"
-    run(tmp_path, **{when: f"{find}; {gone}"})
+def test_folder_may_disappear_during_the_run(tmp_path, deletion, when):
+    find_folder = "import shutil; from pathlib import Path"
+    find_folder += "; folder = Path(jax.config.jax_compilation_cache_dir)"
+    run(tmp_path, **{when: f"{find_folder}; {deletion}"})
 
 
 def test_no_home_directory_means_no_cache(monkeypatch):
-    """No HOME, and no line in the list of users either."""
+    """Neither HOME nor an entry in the list of users."""
     pwd = pytest.importorskip("pwd")
 
     def unknown(_):
@@ -185,7 +187,7 @@ def test_a_full_disk_means_no_cache(monkeypatch, tmp_path):
         assert programs._work_folder(tmp_path, stack) is None
 
 
-def test_the_oldest_programs_make_room(monkeypatch, tmp_path):
+def test_deletes_the_oldest_programs_beyond_the_limit(monkeypatch, tmp_path):
     monkeypatch.setattr(programs, "MOST_BYTES", 25)
     for age, name in enumerate("abcd"):
         (tmp_path / name).write_bytes(b"x" * 10)
@@ -198,8 +200,8 @@ def test_the_oldest_programs_make_room(monkeypatch, tmp_path):
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="Linux")
-def test_programs_for_one_core_run_on_any():
-    """Two trainings side by side do not wait for the same core."""
+def test_compiling_for_one_core_leaves_threads_unpinned():
+    """Otherwise, two trainings in parallel would wait for the same core."""
     program = """
 import math
 import os
@@ -211,7 +213,7 @@ threads = [int(path.name) for path in Path("/proc/self/task").iterdir()]
 bound = [thread for thread in threads if os.sched_getaffinity(thread) != before]
 print(len(bound), int(len(threads) > 1))
 """
-    done = subprocess.run(
+    completed = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
-    assert done.stdout.split() == ["0", "1"]
+    assert completed.stdout.split() == ["0", "1"]

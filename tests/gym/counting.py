@@ -1,4 +1,4 @@
-"""A task made by hand, compiled in no time: whatever an environment makes of it is a formula."""
+"""A trivial task that compiles quickly and whose outcomes are known in closed form."""
 
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -18,25 +18,25 @@ SHORTEST, LONGEST = 2, 4
 
 class Counted(NamedTuple):
     drawn: jax.Array
-    """In [0, 1): the scenario's number."""
+    """The scenario's random number in [0, 1)."""
     cycles: jax.Array
-    told: jax.Array
+    total: jax.Array
     """The sum of all actions."""
-    waiting: jax.Array
-    """That of the actions since the last cycle."""
+    pending: jax.Array
+    """The sum of the actions since the last cycle."""
 
 
 def length_of(drawn):
-    """Cycles until the scenario ends, by its number."""
+    """The number of cycles until a scenario ends, from its random number."""
     return SHORTEST + np.floor(np.asarray(drawn) * (LONGEST + 1 - SHORTEST)).astype(int)
 
 
 @dataclass(frozen=True)
 class Counting:
-    """Scenarios of 2 to 4 cycles. A cycle's reward is its number, and ten times what was said.
+    """Scenarios of 2 to 4 cycles. The reward is the cycle's number plus ten times its actions.
 
-    Observed are the scenario's number, the cycles flown and the actions given, in hundredths. Of
-    two agents, the second gets a quarter of the reward, and its part ends in the first cycle.
+    The observation is the scenario's random number, and the cycles and the sum of all actions, both
+    divided by 100. Of two agents, the second gets a quarter of the reward and ends after one cycle.
     """
 
     truncates: bool = False
@@ -45,13 +45,13 @@ class Counting:
 
     name, version = "counting", 1
     action_names = ("none", "one", "two")
-    observation_names = ("drawn", "cycles", "told")
+    observation_names = ("drawn", "cycles", "total")
     metrics = MappingProxyType(
         {
-            "success": Metric("true or false", "an action was given"),
+            "success": Metric("true or false", "an instruction was issued"),
             "few_instructions": Metric("true or false", "the sum of all actions is below 3"),
             "instructions": Metric("count", "the sum of all actions"),
-            "drawn": Metric("number", "the scenario's number"),
+            "drawn": Metric("number", "the scenario's random number"),
             "cycles": Metric("count", "cycles flown"),
         }
     )
@@ -60,33 +60,33 @@ class Counting:
         return Counted(jax.random.uniform(key), *(jnp.zeros(()) for _ in range(3)))
 
     def observe(self, state):
-        return jnp.stack([state.drawn, state.cycles / 100.0, state.told / 100.0])
+        return jnp.stack([state.drawn, state.cycles / 100.0, state.total / 100.0])
 
     def may_stack(self, state, action):
-        return (action > 0) & (state.waiting < 4.0)
+        return (action > 0) & (state.pending < 4.0)
 
     def instruct(self, state, action):
-        said = action.astype(jnp.float32)
-        return state._replace(told=state.told + said, waiting=state.waiting + said)
+        amount = action.astype(jnp.float32)
+        return state._replace(total=state.total + amount, pending=state.pending + amount)
 
     def advance(self, state):
         cycles = state.cycles + 1.0
         span = LONGEST + 1.0 - SHORTEST
         ended = cycles >= SHORTEST + jnp.floor(state.drawn * span)
         metrics = {
-            "success": state.told > 0.0,
-            "few_instructions": state.told < 3.0,
-            "instructions": state.told,
+            "success": state.total > 0.0,
+            "few_instructions": state.total < 3.0,
+            "instructions": state.total,
             "drawn": state.drawn,
             "cycles": cycles,
         }
-        reward = cycles + 10.0 * state.waiting
+        reward = cycles + 10.0 * state.pending
         rewards = jnp.stack([reward] if self.agents == 1 else [0.75 * reward, 0.25 * reward])
         ends = jnp.stack([ended, jnp.ones_like(ended)][: self.agents])
         never = jnp.zeros_like(ends)
         terminated, truncated = (never, ends) if self.truncates else (ends, never)
         outcome = Outcome(rewards, terminated, truncated, ended, metrics)
-        return state._replace(cycles=cycles, waiting=jnp.zeros_like(cycles)), outcome
+        return state._replace(cycles=cycles, pending=jnp.zeros_like(cycles)), outcome
 
     def step(self, state, action):
         return self.advance(self.instruct(state, action))
@@ -94,7 +94,7 @@ class Counting:
 
 @dataclass(frozen=True)
 class Structured(Counting):
-    """The same with observations of named parts, in the same order once flattened."""
+    """The same with a dictionary as observation; flattened, it has the same order."""
 
     def observe(self, state):
         drawn, *others = super().observe(state)
@@ -103,9 +103,9 @@ class Structured(Counting):
 
 @dataclass(frozen=True)
 class Visible(Counting):
-    """The same with three aircraft to be seen, each with figures of its own; the third has left.
+    """The same with three visible aircraft, all with different values; the third has left.
 
-    Each cycle takes the first a mile to the east and the second a mile to the west.
+    In each cycle, the first flies one mile east and the second one mile west.
     """
 
     @property

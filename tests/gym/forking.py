@@ -1,7 +1,7 @@
-"""What `test_processes.py` runs in processes of its own: `python forking.py CASE`.
+"""The cases of `test_processes.py`, each run in its own process: `python forking.py CASE`.
 
-Forks with JAX running hang where they are not refused, so each case is a process that can be
-killed. What it prints last is its result, as JSON.
+A fork while JAX is running may hang if it is not rejected, so each case is a process that can be
+killed. The last line that it prints is its result as JSON.
 """
 
 import json
@@ -29,8 +29,8 @@ def single():
     return gymnasium.make(NAME, max_episode_steps=LIMIT)
 
 
-def flown(environment):
-    """Observations and rewards over several scenarios."""
+def fly(environment):
+    """Fly several scenarios, and return all observations and rewards."""
     seen = [environment.reset(seed=3)[0].tolist()]
     for actions in ACTIONS:
         observation, rewards, *_ = environment.step(actions)
@@ -44,17 +44,17 @@ def asynchronous(context):
 
 
 def same_as_synchronous(context):
-    """Flown in processes first: what is flown here starts JAX."""
-    theirs = flown(asynchronous(context))
-    ours = flown(SyncVectorEnv([single] * 2))
+    """Fly in subprocesses first, because flying in this process starts JAX."""
+    theirs = fly(asynchronous(context))
+    ours = fly(SyncVectorEnv([single] * 2))
     return theirs == ours and len(theirs) == len(ACTIONS) + 1
 
 
 def async_forked():
-    made = gymnasium.make_vec(
+    environment = gymnasium.make_vec(
         NAME, 2, vectorization_mode="async", max_episode_steps=LIMIT, vector_kwargs={}
     )
-    return flown(made) == flown(SyncVectorEnv([single] * 2))
+    return fly(environment) == fly(SyncVectorEnv([single] * 2))
 
 
 def async_forked_too_late():
@@ -78,7 +78,7 @@ def async_forkserver():
     return same_as_synchronous("forkserver")
 
 
-def stable_baselines3(environment):
+def fly_with_sb3(environment):
     environment.seed(3)
     seen = [environment.reset().tolist()]
     for actions in ACTIONS:
@@ -91,8 +91,8 @@ def stable_baselines3(environment):
 def sb3_forked():
     from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
-    theirs = stable_baselines3(SubprocVecEnv([single] * 2, start_method="fork"))
-    return theirs == stable_baselines3(DummyVecEnv([single] * 2))
+    theirs = fly_with_sb3(SubprocVecEnv([single] * 2, start_method="fork"))
+    return theirs == fly_with_sb3(DummyVecEnv([single] * 2))
 
 
 def sb3_forked_too_late():
@@ -102,13 +102,13 @@ def sb3_forked_too_late():
     environment = SubprocVecEnv([single] * 2, start_method="fork")
     try:
         environment.reset()
-    except (EOFError, ConnectionError):  # its workers pass no errors on; they print them
+    except (EOFError, ConnectionError):  # its workers print errors instead of passing them on
         return "ended"
     return None
 
 
 def environments():
-    """One of each class, and what uses it: name, environment, uses."""
+    """An environment of each class: its name, and functions that use it."""
     from skystack.gym.multi_agent import parallel_env
     from skystack.gym.registration import make_environment, make_vector_environment
     from skystack.gym.sb3 import StableBaselines3Environment
@@ -132,18 +132,18 @@ def environments():
             one.advance,
             one.render,
         ],
-        "stacked": two(StackedEnvironment(make_environment("lateral")), 1),
+        "stacked": reset_and_step(StackedEnvironment(make_environment("lateral")), 1),
         "vector": [
-            *two(vector, many),
+            *reset_and_step(vector, many),
             vector.render,
             lambda: vector.reset(options=mask),
         ],
         "for Stable-Baselines3": [for_sb3.reset, lambda: for_sb3.step(many)],
-        "agents": [*two(agents, {"AC1": 1}), agents.state, agents.render],
+        "agents": [*reset_and_step(agents, {"AC1": 1}), agents.state, agents.render],
     }
 
 
-def two(environment, action):
+def reset_and_step(environment, action):
     return [lambda: environment.reset(seed=1), lambda: environment.step(action)]
 
 
@@ -184,7 +184,7 @@ def outcomes_of(kinds):
 
 
 def in_a_fork(work):
-    """The result of `work` in a forked copy of this process."""
+    """The result of `work` in a forked child process."""
     reads, writes = os.pipe()
     child = os.fork()
     if child == 0:
@@ -219,27 +219,29 @@ def every_kind_made_in_a_fork():
 
 
 def imported_after_a_fork():
-    """The parent has used JAX and knows nothing of skystack."""
+    """The parent has used JAX, but has not imported skystack."""
     start_jax()
     assert not any(name.startswith("skystack") for name in sys.modules)
-    return in_a_fork(lambda: outcomes_of({"single": two(single(), 1)}))
+    return in_a_fork(lambda: outcomes_of({"single": reset_and_step(single(), 1)}))
 
 
 def grandchild():
     start_jax()
-    return in_a_fork(lambda: in_a_fork(lambda: outcomes_of({"single": two(single(), 1)})))
+    return in_a_fork(
+        lambda: in_a_fork(lambda: outcomes_of({"single": reset_and_step(single(), 1)}))
+    )
 
 
 def multiprocessing_child():
-    """The error is not caught: the child prints it and ends."""
+    """The error is not caught: the child prints it and exits."""
     start_jax()
-    child = multiprocessing.get_context("fork").Process(target=flown_alone)
+    child = multiprocessing.get_context("fork").Process(target=reset_single)
     child.start()
     child.join()
     return child.exitcode
 
 
-def flown_alone():
+def reset_single():
     single().reset(seed=0)
 
 

@@ -26,20 +26,20 @@ def by_pickle(environment):
     return pickle.loads(pickle.dumps(environment))
 
 
-def by_pickle_elsewhere(environment):
-    """As in a process that does not hold the original: programs are compiled again."""
+def by_pickle_in_another_process(environment):
+    """Unpickle as in another process, without the original: its programs are compiled again."""
     dumped = pickle.dumps(environment)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(programs, "_ALIVE", type(programs._ALIVE)())
         return pickle.loads(dumped)
 
 
-def made(**more):
-    return gymnasium.make(NAME, settings=SETTINGS, **more)
+def single(**options):
+    return gymnasium.make(NAME, settings=SETTINGS, **options)
 
 
 def stacked():
-    return StackedEnvironment(made())
+    return StackedEnvironment(single())
 
 
 def vector():
@@ -62,41 +62,41 @@ def for_pettingzoo():
 ONE, MANY = (lambda rng: int(rng.integers(5))), (lambda rng: rng.integers(5, size=3))
 
 
-def of_agents(rng):
+def agent_actions(rng):
     return {"AC1": int(rng.integers(3)), "AC2": int(rng.integers(3))}
 
 
 KINDS = {
-    made: ONE,
+    single: ONE,
     stacked: ONE,
     vector: MANY,
     for_stable_baselines3: MANY,
-    for_pettingzoo: of_agents,
+    for_pettingzoo: agent_actions,
 }
-"""Each class of environments, with what draws its actions."""
+"""A maker of each class of environments, with a function that draws its actions."""
 
 
 def check_identical(ours, theirs):
     def check(one, other):
         assert type(one) is type(other)
-        # Lists, as arrays of objects hold arrays and None.
+        # As lists, because arrays of objects contain arrays and None.
         np.testing.assert_equal(np.asarray(one).tolist(), np.asarray(other).tolist())
 
     jax.tree.map(check, ours, theirs)
 
 
-def flown(environment, draw, steps):
-    """Everything that comes back over several scenarios."""
-    rng, back = np.random.default_rng(1), []
+def fly(environment, draw, steps):
+    """Fly several scenarios, and return everything that the environment returned."""
+    rng, returned = np.random.default_rng(1), []
     for _ in range(steps):
-        back.append(environment.step(draw(rng)))
-        over = back[-1][2]
-        if over is True or (isinstance(over, dict) and all(over.values())):
-            back.append(environment.reset())
-    return back
+        returned.append(environment.step(draw(rng)))
+        ended = returned[-1][2]
+        if ended is True or (isinstance(ended, dict) and all(ended.values())):
+            returned.append(environment.reset())
+    return returned
 
 
-def begun(make):
+def started(make):
     """An environment in the middle of its second scenario."""
     environment, draw = make(), KINDS[make]
     if hasattr(environment, "seed"):  # Stable-Baselines3
@@ -104,61 +104,61 @@ def begun(make):
         environment.reset()
     else:
         environment.reset(seed=3)
-    flown(environment, draw, SETTINGS.cycles + 4)
+    fly(environment, draw, SETTINGS.cycles + 4)
     return environment
 
 
-@pytest.mark.parametrize("by", [by_pickle, by_pickle_elsewhere, copy.deepcopy])
+@pytest.mark.parametrize("by", [by_pickle, by_pickle_in_another_process, copy.deepcopy])
 @pytest.mark.parametrize("make", KINDS)
-def test_a_copy_in_mid_scenario_continues_identically(make, by):
-    """Rewards, observations, ends and the scenarios that follow; neither touches the other."""
-    environment = begun(make)
+def test_copy_in_mid_scenario_continues_identically(make, by):
+    """Rewards, observations, ends and later scenarios; a copy and its original are independent."""
+    environment = started(make)
     copied = by(environment)
     steps = 2 * SETTINGS.cycles + 5
-    expected = flown(environment, KINDS[make], steps)
-    again = by(copied)
-    for each in (copied, again):
-        check_identical(flown(each, KINDS[make], steps), expected)
+    expected = fly(environment, KINDS[make], steps)
+    second_copy = by(copied)
+    for each in (copied, second_copy):
+        check_identical(fly(each, KINDS[make], steps), expected)
 
 
 @pytest.mark.parametrize("make", KINDS)
-def test_what_has_not_begun_can_be_copied(make):
+def test_copies_an_environment_before_its_first_reset(make):
     environment = make()
     for by in (by_pickle, copy.deepcopy, copy.copy):
         assert type(by(environment)) is type(environment)
 
 
 @pytest.mark.parametrize("by", [by_pickle, copy.deepcopy])
-def test_the_radar_picture_is_copied_with_its_trail(by):
-    drawn = made(render_mode="rgb_array")
-    drawn.reset(seed=3)
+def test_copies_the_radar_picture_with_its_trail(by):
+    environment = single(render_mode="rgb_array")
+    environment.reset(seed=3)
     for _ in range(8):
-        drawn.step(1)
-    copied = by(drawn)
-    assert np.array_equal(copied.render(), drawn.render())
-    drawn.step(0)
-    assert not np.array_equal(copied.render(), drawn.render())
+        environment.step(1)
+    copied = by(environment)
+    assert np.array_equal(copied.render(), environment.render())
+    environment.step(0)
+    assert not np.array_equal(copied.render(), environment.render())
     copied.step(0)
-    assert np.array_equal(copied.render(), drawn.render())
+    assert np.array_equal(copied.render(), environment.render())
 
 
-def test_a_copied_task_is_the_task():
+def test_copied_task_equals_the_original():
     task = build_task(SETTINGS)
     plain = PlainTask(task)
     seen = plain.reset(scenario_key(0, 0))
     assert by_pickle(plain) is plain
     assert copy.deepcopy(plain) is plain
-    elsewhere, later = by_pickle_elsewhere((plain, seen))
-    assert elsewhere is not plain
-    assert elsewhere.may_stack(later, 1) == plain.may_stack(seen, 1)
+    unpickled, unpickled_state = by_pickle_in_another_process((plain, seen))
+    assert unpickled is not plain
+    assert unpickled.may_stack(unpickled_state, 1) == plain.may_stack(seen, 1)
     expected, outcome = plain.step(seen, 1)
-    stepped, other = elsewhere.step(later, 1)
+    stepped, other = unpickled.step(unpickled_state, 1)
     check_identical((stepped, other), (expected, outcome))
 
 
-def test_what_is_loaded_in_one_process_shares_its_programs():
-    """Workers load many environments of one task; each compiled again would take seconds."""
-    dumped = pickle.dumps(PlainTask(build_task(SETTINGS)))  # the original is gone
+def test_unpickled_tasks_share_their_programs():
+    """Workers load many environments of one task; compiling each one would take seconds."""
+    dumped = pickle.dumps(PlainTask(build_task(SETTINGS)))  # the original is deleted
     first = pickle.loads(dumped)
     assert pickle.loads(dumped) is first
     assert PlainTask(build_task(SETTINGS)) is not first

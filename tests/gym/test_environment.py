@@ -1,4 +1,4 @@
-"""A task as a Gymnasium environment."""
+"""`TaskEnvironment`: a task as a Gymnasium environment."""
 
 import subprocess
 import sys
@@ -25,20 +25,20 @@ def environment():
 
 
 @pytest.fixture(scope="module")
-def drawn():
+def rendered():
     return gymnasium.make("skystack/Vertical-v0", render_mode="rgb_array")
 
 
-def test_gymnasium_has_nothing_to_complain_about(drawn):
-    check_env(drawn.unwrapped)
+def test_passes_the_checks_of_gymnasium(rendered):
+    check_env(rendered.unwrapped)
 
 
-def test_stable_baselines3_has_nothing_to_complain_about(drawn):
+def test_passes_the_checks_of_stable_baselines3(rendered):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    checker.check_env(drawn.unwrapped)
+    checker.check_env(rendered.unwrapped)
 
 
-def test_an_environment_of_the_users_own_settings(tmp_path):
+def test_make_accepts_an_experiment_file_or_settings(tmp_path):
     file = tmp_path / "short.toml"
     file.write_text('name = "short"\ndescription = "..."\n[task]\ncycles = 7\n')
     from_file = gymnasium.make("skystack/Lateral-v0", experiment=str(file)).unwrapped
@@ -49,12 +49,12 @@ def test_an_environment_of_the_users_own_settings(tmp_path):
         gymnasium.make("skystack/Lateral-v0", experiment="lateral-bets")
 
 
-def test_registering_needs_no_jax():
+def test_registration_does_not_import_jax():
     code = "import sys, skystack.gym; assert 'jax' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_a_seed_gives_the_same_scenarios_in_the_same_order(environment):
+def test_equal_seeds_give_the_same_scenarios(environment):
     first = [environment.reset(seed=5)[0], *(environment.reset()[0] for _ in range(3))]
     again = [environment.reset(seed=5)[0], *(environment.reset()[0] for _ in range(3))]
     assert np.array_equal(first, again)
@@ -62,8 +62,8 @@ def test_a_seed_gives_the_same_scenarios_in_the_same_order(environment):
     assert not np.array_equal(environment.reset(seed=6)[0], first[0])
 
 
-def test_a_scenario_goes_as_in_the_task(environment):
-    """Rewards, observations and end of the task's own steps; metrics only at the end."""
+def test_steps_agree_with_the_task(environment):
+    """Rewards, observations and ends are those of the task; metrics come only at the end."""
     task = environment.task
     environment.reset(seed=1)
     state = environment.task_state
@@ -83,8 +83,8 @@ def test_a_scenario_goes_as_in_the_task(environment):
 
 
 @pytest.mark.parametrize("truncates", [False, True])
-def test_a_scenario_ends_as_its_task_says(truncates):
-    """Terminated or truncated, with the metrics; before its end there are none."""
+def test_ends_as_its_task_does(truncates):
+    """Terminated or truncated, with the metrics; before the end there are none."""
     counting = TaskEnvironment(Counting(truncates))
     seen, info = counting.reset(seed=0)
     assert info == {}
@@ -93,9 +93,9 @@ def test_a_scenario_ends_as_its_task_says(truncates):
         seen, reward, *ends, info = counting.step(2)
         assert seen.tolist() == pytest.approx([seen[0], cycle / 100, 2 * cycle / 100])
         assert reward == cycle + 20.0
-        over = cycle == length
-        assert ends == [over and not truncates, over and truncates]
-        assert set(info) == (set(Counting.metrics) if over else set())
+        ended = cycle == length
+        assert ends == [ended and not truncates, ended and truncates]
+        assert set(info) == (set(Counting.metrics) if ended else set())
     assert (info["cycles"], info["instructions"]) == (length, 2.0 * length)
     assert (info["success"], info["few_instructions"]) == (True, False)
     assert type(info["success"]) is bool
@@ -103,17 +103,17 @@ def test_a_scenario_ends_as_its_task_says(truncates):
 
 
 @pytest.mark.parametrize("truncates", [False, True])
-def test_rewards_of_several_agents_are_added_and_all_must_end(truncates):
+def test_sums_rewards_of_agents_and_ends_with_the_last(truncates):
     one, two = (TaskEnvironment(Counting(truncates, agents)) for agents in (1, 2))
     assert np.array_equal(one.reset(seed=0)[0], two.reset(seed=0)[0])
-    over = False
-    while not over:
+    ended = False
+    while not ended:
         (_, *expected), (_, *found) = one.step(2), two.step(2)
         assert found == expected
-        over = expected[1] or expected[2]
+        ended = expected[1] or expected[2]
 
 
-def test_observations_of_several_parts_are_flattened():
+def test_flattens_structured_observations():
     flat, structured = TaskEnvironment(Counting()), TaskEnvironment(Structured())
     for environment in (flat, structured):
         seen, _ = environment.reset(seed=0)
@@ -122,13 +122,13 @@ def test_observations_of_several_parts_are_flattened():
     assert np.array_equal(structured.step(2)[0], flat.step(2)[0])
 
 
-def test_without_a_seed_scenarios_are_others_each_time():
-    """The first reset of two environments, and those that follow one another."""
-    drawn = []
+def test_scenarios_differ_without_a_seed():
+    """Between two environments, and between the resets of each."""
+    numbers = []
     for _ in range(2):
         counting = TaskEnvironment(Counting())
-        drawn += [float(counting.reset()[0][0]) for _ in range(3)]
-    assert len(set(drawn)) == 6
+        numbers += [float(counting.reset()[0][0]) for _ in range(3)]
+    assert len(set(numbers)) == 6
 
 
 def test_observations_are_copies_within_their_space():
@@ -142,8 +142,8 @@ def test_observations_are_copies_within_their_space():
     assert counting.action_space.n == 3
 
 
-def test_what_may_be_stacked_is_the_tasks_answer():
-    """Two of twice two are four, which is enough until the next cycle."""
+def test_may_stack_is_that_of_the_task():
+    """Two instructions of 2 sum to 4, the maximum until the next cycle."""
     counting = TaskEnvironment(Counting())
     counting.reset(seed=0)
     assert [counting.may_stack(action) for action in range(3)] == [False, True, True]
@@ -155,8 +155,8 @@ def test_what_may_be_stacked_is_the_tasks_answer():
     assert counting.may_stack(1)
 
 
-def test_a_step_is_the_two_phases(environment):
-    """The whole state, bit by bit, the radar's and the task's memory."""
+def test_step_equals_instruct_and_advance(environment):
+    """The traffic and the task's memory are bit-identical."""
     for action in (0, 2, 1):
         environment.reset(seed=2)
         seen, *stepped = environment.step(action)
@@ -169,7 +169,7 @@ def test_a_step_is_the_two_phases(environment):
             assert np.array_equal(one, other)
 
 
-def test_only_gymnasiums_time_limit_truncates():
+def test_gymnasium_time_limit_truncates():
     limited = gymnasium.make("skystack/Vertical-v0", max_episode_steps=3)
     limited.reset(seed=0)
     flags = [limited.step(0)[2:4] for _ in range(3)]
@@ -177,54 +177,54 @@ def test_only_gymnasiums_time_limit_truncates():
 
 
 @pytest.mark.parametrize("action", [-1, 3, 1.0, "left", None])
-def test_an_action_that_is_not_in_the_table_is_refused(environment, action):
+def test_rejects_an_action_outside_the_table(environment, action):
     environment.reset(seed=0)
-    for told in (environment.step, environment.instruct, environment.may_stack):
+    for use in (environment.step, environment.instruct, environment.may_stack):
         with pytest.raises(InputError, match="allowed: whole numbers from 0 to 2"):
-            told(action)
+            use(action)
 
 
-def test_nothing_can_be_done_before_the_first_scenario():
+def test_step_before_reset_is_an_error():
     environment = TaskEnvironment(build_task(NavigationSettings()))
     with pytest.raises(gymnasium.error.ResetNeeded):
         environment.step(0)
 
 
-def coloured(picture, colour):
-    """How many pixels have a colour."""
-    wanted = [int(colour[place : place + 2], 16) for place in (1, 3, 5)]
-    return int(np.sum(np.all(picture == wanted, axis=2)))
+def count_pixels(picture, colour):
+    """The number of pixels with a colour."""
+    rgb = [int(colour[index : index + 2], 16) for index in (1, 3, 5)]
+    return int(np.sum(np.all(picture == rgb, axis=2)))
 
 
-def test_the_radar_picture_follows_the_flight(drawn):
-    """The trail, and the level in the label, come with the flight; a new scenario has neither."""
+def test_radar_picture_follows_the_flight(rendered):
+    """Trails and labels change during the flight; a reset restores the first picture."""
     from skystack.reporting.style import BLUE
 
-    drawn.reset(seed=4)
-    begun = drawn.render()
-    assert np.array_equal(drawn.render(), begun)
+    rendered.reset(seed=4)
+    initial = rendered.render()
+    assert np.array_equal(rendered.render(), initial)
     for _ in range(40):
-        drawn.step(0)
-    flown = drawn.render()
+        rendered.step(0)
+    later = rendered.render()
 
-    assert flown.shape == begun.shape
-    assert coloured(begun, BLUE) > 50
-    assert not np.array_equal(flown, begun)
-    drawn.reset(seed=4)
-    assert np.array_equal(drawn.render(), begun)
+    assert later.shape == initial.shape
+    assert count_pixels(initial, BLUE) > 50
+    assert not np.array_equal(later, initial)
+    rendered.reset(seed=4)
+    assert np.array_equal(rendered.render(), initial)
 
 
-def test_the_radar_shows_what_is_cleared_before_it_is_flown(drawn):
-    drawn.reset(seed=4)
-    before, radar = drawn.render(), drawn.unwrapped
-    allowed = next(action for action in (1, 2) if radar.may_stack(action))
-    radar.instruct(allowed)
-    assert not np.array_equal(drawn.render(), before)
-    traffic = radar.task_state.traffic
+def test_radar_shows_a_clearance_before_it_is_flown(rendered):
+    rendered.reset(seed=4)
+    before, environment = rendered.render(), rendered.unwrapped
+    allowed = next(action for action in (1, 2) if environment.may_stack(action))
+    environment.instruct(allowed)
+    assert not np.array_equal(rendered.render(), before)
+    traffic = environment.task_state.traffic
     change_fl = (traffic.cleared_level_ticks - traffic.level_ticks) / TICKS_PER_FL
     assert change_fl.tolist() == [{1: -10.0, 2: 10.0}[allowed]]
 
 
-def test_an_unknown_render_mode_is_refused():
+def test_rejects_an_unknown_render_mode():
     with pytest.raises(InputError, match="allowed: rgb_array"):
         gymnasium.make("skystack/Lateral-v0", render_mode="ansi")

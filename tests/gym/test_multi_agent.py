@@ -1,4 +1,4 @@
-"""Each aircraft an agent: PettingZoo's own tests, and the single environment as the other path."""
+"""One agent per aircraft: PettingZoo's own tests, and agreement with the single environment."""
 
 import warnings
 
@@ -14,7 +14,7 @@ from skystack.tasks.settings import NavigationSettings, RewardSettings
 
 pettingzoo = pytest.importorskip("pettingzoo")
 with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # its tests import what they do not need
+    warnings.simplefilter("ignore")  # its tests import modules that warn
     from pettingzoo.test import parallel_api_test, parallel_seed_test
 
 from skystack.gym.multi_agent import MultiAgentEnvironment, parallel_env  # noqa: E402
@@ -33,37 +33,37 @@ def single():
     return make_environment("avoidance", SETTINGS)
 
 
-def test_pettingzoo_has_nothing_to_complain_about(environment):
+def test_passes_the_checks_of_pettingzoo(environment):
     parallel_api_test(environment, num_cycles=100)
 
 
-def test_a_seed_decides_everything(environment):
+def test_equal_seeds_give_identical_episodes(environment):
     other = MultiAgentEnvironment(environment.task, programs=environment.programs)
     both = iter((environment, other))
     parallel_seed_test(lambda: next(both), num_cycles=30)
 
 
-def test_one_agent_that_speaks_is_the_single_environment(environment, single):
-    """What AC1 sees, the reward, the end and the metrics; the actions of AC2 come behind AC1's."""
+def test_one_acting_agent_agrees_with_the_single_environment(environment, single):
+    """AC1's observation, rewards, ends and metrics. In the table, AC2's actions follow AC1's."""
     seen, _ = environment.reset(seed=4)
     expected, _ = single.reset(seed=4)
     assert np.array_equal(environment.state(), expected)
-    rng, over = np.random.default_rng(0), False
-    while not over:
+    rng, ended = np.random.default_rng(0), False
+    while not ended:
         agent, action = str(rng.choice([AC1, AC2])), int(rng.integers(3))
-        told = action + 2 if agent == AC2 and action else action
-        expected, reward, over, _, info = single.step(told)
+        index = action + 2 if agent == AC2 and action else action
+        expected, reward, ended, _, info = single.step(index)
         seen, rewards, terminated, truncated, infos = environment.step({agent: action})
         np.testing.assert_allclose(seen[AC1], expected, atol=1e-5)
         assert rewards == {AC1: pytest.approx(reward, abs=1e-5), AC2: rewards[AC1]}
-        assert terminated == {AC1: over, AC2: over}
+        assert terminated == {AC1: ended, AC2: ended}
         assert truncated == {AC1: False, AC2: False}
     assert infos == {AC1: pytest.approx(info, abs=1e-3), AC2: infos[AC1]}
     assert environment.agents == []
 
 
-def test_every_agent_sees_itself_first(environment):
-    """Own four values and the other's change places; the distance between them stays."""
+def test_every_agent_observes_itself_first(environment):
+    """The four values of each aircraft are exchanged; the distance between the two is the same."""
     environment.reset(seed=4)
     seen, *_ = environment.step({AC1: 1, AC2: 2})
     first, second = seen[AC1], seen[AC2]
@@ -72,7 +72,7 @@ def test_every_agent_sees_itself_first(environment):
     assert first[9] == pytest.approx(second[9], abs=1e-6)
     turns = [360.0 * value - 180.0 for value in (first[8], second[8])]
     headings = environment.task_state.traffic.cleared_heading_deg
-    # Bearings from each to the other are opposite.
+    # The bearings between the two aircraft are opposite.
     assert (turns[0] + headings[0] - turns[1] - headings[1]) % 360.0 == pytest.approx(180, abs=0.1)
 
 
@@ -85,17 +85,17 @@ THREE = NavigationSettings(
 AC3 = "AC3"
 
 
-class CutShort(NavigationTask):
-    """The same task, whose scenarios are cut short after three cycles."""
+class Truncating(NavigationTask):
+    """The task with truncation in place of termination."""
 
     def advance(self, state):
         state, outcome = super().advance(state)
-        ended, none = outcome.ended, outcome.truncated
-        return state, outcome._replace(terminated=none, truncated=ended)
+        ended, never = outcome.ended, outcome.truncated
+        return state, outcome._replace(terminated=never, truncated=ended)
 
 
-class Structured(CutShort):
-    """The same with observations of two parts."""
+class Structured(Truncating):
+    """The same with a dictionary as observation."""
 
     def observe(self, state):
         seen = super().observe(state)
@@ -106,12 +106,12 @@ class Structured(CutShort):
 def three():
     task = build_task(THREE)
     return MultiAgentEnvironment(
-        CutShort(task.settings, task.simulator, task.scenarios, task.table)
+        Truncating(task.settings, task.simulator, task.scenarios, task.table)
     )
 
 
-def test_the_others_stand_behind_in_their_order(three):
-    """Of three, each in a block of four values; all turn, each its own way."""
+def test_other_aircraft_follow_in_their_order(three):
+    """Each of three aircraft has a block of four values and a different turn."""
     three.reset(seed=1)
     seen, *_ = three.step({AC1: 1, AC2: 2, AC3: 0})
     blocks = three.state().reshape(3, 4)
@@ -122,38 +122,38 @@ def test_the_others_stand_behind_in_their_order(three):
     assert turns.tolist() == pytest.approx([-10.0, 10.0, 0.0], abs=0.51)
 
 
-def test_observations_of_several_parts_are_flattened(three):
+def test_flattens_structured_observations(three):
     task = three.task
-    parts = Structured(task.settings, task.simulator, task.scenarios, task.table)
-    expected, found = (each.reset(seed=1)[0] for each in (three, MultiAgentEnvironment(parts)))
+    structured = Structured(task.settings, task.simulator, task.scenarios, task.table)
+    expected, found = (each.reset(seed=1)[0] for each in (three, MultiAgentEnvironment(structured)))
     for agent in (AC1, AC2, AC3):
         np.testing.assert_allclose(found[agent], expected[agent], atol=1e-6)
 
 
-def test_the_ends_of_the_exit_edge_are_left_and_right_of_who_leaves(three):
-    """By the area's corners: the exit edge joins the two that are nearest to the exit fix, and
-    the left one is on the left of the airway's direction outwards."""
+def test_exit_edge_has_its_left_and_right_end_as_seen_outbound(three):
+    """The exit edge joins the two corners of the area that are nearest to the exit fix. The left
+    one is on the left of the outbound airway."""
     seen, _ = three.reset(seed=2)
     sector, traffic = three.task.sector, three.task_state.traffic
     for number, agent in enumerate((AC1, AC2, AC3)):
         *_, exit_fix, beyond = (
             sector.fixes_nm[name] for name in sector.routes[int(traffic.route[number])]
         )
-        out = beyond - exit_fix
-        away = np.linalg.norm(sector.area_nm - exit_fix, axis=1)
-        one, other = sector.area_nm[np.argsort(away)[:2]]
-        on_left = out[0] * (one - exit_fix)[1] - out[1] * (one - exit_fix)[0] > 0.0
+        outbound = beyond - exit_fix
+        distances = np.linalg.norm(sector.area_nm - exit_fix, axis=1)
+        one, other = sector.area_nm[np.argsort(distances)[:2]]
+        on_left = outbound[0] * (one - exit_fix)[1] - outbound[1] * (one - exit_fix)[0] > 0.0
         left, right = (one, other) if on_left else (other, one)
-        place = np.asarray(traffic.position_nm[number])
+        position = np.asarray(traffic.position_nm[number])
         cleared = float(traffic.cleared_heading_deg[number])
         for value, corner in zip(seen[agent][1:3], (left, right), strict=True):
-            east, north = corner - place
+            east, north = corner - position
             turn = (np.degrees(np.arctan2(east, north)) - cleared + 180.0) % 360.0 - 180.0
             assert 360.0 * value - 180.0 == pytest.approx(turn, abs=0.1)
 
 
-def test_all_end_together_where_the_scenario_is_cut_short(three):
-    """With metrics of their own each; nobody is left, and the next reset brings all back."""
+def test_truncation_ends_all_agents_together(three):
+    """Each agent gets its own copy of the metrics; the next reset restores all agents."""
     three.reset(seed=1)
     for cycle in (1, 2, 3):
         assert three.agents == [AC1, AC2, AC3]
@@ -171,7 +171,7 @@ def test_all_end_together_where_the_scenario_is_cut_short(three):
     assert three.possible_agents == [AC1, AC2, AC3]
 
 
-def test_every_agent_instructs_its_own_aircraft_only(three):
+def test_every_agent_instructs_only_its_own_aircraft(three):
     for number, agent in enumerate((AC1, AC2, AC3)):
         assert three.action_space(agent).n == 3
         three.reset(seed=3)
@@ -183,7 +183,7 @@ def test_every_agent_instructs_its_own_aircraft_only(three):
             three.step({agent: 3})
 
 
-def test_scenarios_differ_until_a_seed_is_given_again(three):
+def test_scenarios_differ_unless_reseeded(three):
     first = three.reset(seed=7)[0][AC1]
     second = three.reset()[0][AC1]
     assert not np.array_equal(first, second)
@@ -193,12 +193,12 @@ def test_scenarios_differ_until_a_seed_is_given_again(three):
 
 def test_observations_are_copies(three):
     seen, _ = three.reset(seed=7)
-    whole = three.state()
-    whole[:] = seen[AC1][:] = 7.0
+    state = three.state()
+    state[:] = seen[AC1][:] = 7.0
     assert three.state().max() <= 1.0
 
 
-def test_all_instruct_in_one_cycle(environment):
+def test_all_agents_instruct_in_one_cycle(environment):
     environment.reset(seed=4)
     before = np.asarray(environment.task_state.traffic.cleared_heading_deg)
     environment.step({AC1: 1, AC2: 2})
@@ -210,7 +210,7 @@ def test_all_instruct_in_one_cycle(environment):
     assert memory.progress.cycles == 1.0
 
 
-def test_what_does_not_exist_is_refused(environment, types_unchecked):
+def test_rejects_unknown_agents_and_actions(environment, types_unchecked):
     environment.reset(seed=0)
     for agent in ("AC3", 0):
         with pytest.raises(InputError, match=f"unknown agent '{agent}'"):
@@ -219,20 +219,20 @@ def test_what_does_not_exist_is_refused(environment, types_unchecked):
         environment.step({AC1: 3})
 
 
-def test_use_before_the_first_reset_is_refused():
+def test_use_before_reset_is_an_error():
     environment = MultiAgentEnvironment(build_task(NavigationSettings("avoidance")))
-    for look in (environment.state, lambda: environment.step({})):
+    for use in (environment.state, lambda: environment.step({})):
         with pytest.raises(ResetNeeded, match="reset"):
-            look()
+            use()
 
 
-def test_it_is_drawn(environment):
-    drawn = MultiAgentEnvironment(environment.task, "rgb_array", environment.programs)
-    drawn.reset(seed=0)
-    begun = drawn.render()
-    drawn.step({AC1: 2})
-    assert begun.ndim == 3
-    assert not np.array_equal(drawn.render(), begun)
-    drawn.reset(seed=0)
-    assert np.array_equal(drawn.render(), begun)
+def test_renders_the_flight(environment):
+    rendered = MultiAgentEnvironment(environment.task, "rgb_array", environment.programs)
+    rendered.reset(seed=0)
+    initial = rendered.render()
+    rendered.step({AC1: 2})
+    assert initial.ndim == 3
+    assert not np.array_equal(rendered.render(), initial)
+    rendered.reset(seed=0)
+    assert np.array_equal(rendered.render(), initial)
     assert environment.render() is None

@@ -1,4 +1,4 @@
-"""Environments in several processes: they work, or say in one line why not, and never hang."""
+"""Environments in several processes work or fail with a one-line error; they never hang."""
 
 import json
 import os
@@ -12,18 +12,18 @@ import numpy as np
 import pytest
 
 from skystack.errors import InputError
-from tests.waiting import HANGS_S
+from tests.waiting import TIMEOUT_S
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")
 
 SCRIPT = Path(__file__).with_name("forking.py")
-REFUSED = "InputError: JAX was started before this process was forked"
+FORK_ERROR = "InputError: JAX was started before this process was forked"
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """Runs a case in a process of its own: (its result, what it printed as errors)."""
-    kept = {
+    """Run a case of `forking.py` in a new process; returns its result and its standard error."""
+    cache = {
         "JAX_COMPILATION_CACHE_DIR": str(tmp_path_factory.mktemp("compiled")),
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.2",
     }
@@ -32,10 +32,10 @@ def run(tmp_path_factory):
         command = [sys.executable, str(SCRIPT), name]
         done = subprocess.run(
             command,
-            env=os.environ | kept,
+            env=os.environ | cache,
             capture_output=True,
             text=True,
-            timeout=HANGS_S,
+            timeout=TIMEOUT_S,
             check=False,
         )
         assert done.returncode == 0, done.stderr
@@ -45,38 +45,38 @@ def run(tmp_path_factory):
 
 
 @pytest.mark.parametrize("case", ["async_forked", "async_spawned", "async_forkserver"])
-def test_asynchronous_environments_are_the_synchronous_ones(run, case):
-    """By default, too, where nothing has used JAX before."""
+def test_asynchronous_environments_agree_with_synchronous_ones(run, case):
+    """`async_forked` uses the default context, in a process that has not used JAX yet."""
     assert run(case)[0] is True
 
 
-def test_an_asynchronous_environment_is_refused_in_the_parent(run):
+def test_late_fork_of_asynchronous_workers_raises_in_the_parent(run):
     (kind, message), _ = run("async_forked_too_late")
     assert kind == "InputError"
     assert 'AsyncVectorEnv(..., context="spawn")' in message
     assert "\n" not in message
 
 
-def test_stable_baselines3_by_fork(run):
+def test_late_fork_of_stable_baselines3_workers_prints_the_error(run):
     pytest.importorskip("stable_baselines3")
     assert run("sb3_forked")[0] is True
-    result, printed = run("sb3_forked_too_late")
+    result, stderr = run("sb3_forked_too_late")
     assert result == "ended"
-    assert REFUSED in printed
-    assert 'SubprocVecEnv(..., start_method="spawn")' in printed
+    assert FORK_ERROR in stderr
+    assert 'SubprocVecEnv(..., start_method="spawn")' in stderr
 
 
 @pytest.mark.parametrize("case", ["every_kind_used_before_a_fork", "every_kind_made_in_a_fork"])
-def test_every_use_of_every_kind_is_refused_after_a_late_fork(run, case):
+def test_every_use_of_every_environment_fails_after_a_late_fork(run, case):
     pytest.importorskip("stable_baselines3")
     pytest.importorskip("pettingzoo")
     kinds, _ = run(case)
     assert len(kinds) >= 5
     for kind, outcomes in kinds.items():
-        assert all(each.startswith(REFUSED) for each in outcomes), (kind, outcomes)
+        assert all(each.startswith(FORK_ERROR) for each in outcomes), (kind, outcomes)
 
 
-def test_every_kind_works_after_a_fork_before_jax(run):
+def test_every_environment_works_after_a_fork_before_jax(run):
     pytest.importorskip("stable_baselines3")
     pytest.importorskip("pettingzoo")
     kinds, _ = run("every_kind_made_before_a_fork")
@@ -85,32 +85,32 @@ def test_every_kind_works_after_a_fork_before_jax(run):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="threads are counted in /proc")
-def test_a_fork_before_the_import_is_noticed(run):
+def test_detects_a_fork_before_the_import(run):
     kinds, _ = run("imported_after_a_fork")
-    assert all(each.startswith(REFUSED) for each in kinds["single"])
+    assert all(each.startswith(FORK_ERROR) for each in kinds["single"])
 
 
-def test_a_forked_copy_of_a_forked_copy(run):
+def test_detects_a_fork_of_a_fork(run):
     kinds, _ = run("grandchild")
-    assert all(each.startswith(REFUSED) for each in kinds["single"])
+    assert all(each.startswith(FORK_ERROR) for each in kinds["single"])
 
 
-def test_a_child_that_is_refused_ends(run):
-    code, printed = run("multiprocessing_child")
+def test_child_that_fails_exits(run):
+    code, stderr = run("multiprocessing_child")
     assert code == 1
-    assert REFUSED in printed
+    assert FORK_ERROR in stderr
 
 
-def test_any_bad_input_survives_gymnasiums_pipe():
-    """Its parent raises the error's type with the error itself as the message."""
+def test_input_errors_survive_gymnasium_pipes():
+    """Gymnasium's parent process raises the type of the error with the error as the message."""
     error = pickle.loads(pickle.dumps(InputError("first\tsecond")))
     raised = type(error)(error)
     assert str(raised) == str(error) == "first\\tsecond"
     assert raised.args == error.args
 
 
-def test_a_process_without_a_fork_is_never_refused():
-    """This one, in which JAX has long been running."""
+def test_process_without_a_fork_raises_no_error():
+    """JAX is already running in this process."""
     environment = gymnasium.make("skystack.gym:skystack/Lateral-v0")
     observation, _ = environment.reset(seed=0)
     assert np.all(np.isfinite(observation))

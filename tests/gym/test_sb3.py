@@ -1,4 +1,4 @@
-"""The vector environment as Stable-Baselines3 has its own."""
+"""The vector environment with the interface of Stable-Baselines3."""
 
 import gymnasium
 import numpy as np
@@ -20,8 +20,8 @@ SCENARIOS = 3
 
 
 @pytest.mark.parametrize("limit", [None, 3])
-def test_it_is_what_single_environments_would_be(limit):
-    """Of hand-made scenarios: `test_vector` compares environments of ours."""
+def test_agrees_with_single_environments(limit):
+    """With the counting task; `test_vector` compares environments with skystack's tasks."""
 
     def single():
         return gymnasium.wrappers.TimeLimit(TaskEnvironment(Counting()), limit or 99)
@@ -34,14 +34,14 @@ def test_it_is_what_single_environments_would_be(limit):
     for _ in range(20):
         actions = rng.integers(3, size=SCENARIOS)
         one, other = (environment.step(actions) for environment in (ours, theirs))
-        for mine, its in zip(one[:3], other[:3], strict=True):
-            assert mine.dtype == its.dtype
-            np.testing.assert_allclose(mine, its, rtol=1e-6)
-        for mine, its in zip(one[3], other[3], strict=True):
-            assert mine.keys() == its.keys()
-            for name in mine:
-                np.testing.assert_allclose(mine[name], its[name], rtol=1e-6)
-            ended += "terminal_observation" in mine
+        for found, expected in zip(one[:3], other[:3], strict=True):
+            assert found.dtype == expected.dtype
+            np.testing.assert_allclose(found, expected, rtol=1e-6)
+        for found, expected in zip(one[3], other[3], strict=True):
+            assert found.keys() == expected.keys()
+            for name in found:
+                np.testing.assert_allclose(found[name], expected[name], rtol=1e-6)
+            ended += "terminal_observation" in found
     assert ended > 4 * SCENARIOS
 
 
@@ -50,8 +50,8 @@ def counting(truncates=False, limit=None, scenarios=SCENARIOS):
     return StableBaselines3Environment(vector)
 
 
-def begun(environment, *lengths):
-    """The first observations of a seed whose scenarios take so many cycles, in some order."""
+def reset_to_lengths(environment, *lengths):
+    """Reset with a seed whose scenarios have these lengths, in any order; first observations."""
     for seed in range(100):
         environment.seed(seed)
         seen = environment.reset()
@@ -61,53 +61,55 @@ def begun(environment, *lengths):
 
 
 @pytest.mark.parametrize(
-    ("truncates", "limit", "cut_after"),
+    ("truncates", "limit", "truncated_after"),
     [
         (False, None, {}),
-        (False, 3, {4: 3}),  # who ends in the limit's own step is not cut short
+        (False, 3, {4: 3}),  # ending at the limit is not truncation
         (False, 2, {3: 2, 4: 2}),
         (False, 1, {2: 1, 3: 1, 4: 1}),
         (True, None, {2: 2, 3: 3, 4: 4}),
     ],
 )
-def test_only_scenarios_that_did_not_end_are_truncated(truncates, limit, cut_after):
-    """With the last observation of the scenario that is over, and the first of the next one."""
+def test_only_scenarios_that_did_not_end_are_truncated(truncates, limit, truncated_after):
+    """The terminal observation is the last of the old scenario; a new scenario follows."""
     environment = counting(truncates, limit)
-    seen = begun(environment, 2, 3, 4)
+    seen = reset_to_lengths(environment, 2, 3, 4)
     drawn, lengths = seen[:, 0], length_of(seen[:, 0])
-    actions, over = np.array([0, 1, 2]), np.zeros(SCENARIOS, dtype=bool)
+    actions, ended = np.array([0, 1, 2]), np.zeros(SCENARIOS, dtype=bool)
     for cycle in range(1, 5):
         seen, rewards, done, infos = environment.step(actions)
-        for number in np.flatnonzero(~over):
+        for number in np.flatnonzero(~ended):
             length = min(lengths[number], limit or 4)
-            info, told = infos[number], int(actions[number])
-            assert rewards[number] == cycle + 10 * told
+            info, action = infos[number], int(actions[number])
+            assert rewards[number] == cycle + 10 * action
             assert done[number] == (cycle == length)
-            assert info.pop("TimeLimit.truncated") == (cut_after.get(lengths[number]) == cycle)
+            assert info.pop("TimeLimit.truncated") == (
+                truncated_after.get(lengths[number]) == cycle
+            )
             if not done[number]:
                 assert info == {}
                 np.testing.assert_allclose(
-                    seen[number], [drawn[number], cycle / 100, cycle * told / 100], rtol=1e-6
+                    seen[number], [drawn[number], cycle / 100, cycle * action / 100], rtol=1e-6
                 )
                 continue
             np.testing.assert_allclose(
                 info.pop("terminal_observation"),
-                [drawn[number], cycle / 100, cycle * told / 100],
+                [drawn[number], cycle / 100, cycle * action / 100],
                 rtol=1e-6,
             )
             assert seen[number, 1:].tolist() == [0.0, 0.0]
             assert seen[number, 0] != drawn[number]
             if limit and not truncates and lengths[number] > limit:
-                assert info == {}  # nobody has judged it
+                assert info == {}  # no metrics: the task has not ended it
             else:
                 assert info["cycles"] == cycle
-                assert info["instructions"] == cycle * told
+                assert info["instructions"] == cycle * action
                 assert info["drawn"] == pytest.approx(drawn[number])
-        over |= done
-    assert over.all()
+        ended |= done
+    assert ended.all()
 
 
-def test_a_seed_counts_for_one_reset():
+def test_seed_applies_to_one_reset():
     environment = counting()
     environment.seed(5)
     first, second = environment.reset(), environment.reset()
@@ -131,25 +133,25 @@ def test_attributes_come_from_the_requested_scenarios():
             change()
 
 
-def test_it_is_drawn():
-    """Stable-Baselines3 puts two pictures one below the other."""
+def test_renders_all_scenarios():
+    """Stable-Baselines3 tiles two pictures vertically."""
     vector = VectorTaskEnvironment(Visible(), 2, "SameStep", render_mode="rgb_array")
-    drawn = StableBaselines3Environment(vector)
-    begun(drawn, 2, 4)
-    for _ in range(2):  # now one begins anew
-        drawn.step(np.zeros(2, dtype=int))
-    first, second = drawn.get_images()
+    environment = StableBaselines3Environment(vector)
+    reset_to_lengths(environment, 2, 4)
+    for _ in range(2):  # then one scenario has restarted
+        environment.step(np.zeros(2, dtype=int))
+    first, second = environment.get_images()
     assert not np.array_equal(first, second)
-    assert np.array_equal(drawn.render(), np.concatenate([first, second]))
+    assert np.array_equal(environment.render(), np.concatenate([first, second]))
 
 
-def test_without_a_render_mode_there_is_no_picture():
+def test_no_pictures_without_a_render_mode():
     environment = counting()
     environment.reset()
     assert environment.get_images() == [None] * SCENARIOS
 
 
-def test_a_wrong_environment_or_autoreset_mode_is_refused(types_unchecked):
+def test_rejects_a_wrong_environment_or_autoreset_mode(types_unchecked):
     with pytest.raises(InputError, match=r"environment is a TaskEnvironment .allowed: Vector"):
         StableBaselines3Environment(TaskEnvironment(build_task(NavigationSettings("lateral"))))
     with pytest.raises(InputError, match=r"NextStep .allowed for Stable-Baselines3: SameStep"):

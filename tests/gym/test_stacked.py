@@ -1,4 +1,4 @@
-"""Stacking by being asked: the clearances of `skystack.stacking.stack`, in any agent's loop."""
+"""`StackedEnvironment`: the clearances of `skystack.stacking.stack` in the loop of any agent."""
 
 import gymnasium
 import jax.numpy as jnp
@@ -17,44 +17,44 @@ from skystack.policies.shipped import find_policy
 from skystack.stacking import stack
 from skystack.tasks.settings import NavigationSettings, RewardSettings
 from skystack.tasks.stacked_steps import StackedSteps
-from tests.test_stacking import expected_of
+from tests.test_stacking import expected_counts
 
 
 class Counter(gymnasium.Env):
-    """Counts what it is told since the last cycle, at most seven times; no JAX."""
+    """Counts the instructions since the last cycle, at most seven. It does not use JAX."""
 
     observation_space = spaces.Box(0.0, np.inf, (2,), np.float32)
     action_space = spaces.Discrete(4)
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
-        self.told, self.cycles = (), 0
+        self.pending, self.cycles = (), 0
         return self.observe(), {}
 
     def observe(self):
-        return np.array([len(self.told), self.cycles], dtype=np.float32)
+        return np.array([len(self.pending), self.cycles], dtype=np.float32)
 
     def may_stack(self, action):
-        return len(self.told) < 7
+        return len(self.pending) < 7
 
     def instruct(self, action):
-        self.told = (*self.told, action)
+        self.pending = (*self.pending, action)
 
     def advance(self):
-        reward = float(len(self.told))
-        self.told, self.cycles = (), self.cycles + 1
+        reward = float(len(self.pending))
+        self.pending, self.cycles = (), self.cycles + 1
         return reward, self.cycles == 5, False, {"cycles": self.cycles}
 
     def step(self, action):
         self.instruct(action)
-        flown = self.advance()
-        return self.observe(), *flown
+        outcome = self.advance()
+        return self.observe(), *outcome
 
 
 @given(st.lists(st.integers(0, 3), min_size=9, max_size=9), st.integers(1, 9))
-def test_it_compiles_what_stack_compiles(answers, limit):
-    """Of any sequence of answers: see `expected_of`. Action 0 is none, in both."""
-    instructions, queries = expected_of(answers, min(limit, 7))
+def test_compiles_the_same_clearances_as_stack(answers, limit):
+    """For any sequence of actions, see `expected_counts`; action 0 is the no-op."""
+    instructions, queries = expected_counts(answers, min(limit, 7))
     environment = StackedEnvironment(Counter(), limit)
     environment.reset()
     for number, action in enumerate(answers[:queries], 1):
@@ -67,15 +67,15 @@ def test_it_compiles_what_stack_compiles(answers, limit):
     assert info["clearance"] == {"action": issued, "instructions": instructions}
 
 
-def test_an_agent_that_never_changes_its_mind_cannot_stop_time():
+def test_limit_ends_the_stack_of_a_constant_agent():
     environment = StackedEnvironment(Counter(), limit=3)
     environment.reset()
     infos = [environment.step(2)[-1] for _ in range(6)]
-    flown = {"action": 2, "instructions": 3}
-    assert [info.get("clearance") for info in infos] == [None, None, flown] * 2
+    clearance = {"action": 2, "instructions": 3}
+    assert [info.get("clearance") for info in infos] == [None, None, clearance] * 2
 
 
-def test_with_a_limit_of_one_it_steps_as_the_environment_does():
+def test_limit_of_one_steps_as_the_plain_environment():
     stacked, plain = StackedEnvironment(Counter(), limit=1), Counter()
     stacked.reset(), plain.reset()
     for action in (1, 1, 2, 3, 3):
@@ -90,8 +90,8 @@ WRONG = [99, -1, 4, 2.5, 2.0, float("nan"), "x", None, [1], np.array([1]), 10**3
 
 @pytest.mark.parametrize("wrong", WRONG, ids=map(str, WRONG))
 @pytest.mark.parametrize("before", [(), (1,), (1, 1)], ids=len)
-def test_every_answer_is_checked(before, wrong):
-    """The first and all others; nothing changes, and the scenario can be flown on."""
+def test_rejects_invalid_actions_at_every_step(before, wrong):
+    """At the first and at all later steps; the state is unchanged and the scenario continues."""
     environment = StackedEnvironment(Counter())
     environment.reset()
     for action in before:
@@ -126,9 +126,9 @@ ACTIONS = [
 ]
 
 
-@pytest.mark.parametrize(("space", "allowed", "refused"), ACTIONS, ids=lambda each: str(each)[:12])
-def test_answers_belong_to_the_action_space(space, allowed, refused):
-    """Of any kind, in any library's array and any precision."""
+@pytest.mark.parametrize(("space", "allowed", "rejected"), ACTIONS, ids=lambda each: str(each)[:12])
+def test_actions_must_belong_to_the_action_space(space, allowed, rejected):
+    """For spaces of any kind, and arrays of any library and precision."""
 
     class Other(Counter):
         action_space = space
@@ -137,7 +137,7 @@ def test_answers_belong_to_the_action_space(space, allowed, refused):
         environment = StackedEnvironment(Other(), no_op=-1)
         environment.reset()
         assert environment.step(action)[-1] == environment.step(action)[-1] == {}
-    for action in refused:
+    for action in rejected:
         environment = StackedEnvironment(Other(), no_op=-1)
         environment.reset()
         with pytest.raises(InputError, match="action is "):
@@ -147,8 +147,8 @@ def test_answers_belong_to_the_action_space(space, allowed, refused):
             environment.step(action)
 
 
-def test_arrays_may_be_changed_after_every_step():
-    """The agent's buffer, what it was handed, and the action that says nothing."""
+def test_arrays_may_be_overwritten_after_every_step():
+    """The agent's action buffer, the returned clearance, and the array passed as no-op."""
 
     class Other(Counter):
         action_space = BOX
@@ -157,10 +157,10 @@ def test_arrays_may_be_changed_after_every_step():
             super().instruct(action.tolist())
             action[:] = 7.0
 
-    nothing, buffer = np.zeros(2, dtype=np.float32), np.zeros(2, dtype=np.float32)
-    environment = StackedEnvironment(Other(), no_op=nothing)
+    no_op, buffer = np.zeros(2, dtype=np.float32), np.zeros(2, dtype=np.float32)
+    environment = StackedEnvironment(Other(), no_op=no_op)
     environment.reset()
-    nothing[:] = 7.0
+    no_op[:] = 7.0
     for _ in range(3):
         clearances = []
         for answer in ((0.05, 0.0), (0.05, 0.0), (0.0, 0.05), (0.0, 0.0)):
@@ -174,7 +174,7 @@ def test_arrays_may_be_changed_after_every_step():
         assert clearances == [([np.float32(0.05), 0.0], 2), ([0.0, 0.0], 0)]
 
 
-def test_the_next_scenario_begins_without_a_clearance_under_way():
+def test_reset_discards_an_unfinished_stack():
     environment = StackedEnvironment(Counter())
     environment.reset()
     environment.step(1)
@@ -183,7 +183,7 @@ def test_the_next_scenario_begins_without_a_clearance_under_way():
     assert (seen.tolist(), info) == ([1.0, 0.0], {})
 
 
-def test_another_action_can_be_the_one_that_says_nothing():
+def test_any_action_can_be_the_no_op():
     environment = StackedEnvironment(Counter(), no_op=3)
     environment.reset()
     assert environment.step(0)[-1] == {}
@@ -192,25 +192,25 @@ def test_another_action_can_be_the_one_that_says_nothing():
     assert environment.step(3)[-1]["clearance"] == {"action": 3, "instructions": 0}
 
 
-class Insistent:
-    """An agent of Stable-Baselines3 that always asks for the same thing."""
+class ConstantAgent:
+    """An agent of Stable-Baselines3 that always returns the same action."""
 
     def predict(self, observation, state=None, episode_start=None, deterministic=False):
         return np.ones(len(observation), dtype=np.int64), state
 
 
-def test_stable_baselines3_evaluates_in_it():
-    """Seven instructions a cycle, one point each, five cycles."""
+def test_works_with_stable_baselines3_evaluation():
+    """Five cycles with seven instructions each; every instruction is rewarded with 1."""
     evaluation = pytest.importorskip("stable_baselines3.common.evaluation")
     monitor = pytest.importorskip("stable_baselines3.common.monitor").Monitor
     monitored = monitor(StackedEnvironment(Counter()))
     returns, steps = evaluation.evaluate_policy(
-        Insistent(), monitored, n_eval_episodes=2, return_episode_rewards=True
+        ConstantAgent(), monitored, n_eval_episodes=2, return_episode_rewards=True
     )
     assert (returns, steps) == ([35.0, 35.0], [35, 35])
 
 
-def test_wrappers_that_it_would_pass_by_are_refused():
+def test_rejects_wrappers_that_it_would_bypass():
     with pytest.raises(InputError, match="TimeLimit is inside StackedEnvironment"):
         StackedEnvironment(gymnasium.wrappers.TimeLimit(Counter(), 5))
     limited = gymnasium.wrappers.TimeLimit(StackedEnvironment(Counter()), 3)
@@ -218,7 +218,7 @@ def test_wrappers_that_it_would_pass_by_are_refused():
     assert [limited.step(1)[3] for _ in range(3)] == [False, False, True]
 
 
-def test_an_environment_without_two_phases_is_refused():
+def test_rejects_an_environment_without_two_phases():
     with pytest.raises(InputError, match="CartPoleEnv cannot be stacked: it lacks observe, may_st"):
         StackedEnvironment(gymnasium.make("CartPole-v1", max_episode_steps=-1))
     with pytest.raises(InputError, match="limit is 0"):
@@ -235,58 +235,58 @@ def environment(policy):
     return TaskEnvironment(policy_task(policy))
 
 
-def test_a_shipped_policy_issues_the_clearances_of_stack(policy, environment):
-    """Over whole scenarios: clearances, rewards, ends; nothing physical moves in between."""
+def test_shipped_policy_issues_the_same_clearances_as_stack(policy, environment):
+    """Over whole scenarios, with rewards and ends; stacking changes no physical state."""
     assert isinstance(environment, TwoPhaseEnvironment)
     stacked, plain = StackedEnvironment(environment), environment.programs
     stacks = 0
     for scenario in range(4):
         seen, _ = stacked.reset(seed=scenario)
-        now, over = plain.begin(environment.task_state), False
-        while not over:
+        state, ended = plain.begin(environment.task_state), False
+        while not ended:
             answers = []
 
-            def noted(observation, answers=answers):
+            def recorded_policy(observation, answers=answers):
                 answers.append(policy(observation))
                 return answers[-1]
 
-            now, expected = stack(plain, noted, now)
+            state, expected = stack(plain, recorded_policy, state)
             before = environment.task_state
             for _ in answers[1:]:
-                seen, reward, over, *_, info = stacked.step(policy(seen))
-                assert (reward, over, info) == (0.0, False, {})
-                told = environment.task_state
+                seen, reward, ended, *_, info = stacked.step(policy(seen))
+                assert (reward, ended, info) == (0.0, False, {})
+                instructed = environment.task_state
                 for name in ("position_nm", "heading_deg", "level_ticks", "ground_speed_kt"):
                     assert np.array_equal(
-                        getattr(told.traffic, name), getattr(before.traffic, name)
+                        getattr(instructed.traffic, name), getattr(before.traffic, name)
                     )
-                assert told.memory.progress.cycles == before.memory.progress.cycles
-            now, outcome = plain.advance(now)
-            seen, reward, over, _, info = stacked.step(policy(seen))
+                assert instructed.memory.progress.cycles == before.memory.progress.cycles
+            state, outcome = plain.advance(state)
+            seen, reward, ended, _, info = stacked.step(policy(seen))
             issued = info["clearance"]
             assert issued["instructions"] == expected.instructions
             assert not expected.instructions or issued["action"] == expected.action
-            assert (reward, over) == (outcome.reward, outcome.ended)
-            assert np.array_equal(seen, plain.observe(now))
+            assert (reward, ended) == (outcome.reward, outcome.ended)
+            assert np.array_equal(seen, plain.observe(state))
             stacks += int(expected.instructions > 1)
         assert info["success"] == bool(outcome.metrics["success"])
     assert stacks >= 4
 
 
-def test_it_steps_as_training_with_time_frozen_does():
-    """Round that task it is its own step, to the price of every burst."""
+def test_steps_as_the_training_task_with_stacked_steps():
+    """Wrapping such an environment does not change its steps, including the burst penalties."""
     settings = NavigationSettings(timing="stack", reward=RewardSettings(burst=1.0))
-    own = make_environment("lateral", settings)
+    training = make_environment("lateral", settings)
     stacked = StackedEnvironment(make_environment("lateral", settings))
-    assert isinstance(own.task, StackedSteps)
-    own.reset(seed=1), stacked.reset(seed=1)
+    assert isinstance(training.task, StackedSteps)
+    training.reset(seed=1), stacked.reset(seed=1)
     rng = np.random.default_rng(0)
     for _ in range(120):
         action = rng.choice([0, 1, 1, 1, 4])
-        seen, reward, *ends, _ = own.step(action)
+        seen, reward, *ends, _ = training.step(action)
         other_seen, other_reward, *other_ends, _ = stacked.step(action)
         np.testing.assert_allclose(other_seen, seen, atol=1e-6)
         assert other_reward == pytest.approx(reward, abs=1e-5)
         assert other_ends == ends
-    cycles = own.task_state.inner.memory.progress.cycles
+    cycles = training.task_state.inner.memory.progress.cycles
     assert 20.0 < float(cycles) < 100.0

@@ -1,4 +1,4 @@
-"""Files are written whole or not at all, whatever is killed."""
+"""Files are written completely or not at all."""
 
 import os
 import resource
@@ -12,39 +12,39 @@ from skystack.io.files import append_line, atomic_write, check_output
 
 
 @contextmanager
-def largest_file(size):
-    """Within it no file gets larger, in bytes: as a full disk, for one process."""
+def file_size_limit(size):
+    """Limit the size of files in bytes inside the context; simulates a full disk."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:
         yield
-    finally:  # before anything is said of the test, perhaps into a file
+    finally:  # before pytest reports, perhaps to a file
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-def test_a_file_that_cannot_be_written_leaves_the_old_one(tmp_path):
+def test_failed_write_keeps_the_old_file(tmp_path):
     path = tmp_path / "file"
     atomic_write(path, b"old")
-    why = "file: cannot be written: File too large"
-    with largest_file(1000), pytest.raises(InputError, match=why):
+    reason = "file: cannot be written: File too large"
+    with file_size_limit(1000), pytest.raises(InputError, match=reason):
         atomic_write(path, b"x" * 2000)
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_line_that_has_no_room_is_an_error(tmp_path):
+def test_append_without_space_is_an_error(tmp_path):
     path = tmp_path / "lines"
     path.touch()
     file = os.open(path, os.O_WRONLY | os.O_APPEND)
     append_line(file, path, "first")
-    why = "lines: cannot be written: File too large"
-    with largest_file(10), pytest.raises(InputError, match=why):
+    reason = "lines: cannot be written: File too large"
+    with file_size_limit(10), pytest.raises(InputError, match=reason):
         append_line(file, path, "second")
     os.close(file)
     assert path.read_bytes() == b"first\nseco"
 
 
-def test_no_pipe_or_device_is_replaced_by_a_file(tmp_path):
+def test_refuses_to_replace_a_pipe(tmp_path):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     with pytest.raises(InputError, match="pipe: cannot be written: it is not a regular file"):
@@ -55,7 +55,7 @@ def test_no_pipe_or_device_is_replaced_by_a_file(tmp_path):
 
 @pytest.fixture
 def umask():
-    """Sets the umask; the previous one is restored."""
+    """A function that sets the umask; the previous one is restored."""
     before = os.umask(0o022)
     yield os.umask
     os.umask(before)
@@ -68,14 +68,14 @@ def test_new_files_follow_the_umask(mask, umask, tmp_path):
     assert (tmp_path / "file").stat().st_mode & 0o777 == 0o666 & ~mask
 
 
-def test_a_name_may_be_as_long_as_the_system_allows(tmp_path):
-    path = tmp_path / ("é" * 127)  # 254 bytes of 255
+def test_allows_the_longest_name_of_the_system(tmp_path):
+    path = tmp_path / ("é" * 127)  # 254 bytes; the limit is 255
     atomic_write(path, b"data")
     assert path.read_bytes() == b"data"
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_symbolic_link_is_replaced_and_not_followed(tmp_path):
+def test_replaces_a_symbolic_link_without_following_it(tmp_path):
     """A run folder may be untrusted: its links must not lead to the user's files."""
     (tmp_path / "mine").write_bytes(b"mine")
     (tmp_path / "link").symlink_to(tmp_path / "mine")
@@ -85,7 +85,7 @@ def test_a_symbolic_link_is_replaced_and_not_followed(tmp_path):
 
 
 @pytest.mark.parametrize("output", ["", ".", "..", "folder", "folder/.", "folder/.."])
-def test_a_folder_is_refused_as_output(output, tmp_path, monkeypatch):
+def test_rejects_a_folder_as_output(output, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()
     for check in (check_output, lambda path: atomic_write(path, b"")):
@@ -94,7 +94,7 @@ def test_a_folder_is_refused_as_output(output, tmp_path, monkeypatch):
     assert sorted(tmp_path.rglob("*")) == [tmp_path / "folder"]
 
 
-def test_an_output_may_not_overwrite_its_input(tmp_path):
+def test_output_must_not_overwrite_an_input(tmp_path):
     source, other, link = (tmp_path / name for name in ("source", "other", "link"))
     source.touch()
     other.touch()

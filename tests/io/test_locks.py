@@ -1,4 +1,4 @@
-"""One process at a time works in a run folder, and a failed one leaves no empty folders."""
+"""One process at a time uses a run folder, and a failed one leaves no empty folders."""
 
 import fcntl
 import os
@@ -22,25 +22,25 @@ with locked_folder(Path(sys.argv[1])):
 """
 
 
-def test_a_folder_has_one_at_work_until_that_one_is_killed(tmp_path):
-    held = subprocess.Popen(
+def test_folder_is_locked_until_its_process_is_killed(tmp_path):
+    holder = subprocess.Popen(
         [sys.executable, "-c", HOLDER, str(tmp_path)], stdout=subprocess.PIPE, text=True
     )
-    with held:
-        assert held.stdout.readline() == "held\n"
+    with holder:
+        assert holder.stdout.readline() == "held\n"
         with (
             pytest.raises(InputError, match=f"^{tmp_path}: is in use by another process"),
             locked_folder(tmp_path),
         ):
             pass
-        held.send_signal(signal.SIGKILL)
+        holder.send_signal(signal.SIGKILL)
     with locked_folder(tmp_path):
         pass
     with locked_folder(tmp_path):
         pass
 
 
-def test_what_was_left_aside_goes_in_the_run_s_own_folders_only(tmp_path):
+def test_deletes_temporary_files_only_in_own_folders(tmp_path):
     parts = ("", "own", "other")
     for part in parts:
         (tmp_path / part).mkdir(exist_ok=True)
@@ -48,10 +48,10 @@ def test_what_was_left_aside_goes_in_the_run_s_own_folders_only(tmp_path):
         (tmp_path / part / "policy.json").write_text("whole")
     with locked_folder(tmp_path, below=("own",)):
         pass
-    left = {path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file()}
-    scratch = {str(path) for path in left if is_scratch(path)}
+    remaining = {path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file()}
+    scratch = {str(path) for path in remaining if is_scratch(path)}
     assert scratch == {".lock", "other/.policy.json.abc.aside"}
-    assert {str(path) for path in left} - scratch == {
+    assert {str(path) for path in remaining} - scratch == {
         "policy.json",
         "own/policy.json",
         "other/policy.json",
@@ -65,11 +65,11 @@ def fail_in(folder, error, write):
 
 
 @pytest.mark.parametrize("inner", ["", "inner"])
-def test_a_failure_deletes_nothing_where_another_process_is_at_work(tmp_path, inner):
-    """Two commands start at once: the refused one must not delete the other's empty folders."""
+def test_failure_deletes_nothing_that_another_process_uses(tmp_path, inner):
+    """Two commands start at once: the rejected one must not delete empty folders of the other."""
     new = tmp_path / "new"
 
-    def both(stack):
+    def lock_twice(stack):
         with no_empty_folders(new):
             stack.enter_context(locked_folder(new / inner))
             (new / inner / "checkpoint").mkdir()
@@ -77,27 +77,25 @@ def test_a_failure_deletes_nothing_where_another_process_is_at_work(tmp_path, in
 
     with ExitStack() as stack:
         with pytest.raises(InputError, match="is in use"):
-            both(stack)
+            lock_twice(stack)
         assert (new / inner / "checkpoint").is_dir()
 
 
-def test_a_folder_that_another_process_deletes_before_it_is_locked_is_made_again(
-    tmp_path, monkeypatch
-):
-    opened = os.open
+def test_recreates_a_folder_deleted_before_it_is_locked(tmp_path, monkeypatch):
+    original_open = os.open
 
-    def deleted(path, *arguments):
-        monkeypatch.setattr(os, "open", opened)
+    def delete_first(path, *arguments):
+        monkeypatch.setattr(os, "open", original_open)
         (tmp_path / "new").rmdir()
-        return opened(path, *arguments)
+        return original_open(path, *arguments)
 
-    monkeypatch.setattr(os, "open", deleted)
+    monkeypatch.setattr(os, "open", delete_first)
     with locked_folder(tmp_path / "new"):
         assert (tmp_path / "new" / ".lock").exists()
 
 
-def test_a_lock_that_is_a_link_is_refused(tmp_path):
-    """A run folder may be untrusted: no file is made where the link leads."""
+def test_rejects_a_lock_that_is_a_link(tmp_path):
+    """A run folder may be untrusted: no file is created where the link points."""
     (tmp_path / "run").mkdir()
     for target in (tmp_path / "elsewhere", tmp_path / "nowhere" / "file"):
         (tmp_path / "run" / ".lock").symlink_to(target)
@@ -114,7 +112,7 @@ def write_new(folder):
 
 
 @pytest.mark.parametrize("error", [InputError("no"), KeyboardInterrupt()])
-def test_a_failure_leaves_no_folder_that_holds_nothing(tmp_path, error):
+def test_failure_leaves_no_empty_folders(tmp_path, error):
     (tmp_path / "there").mkdir()
     for run in (tmp_path / "runs" / "run", tmp_path / "there" / "run"):
         with pytest.raises(type(error)):
@@ -123,7 +121,7 @@ def test_a_failure_leaves_no_folder_that_holds_nothing(tmp_path, error):
     assert list((tmp_path / "there").iterdir()) == []
 
 
-def test_a_failure_keeps_what_was_written_and_what_was_there(tmp_path):
+def test_failure_keeps_written_files_and_earlier_folders(tmp_path):
     (tmp_path / "old" / "empty").mkdir(parents=True)
     for folder in ("old", "new"):
         with pytest.raises(InputError):
@@ -133,16 +131,16 @@ def test_a_failure_keeps_what_was_written_and_what_was_there(tmp_path):
     assert (tmp_path / "new" / ".lock").exists()
 
 
-def test_a_lock_that_is_deleted_before_it_is_held_is_made_again(tmp_path, monkeypatch):
-    """As when another process fails between our opening its lock file and its letting go."""
-    flock = fcntl.flock
+def test_recreates_a_lock_file_deleted_before_it_is_locked(tmp_path, monkeypatch):
+    """This happens if another process fails after we opened its lock file."""
+    original_flock = fcntl.flock
 
-    def deleted(handle, operation):
-        monkeypatch.setattr(fcntl, "flock", flock)
+    def delete_first(handle, operation):
+        monkeypatch.setattr(fcntl, "flock", original_flock)
         (tmp_path / ".lock").unlink()
-        flock(handle, operation)
+        original_flock(handle, operation)
 
-    monkeypatch.setattr(fcntl, "flock", deleted)
+    monkeypatch.setattr(fcntl, "flock", delete_first)
     with (
         locked_folder(tmp_path),
         pytest.raises(InputError, match="is in use"),

@@ -1,4 +1,4 @@
-"""One rule for names; and no text in any file makes a path outside the requested folder."""
+"""The rule for names; and no text in any file leads to a path outside the requested folder."""
 
 import json
 import os
@@ -21,14 +21,14 @@ from verification.inputs.audit import watched
 from verification.inputs.texts import text_at, texts_in, with_text
 from verification.inputs.untrusted_files import FORMATS
 
-NO_NAMES = [
+INVALID_NAMES = [
     *("", ".", "..", "../x", "a/b", "/abs", "a\\b", "C:\\x", "C:x", "a\0b", "\n", "a\n", " a"),
     *(".hidden", "-rf", "größe", "e\u0301", "x" * (MOST_NAME + 1), "\x1b[31m", "a:b", "a*", "~"),
 ]
 
 
-@pytest.mark.parametrize("text", NO_NAMES)
-def test_an_invalid_name_is_refused(text, tmp_path):
+@pytest.mark.parametrize("text", INVALID_NAMES)
+def test_rejects_invalid_names(text, tmp_path):
     with pytest.raises(InputError, match=r"^experiment is .* \(allowed: 1 to 80 of A-Z, a-z"):
         check_name("experiment", text)
     with pytest.raises(InputError, match=r"^the name of the experiment is "):
@@ -47,109 +47,115 @@ def test_an_invalid_name_is_refused(text, tmp_path):
         ("lateral-best.v2_a", "lateral-best.v2_a"),
     ],
 )
-def test_any_text_becomes_a_valid_name(text, name):
+def test_derives_a_valid_name_from_any_text(text, name):
     assert as_name(text) == name
 
 
 @given(st.text(max_size=200))
-def test_a_derived_name_is_valid(text):
+def test_derived_names_are_valid(text):
     name = as_name(text)
     assert as_name(name) == name == check_name("it", name)
     assert Path("folder", f"{name}-s0").parent == Path("folder")
     assert len(os.fsencode(name)) <= MOST_NAME
 
 
-# What follows tries every text of a valid file of every format.
+# The following tests replace each text in valid files of all formats.
 
 LONG = "x" * 5000
 
 
 def hostile(own, parent):
-    """Paths in the place of a text. Where they lead, a valid file lies."""
+    """Paths that replace a text. There are valid files where they lead."""
     paths = ["../x", f"{parent}/x", "a/b", "a\0b", "..", "", ".", LONG, "C:\\x", "/dev/zero"]
     if len(own) < 100:
         paths += [f"../{own}", f"{parent}/{own}"]
     return paths
 
 
-def places(name, data):
-    """The texts of a file; of many of a kind the first two: of a list, of fixes and packages."""
+def text_paths(name, data):
+    """The locations of texts in a file; only the first two of a list, of fixes and of packages."""
     members = defaultdict(list)
-    for place in texts_in(name, data):
-        for at, holder in enumerate(place[:-1]):
-            known = members[place[: at + 1]]
-            if place[at + 1] not in known:
-                known.append(place[at + 1])
-            many = isinstance(place[at + 1], int) or holder in ("fixes", "packages")
-            if many and known.index(place[at + 1]) > 1:
+    for location in texts_in(name, data):
+        for at, holder in enumerate(location[:-1]):
+            known = members[location[: at + 1]]
+            if location[at + 1] not in known:
+                known.append(location[at + 1])
+            many = isinstance(location[at + 1], int) or holder in ("fixes", "packages")
+            if many and known.index(location[at + 1]) > 1:
                 break
         else:
-            yield place
+            yield location
 
 
 def tree(folder):
-    """What lies there, but in the folder that is asked for."""
+    """The files of a folder and their sizes, without those in the requested folder."""
     return {
         str(path): path.stat().st_size
         for path in sorted(folder.rglob("*"))
-        if folder / "asked" not in path.parents
+        if folder / "requested" not in path.parents
     }
 
 
 @pytest.fixture
-def used(monkeypatch, tmp_path):
-    """What is done with a file after it was read, as far as a path is made of it."""
-    asked = tmp_path / "asked"
-    flown = {}
+def commands(monkeypatch, tmp_path):
+    """Commands that make paths from the texts of a file; flights and training are shortened."""
+    requested = tmp_path / "requested"
+    recorded = {}
 
     def fly_here(*arguments):
-        if not flown:
-            flown["once"] = list(fly(*arguments))
-        yield from flown["once"]
+        if not recorded:
+            recorded["once"] = list(original_fly_here(*arguments))
+        yield from recorded["once"]
 
     def train(experiment, seed, folder, *others):
         (folder / "config.toml").write_bytes(to_toml(experiment))
-        raise InputError("trained enough")
+        raise InputError("training is skipped")
 
-    fly = evaluate._fly_here
+    original_fly_here = evaluate._fly_here
     monkeypatch.setattr(evaluate, "_fly_here", fly_here)
     monkeypatch.setattr(training, "train_experiment", train)
-    few = ["--episodes", "1", "--out", str(asked / "here")]
+    options = ["--episodes", "1", "--out", str(requested / "output")]
     return {
-        "experiment": ["train", str(asked / "experiment.toml")],
-        "policy": ["evaluate", str(asked), *few],
-        "onnx": ["evaluate", str(asked / "policy.onnx"), *few],
-        "sb3": ["evaluate", str(asked / "policy.zip"), "--experiment", "lateral-undamped", *few],
+        "experiment": ["train", str(requested / "experiment.toml")],
+        "policy": ["evaluate", str(requested), *options],
+        "onnx": ["evaluate", str(requested / "policy.onnx"), *options],
+        "sb3": [
+            "evaluate",
+            str(requested / "policy.zip"),
+            "--experiment",
+            "lateral-undamped",
+            *options,
+        ],
     }
 
 
 @pytest.mark.parametrize("name", [each for each in FORMATS if each != "checkpoint"])
-def test_no_text_of_a_file_leads_out_of_the_folder(name, used, tmp_path, monkeypatch, capsys):
+def test_no_text_in_a_file_leads_out_of_its_folder(name, commands, tmp_path, monkeypatch, capsys):
     if name in ("onnx", "sb3"):
         pytest.importorskip({"onnx": "onnxruntime", "sb3": "stable_baselines3"}[name])
-    kind, asked = FORMATS[name](), tmp_path / "asked"
-    read = []
-    for seed in {tuple(each): each for each in kind.seeds}.values():  # one of each set of files
-        for folder in (tmp_path, asked):
+    kind, requested = FORMATS[name](), tmp_path / "requested"
+    accepted = []
+    for seed in {tuple(each): each for each in kind.seeds}.values():  # one for each set of files
+        for folder in (tmp_path, requested):
             lay_out(seed, folder)
-        monkeypatch.chdir(asked)
-        kind.read(asked)  # imports what it needs
+        monkeypatch.chdir(requested)
+        kind.read(requested)  # loads lazy imports before the audit
         before, tried = tree(tmp_path), set()
         for part, data in seed.items():
-            for what, changed in changed_texts(part, data, tmp_path, tried):
-                (asked / part).write_bytes(changed)
-                with watched(asked, writes=name in used) as watch:
-                    read.append(is_read(kind, asked))
-                    if name in used:
-                        assert main(used[name]) in (0, 2), what
-                        said = capsys.readouterr().err
-                        assert all(each.isprintable() for each in said.splitlines()), what
-                assert (watch.found, tree(tmp_path)) == ([], before), what
-                for made in ("here", "runs"):
-                    shutil.rmtree(asked / made, ignore_errors=True)
-            (asked / part).write_bytes(data)
-    assert len(read) > 50
-    assert False in read
+            for case, changed in changed_texts(part, data, tmp_path, tried):
+                (requested / part).write_bytes(changed)
+                with watched(requested, writes=name in commands) as watch:
+                    accepted.append(is_accepted(kind, requested))
+                    if name in commands:
+                        assert main(commands[name]) in (0, 2), case
+                        stderr = capsys.readouterr().err
+                        assert all(each.isprintable() for each in stderr.splitlines()), case
+                assert (watch.found, tree(tmp_path)) == ([], before), case
+                for produced in ("output", "runs"):
+                    shutil.rmtree(requested / produced, ignore_errors=True)
+            (requested / part).write_bytes(data)
+    assert len(accepted) > 50
+    assert False in accepted
 
 
 def lay_out(files, folder):
@@ -159,26 +165,26 @@ def lay_out(files, folder):
 
 
 def changed_texts(part, data, parent, tried):
-    for place in places(part, data):
-        if part.endswith(".parquet") and place in tried:
-            continue  # the tables of an evaluation have the same metadata
-        texts = hostile(text_at(part, data, place), parent)
-        tried.add(place)
-        if place[-1] not in ("name", "experiment"):
-            # A zip has many, and none of its parts is unpacked into a file; these files of a run
-            # folder are formats of their own.
-            alike = part.endswith(".zip") or part.startswith(("train/", "evaluation/"))
-            turn = len(tried) % len(texts)  # all of them, but not in each place
-            texts = (texts[turn:] + texts[:turn])[: 1 if alike else 3]
+    for location in text_paths(part, data):
+        if part.endswith(".parquet") and location in tried:
+            continue  # all tables of an evaluation have the same metadata
+        texts = hostile(text_at(part, data, location), parent)
+        tried.add(location)
+        if location[-1] not in ("name", "experiment"):
+            # A zip contains many texts, and its parts are never unpacked into files. The files in
+            # subfolders of a run folder are also tested as formats of their own.
+            few = part.endswith(".zip") or part.startswith(("train/", "evaluation/"))
+            offset = len(tried) % len(texts)  # all texts are tried, but not at every location
+            texts = (texts[offset:] + texts[:offset])[: 1 if few else 3]
         for text in texts:
             try:
-                yield (part, place, text), with_text(part, data, place, text)
-            except ValueError:  # the format cannot say it
+                yield (part, location, text), with_text(part, data, location, text)
+            except ValueError:  # the format cannot represent it
                 continue
 
 
-def is_read(kind, folder):
-    """Or refused, in one line."""
+def is_accepted(kind, folder):
+    """Whether a file can be read; if it is rejected, the error must be one line."""
     try:
         kind.read(folder)
     except InputError as error:
@@ -189,8 +195,8 @@ def is_read(kind, folder):
     return False
 
 
-def test_names_that_differ_only_in_case_are_refused(tmp_path):
-    """On some systems; so they cannot both stand in the results of one run."""
+def test_rejects_names_that_differ_only_in_case(tmp_path):
+    """Some file systems ignore case, so the results of one run must not contain both."""
     kind = FORMATS["run-folder"]()
     lay_out(kind.seeds[0], tmp_path)
     results = json.loads((tmp_path / "results.json").read_bytes())

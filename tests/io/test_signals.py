@@ -1,4 +1,4 @@
-"""A signal ends a command wherever it arrives; the process sends it to itself at bad moments."""
+"""A signal ends a command whenever it arrives; the process sends it to itself at bad moments."""
 
 import gc
 import os
@@ -17,8 +17,8 @@ CODES = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
 
 @pytest.fixture(autouse=True)
-def as_at_a_terminal():
-    """A background process of a script ignores SIGINT, and so would tests run in it."""
+def as_in_a_terminal():
+    """Restore Python's handler of SIGINT, which is ignored in background processes of scripts."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
@@ -48,11 +48,11 @@ sys.argv = ["skystack", "list"]
 run()
 """
 
-PLACES = {
+MOMENTS = {
     "while it runs": "send()",
-    "in the import of C++": """
+    "while a C++ module is imported": """
         import importlib.abc, importlib.machinery, sys
-        # As while jaxlib's own module is made: an exception there ends the process.
+        # As during the import of jaxlib, where an exception aborts the process.
         class Loader(importlib.abc.Loader):
             def exec_module(self, module):
                 send()
@@ -66,7 +66,7 @@ PLACES = {
         assert delicate.whole
         spin()
     """,
-    "in a callback of a garbage collection": """
+    "in a garbage-collection callback": """
         import gc
         gc.callbacks.append(lambda *_: gc.callbacks.clear() or send())
         gc.collect()
@@ -79,7 +79,7 @@ PLACES = {
         Last()
         spin()
     """,
-    "what swallows it": """
+    "where the exception is discarded": """
         try:
             send()
             spin()
@@ -87,28 +87,28 @@ PLACES = {
             pass
         signals.check()
     """,
-    "what makes another error of it": """
+    "where the exception is replaced": """
         try:
             send()
         except BaseException as error:
             raise RuntimeError("INTERNAL: in C++") from error
     """,
-    "in another thread, while the main one waits": """
+    "in another thread while the main thread waits": """
         import threading
         from concurrent.futures import Future
-        def other():  # takes the signal itself
+        def other():  # the signal is delivered to this thread
             signal.pthread_kill(threading.get_ident(), signal.{name})
             threading.Event().wait()
         threading.Thread(target=other, daemon=True).start()
         signals.wait_for(Future())
     """,
-    "in what must be whole": """
+    "in a held block": """
         with signals.held():
             send()
-            print("whole")
+            print("completed")
         spin()
     """,
-    "at the very end": """
+    "at interpreter exit": """
         import atexit
         atexit.register(send)
     """,
@@ -116,23 +116,23 @@ PLACES = {
 
 
 @pytest.mark.parametrize("number", CODES)
-@pytest.mark.parametrize("place", PLACES)
-def test_a_signal_ends_a_command(place, number):
-    body = textwrap.dedent(PLACES[place]).replace("{name}", number.name)
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_signal_ends_a_command(moment, number):
+    body = textwrap.dedent(MOMENTS[moment]).replace("{name}", number.name)
     body = textwrap.indent(body, "    ")
     program = COMMAND.format(name=number.name, body=body)
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
     )
-    if place == "at the very end":  # the system ends it, as shells report with the same number
+    if moment == "at interpreter exit":  # the system ends the process; shells report the same code
         assert (done.returncode, done.stderr) == (-number, "")
     else:
         assert (done.returncode, done.stderr) == (CODES[number], "skystack: interrupted\n")
-    assert done.stdout == ("whole\n" if place == "in what must be whole" else "")
+    assert done.stdout == ("completed\n" if moment == "in a held block" else "")
 
 
-def test_an_ignored_signal_stays_ignored(monkeypatch):
-    """As of a command in the background of a script."""
+def test_ignored_signal_stays_ignored(monkeypatch):
+    """As in a background process of a script."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         with ended_by_signals():
@@ -143,7 +143,7 @@ def test_an_ignored_signal_stays_ignored(monkeypatch):
         signal.signal(signal.SIGINT, before)
 
 
-def test_handlers_are_as_they_were_after_a_command(monkeypatch):
+def test_restores_the_handlers_after_a_command(monkeypatch):
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.getsignal(number) for number in numbers], sys.unraisablehook
     monkeypatch.setattr(verbs, "list_all", lambda options: os.kill(os.getpid(), signal.SIGTERM))
@@ -153,10 +153,10 @@ def test_handlers_are_as_they_were_after_a_command(monkeypatch):
     assert signal.getitimer(signal.ITIMER_REAL)[0] == 0.0
 
 
-def test_an_early_second_signal_is_ignored_and_a_later_one_ends_the_process(monkeypatch):
+def test_only_a_late_second_signal_kills_the_process(monkeypatch):
     now, killed = [0.0], []
     monkeypatch.setattr(signals.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(signals.os, "kill", lambda *what: killed.append(what))
+    monkeypatch.setattr(signals.os, "kill", lambda *arguments: killed.append(arguments))
     with ended_by_signals():
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
@@ -172,38 +172,38 @@ def test_held_blocks_finish_before_the_interruption():
     done = []
     with ended_by_signals(), pytest.raises(KeyboardInterrupt):
         send_while_held(done)
-    assert done == ["whole"]
+    assert done == ["completed"]
 
 
-def test_a_signal_during_jax_is_raised_at_the_next_boundary(monkeypatch):
-    """Held in between, and with no alarm: it must not be forgotten."""
+def test_signal_inside_jax_is_raised_at_the_next_boundary(monkeypatch):
+    """Even without a retry, and after a held block, it is not lost."""
     monkeypatch.setattr(signals, "_is_delicate", lambda frame: True)
     monkeypatch.setattr(signals, "_schedule_retry", lambda after_s: None)
     with ended_by_signals():
         signal.raise_signal(signal.SIGINT)
         with pytest.raises(KeyboardInterrupt), held():
             pass
-        with held():  # cleaning up is not interrupted
+        with held():  # clean-up is not interrupted
             pass
         with pytest.raises(KeyboardInterrupt):
             signals.check()
     assert exit_code() == 130
 
 
-def test_jax_and_imports_are_delicate_and_our_code_is_not():
+def test_jax_and_imports_are_delicate_but_our_code_is_not():
     jax = pytest.importorskip("jax")
     seen = []
 
-    def look(*_):
+    def record(*_):
         seen.append(signals._is_delicate(sys._getframe()))
 
-    look()
+    record()
     for file in (jax.__file__, signals.__file__, "<frozen importlib._bootstrap>", "user.py"):
-        exec(compile("look()", file, "exec"), {"look": look})
+        exec(compile("record()", file, "exec"), {"record": record})
     assert seen == [False, True, False, True, False]
 
 
 def send_while_held(done):
     with held(), held():
         signal.raise_signal(signal.SIGTERM)
-        done.append("whole")
+        done.append("completed")

@@ -1,4 +1,4 @@
-"""Errors of validation: they name the first wrong value in full, and all that is allowed there."""
+"""Validation errors give the full path of the first wrong value, and the allowed values."""
 
 from typing import Annotated, Any, Literal
 
@@ -17,7 +17,7 @@ class Fix(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class Open(msgspec.Struct):
-    """Fields that it does not know are ignored."""
+    """Ignores unknown fields."""
 
     count: int = 0
 
@@ -54,7 +54,7 @@ class Plan(msgspec.Struct, forbid_unknown_fields=True):
         (Annotated[str, Meta(pattern="^[A-Z]+$", description="capitals")], "capitals"),
     ],
 )
-def test_what_a_type_allows_in_words(kind, words):
+def test_describes_the_allowed_values_of_a_type(kind, words):
     assert allowed_words(kind) == words
 
 
@@ -80,7 +80,7 @@ def test_what_a_type_allows_in_words(kind, words):
         ([1], "the file is [1] (allowed: object)"),
     ],
 )
-def test_the_first_wrong_value_is_named(raw, message):
+def test_names_the_first_wrong_value(raw, message):
     with pytest.raises(InputError) as error:
         convert(raw, Plan)
     assert str(error.value).startswith(message)
@@ -92,7 +92,7 @@ def test_long_values_are_truncated():
     assert str(error.value) == f'kind is "{"x" * (LONGEST_VALUE - 1)}... (allowed: left, right)'
 
 
-def test_right_values_are_converted():
+def test_converts_valid_values():
     found = convert({"level": [300, 310], "fixes": {"EGL": {"lat": 1}}, "inner": {"x": 1}}, Plan)
     assert found == Plan(level=(300, 310), fixes={"EGL": Fix(1.0)}, inner=Open())
     assert convert({"a": [1, "b", None]}, Any) == {"a": [1, "b", None]}

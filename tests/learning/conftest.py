@@ -1,4 +1,4 @@
-"""The start of a training, as small as can be."""
+"""A minimal, untrained `TrainState`."""
 
 import jax
 import pytest

@@ -1,4 +1,4 @@
-"""Checkpoints: what was saved comes back, and nothing else is believed."""
+"""Checkpoints load exactly as saved, and damaged or foreign ones are rejected."""
 
 import jax
 import jax.numpy as jnp
@@ -14,26 +14,27 @@ from skystack.learning.monitor import PARTS
 
 @pytest.mark.parametrize("value", [jnp.nan, jnp.inf])
 @pytest.mark.parametrize("part", PARTS)
-def test_a_number_that_is_not_finite_is_refused(part, value, learner, tmp_path):
+def test_rejects_a_non_finite_value(part, value, learner, tmp_path):
     leaves, structure = jax.tree.flatten(getattr(learner, part))
-    place = next(
+    index = next(
         index
         for index, leaf in enumerate(leaves)
         if leaf.size and jnp.issubdtype(leaf.dtype, jnp.floating)
     )
-    leaves[place] = leaves[place].at[(0,) * leaves[place].ndim].set(value)
+    leaves[index] = leaves[index].at[(0,) * leaves[index].ndim].set(value)
     damaged = learner._replace(**{part: jax.tree.unflatten(structure, leaves)})
     save_checkpoint(tmp_path / "learner.safetensors", damaged, "ours")
-    with pytest.raises(CheckpointError, match=f"the learner's {part} are not finite"):
+    with pytest.raises(CheckpointError, match=f"non-finite value in the {part}$"):
         load_checkpoint(tmp_path / "learner.safetensors", learner, "ours")
 
 
-def plain(leaf):
+def raw(leaf):
+    """A leaf as a NumPy array; random keys as their data."""
     is_key = jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
     return np.asarray(jax.random.key_data(leaf) if is_key else leaf)
 
 
-def test_a_learner_survives_the_disk_bit_for_bit(learner, tmp_path):
+def test_round_trip_is_bit_identical(learner, tmp_path):
     path = tmp_path / "learner.safetensors"
     save_checkpoint(path, learner, "ours")
     shapes = jax.eval_shape(lambda: learner)
@@ -42,11 +43,11 @@ def test_a_learner_survives_the_disk_bit_for_bit(learner, tmp_path):
         assert jax.tree.structure(loaded) == jax.tree.structure(learner)
         for ours, theirs in zip(*map(jax.tree.leaves, (loaded, learner)), strict=True):
             assert ours.dtype == theirs.dtype
-            assert plain(ours).tobytes() == plain(theirs).tobytes()
+            assert raw(ours).tobytes() == raw(theirs).tobytes()
     assert jax.random.uniform(loaded.key) == jax.random.uniform(learner.key)
 
 
-def test_another_trainings_checkpoint_is_refused(learner, tmp_path):
+def test_rejects_a_checkpoint_of_another_experiment(learner, tmp_path):
     path = tmp_path / "learner.safetensors"
     save_checkpoint(path, learner, "theirs")
     with pytest.raises(CheckpointError, match="belongs to another experiment"):
@@ -56,7 +57,7 @@ def test_another_trainings_checkpoint_is_refused(learner, tmp_path):
         load_checkpoint(path, learner, "ours")
 
 
-def test_arrays_of_other_shapes_than_stated_are_refused(learner, tmp_path):
+def test_rejects_arrays_of_unexpected_shapes(learner, tmp_path):
     path = tmp_path / "learner.safetensors"
     save_checkpoint(path, learner, "ours")
     with safe_open(path, framework="numpy") as file:

@@ -1,4 +1,4 @@
-"""Event files say what `metrics.jsonl` says, each step once."""
+"""TensorBoard event files contain every line of `metrics.jsonl` exactly once."""
 
 import json
 import struct
@@ -25,7 +25,7 @@ def append(run, lines):
 
 
 def events(run):
-    """All events of the folder: records of a length, its sum of four bytes, data, and its sum."""
+    """All events of the run. A record is a length, its 4-byte checksum, data and their checksum."""
     from tensorboardX.proto.event_pb2 import Event
 
     found = []
@@ -46,19 +46,19 @@ def scalars(run):
     ]
 
 
-def told(lines):
+def expected(lines):
     return [(name, line["steps"], line[name]) for line in lines for name in ("success", "kl")]
 
 
-def test_every_metric_of_every_update_is_a_scalar_at_its_step(tmp_path):
+def test_writes_every_metric_of_every_update_at_its_step(tmp_path):
     with event_files(tmp_path) as follow:
         for line in LINES:
             append(tmp_path, [line])
             follow()
-    assert scalars(tmp_path) == told(LINES)
+    assert scalars(tmp_path) == expected(LINES)
 
 
-def test_what_was_trained_before_lies_in_the_past(tmp_path, monkeypatch):
+def test_earlier_updates_keep_their_times(tmp_path, monkeypatch):
     append(tmp_path, LINES)
     monkeypatch.setattr(time, "time", lambda: 1_000_000.0)
     with event_files(tmp_path):
@@ -67,24 +67,24 @@ def test_what_was_trained_before_lies_in_the_past(tmp_path, monkeypatch):
     assert [times[256 * n] - 1_000_000.0 for n in (1, 2, 3, 4)] == [-6.0, -4.0, -2.0, 0.0]
 
 
-def test_what_was_not_measured_is_left_out(tmp_path):
+def test_omits_missing_metrics(tmp_path):
     append(tmp_path, [LINES[0] | {"success": None}, LINES[1]])
     with event_files(tmp_path):
         pass
-    assert scalars(tmp_path) == told(LINES[:2])[1:]
+    assert scalars(tmp_path) == expected(LINES[:2])[1:]
 
 
-def interrupted(run):
+def interrupt_after_three_updates(run):
     with suppress(KeyboardInterrupt), event_files(run) as follow:
         append(run, LINES[:3])
         follow()
         raise KeyboardInterrupt
 
 
-def test_a_resumed_training_doubles_no_step(tmp_path):
-    """Broken off after three updates, of which the checkpoint knows two."""
-    interrupted(tmp_path)
-    assert scalars(tmp_path) == told(LINES[:3])
+def test_resumed_training_writes_each_step_once(tmp_path):
+    """The run was interrupted after three updates, but its checkpoint contains only two."""
+    interrupt_after_three_updates(tmp_path)
+    assert scalars(tmp_path) == expected(LINES[:3])
     with event_files(tmp_path) as follow:
         (tmp_path / "metrics.jsonl").write_text("")
         append(tmp_path, LINES[:2])
@@ -92,23 +92,23 @@ def test_a_resumed_training_doubles_no_step(tmp_path):
         follow()
         append(tmp_path, [LINES[3]])
         follow()
-    assert scalars(tmp_path) == told(LINES)
+    assert scalars(tmp_path) == expected(LINES)
 
 
-def test_a_training_that_never_began_leaves_the_events_of_the_one_before(tmp_path):
+def test_failed_start_keeps_the_events_of_the_last_run(tmp_path):
     append(tmp_path, LINES)
     with event_files(tmp_path):
         pass
     with pytest.raises(InputError), event_files(tmp_path):
-        raise InputError("a checkpoint of another configuration")
-    assert scalars(tmp_path) == told(LINES)
+        raise InputError("the checkpoint has another configuration")
+    assert scalars(tmp_path) == expected(LINES)
 
 
-def test_an_extra_that_is_missing_is_named_before_anything_is_done(tmp_path, monkeypatch):
+def test_names_a_missing_extra_before_training(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "tensorboardX", None)
     with (
         pytest.raises(InputError, match=r"the extra \[tensorboard\]"),
         event_files(tmp_path / "run"),
     ):
-        pytest.fail("training begun")
+        pytest.fail("training has started")
     assert list(tmp_path.iterdir()) == []

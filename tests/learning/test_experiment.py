@@ -1,4 +1,4 @@
-"""Experiments: those that ship, changes to them, and what is refused."""
+"""Experiments: the shipped ones, changes to them, and rejected files."""
 
 import tomllib
 from pathlib import Path
@@ -16,13 +16,13 @@ LATERAL = load_experiment("lateral")
 
 
 @pytest.mark.parametrize("name", experiment_names())
-def test_shipped_experiments_load_under_their_names(name):
+def test_shipped_experiments_load_by_name(name):
     experiment = load_experiment(name)
     assert experiment.name == name
     assert experiment.description
 
 
-# Weights of the paper's table: centreline, damping, safety, vertical, terminal.
+# Reward weights in the paper's table: centreline, damping, safety, vertical, terminal.
 PAPER = {
     "lateral-undamped": (1.0, 0.0, 0.0, 0.0, 1.0),
     "lateral": (1.0, 0.25, 0.0, 0.0, 1.0),
@@ -33,39 +33,39 @@ PAPER = {
 }
 
 
-def weights(reward):
+def reward_weights(reward):
     names = ("centreline", "damping", "safety", "vertical", "terminal")
     return tuple(getattr(reward, name) for name in names)
 
 
 @pytest.mark.parametrize("name", PAPER)
-def test_plainly_named_experiments_learn_as_the_paper_says(name):
+def test_paper_experiments_have_the_papers_training_settings(name):
     experiment = load_experiment(name)
     ppo, reward = experiment.ppo, experiment.task.reward
     assert (ppo.learning_rate, ppo.gamma, ppo.entropy) == (1e-4, 0.99, 0.01)
     assert ppo.final_learning_rate == 1.0
     assert ppo.hidden == (64, 64)
-    assert weights(reward) == PAPER[name]
+    assert reward_weights(reward) == PAPER[name]
     assert reward.count_criterion == (name != "lateral-undamped")
-    ours = (reward.burst, reward.outside_band, reward.excursion, reward.conflict)
-    assert ours == (0.0, 0.0, 0.0, 0.0)
+    extensions = (reward.burst, reward.outside_band, reward.excursion, reward.conflict)
+    assert extensions == (0.0, 0.0, 0.0, 0.0)
     assert experiment.task.timing == "cycle"
     assert experiment.task.cycles == 300
 
 
 @pytest.mark.parametrize("name", ["avoidance", "avoidance-large"])
-def test_avoidance_follows_the_papers_curriculum_and_state(name):
-    """2 million steps without the safety reward, then 30 million with it; ten values."""
+def test_avoidance_has_the_papers_curriculum_and_features(name):
+    """2 million steps without the safety reward, then 30 million with it."""
     experiment = load_experiment(name)
-    task, before = experiment.task, experiment.pretraining
-    assert (before.steps, experiment.ppo.total_steps) == (2_000_000, 32_000_000)
-    assert weights(before.reward) == (1.0, 0.3, 0.0, 0.0, 1.0)
+    task, pretraining = experiment.task, experiment.pretraining
+    assert (pretraining.steps, experiment.ppo.total_steps) == (2_000_000, 32_000_000)
+    assert reward_weights(pretraining.reward) == (1.0, 0.3, 0.0, 0.0, 1.0)
     assert (task.features, task.pair_features) == (PAPER_FEATURES, ("theta", "d"))
     assert (task.aircraft, task.level_fl, task.disc_nm) == (2, 300, 4.0)
     assert task.actions == ("large" if name == "avoidance-large" else "small")
 
 
-def test_vertical_control_is_that_of_the_paper():
+def test_vertical_has_the_papers_settings():
     experiment = load_experiment("vertical")
     task = experiment.task
     assert (task.aircraft, task.levels_fl, task.actions) == (1, (100, 300), "levels")
@@ -75,7 +75,7 @@ def test_vertical_control_is_that_of_the_paper():
 
 
 @pytest.mark.parametrize("name", ["lateral", "lateral-undamped", "lateral-large"])
-def test_lateral_experiments_keep_every_value_of_the_paper(name):
+def test_lateral_experiments_have_the_papers_settings(name):
     experiment = load_experiment(name)
     ppo, task = experiment.ppo, experiment.task
     assert ppo.total_steps == 2_000_000
@@ -85,7 +85,7 @@ def test_lateral_experiments_keep_every_value_of_the_paper(name):
     assert experiment.pretraining is None
 
 
-def test_changes_are_typed_as_in_toml():
+def test_changes_are_parsed_as_toml():
     experiment = load_experiment(
         "lateral", ["ppo.total_steps=500000", "ppo.learning_rate=3e-4", "task.actions=large"]
     )
@@ -94,7 +94,7 @@ def test_changes_are_typed_as_in_toml():
     assert experiment.task.actions == "large"
 
 
-def test_whole_numbers_may_be_written_with_a_point(tmp_path):
+def test_accepts_floats_with_integral_values_as_integers(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text('name = "mine"\n[task]\nlevel_fl = [300.0, 3.2e2]\ncycles = 4e2\n')
     changes = ["ppo.total_steps=5e5", "ppo.hidden=[32.0, 32]", "ppo.steps=64.0"]
@@ -106,7 +106,7 @@ def test_whole_numbers_may_be_written_with_a_point(tmp_path):
     assert type(load_experiment("lateral", ["ppo.gamma=1"]).ppo.gamma) is float
 
 
-def test_a_resolved_experiment_reads_back(tmp_path):
+def test_resolved_experiment_loads_unchanged(tmp_path):
     path = tmp_path / "mine.toml"
     experiment = load_experiment("lateral", ["ppo.gamma=0.95"])
     path.write_bytes(to_toml(experiment))
@@ -157,21 +157,24 @@ STEPS = r".allowed: whole number from 1 to 10,000,000,000.$"
         ("name.first=1", "value, not a table"),
     ],
 )
-def test_changes_that_are_refused_in_one_line(change, message):
+def test_rejects_wrong_changes_in_one_line(change, message):
     with pytest.raises(InputError, match=message) as error:
         load_experiment("lateral", [change])
     assert "\n" not in str(error.value)
 
 
-def test_unknown_experiments_name_the_nearest():
+def test_suggests_the_nearest_experiment():
     with pytest.raises(InputError, match="did you mean 'lateral-large'"):
         load_experiment("lateral-lrage")
 
 
-def test_files_that_are_no_experiments(tmp_path):
+def test_rejects_unreadable_and_malformed_files(tmp_path):
     path = tmp_path / "broken.toml"
     path.write_text("name = ")
-    with pytest.raises(InputError, match="not TOML"):
+    with pytest.raises(InputError, match=r"broken.toml: is not TOML \("):
+        load_experiment(str(path))
+    path.write_bytes(b"name = '\xff'")
+    with pytest.raises(InputError, match=r"broken.toml: is not UTF-8 \(byte 8\)"):
         load_experiment(str(path))
     with pytest.raises(InputError, match="cannot be read"):
         load_experiment(str(tmp_path / "missing.toml"))
@@ -180,8 +183,8 @@ def test_files_that_are_no_experiments(tmp_path):
 OWN_SECTOR = Path(__file__).parents[2] / "examples" / "own-sector"
 
 
-def test_an_experiment_takes_the_sector_of_a_file_along(tmp_path):
-    """The file's name counts from the experiment's folder; afterwards the file is not needed."""
+def test_experiment_includes_its_sector_file(tmp_path):
+    """The sector's path is relative to the experiment's folder; later the file is not needed."""
     experiment = load_experiment(str(OWN_SECTOR / "valley.toml"))
     assert build_task(experiment.task).simulator.sector.name == "valley"
     path = tmp_path / "alone.toml"
@@ -189,7 +192,7 @@ def test_an_experiment_takes_the_sector_of_a_file_along(tmp_path):
     assert load_experiment(str(path)) == experiment
 
 
-def test_a_sector_set_on_the_command_line_counts_from_where_one_is(monkeypatch):
+def test_sector_on_the_command_line_is_relative_to_cwd(monkeypatch):
     monkeypatch.chdir(OWN_SECTOR)
     experiment = load_experiment("lateral", ["task.sector=valley.json"])
     assert experiment.task == replace(LATERAL.task, sector=experiment.task.sector)
@@ -197,7 +200,7 @@ def test_a_sector_set_on_the_command_line_counts_from_where_one_is(monkeypatch):
     assert load_experiment("lateral", ["task.sector=merge"]).task.sector == "merge"
 
 
-def test_an_experiment_leads_to_no_file_elsewhere(tmp_path):
+def test_experiment_cannot_read_files_outside_its_folder(tmp_path):
     (tmp_path / "inner").mkdir()
     for file in OWN_SECTOR.glob("valley.*"):
         (tmp_path / file.name).write_bytes(file.read_bytes())
@@ -206,7 +209,7 @@ def test_an_experiment_leads_to_no_file_elsewhere(tmp_path):
         path.write_text(f'name = "lateral"\n[task]\nsector = "{sector}"\n')
         with pytest.raises(InputError, match=r"task\.sector: is not allowed"):
             load_experiment(str(path))
-    # What the user says may lie anywhere.
+    # On the command line, any path is allowed.
     experiment = load_experiment("lateral", [f"task.sector={tmp_path / 'valley.json'}"])
     assert isinstance(experiment.task.sector, SectorEntry)
 
@@ -219,13 +222,13 @@ def test_an_experiment_leads_to_no_file_elsewhere(tmp_path):
         ("task.sector.name=x", "--set: task.sector"),
     ],
 )
-def test_a_sector_that_is_none_is_refused(change, message):
+def test_rejects_an_unknown_sector(change, message):
     with pytest.raises(InputError) as error:
         load_experiment("lateral", [change])
     assert str(error.value).startswith(message)
 
 
-def test_more_aircraft_than_first_fixes_are_refused():
+def test_rejects_more_aircraft_than_first_fixes():
     with pytest.raises(InputError, match="each needs its own first fix and merge has 3"):
         load_experiment("lateral", ["task.sector=merge", "task.aircraft=4"])
 
@@ -244,7 +247,7 @@ def test_more_aircraft_than_first_fixes_are_refused():
         ),
     ],
 )
-def test_a_wrong_change_is_not_blamed_on_the_file(change, message, tmp_path):
+def test_attributes_errors_to_the_change_or_the_file(change, message, tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text('name = "mine"')
     with pytest.raises(InputError) as error:
@@ -256,7 +259,7 @@ def test_a_wrong_change_is_not_blamed_on_the_file(change, message, tmp_path):
     assert str(error.value).startswith(f'{path}: ppo.total_steps is "b" (allowed: whole')
 
 
-def test_a_file_of_the_name_is_offered(tmp_path, monkeypatch):
+def test_suggests_a_file_of_that_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text('name = "mine"')
     with pytest.raises(InputError, match=r"unknown experiment 'mine'; did you mean 'mine.toml'\?"):
@@ -272,29 +275,29 @@ def test_a_file_of_the_name_is_offered(tmp_path, monkeypatch):
         ("name = 1979-05-27", "name is 1979-05-27 .allowed: no dates"),
     ],
 )
-def test_toml_that_a_parser_lets_through_or_breaks_on(tmp_path, text, message):
-    path = tmp_path / "strange.toml"
+def test_rejects_toml_that_a_parser_accepts_or_fails_on(tmp_path, text, message):
+    path = tmp_path / "mine.toml"
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         load_experiment(str(path))
 
 
-def test_a_byte_order_mark_is_skipped_as_in_json(tmp_path):
-    """Some editors write one."""
+def test_skips_a_byte_order_mark(tmp_path):
+    """Some editors write one; JSON files may have one, too."""
     path = tmp_path / "marked.toml"
     path.write_bytes(b"\xef\xbb\xbf" + to_toml(LATERAL))
     assert load_experiment(path) == LATERAL
 
 
 @pytest.mark.parametrize("text", ["a\nppo.steps = 3", "\udcff", "a\x1b[31m"])
-def test_a_change_is_one_printable_line(text):
-    """Lines after the first would be lost; bytes that are not UTF-8 are not text."""
+def test_change_must_be_one_printable_line(text):
+    """Further lines would be ignored, and bytes that are not UTF-8 are not text."""
     with pytest.raises(InputError, match=r"^--set .* is not one printable line$"):
         load_experiment("lateral", [f"description={text}"])
 
 
-def test_keys_of_older_versions_still_load(tmp_path):
-    """`stray` is `excursion` now, in either table of rewards; both at once are refused."""
+def test_keys_of_older_versions_load(tmp_path):
+    """`stray` was renamed to `excursion`, in both reward tables; both at once are rejected."""
     path = tmp_path / "old.toml"
     path.write_text(
         'name = "old"\n[task.reward]\nstray = 10.0\n[pretraining]\nsteps = 5\n'

@@ -1,4 +1,4 @@
-"""`metrics.jsonl` beside a checkpoint: neither gap nor double, whatever was killed when."""
+"""`metrics.jsonl` matches the checkpoint: no gaps or duplicates, whenever a run was killed."""
 
 import json
 import time
@@ -21,7 +21,7 @@ def updates(path):
 
 
 @pytest.mark.parametrize("torn", ["", '{"update": 5, "wal', "\n", "\x00\x00"])
-def test_lines_beyond_the_checkpoint_are_cut_off_whole_or_half(tmp_path, torn):
+def test_removes_whole_and_torn_lines_beyond_the_checkpoint(tmp_path, torn):
     path = tmp_path / "metrics.jsonl"
     write(path, 0, 4)
     path.write_text(path.read_text() + torn)
@@ -29,7 +29,7 @@ def test_lines_beyond_the_checkpoint_are_cut_off_whole_or_half(tmp_path, torn):
     assert updates(path) == [1, 2, 3]
 
 
-def test_time_goes_on_from_the_last_line_that_is_kept(tmp_path, monkeypatch):
+def test_wall_time_continues_from_the_last_kept_line(tmp_path, monkeypatch):
     path = tmp_path / "metrics.jsonl"
     lines = [
         {"update": number + 1, "wall_s": wall_s} for number, wall_s in enumerate((60, 100, 900))
@@ -47,10 +47,10 @@ def test_time_goes_on_from_the_last_line_that_is_kept(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("lines", [[1, 2], [1, 2, 2], [1, 3, 4], []])
-def test_a_checkpoint_without_its_lines_is_refused_and_nothing_changed(tmp_path, lines):
+def test_rejects_missing_lines_and_changes_nothing(tmp_path, lines):
     path = tmp_path / "metrics.jsonl"
     text = "".join(f'{{"update": {number}, "wall_s": 1.0}}\n' for number in lines)
     path.write_text(text)
-    with pytest.raises(CheckpointError, match="does not contain the 3 updates"):
+    with pytest.raises(CheckpointError, match=r"the 3 updates of .* .allowed: another folder"):
         MetricsFile(path, 3, 0.0)
     assert path.read_text() == text

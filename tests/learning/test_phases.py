@@ -1,4 +1,4 @@
-"""The phases of a training: which there are, and their programs."""
+"""The phases of a training run (pre-training and training), and their compiled programs."""
 
 from concurrent.futures import Future
 from functools import partial
@@ -21,21 +21,21 @@ def experiment_with(*changes):
 
 
 @pytest.mark.parametrize(
-    ("pretraining", "first", "begins"),
+    ("pretraining", "first", "starts"),
     [
         (None, 0, {0: "later"}),
         (None, 2, {2: "later"}),
         (512, 0, {0: "before", 2: "later"}),
         (512, 1, {1: "before", 2: "later"}),
-        (512, 2, {2: "later"}),  # resumed after the change
-        (513, 0, {0: "before", 3: "later"}),  # the update that it ends in is whole
-        (1024, 0, {0: "before"}),  # never changes
+        (512, 2, {2: "later"}),  # resumed after pre-training
+        (513, 0, {0: "before", 3: "later"}),  # rounded up to whole updates
+        (1024, 0, {0: "before"}),  # pre-training only
         (1000, 3, {3: "before"}),
-        (512, 4, {}),  # all updates are made
+        (512, 4, {}),  # all updates are done
         (None, 4, {}),
     ],
 )
-def test_which_task_is_trained_on_from_which_update_on(pretraining, first, begins):
+def test_each_phase_starts_at_its_update(pretraining, first, starts):
     changes = ["task.reward.damping=0.25"]
     if pretraining is not None:
         changes += [f"pretraining.steps={pretraining}", "pretraining.reward.damping=5.0"]
@@ -43,29 +43,33 @@ def test_which_task_is_trained_on_from_which_update_on(pretraining, first, begin
     task = build_training_task(experiment.task)
     found = phases(experiment, task, first)
     names = {0.25: "later", 5.0: "before"}
-    assert {at: names[each.settings.reward.damping] for at, each in found.items()} == begins
+    assert {at: names[each.settings.reward.damping] for at, each in found.items()} == starts
 
 
-def made(name):
-    """The program of a phase, that only notes its name."""
+def recording_program(name):
+    """The program of a phase, which only records the phase's name."""
     program = Future()
     program.set_result(lambda learner: (learner._replace(key=(*learner.key, name)), {"is": name}))
     return program
 
 
-def test_each_update_is_made_by_the_program_of_its_phase():
-    """Four updates, of which one is made already; the phases begin with the first and the third."""
+def test_each_update_runs_the_program_of_its_phase():
+    """Of four updates one is done; the phases start after the first and after the third."""
     settings = experiment_with().ppo
     assert settings.updates == 4
     learner = ppo.TrainState(*[None] * len(ppo.TrainState._fields))._replace(updates=1, key=())
-    trained = list(run_updates({1: made("before"), 3: made("later")}, settings, learner))
+    trained = list(
+        run_updates(
+            {1: recording_program("before"), 3: recording_program("later")}, settings, learner
+        )
+    )
     assert [number for number, _, _ in trained] == [2, 3, 4]
     assert [measured["is"] for _, _, measured in trained] == ["before", "before", "later"]
     assert trained[-1][1].key == ("before", "before", "later")
 
 
-def test_compiled_beside_is_compiled_here():
-    """The programs of the thread are those that the caller would have made."""
+def test_program_compiled_in_a_thread_is_the_same():
+    """The programs compiled in a thread give the results of those compiled by the caller."""
     experiment = experiment_with("ppo.total_steps=512")
     task, settings = build_training_task(experiment.task), experiment.ppo
     init = jax.jit(partial(ppo.init, task, settings))

@@ -1,4 +1,4 @@
-"""Policy files: what was saved comes back, and nothing else is believed."""
+"""Policy files load exactly as saved, and damaged ones are rejected."""
 
 import hashlib
 import json
@@ -28,11 +28,11 @@ def folder(tmp_path):
 
 
 def rewrite(folder, **changes):
-    described = json.loads((folder / "policy.json").read_text())
-    (folder / "policy.json").write_text(json.dumps(described | changes))
+    description = json.loads((folder / "policy.json").read_text())
+    (folder / "policy.json").write_text(json.dumps(description | changes))
 
 
-def test_a_policy_survives_the_disk(folder):
+def test_round_trip_keeps_the_logits(folder):
     seen = np.random.default_rng(0).uniform(size=(50, 8)).astype(np.float32)
     original = find_policy("lateral")
     np.testing.assert_array_equal(load_policy(folder).logits(seen), original.logits(seen))
@@ -50,8 +50,8 @@ def test_shipped_policies_are_small():
     assert sum(path.stat().st_size for path in SHIPPED.rglob("*.*")) < 2_000_000
 
 
-def test_a_policy_needs_numpy_alone():
-    """Loading and asking a policy imports no JAX."""
+def test_policy_needs_only_numpy():
+    """Loading and querying a policy does not import JAX."""
     program = (
         "import sys; from skystack.policies.shipped import SHIPPED; "
         "from skystack.learning.policy import load_policy; import numpy as np; "
@@ -77,7 +77,7 @@ def test_a_policy_needs_numpy_alone():
         ({"seed": "zero"}, "policy description"),
     ],
 )
-def test_a_changed_description_is_refused(folder, changes, message):
+def test_rejects_a_changed_description(folder, changes, message):
     rewrite(folder, **changes)
     with pytest.raises(InputError, match=message):
         load_policy(folder)
@@ -91,7 +91,7 @@ def test_a_changed_description_is_refused(folder, changes, message):
         ("actor.1.weights", 3e38, "could overflow"),
     ],
 )
-def test_weights_that_would_give_no_number_are_refused(folder, name, value, message):
+def test_rejects_non_finite_negative_or_huge_tensors(folder, name, value, message):
     tensors = load((folder / "policy.safetensors").read_bytes())
     tensors[name] = np.full_like(tensors[name], value)
     data = save(tensors)
@@ -102,7 +102,7 @@ def test_weights_that_would_give_no_number_are_refused(folder, name, value, mess
 
 
 @given(st.binary(max_size=200))
-def test_bytes_that_are_no_policy_are_refused_in_one_line(tmp_path_factory, data):
+def test_rejects_random_bytes_in_one_line(tmp_path_factory, data):
     folder = tmp_path_factory.mktemp("damaged")
     (folder / "policy.json").write_bytes(data)
     with pytest.raises(InputError) as error:
@@ -111,7 +111,7 @@ def test_bytes_that_are_no_policy_are_refused_in_one_line(tmp_path_factory, data
 
 
 def one_layer(weights, biases, mean=(0.0, 0.0), variance=(1.0, 1.0)):
-    """A policy of two values and three actions."""
+    """A policy with one layer, two observed values and three actions."""
     description = msgspec.structs.replace(
         find_policy("lateral").description,
         observation=("a", "b"),
@@ -122,23 +122,23 @@ def one_layer(weights, biases, mean=(0.0, 0.0), variance=(1.0, 1.0)):
     return Policy(description, ((np.float32(weights), np.float32(biases)),), normaliser)
 
 
-def test_the_most_probable_action_is_taken(tmp_path):
-    """By hand: 0.8 is two deviations above its mean, which the third action likes most."""
+def test_takes_the_most_probable_action(tmp_path):
+    """By hand: 0.8 is two deviations above its mean, which favours the third action."""
     policy = one_layer([[0, 1, 2], [1, 0, 0]], [1, 0.5, 0], (0.6, 0.0), (0.01, 1.0))
     save_policy(tmp_path, policy)
-    for asked in (policy, load_policy(tmp_path)):
-        assert asked.logits(np.float32([0.8, 0.0])) == pytest.approx([1.0, 2.5, 4.0], abs=1e-4)
+    for queried in (policy, load_policy(tmp_path)):
+        assert queried.logits(np.float32([0.8, 0.0])) == pytest.approx([1.0, 2.5, 4.0], abs=1e-4)
         seen = np.array([[0.8, 0.0], [0.6, 0.0], [0.6, -9.0]])
-        assert [asked(row) for row in seen] == [2, 0, 1]
-        assert type(asked(seen[0])) is int
+        assert [queried(row) for row in seen] == [2, 0, 1]
+        assert type(queried(seen[0])) is int
     names = {"normaliser.mean", "normaliser.variance", "actor.0.weights", "actor.0.biases"}
     assert set(load((tmp_path / "policy.safetensors").read_bytes())) == names
 
 
 @pytest.mark.parametrize(
-    ("weight", "bias", "mean", "refused"),
+    ("weight", "bias", "mean", "rejected"),
     [
-        (4e28, 5e29, 0.0, False),  # ten deviations: 9e29 at most
+        (4e28, 5e29, 0.0, False),  # at most 9e29, at ten deviations
         (6e28, 5e29, 0.0, True),
         (-6e28, -5e29, 0.0, True),
         (1.0, 1.1e30, 0.0, True),
@@ -148,9 +148,9 @@ def test_the_most_probable_action_is_taken(tmp_path):
         (1.0, 0.0, -1.1e30, True),
     ],
 )
-def test_the_greatest_possible_answer_is_limited(tmp_path, weight, bias, mean, refused):
+def test_rejects_weights_whose_logits_could_overflow(tmp_path, weight, bias, mean, rejected):
     save_policy(tmp_path, one_layer([[weight, 0, 0], [0, 0, 0]], [bias, 0, 0], mean=(mean, 0.0)))
-    if refused:
+    if rejected:
         with pytest.raises(InputError, match="could overflow"):
             load_policy(tmp_path)
     else:
@@ -177,7 +177,7 @@ def test_tensors_must_fit_the_description(tmp_path, name, tensor, message):
         load_policy(tmp_path)
 
 
-def test_bytes_that_are_no_tensors_are_refused(tmp_path):
+def test_rejects_a_file_that_is_not_safetensors(tmp_path):
     save_policy(tmp_path, one_layer(np.ones((2, 3)), np.zeros(3)))
     (tmp_path / "policy.safetensors").write_bytes(b"none")
     rewrite(tmp_path, sha256=hashlib.sha256(b"none").hexdigest())
@@ -185,37 +185,37 @@ def test_bytes_that_are_no_tensors_are_refused(tmp_path):
         load_policy(tmp_path)
 
 
-def test_a_variance_of_zero_is_allowed(tmp_path):
+def test_allows_a_variance_of_zero(tmp_path):
     save_policy(tmp_path, one_layer(np.ones((2, 3)), np.zeros(3), variance=(0.0, 1.0)))
     assert np.all(np.isfinite(load_policy(tmp_path).logits(np.ones(2, np.float32))))
 
 
-def test_versions_of_packages_are_noted(monkeypatch):
+def test_records_package_versions(monkeypatch):
     found = package_versions()
     assert (found["numpy"], found["jax"]) == (np.__version__, jax.__version__)
     assert set(found) == {"skystack", "jax", "jaxlib", "optax", "numpy"}
 
-    def none(name):
+    def not_found(name):
         raise PackageNotFoundError
 
-    monkeypatch.setattr("skystack.learning.policy.version", none)
+    monkeypatch.setattr("skystack.learning.policy.version", not_found)
     assert set(package_versions().values()) == {"unknown"}
 
 
-def test_a_policy_that_is_not_there():
+def test_rejects_an_unknown_policy():
     with pytest.raises(InputError, match="did you mean 'lateral'"):
         find_policy("laterla")
     for name in ("x" * 300, Path("nowhere")):
-        with pytest.raises(InputError, match="unknown policy"):
+        with pytest.raises(InputError, match=r"unknown policy .*a folder with a policy.json, or "):
             find_policy(name)
 
 
-def test_a_policy_folder_may_be_a_path(folder):
+def test_policy_folder_may_be_a_path(folder):
     assert find_policy(folder).description == find_policy(str(folder)).description
 
 
 @pytest.mark.parametrize(
-    ("observation", "shown"),
+    ("observation", "problem"),
     [
         (np.zeros((1, 8)), r"has shape \(1, 8\)"),
         (np.zeros(7), r"has shape \(7,\)"),
@@ -225,6 +225,8 @@ def test_a_policy_folder_may_be_a_path(folder):
         ([np.inf] * 8, r"is \[inf .*\]"),
     ],
 )
-def test_a_wrong_shape_or_non_finite_observation_is_refused(observation, shown, types_unchecked):
-    with pytest.raises(InputError, match=rf"^the observation {shown} \(allowed: 8 finite numbers"):
+def test_rejects_a_malformed_or_non_finite_observation(observation, problem, types_unchecked):
+    with pytest.raises(
+        InputError, match=rf"^the observation {problem} \(allowed: 8 finite numbers"
+    ):
         find_policy("lateral")(observation)

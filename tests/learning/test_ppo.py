@@ -1,4 +1,4 @@
-"""PPO: advantages in closed form, the normaliser, learning on a task whose answer is known."""
+"""PPO: advantages in closed form, the normaliser, and learning a task with a known solution."""
 
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ GAMMA, LAMBDA, STEPS = 0.9, 0.8, 12
 SETTINGS = PPOSettings(gamma=GAMMA, gae_lambda=LAMBDA, steps=STEPS, environments=1, minibatch=1)
 
 
-def steps_with(rewards, terminated, truncated):
+def transitions(rewards, terminated, truncated):
     empty = jnp.zeros((STEPS, 1))
     column = lambda values, kind: jnp.asarray(values, dtype=kind)[:, None]  # noqa: E731
     return ppo.Transitions(
@@ -36,12 +36,12 @@ def steps_with(rewards, terminated, truncated):
 
 @pytest.mark.parametrize("kind", ["terminated", "truncated"])
 @pytest.mark.parametrize("end", range(STEPS))
-def test_advantages_with_a_time_limit_at_every_position(end, kind):
-    """Constant reward 1 and value v: every error is 1 + gamma v' - v, summed geometrically."""
+def test_advantages_with_an_episode_end_at_every_step(end, kind):
+    """Reward 1 and a constant value v: the errors 1 + gamma v' - v are summed geometrically."""
     value, final_value = 2.0, 5.0
     at_end = np.arange(STEPS) == end
     never = np.zeros(STEPS, dtype=bool)
-    steps = steps_with(
+    steps = transitions(
         np.ones(STEPS),
         at_end if kind == "terminated" else never,
         at_end if kind == "truncated" else never,
@@ -61,14 +61,14 @@ def test_advantages_with_a_time_limit_at_every_position(end, kind):
         assert float(found[step]) == pytest.approx(expected, rel=1e-5)
 
 
-def test_with_lambda_one_advantages_are_returns_minus_values():
+def test_advantages_are_returns_minus_values_if_lambda_is_one():
     rng = np.random.default_rng(1)
     rewards, values = rng.normal(size=STEPS), rng.normal(size=STEPS)
     next_values = np.append(values[1:], 0.7)
     settings = PPOSettings(gamma=GAMMA, gae_lambda=1.0, steps=STEPS, environments=1, minibatch=1)
     never = np.zeros(STEPS, dtype=bool)
     found = ppo.compute_gae(
-        steps_with(rewards, never, never),
+        transitions(rewards, never, never),
         jnp.asarray(values, dtype=jnp.float32)[:, None],
         jnp.asarray(next_values, dtype=jnp.float32)[:, None],
         settings,
@@ -81,7 +81,7 @@ def test_with_lambda_one_advantages_are_returns_minus_values():
 
 
 @given(st.lists(st.integers(1, 40), min_size=1, max_size=5), st.integers(0, 1000))
-def test_the_normaliser_knows_mean_and_variance_of_all_it_saw(sizes, seed):
+def test_normaliser_tracks_mean_and_variance_of_all_batches(sizes, seed):
     rng = np.random.default_rng(seed)
     batches = [rng.normal(3.0, 2.0, size=(size, 2)).astype(np.float32) for size in sizes]
     normaliser = network.initial_normaliser(2)._replace(count=jnp.asarray(0.0))
@@ -92,7 +92,7 @@ def test_the_normaliser_knows_mean_and_variance_of_all_it_saw(sizes, seed):
     np.testing.assert_allclose(normaliser.variance, everything.var(axis=0), rtol=1e-3, atol=1e-4)
 
 
-def test_numpy_and_jax_compute_the_same_network():
+def test_numpy_and_jax_forward_passes_agree():
     parameters = network.init(jax.random.key(0), 8, (64, 64), 5)
     seen = np.random.default_rng(0).uniform(size=(100, 8)).astype(np.float32)
     in_jax = inference.forward(parameters.actor, jnp.asarray(seen))
@@ -101,7 +101,7 @@ def test_numpy_and_jax_compute_the_same_network():
     np.testing.assert_allclose(in_jax, in_numpy, atol=1e-5)
 
 
-def test_samples_may_be_rows_or_columns():
+def test_rows_and_columns_give_the_same_results():
     parameters = network.init(jax.random.key(0), 8, (64, 64), 5)
     normaliser = inference.Normaliser(jnp.arange(8.0) / 8.0, jnp.full(8, 0.3), jnp.ones(()))
     rows = jnp.asarray(np.random.default_rng(0).uniform(size=(100, 8)), dtype=jnp.float32)
@@ -115,39 +115,39 @@ def test_samples_may_be_rows_or_columns():
 
 
 @pytest.mark.parametrize("count", [1, 2, 7, 64, 1000])
-def test_shuffling_moves_every_number_anywhere(count):
+def test_shuffling_is_a_uniform_permutation(count):
     orders = np.array([ppo.shuffled(jax.random.key(seed), count) for seed in range(60)])
     assert (np.sort(orders, axis=1) == np.arange(count)).all()
     if count > 1:
         assert len(np.unique(orders, axis=0)) > 1
     if count == 1000:
-        # The mean place of a number is that of a uniform one: deviation sqrt(1/12 / 60) = 0.037.
+        # The mean position is that of a uniform variable: deviation sqrt(1/12 / 60) = 0.037.
         assert np.abs(orders.mean(axis=0) / 999 - 0.5).max() < 5 * 0.037
 
 
-def test_actions_are_drawn_by_their_probability():
-    """At every point of the lottery the action in whose share of [0, 1) it lies."""
-    shares = np.array([0.1, 0.0, 0.5, 0.15, 0.25])
-    lottery = (np.arange(1000) + 0.5) / 1000
-    logarithms = np.log(np.maximum(shares, 1e-30), dtype=np.float32)
+def test_samples_actions_by_their_probability():
+    """Each uniform number yields the action whose interval of [0, 1) contains it."""
+    probabilities = np.array([0.1, 0.0, 0.5, 0.15, 0.25])
+    uniform = (np.arange(1000) + 0.5) / 1000
+    logits = np.log(np.maximum(probabilities, 1e-30), dtype=np.float32)
     drawn = ppo.sample_actions(
-        jnp.broadcast_to(jnp.asarray(logarithms)[:, None], (5, 1000)), jnp.float32(lottery)
+        jnp.broadcast_to(jnp.asarray(logits)[:, None], (5, 1000)), jnp.float32(uniform)
     )
     assert np.bincount(drawn, minlength=5).tolist() == [100, 0, 500, 150, 250]
     assert (np.diff(drawn) >= 0).all()
 
 
-@pytest.mark.parametrize("cut_short", [False, True])
-def test_the_value_after_a_step_is_of_its_own_scenario(cut_short):
-    """Of the next observation, but where the scenario was cut short of its final one."""
+@pytest.mark.parametrize("truncated", [False, True])
+def test_next_values_belong_to_the_same_scenario(truncated):
+    """The value of the next observation, or of the final one if the scenario was truncated."""
     settings, task = PPOSettings(environments=1, steps=STEPS), build_task(NavigationSettings())
     learner = ppo.init(task, settings, jax.random.key(0))
     rng = np.random.default_rng(0)
     seen = jnp.asarray(rng.uniform(size=(STEPS, 8, 1)), dtype=jnp.float32)
     final = seen.at[:-1].set(seen[1:]).at[-1].set(learner.observations)
-    final = final.at[4].set(0.25) if cut_short else final
+    final = final.at[4].set(0.25) if truncated else final
     ended = np.arange(STEPS) == 4
-    steps = steps_with(np.zeros(STEPS), ended & (not cut_short), ended & cut_short)
+    steps = transitions(np.zeros(STEPS), ended & (not truncated), ended & truncated)
     steps = steps._replace(observation=seen, final_observation=final)
 
     def value(observation):
@@ -160,10 +160,10 @@ def test_the_value_after_a_step_is_of_its_own_scenario(cut_short):
     np.testing.assert_allclose(next_values, value(final), atol=1e-5)
 
 
-def test_the_first_policy_is_nearly_uniform():
+def test_initial_policy_is_nearly_uniform():
     seen = jnp.asarray(np.random.default_rng(0).normal(size=(50, 8)), dtype=jnp.float32)
-    plain = network.init(jax.random.key(0), 8, (64, 64), 5)
-    assert float(jnp.max(jnp.abs(inference.forward(plain.actor, seen)))) < 0.1
+    initial = network.init(jax.random.key(0), 8, (64, 64), 5)
+    assert float(jnp.max(jnp.abs(inference.forward(initial.actor, seen)))) < 0.1
 
 
 class SignState(NamedTuple):
@@ -175,7 +175,7 @@ METRICS = {"success": Metric("true or false", "the last answer")}
 
 
 class SignTask:
-    """Say 1 when the number shown is above a half, else 0: reward 1 for right; five steps."""
+    """Five steps; the reward is 1 for action 1 if the observed number exceeds 1/2, else for 0."""
 
     name, version, agents = "sign", 1, 1
     metrics = METRICS
@@ -194,17 +194,17 @@ class SignTask:
         return jnp.zeros((), dtype=bool)
 
     def step(self, state, action):
-        right = (state.value > 0.5) == (action == 1)
-        moved = SignState(jnp.mod(state.value * 7.3 + 0.31, 1.0), state.step + 1)
-        return moved, outcome(right.astype(jnp.float32), moved.step >= 5)
+        correct = (state.value > 0.5) == (action == 1)
+        next_state = SignState(jnp.mod(state.value * 7.3 + 0.31, 1.0), state.step + 1)
+        return next_state, outcome(correct.astype(jnp.float32), next_state.step >= 5)
 
     def advance(self, state):
         return self.step(state, jnp.zeros((), dtype=jnp.int32))
 
 
 def outcome(reward, ended):
-    no = jnp.zeros((), dtype=bool)
-    return Outcome(reward[None], ended[None], no[None], ended, {"success": ended})
+    never = jnp.zeros((), dtype=bool)
+    return Outcome(reward[None], ended[None], never[None], ended, {"success": ended})
 
 
 def learn_sign(seed):
@@ -227,14 +227,14 @@ def learn_sign(seed):
     return learner, measured
 
 
-def test_ppo_learns_a_task_with_a_known_answer():
-    """Guessing earns 2.5 of 5, the right answer 5."""
+def test_learns_a_task_with_a_known_solution():
+    """Guessing returns 2.5, always being correct 5."""
     _, returns = learn_sign(seed=0)
     assert returns[0] == pytest.approx(2.5, abs=0.6)
     assert np.mean(returns[-5:]) > 4.7
 
 
-def test_the_same_seed_twice_gives_the_same_policy_bit_for_bit():
+def test_equal_seeds_train_bit_identical_policies():
     first, second, other = learn_sign(0)[0], learn_sign(0)[0], learn_sign(1)[0]
     for a, b in zip(
         jax.tree.leaves(first.parameters), jax.tree.leaves(second.parameters), strict=True
@@ -243,8 +243,8 @@ def test_the_same_seed_twice_gives_the_same_policy_bit_for_bit():
     assert not np.array_equal(first.parameters.actor[0][0], other.parameters.actor[0][0])
 
 
-def test_an_update_is_compiled_once():
-    """What comes out has the types of what went in, weak ones too, or JAX compiles again."""
+def test_update_is_compiled_once():
+    """Output types equal input types, including weak types; otherwise JAX would compile again."""
     settings, task = (
         PPOSettings(environments=4, steps=8, minibatch=8),
         build_task(NavigationSettings()),
@@ -259,8 +259,8 @@ def test_an_update_is_compiled_once():
     assert types(before) == types(after)
 
 
-def test_the_learning_rate_falls_linearly_over_all_gradient_steps():
-    """Two updates of three epochs of four minibatches; a constant gradient moves by the rate."""
+def test_learning_rate_falls_linearly_over_gradient_steps():
+    """Two updates of three epochs of four minibatches; a constant gradient steps by the rate."""
     settings = PPOSettings(
         total_steps=32,
         environments=2,
@@ -271,26 +271,26 @@ def test_the_learning_rate_falls_linearly_over_all_gradient_steps():
         final_learning_rate=0.25,
     )
     adam, gradient = ppo.optimiser(settings), jnp.asarray([0.2, -0.3])
-    state, moved = adam.init(gradient), []
+    state, changes = adam.init(gradient), []
     for _ in range(26):
         with jax.numpy_dtype_promotion("standard"):
             change, state = adam.update(gradient, state)
-        moved.append(change)
+        changes.append(change)
     rate = 0.1 * np.maximum(1.0 - 0.75 * np.arange(26) / 24, 0.25)
-    np.testing.assert_allclose(moved, np.outer(rate, [-1.0, 1.0]), rtol=2e-4)
+    np.testing.assert_allclose(changes, np.outer(rate, [-1.0, 1.0]), rtol=2e-4)
 
 
-def test_a_minibatch_of_more_than_all_samples_is_one_an_epoch():
+def test_oversized_minibatch_means_one_step_per_epoch():
     settings = PPOSettings(
         total_steps=8, environments=2, steps=4, minibatch=9, epochs=2, final_learning_rate=0.0
     )
     adam, gradient = ppo.optimiser(settings), jnp.asarray([1.0])
-    state, moved = adam.init(gradient), []
+    state, changes = adam.init(gradient), []
     for _ in range(3):
         with jax.numpy_dtype_promotion("standard"):
             change, state = adam.update(gradient, state)
-        moved.append(float(change[0]))
-    assert moved == pytest.approx([-1e-4, -0.5e-4, 0.0], rel=1e-3)
+        changes.append(float(change[0]))
+    assert changes == pytest.approx([-1e-4, -0.5e-4, 0.0], rel=1e-3)
 
 
 def linear_parameters(rng, observation=3, actions=4):
@@ -308,8 +308,8 @@ def minibatch_of(rng, samples, observation=3, actions=4):
     return rows
 
 
-def test_the_loss_is_that_of_the_paper_on_ppo():
-    """Clipped surrogate of normalised advantages, value error, entropy; float64."""
+def test_loss_agrees_with_the_ppo_paper():
+    """Clipped surrogate of normalised advantages, value error and entropy, in float64."""
     rng = np.random.default_rng(2)
     settings = PPOSettings(clip=0.3, value_coefficient=0.7, entropy=0.05)
     parameters, rows = linear_parameters(rng), minibatch_of(rng, 50)
@@ -318,10 +318,10 @@ def test_the_loss_is_that_of_the_paper_on_ppo():
     seen, (action, old, advantage, target) = rows[:3].T, rows[3:]
     ((weights, biases),) = parameters.actor
     scores = seen @ np.float64(weights) + np.float64(biases)
-    shares = np.exp(scores) / np.exp(scores).sum(axis=1, keepdims=True)
-    entropy = -np.mean(np.sum(shares * np.log(shares), axis=1))
-    change = np.log(shares[np.arange(50), action.astype(int)]) - old
-    ratio = np.exp(change)
+    probabilities = np.exp(scores) / np.exp(scores).sum(axis=1, keepdims=True)
+    entropy = -np.mean(np.sum(probabilities * np.log(probabilities), axis=1))
+    log_ratio = np.log(probabilities[np.arange(50), action.astype(int)]) - old
+    ratio = np.exp(log_ratio)
     scaled = (advantage - advantage.mean()) / advantage.std()
     surrogate = [
         min(r * a, (0.7 if r < 0.7 else 1.3 if r > 1.3 else r) * a)
@@ -336,7 +336,7 @@ def test_the_loss_is_that_of_the_paper_on_ppo():
         "policy_loss": -np.mean(surrogate),
         "value_loss": error,
         "entropy": entropy,
-        "kl": np.mean(ratio - 1.0 - change),
+        "kl": np.mean(ratio - 1.0 - log_ratio),
         "clip_fraction": outside,
     }
     assert {name: float(part) for name, part in parts.items()} == pytest.approx(expected, rel=1e-4)
@@ -352,8 +352,8 @@ def linear_learner():
     )
 
 
-def test_a_gradient_step_is_one_of_adam_with_a_clipped_gradient(linear_learner):
-    """The first of Adam moves by g / (|g| + epsilon) of the rate; one minibatch of everything."""
+def test_gradient_step_is_adam_with_a_clipped_gradient(linear_learner):
+    """Adam's first step is the rate times g / (|g| + epsilon); one minibatch of all samples."""
     rng = np.random.default_rng(4)
     settings = PPOSettings(
         environments=2,
@@ -383,8 +383,8 @@ def test_a_gradient_step_is_one_of_adam_with_a_clipped_gradient(linear_learner):
 
 
 @pytest.mark.parametrize(("minibatch", "steps_taken"), [(6, 9), (10, 6), (100, 3)])
-def test_every_epoch_takes_each_whole_minibatch(linear_learner, minibatch, steps_taken):
-    """Of 20 samples 3, 2 or 1, three times; what fills none is left out."""
+def test_every_epoch_uses_all_full_minibatches(linear_learner, minibatch, steps_taken):
+    """20 samples make 3, 2 or 1 minibatches, in three epochs; incomplete ones are dropped."""
     settings = PPOSettings(
         environments=2, steps=10, minibatch=minibatch, epochs=3, hidden=(), learning_rate=0.0001
     )
@@ -406,7 +406,7 @@ COLLECTING = PPOSettings(
 
 @pytest.fixture(scope="module")
 def collected():
-    """The learner before, with returns under way, the learner after, steps and episodes."""
+    """The learner before (with partial returns) and after, the transitions, and the episodes."""
     task = OneByOne(SignTask())
     learner = ppo.init(task, COLLECTING, jax.random.key(0))
     learner = learner._replace(returns=jnp.asarray([10.0, 20.0, 30.0]))
@@ -414,8 +414,8 @@ def collected():
     return learner, after, jax.tree.map(np.asarray, steps), episodes
 
 
-def test_what_is_collected_is_what_happened(collected):
-    """Scenarios of five steps: two end in twelve, and each end is followed by a fresh one."""
+def test_collects_the_transitions_of_the_task(collected):
+    """Scenarios have five steps: in twelve steps two end, and each is followed by a new one."""
     before, after, steps, _ = collected
     seen, final = steps.observation[:, 0], steps.final_observation[:, 0]
     assert seen.shape == (12, 3)
@@ -428,38 +428,38 @@ def test_what_is_collected_is_what_happened(collected):
     np.testing.assert_array_equal(seen[5], seen[10])
     assert np.all(seen[5] != final[4])
     np.testing.assert_array_equal(after.observations[0], final[-1])
-    right = (seen > 0.5) == (steps.action == 1)
-    np.testing.assert_array_equal(steps.reward, 0.5 * right)
+    correct = (seen > 0.5) == (steps.action == 1)
+    np.testing.assert_array_equal(steps.reward, 0.5 * correct)
 
 
-def test_probabilities_are_those_of_the_policy_that_acted(collected):
+def test_log_probabilities_are_those_of_the_acting_policy(collected):
     before, _, steps, _ = collected
     rows = inference.normalise(before.normaliser, steps.observation[:, 0].reshape(-1, 1))
     scores = np.asarray(inference.forward(before.parameters.actor, rows), dtype=np.float64)
-    shares = np.exp(scores) / np.exp(scores).sum(axis=1, keepdims=True)
-    taken = np.log(shares[np.arange(36), steps.action.reshape(-1)])
+    probabilities = np.exp(scores) / np.exp(scores).sum(axis=1, keepdims=True)
+    taken = np.log(probabilities[np.arange(36), steps.action.reshape(-1)])
     np.testing.assert_allclose(steps.log_probability.reshape(-1), taken, atol=1e-5)
 
 
-def test_returns_are_of_whole_scenarios(collected):
-    """Unscaled; those that were under way count with what they had earned before."""
+def test_returns_cover_whole_scenarios(collected):
+    """They are unscaled, and include what was earned before the collection started."""
     _, after, steps, episodes = collected
-    right = (steps.observation[:, 0] > 0.5) == (steps.action == 1)
+    correct = (steps.observation[:, 0] > 0.5) == (steps.action == 1)
     assert float(episodes.ended) == 6.0
-    assert float(episodes.episode_return) == 60.0 + right[:10].sum()
-    np.testing.assert_array_equal(after.returns, right[10:].sum(axis=0))
+    assert float(episodes.episode_return) == 60.0 + correct[:10].sum()
+    np.testing.assert_array_equal(after.returns, correct[10:].sum(axis=0))
     assert float(episodes.metrics["success"]) == 6.0
 
 
 class QuarterTask(SignTask):
-    """Shows a quarter, always."""
+    """The observation is always 1/4."""
 
     def observe(self, state):
         return jnp.full(1, 0.25)
 
 
-def test_an_update_learns_from_what_it_collected():
-    """The normaliser sees raw observations: 36 quarters beside a thousandth of a half."""
+def test_update_learns_from_its_own_samples():
+    """The normaliser sees raw observations: 36 of 1/4, and a prior of 1/2 with weight 0.001."""
     task = OneByOne(QuarterTask())
     learner = ppo.init(task, COLLECTING, jax.random.key(0))
     after, measured = ppo.update(task, COLLECTING, learner)
@@ -468,11 +468,11 @@ def test_an_update_learns_from_what_it_collected():
     assert float(after.normaliser.count) == pytest.approx(36.001)
     assert (int(learner.updates), int(after.updates)) == (0, 1)
     assert not jnp.array_equal(jax.random.key_data(after.key), jax.random.key_data(learner.key))
-    # All is normalised as before the update: the critic learns from one standardised value.
+    # Observations are normalised as before the update, so the critic sees one constant value.
     assert float(measured["episodes"]) == 6.0
     assert 0.0 <= float(measured["return"]) <= 5.0
     assert float(measured["success"]) == 1.0
-    assert float(measured["clip_fraction"]) == 0.0  # nothing has changed before the only step
+    assert float(measured["clip_fraction"]) == 0.0  # measured before the only gradient step
     assert float(measured["kl"]) == pytest.approx(0.0, abs=1e-6)
     for old, new in zip(*map(jax.tree.leaves, (learner.parameters, after.parameters)), strict=True):
         assert old.shape == new.shape

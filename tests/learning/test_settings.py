@@ -1,4 +1,4 @@
-"""The learner's settings: sizes that follow from others, defaults and limits."""
+"""The settings of training: derived sizes, defaults and limits."""
 
 import msgspec
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from skystack.learning.settings import PPOSettings, Pretraining
 
 
-def test_the_number_of_updates_reaches_the_total():
+def test_updates_cover_the_total_steps():
     def updates(total_steps):
         return PPOSettings(total_steps=total_steps, environments=4, steps=8).updates
 
@@ -14,8 +14,8 @@ def test_the_number_of_updates_reaches_the_total():
     assert [updates(total) for total in (1, 31, 32, 33, 64, 65)] == [1, 1, 1, 2, 2, 3]
 
 
-def test_the_defaults():
-    """The first five are the paper's."""
+def test_defaults():
+    """The first five values are the paper's."""
     assert msgspec.to_builtins(PPOSettings()) == {
         "total_steps": 2_000_000,
         "learning_rate": 1e-4,
@@ -50,20 +50,20 @@ RANGES = {
     "total_steps": ([1, 10**10], [0, 10**10 + 1]),
     "hidden": ([(), (1, 10**9)], [(0,), (10**9 + 1,)]),
 }
-"""Allowed and refused."""
+"""Allowed and rejected values of each setting."""
 
 
 @pytest.mark.parametrize("name", RANGES)
-def test_the_ranges(name):
-    allowed, refused = RANGES[name]
+def test_ranges(name):
+    allowed, rejected = RANGES[name]
     for value in allowed:
         assert msgspec.to_builtins(msgspec.convert({name: value}, PPOSettings))[name] == value
-    for value in refused:
+    for value in rejected:
         with pytest.raises(msgspec.ValidationError, match=name):
             msgspec.convert({name: value}, PPOSettings)
 
 
-def test_the_range_of_pretraining():
+def test_range_of_pretraining_steps():
     for value in (0, 10**9):
         assert msgspec.convert({"steps": value}, Pretraining).steps == value
     for value in (-1, 10**9 + 1):
@@ -72,6 +72,6 @@ def test_the_range_of_pretraining():
 
 
 @pytest.mark.parametrize("kind", [PPOSettings, Pretraining])
-def test_unknown_settings_are_refused(kind):
+def test_rejects_unknown_settings(kind):
     with pytest.raises(msgspec.ValidationError, match="unknown field"):
         msgspec.convert({"surprise": 1}, kind)

@@ -1,4 +1,4 @@
-"""The words of clearances are those of what is flown: brute force on the rows that follow."""
+"""The wording of clearances matches what is flown, by brute force on the following rows."""
 
 from dataclasses import replace
 
@@ -18,25 +18,25 @@ from skystack.simulator.simulator import turn_to_deg
 
 SECTOR = replace(x_plus(), levels_fl=(100, 400))
 CYCLES = 24
-SIDES = {"left": -1, "right": 1, None: 0}
-WAYS = {"descend": -1, "climb": 1, None: 0}
+TURNS = {"left": -1, "right": 1, None: 0}
+VERTICALS = {"descend": -1, "climb": 1, None: 0}
 
 
 def random_aircraft(rng, number):
-    """Anywhere on a route, headings of every kind, on own navigation or not."""
+    """An aircraft at a random place and heading, on own navigation or not."""
     route = SECTOR.routes[rng.integers(len(SECTOR.routes))]
-    own = bool(rng.random() < 0.3)
-    lat, lon = SECTOR.fixes[route[0]] if own else rng.uniform(-0.3, 0.3, size=2).tolist()
+    own_navigation = bool(rng.random() < 0.3)
+    lat, lon = SECTOR.fixes[route[0]] if own_navigation else rng.uniform(-0.3, 0.3, size=2).tolist()
     special = rng.choice([0.0, 359.5, 0.5, 90.0, 180.0, 270.0, 45.0])
-    halves, any_one = rng.integers(720) / 2.0, rng.uniform(0.0, 360.0)
-    free = rng.choice([special, rng.integers(360), halves, any_one])
-    heading = SECTOR.first_heading_deg(route) if own else float(free)
+    half_degrees, any_heading = rng.integers(720) / 2.0, rng.uniform(0.0, 360.0)
+    steered_heading = rng.choice([special, rng.integers(360), half_degrees, any_heading])
+    heading = SECTOR.first_heading_deg(route) if own_navigation else float(steered_heading)
     fl = float(rng.integers(11, 38) * 10 + rng.choice([0.0, 0.0, 5.0, 0.9]))
-    return Aircraft(f"AC{number}", "B753", route, lat, lon, fl, heading, 300, own)
+    return Aircraft(f"AC{number}", "B753", route, lat, lon, fl, heading, 300, own_navigation)
 
 
 def random_clearances(rng, aircraft, directions):
-    """A few, often while the turn or climb of the one before is under way."""
+    """A few clearances, often during the turn or climb of the previous one."""
     cycle, heading, level = 0, aircraft.heading_deg, aircraft.fl
     while (cycle := cycle + int(rng.integers(1, 6))) < CYCLES - 3:
         turn = None
@@ -60,112 +60,113 @@ def random_scenario(seed, count, directions=("shortest", "left", "right")):
     return Scenario(SECTOR, "table", CYCLES, flying, tuple(clearances))
 
 
-def change(before, after):
-    """The sign of the way from one heading to another, less than half a turn apart."""
+def turn_sign(before, after):
+    """1 for a right turn, -1 for a left turn, 0 for none; turns are less than 180 degrees."""
     return np.sign((after - before + 180.0) % 360.0 - 180.0)
 
 
-def checked(scenario, flight, delay):
-    """Every word against the rows; returns counts of what was met."""
-    met = {"turns": 0, "levels": 0, "half turns": 0, "other way than at issue": 0}
+def check_wording(scenario, flight, delay):
+    """Check all wordings against the rows; returns how often each case occurred."""
+    counts = {"turns": 0, "levels": 0, "half turns": 0, "reversed since issue": 0}
     index = {one.callsign: number for number, one in enumerate(scenario.aircraft)}
-    for cycle, said in flight.issued:
+    for cycle, command in flight.issued:
         issue, before, after = (
             flight.reports[row] for row in (cycle, cycle + delay, cycle + delay + 1)
         )
-        one = index[said.callsign]
-        text, link = written(said), cpdlc(said).lower()
-        assert (said.callsign, cycle) == (scenario.aircraft[one].callsign, cycle)
-        if said.heading_deg is not None:
-            flown = change(before.heading_deg[one], after.heading_deg[one])
-            assert SIDES[said.turn] == flown, (cycle, said, before.heading_deg[one])
-            way = f"turn {said.turn}" if said.turn else "fly"
-            assert f"{way} heading" in text
-            assert f"{way} heading" in link
-            at_issue = change(issue.heading_deg[one], said.heading_deg)
-            met["turns"] += 1
-            met["half turns"] += abs(said.heading_deg % 360 - before.heading_deg[one]) == 180.0
-            met["other way than at issue"] += not said.by_direction and flown != at_issue
-        if said.level_fl is not None:
-            flown = np.sign(after.fl[one] - before.fl[one])
-            if delay:  # BlueSky's vertical speed turns round in some seconds
-                assert WAYS[said.vertical] == flown, (cycle, said, before.fl[one])
-            else:
-                faster = after.vertical_speed_ft_min[one] - before.vertical_speed_ft_min[one]
-                assert WAYS[said.vertical] in (flown, np.sign(faster))
-            assert f"{said.vertical or 'maintain'} FL{said.level_fl}" in text
-            assert f"{said.vertical or 'maintain'}{' to' * bool(said.vertical)} fl" in link
-            met["levels"] += 1
-            met["other way than at issue"] += flown != np.sign(said.level_fl - issue.fl[one])
-    return met
+        which = index[command.callsign]
+        text, uplink = written(command), cpdlc(command).lower()
+        assert (command.callsign, cycle) == (scenario.aircraft[which].callsign, cycle)
+        if command.heading_deg is not None:
+            heading = before.heading_deg[which]
+            flown = turn_sign(heading, after.heading_deg[which])
+            assert TURNS[command.turn] == flown, (cycle, command, heading)
+            verb = f"turn {command.turn}" if command.turn else "fly"
+            assert f"{verb} heading" in text
+            assert f"{verb} heading" in uplink
+            at_issue = turn_sign(issue.heading_deg[which], command.heading_deg)
+            counts["turns"] += 1
+            counts["half turns"] += abs(command.heading_deg % 360 - heading) == 180.0
+            counts["reversed since issue"] += not command.by_direction and flown != at_issue
+        if command.level_fl is not None:
+            flown = np.sign(after.fl[which] - before.fl[which])
+            if delay:
+                assert VERTICALS[command.vertical] == flown, (cycle, command, before.fl[which])
+            else:  # BlueSky needs some seconds to reverse its vertical speed
+                faster = after.vertical_speed_ft_min[which] - before.vertical_speed_ft_min[which]
+                assert VERTICALS[command.vertical] in (flown, np.sign(faster))
+            assert f"{command.vertical or 'maintain'} FL{command.level_fl}" in text
+            assert f"{command.vertical or 'maintain'}{' to' * bool(command.vertical)} fl" in uplink
+            counts["levels"] += 1
+            counts["reversed since issue"] += flown != np.sign(command.level_fl - issue.fl[which])
+    return counts
 
 
-def test_ours_says_what_it_flies_in_two_thousand_random_sequences():
+def test_skystack_wording_matches_2000_random_flights():
     platform, total = Skystack(), {}
     for seed in range(10):
         scenario = random_scenario(seed, 200)
-        for name, count in checked(scenario, fly_scenario(platform, scenario), 1).items():
+        for name, count in check_wording(scenario, fly_scenario(platform, scenario), 1).items():
             total[name] = total.get(name, 0) + count
     assert min(total["turns"], total["levels"]) > 5000
     assert total["half turns"] > 100
-    assert total["other way than at issue"] > 500
+    assert total["reversed since issue"] > 500
 
 
-def test_bluebird_says_what_it_flies():
+def test_bluebird_wording_matches_its_flights():
     bluebird = pytest.importorskip("skystack.platforms.bluebird", exc_type=ImportError)
     scenario = random_scenario(99, 60)
-    met = checked(scenario, fly_scenario(bluebird.Bluebird(), scenario), 1)
-    assert min(met.values()) > 2
+    counts = check_wording(scenario, fly_scenario(bluebird.Bluebird(), scenario), 1)
+    assert min(counts.values()) > 2
 
 
-def test_bluesky_says_what_it_flies(tmp_path):
+def test_bluesky_wording_matches_its_flights(tmp_path):
     bluesky = pytest.importorskip("skystack.platforms.bluesky", exc_type=ImportError)
     scenario = random_scenario(98, 60, directions=("shortest",))
     platform = bluesky.BlueSky(tmp_path)
     try:
-        met = checked(scenario, fly_scenario(platform, scenario), 0)
+        counts = check_wording(scenario, fly_scenario(platform, scenario), 0)
     finally:
         platform.close()
-    assert min(met["turns"], met["levels"], met["half turns"]) > 2
+    assert min(counts["turns"], counts["levels"], counts["half turns"]) > 2
 
 
 HALF_TURNS = [(0.0, 180), (180.0, 360), (90.0, 270), (270.0, 90)]
 OVER_NORTH = [(359.5, 0), (0.0, 360), (0.5, 360), (0.5, 359), (359.5, 1)]
-ACROSS = ["right", None, "left", "left", "right"]
+OVER_NORTH_TURNS = ["right", None, "left", "left", "right"]
 
 
 @pytest.mark.parametrize(
-    ("adoption", "words"),
+    ("adoption", "expected"),
     [
-        (SKYSTACK, ["right", "left", "right", "left", *ACROSS]),
-        (BLUEBIRD, ["right", "left", "right", "left", *ACROSS]),
-        (BLUESKY, ["left", "left", "left", "left", *ACROSS]),
+        (SKYSTACK, ["right", "left", "right", "left", *OVER_NORTH_TURNS]),
+        (BLUEBIRD, ["right", "left", "right", "left", *OVER_NORTH_TURNS]),
+        (BLUESKY, ["left", "left", "left", "left", *OVER_NORTH_TURNS]),
     ],
 )
-def test_half_turns_pass_through_no_north_but_in_bluesky_which_turns_left(adoption, words):
+def test_half_turns_avoid_north_except_in_bluesky(adoption, expected):
     turns = [*HALF_TURNS, *OVER_NORTH]
     commands = [Instruction("AC1", target) for _, target in turns]
     actual = np.array([heading for heading, _ in turns])
     found = in_words(commands, actual, np.zeros(len(commands)), adoption)
-    assert [each.turn for each in found] == words
+    assert [each.turn for each in found] == expected
 
 
-def test_a_level_is_reached_within_a_tick():
+def test_levels_count_as_reached_within_a_tick():
     commands = [Instruction("AC1", level_fl=300)] * 3
     found = in_words(commands, np.zeros(3), np.array([300.0 - 1e-9, 299.0, 300.1]), SKYSTACK)
     assert [each.vertical for each in found] == [None, "climb", "descend"]
 
 
-def test_a_direction_that_is_given_is_kept_where_there_is_a_turn():
+def test_keeps_the_given_direction_if_there_is_a_turn():
     commands = [Instruction("AC1", 45, "left", by_direction=True)] * 2
     level = np.zeros(2)
-    there, near = in_words(commands, np.array([45.0, 44.0]), level, SKYSTACK)
-    assert (there.turn, there.by_direction) == (None, False)
-    assert (near.turn, near.by_direction) == ("left", True)
+    at_target, near_target = in_words(commands, np.array([45.0, 44.0]), level, SKYSTACK)
+    assert (at_target.turn, at_target.by_direction) == (None, False)
+    assert (near_target.turn, near_target.by_direction) == ("left", True)
 
 
-def test_bluebird_ends_a_turn_a_second_s_turn_from_its_target_whatever_the_direction():
-    """1.5 degrees: there the direction that is given is not flown, and not said."""
+def test_bluebird_snaps_to_headings_within_one_second():
+    """Within 1.5 degrees, the given direction is neither flown nor worded."""
     commands = [Instruction("AC1", 45, "left", by_direction=True)] * 3
     actual = np.array([43.5, 43.4, 46.6])
     found = in_words(commands, actual, np.zeros(3), BLUEBIRD)
@@ -174,15 +175,15 @@ def test_bluebird_ends_a_turn_a_second_s_turn_from_its_target_whatever_the_direc
         ("left", True),
         ("left", True),
     ]
-    # Where the given one is the shorter one it is flown either way, and counts as obeyed.
+    # If the given direction is also the shorter one, it counts as obeyed.
     (near,) = in_words(commands[:1], np.array([46.0]), np.zeros(1), BLUEBIRD)
     assert (near.turn, near.by_direction) == ("left", True)
     (ours,) = in_words(commands[:1], np.array([43.5]), np.zeros(1), SKYSTACK)
     assert (ours.turn, ours.by_direction) == ("left", True)
 
 
-def test_words_of_one_clearance_are_of_its_own_aircraft():
-    """Each beside its own heading and level; what is not cleared has no words."""
+def test_wording_follows_the_state_of_its_own_aircraft():
+    """Without a heading or level in the clearance, there is no wording for it."""
     commands = [
         Instruction("AC1", 90),
         Instruction("AC2", level_fl=300),
@@ -202,8 +203,8 @@ def test_words_of_one_clearance_are_of_its_own_aircraft():
 
 
 @pytest.mark.parametrize("count", [0, 1, 1000, 1024, 1025, 5000])
-def test_turns_of_any_number_are_those_of_each_alone(count):
-    """In the simulator's float32, whose rounding the words follow; of every hundredth, alone."""
+def test_batched_turns_equal_single_ones(count):
+    """In the simulator's float32, whose rounding the wording follows; every 100th is compared."""
     random = np.random.default_rng(count)
     actual = random.uniform(0.0, 360.0, count).astype(np.float32).astype(np.float64)
     cleared = random.integers(0, 36, count) * 10.0

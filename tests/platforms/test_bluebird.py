@@ -1,4 +1,4 @@
-"""BluebirdDT behind the protocol: the documented delay, no traces, nothing carried over."""
+"""BluebirdDT behind the platform protocol: flights, rejected input, sectors, no side effects."""
 
 import re
 import subprocess
@@ -24,15 +24,15 @@ def platform():
     return Bluebird()
 
 
-def test_it_is_a_platform(platform, tmp_path):
+def test_implements_the_protocol(platform, tmp_path):
     assert isinstance(platform, Platform)
     report = platform.reset(load(MINIMAL, tmp_path))
     assert all(values.dtype == np.float64 and values.shape == (2,) for values in report)
 
 
 @pytest.mark.parametrize("performance", ["table", "constant"])
-def test_the_reference_rollout_comes_out_as_measured(platform, performance, tmp_path):
-    """Last rows as they were measured on the package itself, without this adapter."""
+def test_flies_the_reference_rollout_like_bluebird_itself(platform, performance, tmp_path):
+    """The last rows, as measured on BluebirdDT without this adapter."""
     scenario = load_scenario(EXAMPLES / "reference.json")
     scenario = scenario.__class__(**vars(scenario) | {"performance": performance})
     last = fly_scenario(platform, scenario).reports[300]
@@ -46,7 +46,7 @@ def test_the_reference_rollout_comes_out_as_measured(platform, performance, tmp_
     assert last.heading_deg.tolist() == [205.0, 45.0]
 
 
-def test_heading_and_level_of_one_transmission_are_both_obeyed(platform, tmp_path):
+def test_obeys_heading_and_level_of_one_transmission(platform, tmp_path):
     platform.reset(load(MINIMAL, tmp_path))
     platform.issue(Instruction("AC1", 60, "right", level_fl=340, vertical="climb"))
     first, second = platform.advance(), platform.advance()
@@ -54,18 +54,18 @@ def test_heading_and_level_of_one_transmission_are_both_obeyed(platform, tmp_pat
     assert first.heading_deg[0] == pytest.approx(45.192, abs=1e-3)
     assert second.heading_deg[0] == pytest.approx(54.192, abs=1e-3)
     assert second.fl[0] == pytest.approx(302.5, abs=1e-9)
-    # Nobody spoke to the other one: it is cleared to what it flies.
+    # AC2 was not instructed, so its cleared heading is its actual one.
     assert second.cleared_heading_deg[1] == second.heading_deg[1]
 
 
-def test_a_scenario_is_flown_the_same_after_another(platform, tmp_path):
+def test_flights_do_not_depend_on_earlier_ones(platform, tmp_path):
     first = load(MINIMAL, tmp_path)
     other = load_scenario(EXAMPLES / "climb.json")
     flights = [fly_scenario(platform, scenario).reports for scenario in (first, other, first)]
     np.testing.assert_array_equal(flights[0], flights[2])
 
 
-def test_what_it_does_not_know_is_refused(platform, tmp_path):
+def test_rejects_unknown_types_and_impossible_levels(platform, tmp_path):
     with pytest.raises(InputError, match=r"AC1: type 'X123' is unknown to BluebirdDT .*B753"):
         platform.reset(load(changed(("aircraft", 0, "type"), "X123"), tmp_path))
     platform.reset(load(MINIMAL, tmp_path))
@@ -74,8 +74,8 @@ def test_what_it_does_not_know_is_refused(platform, tmp_path):
 
 
 @pytest.mark.parametrize("callsign", ["A B", "é", "点", "<b>", "*", "-1", "Z9", "X" * 40])
-def test_every_callsign_can_be_cleared_and_flies_the_same(callsign, platform, tmp_path):
-    """By itself BluebirdDT refuses clearances for most of these."""
+def test_flies_every_callsign_the_same(callsign, platform, tmp_path):
+    """BluebirdDT itself refuses clearances for most of these callsigns."""
     known, other = (fly_scenario(platform, load(renamed(c), tmp_path)) for c in ("AC1", callsign))
     np.testing.assert_array_equal(known.reports, other.reports)
     assert [instruction.callsign for _, instruction in other.issued] == [callsign]
@@ -93,25 +93,25 @@ platform.close()
 """
 
 
-def test_it_prints_nothing_and_leaves_no_file(tmp_path):
-    home, here = tmp_path / "home", tmp_path / "here"
+def test_prints_nothing_and_leaves_no_files(tmp_path):
+    home, folder = tmp_path / "home", tmp_path / "folder"
     home.mkdir()
-    here.mkdir()
-    settings = {"HOME": str(home), "MPLCONFIGDIR": str(tmp_path / "mpl"), "JAX_PLATFORMS": "cpu"}
-    done = subprocess.run(
+    folder.mkdir()
+    environment = {"HOME": str(home), "MPLCONFIGDIR": str(tmp_path / "mpl"), "JAX_PLATFORMS": "cpu"}
+    completed = subprocess.run(
         [sys.executable, "-c", PROGRAM, str(EXAMPLES / "head-on.json")],
-        env=settings,
-        cwd=here,
+        env=environment,
+        cwd=folder,
         capture_output=True,
         text=True,
         check=True,
     )
-    assert (done.stdout, done.stderr) == ("", "")
-    assert list(home.iterdir()) == list(here.iterdir()) == []
+    assert (completed.stdout, completed.stderr) == ("", "")
+    assert list(home.iterdir()) == list(folder.iterdir()) == []
 
 
-def test_its_sectors_are_read_from_it():
-    """Ours is made from the paper's parameters, theirs comes out of BluebirdDT: the same sector."""
+def test_x_plus_equals_the_sector_of_bluebird():
+    """Ours is generated from the paper's parameters, theirs is loaded from BluebirdDT."""
     theirs, ours = sector_named("bluebird:Xplus-Sector"), sector_named("x-plus")
     assert set(theirs.routes) == set(ours.routes)
     assert theirs.levels_fl == ours.levels_fl
@@ -121,7 +121,7 @@ def test_its_sectors_are_read_from_it():
 
 
 @pytest.mark.parametrize(("name", "routes"), [("I-Sector", 2), ("Y-Sector", 6), ("X-Sector", 12)])
-def test_its_smaller_sectors_can_be_flown_in(name, routes):
+def test_loads_its_smaller_sectors(name, routes):
     assert len(sector_named(f"bluebird:{name}").routes) == routes
 
 
@@ -133,12 +133,12 @@ def test_its_smaller_sectors_can_be_flown_in(name, routes):
         ("Springfield", "BluebirdDT's Springfield: routes[2]: its exit fix SMUDJ is not on"),
     ],
 )
-def test_what_is_not_one_sector_is_refused(name, message):
+def test_rejects_unknown_and_unsuitable_sectors(name, message):
     with pytest.raises(InputError, match=re.escape(message)):
         sector_named(f"bluebird:{name}")
 
 
-def test_a_level_that_it_would_round_is_refused(platform, tmp_path):
+def test_rejects_levels_that_bluebird_would_round(platform, tmp_path):
     platform.reset(load(MINIMAL, tmp_path))
     with pytest.raises(InputError, match=r"level_fl is 305 for AC1 \(allowed: multiples of 10"):
         platform.issue(Instruction("AC1", level_fl=305))
@@ -146,7 +146,7 @@ def test_a_level_that_it_would_round_is_refused(platform, tmp_path):
     assert platform.advance().cleared_fl.tolist() == [310.0, 300.0]
 
 
-def test_a_lost_aircraft_is_noticed(platform, tmp_path):
+def test_detects_a_lost_aircraft(platform, tmp_path):
     platform.reset(load(MINIMAL, tmp_path))
     del platform._simulator.manager.environment.aircraft["AC0001"]
     with pytest.raises(PlatformError, match=r"^BluebirdDT has lost AC2$"):

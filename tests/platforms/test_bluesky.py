@@ -1,4 +1,4 @@
-"""BlueSky behind the protocol: how it flies, what it refuses, and that nothing leaks or is told."""
+"""BlueSky behind the platform protocol: flights, rejected input, no side effects."""
 
 import os
 import shutil
@@ -33,12 +33,13 @@ G_M_S2, BANK_DEG, KT_M_S = 9.80665, 25.0, 1852.0 / 3600.0
 
 
 def aircraft(callsign="AC1", *, route=BENT, lat=-0.2, lon=0.1, fl=300.0, heading_deg=45.0, **other):
-    """In the sector; with own navigation at the beginning of its route."""
+    """An aircraft inside the sector, without own navigation unless requested."""
     one = Aircraft(callsign, "B753", route, lat, lon, fl, heading_deg, 300, False)
     return replace(one, **other)
 
 
 def navigating(callsign, route, fl=300.0):
+    """An aircraft on own navigation, at the first fix of its route."""
     lat, lon = SECTOR.fixes[route[0]]
     heading = SECTOR.first_heading_deg(route)
     return aircraft(
@@ -51,7 +52,7 @@ def scenario(*flying, clearances=(), cycles=60, performance="table"):
     return Scenario(sector, performance, cycles, flying or (aircraft(),), clearances)
 
 
-TOLD = scenario(
+INSTRUCTED = scenario(
     aircraft("AC1"),
     aircraft("AC2", lat=0.3, lon=-0.2, fl=200.0, heading_deg=181.234),
     clearances=(
@@ -71,7 +72,7 @@ NAVIGATING = scenario(
 
 
 def fly(platform, flown):
-    """Every report of a scenario with its clearances: arrays [cycle, column, aircraft]."""
+    """All reports of a scenario flown with its clearances: an array [cycle, column, aircraft]."""
     return np.array(fly_scenario(platform, flown).reports)
 
 
@@ -86,15 +87,15 @@ def platform(tmp_path):
     opened.close()
 
 
-def test_it_is_a_platform(platform):
+def test_implements_the_protocol(platform):
     assert isinstance(platform, Platform)
-    report = platform.reset(TOLD)
+    report = platform.reset(INSTRUCTED)
     assert all(values.dtype == np.float64 and values.shape == (2,) for values in report)
 
 
-def test_a_scenario_starts_as_it_stands(platform):
-    report = platform.reset(TOLD)
-    for name, given in (
+def test_starts_with_the_given_state(platform):
+    report = platform.reset(INSTRUCTED)
+    for name, expected in (
         ("lat", [-0.2, 0.3]),
         ("lon", [0.1, -0.2]),
         ("fl", [300.0, 200.0]),
@@ -103,11 +104,11 @@ def test_a_scenario_starts_as_it_stands(platform):
         ("cleared_fl", [300.0, 200.0]),
         ("vertical_speed_ft_min", [0.0, 0.0]),
     ):
-        np.testing.assert_allclose(getattr(report, name), given, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(getattr(report, name), expected, rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize(("name", "fl"), [("table", 300), ("table", 360), ("constant", 250)])
-def test_the_cruise_speed_is_that_of_the_performance_and_is_held(platform, name, fl):
+def test_holds_the_cruise_speed_of_the_performance_model(platform, name, fl):
     flown = scenario(aircraft(fl=float(fl)), performance=name, cycles=20)
     speed = column(fly(platform, flown), "ground_speed_kt")
     simulator = flown.simulator()
@@ -116,13 +117,13 @@ def test_the_cruise_speed_is_that_of_the_performance_and_is_held(platform, name,
     np.testing.assert_allclose(speed, np.full_like(speed, cruise), rtol=2e-4)
 
 
-def test_the_cruise_speed_follows_the_cleared_level(platform):
-    told = (ScheduledClearance(0, "AC1", fl=360),)
-    speed = column(fly(platform, scenario(clearances=told)), "ground_speed_kt")
+def test_cruise_speed_follows_the_cleared_level(platform):
+    clearances = (ScheduledClearance(0, "AC1", fl=360),)
+    speed = column(fly(platform, scenario(clearances=clearances)), "ground_speed_kt")
     assert speed[-1, 0] == pytest.approx(0.8 * 573.6, rel=2e-3)
 
 
-def test_a_straight_flight_covers_its_ground_speed(platform):
+def test_straight_flight_matches_the_ground_speed(platform):
     reports = fly(platform, scenario(cycles=30))
     lat, lon = column(reports, "lat")[:, 0], column(reports, "lon")[:, 0]
     earth_m = 6371000.0
@@ -131,7 +132,7 @@ def test_a_straight_flight_covers_its_ground_speed(platform):
     assert flown_m == pytest.approx(30 * 6 * speed_m_s, rel=1e-4)
 
 
-def test_turns_are_coordinated_and_begin_with_the_first_second(platform):
+def test_turns_are_coordinated_and_begin_at_once(platform):
     first = platform.reset(scenario())
     platform.issue(Instruction("AC1", heading_deg=135))
     second = platform.advance()
@@ -142,18 +143,20 @@ def test_turns_are_coordinated_and_begin_with_the_first_second(platform):
 
 
 @pytest.mark.parametrize("heading", [0, 35, 215, 359, 360])
-def test_a_heading_is_captured_exactly_by_the_shorter_way(platform, heading):
-    told = (ScheduledClearance(0, "AC1", heading_deg=heading),)
-    headings = column(fly(platform, scenario(clearances=told, cycles=40)), "heading_deg")[:, 0]
+def test_captures_headings_exactly_the_shorter_way(platform, heading):
+    clearances = (ScheduledClearance(0, "AC1", heading_deg=heading),)
+    headings = column(fly(platform, scenario(clearances=clearances, cycles=40)), "heading_deg")[
+        :, 0
+    ]
     assert headings[-1] == heading % 360
     turned = np.abs((np.diff(headings) + 180.0) % 360.0 - 180.0).sum()
     assert turned == pytest.approx(abs((heading - 45.0 + 180.0) % 360.0 - 180.0), abs=1e-9)
 
 
 @pytest.mark.parametrize("level", [340, 290, 180])
-def test_a_level_is_captured_exactly(platform, level):
-    told = (ScheduledClearance(0, "AC1", fl=level),)
-    reports = fly(platform, scenario(clearances=told, cycles=100))
+def test_captures_levels_exactly(platform, level):
+    clearances = (ScheduledClearance(0, "AC1", fl=level),)
+    reports = fly(platform, scenario(clearances=clearances, cycles=100))
     assert column(reports, "fl")[-1, 0] == level
     assert column(reports, "cleared_fl")[1, 0] == level
     assert column(reports, "vertical_speed_ft_min")[-1, 0] == 0.0
@@ -161,7 +164,7 @@ def test_a_level_is_captured_exactly(platform, level):
     assert rate == pytest.approx(2500.0 if level > 300 else -2500.0)
 
 
-def test_heading_and_level_may_be_told_at_once(platform):
+def test_obeys_heading_and_level_of_one_instruction(platform):
     platform.reset(scenario())
     platform.issue(Instruction("AC1", heading_deg=100, level_fl=320))
     report = platform.advance()
@@ -170,26 +173,26 @@ def test_heading_and_level_may_be_told_at_once(platform):
     assert report.heading_deg[0] > 45.0
 
 
-def test_own_navigation_cuts_corners_as_coordinated_turns_do(platform):
+def test_own_navigation_cuts_corners_in_coordinated_turns(platform):
     flying = (navigating(f"AC{index}", route) for index, route in enumerate(SECTOR.routes))
     reports = fly(platform, scenario(*flying, cycles=160))
     speed_m_s = column(reports, "ground_speed_kt")[0, 0] * KT_M_S
     radius_nm = speed_m_s**2 / (G_M_S2 * np.tan(np.radians(BANK_DEG))) / 1852.0
-    half_a_cycle_nm = 3.0 * speed_m_s / 1852.0
+    half_cycle_nm = 3.0 * speed_m_s / 1852.0
     for index, route in enumerate(SECTOR.routes):
-        at = SECTOR.plane.to_plane(
+        position_nm = SECTOR.plane.to_plane(
             column(reports, "lat")[:, index], column(reports, "lon")[:, index]
         )
         for name, turn_deg in zip(route[1:], [*turns_deg(route, SECTOR.fixes), 0.0], strict=True):
-            nearest_nm = np.linalg.norm(at - SECTOR.fixes_nm[name], axis=1).min()
+            nearest_nm = np.linalg.norm(position_nm - SECTOR.fixes_nm[name], axis=1).min()
             corner_nm = radius_nm * (1.0 / np.cos(np.radians(turn_deg / 2.0)) - 1.0)
-            assert corner_nm - 0.1 < nearest_nm < np.hypot(corner_nm, half_a_cycle_nm) + 0.1
+            assert corner_nm - 0.1 < nearest_nm < np.hypot(corner_nm, half_cycle_nm) + 0.1
     np.testing.assert_array_equal(
         column(reports, "cleared_heading_deg"), column(reports, "heading_deg")
     )
 
 
-def test_a_heading_ends_own_navigation(platform):
+def test_heading_clearance_ends_own_navigation(platform):
     flown = scenario(
         navigating("AC1", BENT),
         clearances=(ScheduledClearance(2, "AC1", heading_deg=123),),
@@ -200,43 +203,43 @@ def test_a_heading_ends_own_navigation(platform):
     np.testing.assert_array_equal(column(reports, "cleared_heading_deg")[3:, 0], 123.0)
 
 
-def test_what_was_flown_before_leaves_no_trace(platform):
-    first = {id(flown): fly(platform, flown) for flown in (TOLD, NAVIGATING)}
-    for flown in (TOLD, NAVIGATING):
+def test_flights_do_not_depend_on_earlier_ones(platform):
+    first = {id(flown): fly(platform, flown) for flown in (INSTRUCTED, NAVIGATING)}
+    for flown in (INSTRUCTED, NAVIGATING):
         np.testing.assert_array_equal(fly(platform, flown), first[id(flown)])
 
 
-def test_another_folder_flies_the_same_once_the_first_is_gone(tmp_path):
+def test_flies_the_same_after_the_first_folder_is_deleted(tmp_path):
     flown = []
     for name in ("first", "second"):
         folder = tmp_path / name
         folder.mkdir()
         opened = BlueSky(folder)
-        flown.append(fly(opened, TOLD))
+        flown.append(fly(opened, INSTRUCTED))
         opened.close()
         shutil.rmtree(folder)
     np.testing.assert_array_equal(*flown)
 
 
-def test_one_at_a_time(platform, tmp_path):
+def test_only_one_can_be_open(platform, tmp_path):
     with pytest.raises(PlatformError, match="already open"):
         BlueSky(tmp_path)
-    platform.reset(TOLD)
+    platform.reset(INSTRUCTED)
 
 
-FRESH = """
+PROGRAM = """
 import sys
 from pathlib import Path
 import numpy as np
 from skystack.platforms.bluesky import BlueSky
-from tests.platforms.test_bluesky import NAVIGATING, TOLD, fly
+from tests.platforms.test_bluesky import NAVIGATING, INSTRUCTED, fly
 platform = BlueSky(Path(sys.argv[1]))
-np.savez(sys.argv[2], told=fly(platform, TOLD), navigating=fly(platform, NAVIGATING))
+np.savez(sys.argv[2], instructed=fly(platform, INSTRUCTED), navigating=fly(platform, NAVIGATING))
 platform.close()
 """
 
 
-def test_a_fresh_process_flies_the_same_and_leaves_no_trace(platform, tmp_path):
+def test_new_process_flies_the_same_and_leaves_no_files(platform, tmp_path):
     home, work, folder = (tmp_path / name for name in ("home", "work", "folder"))
     for made in (home, work, folder):
         made.mkdir()
@@ -249,18 +252,18 @@ def test_a_fresh_process_flies_the_same_and_leaves_no_trace(platform, tmp_path):
         "PYTHONPATH": os.pathsep.join([str(repository), str(repository / "src")]),
         "PYTHONDONTWRITEBYTECODE": "1",
     }
-    done = subprocess.run(
-        [sys.executable, "-c", FRESH, str(folder), str(result)],
+    completed = subprocess.run(
+        [sys.executable, "-c", PROGRAM, str(folder), str(result)],
         cwd=work,
         env=environment,
         capture_output=True,
         text=True,
         check=False,
     )
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert (completed.returncode, completed.stdout, completed.stderr) == (0, "", "")
     assert list(home.iterdir()) == list(work.iterdir()) == []
     with np.load(result) as flown:
-        np.testing.assert_array_equal(flown["told"], fly(platform, TOLD))
+        np.testing.assert_array_equal(flown["instructed"], fly(platform, INSTRUCTED))
         np.testing.assert_array_equal(flown["navigating"], fly(platform, NAVIGATING))
 
 
@@ -284,7 +287,7 @@ np.savez(result, rows=rows, ended_s=[ended_s, bluesky.sim.simt])
 """
 
 
-@pytest.mark.parametrize("flown", [TOLD, NAVIGATING], ids=["told", "navigating"])
+@pytest.mark.parametrize("flown", [INSTRUCTED, NAVIGATING], ids=["instructed", "own navigation"])
 def test_plain_bluesky_flies_the_scenario_file_the_same(platform, tmp_path, flown):
     file = tmp_path / "flown.scn"
     file.write_text(scenario_text(flown))
@@ -294,7 +297,7 @@ def test_plain_bluesky_flies_the_scenario_file_the_same(platform, tmp_path, flow
 
 
 def replay(file, cycles, folder):
-    """Rows [cycle, column, aircraft] that plain BlueSky flies, and when it stopped."""
+    """The rows [cycle, column, aircraft] that plain BlueSky flies, and when it stops."""
     result = folder / "flown.npz"
     command = [sys.executable, "-c", REPLAY, folder, file, str(cycles), result]
     subprocess.run(command, cwd=folder, capture_output=True, check=True)
@@ -302,8 +305,8 @@ def replay(file, cycles, folder):
         return replayed["rows"], replayed["ended_s"]
 
 
-def test_an_evaluation_flies_again_in_plain_bluesky(tmp_path):
-    """A policy's clearances, from the stored tables, exported and flown by BlueSky alone."""
+def test_plain_bluesky_reproduces_an_evaluation(tmp_path):
+    """A policy's clearances, exported from the stored tables and flown by BlueSky alone."""
     number = 1
     conditions = Conditions(episodes=number + 1, platform="bluesky")
     evaluate(find_policy("lateral-best"), conditions, tmp_path)
@@ -315,17 +318,17 @@ def test_an_evaluation_flies_again_in_plain_bluesky(tmp_path):
     rows, _ = replay(tmp_path / "one.scn", table.num_rows // 2, tmp_path)
     flying = np.array(table["status"].to_pylist()) != "exited"
     for place, name in enumerate(("lat", "lon", "fl", "heading_deg")):
-        # Positions are stored as float32, exited aircraft stand still.
+        # Positions are stored as float32, and exited aircraft stay where they are.
         flown = rows[:, place].reshape(-1)
         np.testing.assert_allclose(flown[flying], np.array(table[name])[flying], atol=1e-4)
 
 
-def test_the_types_that_bluesky_knows_are_those_listed(platform):
+def test_lists_the_types_that_bluesky_knows(platform):
     known = {name.upper() for name in bluesky.traf.perf.coeff.actypes_fixwing}
     assert known == TYPES
 
 
-def test_any_callsign_can_be_flown(platform):
+def test_flies_any_callsign(platform):
     callsigns = ("a, b;DEL *", "#", "HDG")
     platform.reset(scenario(*(aircraft(callsign) for callsign in callsigns)))
     platform.issue(Instruction("#", heading_deg=90))
@@ -333,17 +336,17 @@ def test_any_callsign_can_be_flown(platform):
 
 
 @pytest.mark.parametrize("aircraft_type", ["XXXX", "b752", "B752,0", "EC35"])
-def test_an_unknown_type_is_refused(platform, aircraft_type):
+def test_rejects_unknown_types(platform, aircraft_type):
     with pytest.raises(InputError, match=f"AC1: type '{aircraft_type}'.*as B752"):
         platform.reset(scenario(aircraft(type=aircraft_type)))
 
 
-def test_a_known_type_is_flown(platform):
+def test_flies_known_types(platform):
     platform.reset(scenario(aircraft(type="A320"), aircraft("AC2")))
     assert list(bluesky.traf.perf.actype) == ["A320", "B752"]
 
 
-def test_levels_above_the_ceiling_are_refused(platform):
+def test_rejects_levels_above_the_ceiling(platform):
     with pytest.raises(InputError, match=r"fl is 500.0 for AC1 \(allowed: up to FL382"):
         platform.reset(scenario(aircraft(fl=500.0)))
     platform.reset(scenario())
@@ -351,7 +354,7 @@ def test_levels_above_the_ceiling_are_refused(platform):
         platform.issue(Instruction("AC1", level_fl=500))
 
 
-def test_only_the_shorter_way_can_be_obeyed(platform):
+def test_rejects_turns_the_longer_way(platform):
     platform.reset(scenario())
     for turn, heading in (("left", 46), ("right", 44), ("right", 225)):
         with pytest.raises(InputError, match=f"turn is '{turn}' for AC1 from heading 45"):
@@ -361,50 +364,52 @@ def test_only_the_shorter_way_can_be_obeyed(platform):
     assert platform.advance().heading_deg[0] == 44.0
 
 
-def test_a_lost_aircraft_is_noticed(platform):
-    platform.reset(TOLD)
+def test_detects_a_lost_aircraft(platform):
+    platform.reset(INSTRUCTED)
     bluesky.stack.stack("DEL AC0001")
     with pytest.raises(PlatformError, match="lost AC2"):
         platform.advance()
 
 
-@pytest.mark.parametrize("told", [{"heading_deg": 90}, {"level_fl": 310}])
-def test_what_bluesky_does_not_obey_is_noticed(platform, monkeypatch, told):
-    platform.reset(TOLD)
+@pytest.mark.parametrize("fields", [{"heading_deg": 90}, {"level_fl": 310}])
+def test_detects_clearances_that_bluesky_ignores(platform, monkeypatch, fields):
+    platform.reset(INSTRUCTED)
     monkeypatch.setattr(bluesky.stack, "stack", lambda *_: None)
     with pytest.raises(PlatformError, match=r"refused.*AC1"):
-        platform.issue(Instruction("AC1", **told))
+        platform.issue(Instruction("AC1", **fields))
 
 
-def test_nothing_is_printed(tmp_path, capfd):
+def test_prints_nothing(tmp_path, capfd):
     opened = BlueSky(tmp_path)
-    fly(opened, TOLD)
+    fly(opened, INSTRUCTED)
     with pytest.raises(InputError):
         opened.reset(scenario(aircraft(type="XXXX")))
     opened.close()
     assert capfd.readouterr() == ("", "")
 
 
-def test_the_levels_that_a_file_is_written_for_are_flown(platform):
-    """Climbs turned round under way, small ones, and one repeated: BlueSky itself is right."""
+def test_flies_the_levels_that_the_file_assumes(platform):
+    """Climbs that are reversed, short or repeated; BlueSky itself is the reference."""
     rng = np.random.default_rng(5)
     cycles = np.cumsum(rng.integers(1, 8, 20)).tolist()
     cleared = dict(zip(cycles, (10 * rng.integers(20, 38, 20)).tolist(), strict=True))
-    told = tuple(ScheduledClearance(cycle, "AC1", fl=fl) for cycle, fl in cleared.items())
-    flown = scenario(clearances=told, cycles=120)
+    clearances = tuple(ScheduledClearance(cycle, "AC1", fl=fl) for cycle, fl in cleared.items())
+    flown = scenario(clearances=clearances, cycles=120)
     reports = fly(platform, flown)
     expected = levels_fl(300.0, cleared, 120, flown.performance_of("B753").rate_ft_min)
     levels = [fl for fl, _ in expected]
     np.testing.assert_allclose(column(reports, "fl")[:-1, 0], levels, rtol=0.0, atol=1e-6)
     assert len(set(levels)) > 60
     fast = replace(scenario(aircraft(fl=300.24)), fleet=(AircraftType("B753", rate_ft_min=3000.0),))
-    up = replace(fast, clearances=(ScheduledClearance(0, "AC1", fl=310),), cycles=4)
+    climb = replace(fast, clearances=(ScheduledClearance(0, "AC1", fl=310),), cycles=4)
     levels = [fl for fl, _ in levels_fl(300.24, {0: 310}, 5, 3000.0)]
-    np.testing.assert_allclose(column(fly(platform, up), "fl")[:, 0], levels, rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(
+        column(fly(platform, climb), "fl")[:, 0], levels, rtol=0.0, atol=1e-6
+    )
 
 
-def test_what_is_at_the_limit_of_bluesky_is_flown(platform):
-    """The ceiling of the type in the scenario; above it an aircraft may hold or descend."""
+def test_obeys_the_ceiling_of_the_fleet_type(platform):
+    """Above the ceiling of its type, an aircraft may hold its level or descend."""
     low = AircraftType("B753", ceiling_fl=300.0)
     flown = replace(scenario(aircraft(fl=290.0)), fleet=(low,))
     platform.reset(flown)
@@ -420,48 +425,47 @@ def test_what_is_at_the_limit_of_bluesky_is_flown(platform):
         platform.issue(Instruction("AC1", level_fl=330))
 
 
-def test_an_aircraft_that_was_not_created_is_noticed(platform, monkeypatch):
-    obeyed = bluesky.stack.stack
+def test_detects_an_aircraft_that_was_not_created(platform, monkeypatch):
+    stack = bluesky.stack.stack
 
-    def all_but_the_first(*commands):
-        obeyed(*(each for each in commands if not each.startswith("CRE AC0000")))
+    def skip_first_aircraft(*commands):
+        stack(*(each for each in commands if not each.startswith("CRE AC0000")))
 
-    monkeypatch.setattr(bluesky.stack, "stack", all_but_the_first)
+    monkeypatch.setattr(bluesky.stack, "stack", skip_first_aircraft)
     message = r"created \['AC0001'\] for \['AC1', 'AC2'\]"
     with pytest.raises(PlatformError, match=message):
-        platform.reset(TOLD)
+        platform.reset(INSTRUCTED)
 
 
-def test_airspeeds_outside_the_envelope_are_refused(platform):
-    """At FL160, where no Mach number is too high: the limits themselves are flown, not a knot
-    beyond them."""
+def test_rejects_airspeeds_outside_the_envelope(platform):
+    """At FL160, where no Mach number is too high. The limits themselves are flown."""
 
-    def at(cas_kt):
+    def with_cas(cas_kt):
         kind = AircraftType("B752", high_cas_kt=(cas_kt,) * 3, mach=(0.8,) * 3)
         return replace(scenario(aircraft(type="B752", fl=160.0)), fleet=(kind,))
 
-    platform.reset(at(250.0))
+    platform.reset(with_cas(250.0))
     performance = bluesky.traf.perf
     low, high = (float(each[0]) / KT_M_S for each in (performance.vmin, performance.vmax))
     for limit, beyond in ((low, low - 1.0), (high, high + 1.0)):
-        assert platform.reset(at(limit)).fl[0] == 160.0
+        assert platform.reset(with_cas(limit)).fl[0] == 160.0
         message = (
             rf"AC1 flies {beyond:.0f} kt CAS, M0\.\d\d, at FL160 .*: {low:.0f} to {high:.0f} kt"
         )
         with pytest.raises(InputError, match=message):
-            platform.reset(at(beyond))
+            platform.reset(with_cas(beyond))
 
 
-def test_a_mach_number_above_the_greatest_is_refused(platform):
-    """High up, where its airspeed is well within the envelope; the greatest one itself is flown."""
+def test_rejects_mach_numbers_above_the_maximum(platform):
+    """At FL380, where the airspeed is well within the envelope. The maximum itself is flown."""
 
-    def at(mach):
+    def with_mach(mach):
         kind = AircraftType("B752", high_cas_kt=(380.0,) * 3, mach=(mach,) * 3)
         return replace(scenario(aircraft(type="B752", fl=380.0)), fleet=(kind,))
 
-    platform.reset(at(0.7))
-    most = float(bluesky.traf.perf.mmo[0])
-    assert platform.reset(at(most)).fl[0] == 380.0
-    message = rf"M{most + 0.01:.2f}, at FL380 .* to 3\d\d kt, up to M{most:.2f}\)"
+    platform.reset(with_mach(0.7))
+    maximum = float(bluesky.traf.perf.mmo[0])
+    assert platform.reset(with_mach(maximum)).fl[0] == 380.0
+    message = rf"M{maximum + 0.01:.2f}, at FL380 .* to 3\d\d kt, up to M{maximum:.2f}\)"
     with pytest.raises(InputError, match=message):
-        platform.reset(at(most + 0.01))
+        platform.reset(with_mach(maximum + 0.01))

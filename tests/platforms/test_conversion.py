@@ -1,4 +1,4 @@
-"""Reports as the traffic that tasks read: whole levels, and who has left stays where it was."""
+"""Conversion of reports to traffic, and of traffic to scenarios."""
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +20,7 @@ PLANE = TASK.simulator.sector.plane
 
 
 def report(**changes):
-    two = {
+    fields = {
         "lat": [0.1, 0.2],
         "lon": [-0.3, 0.4],
         "fl": [300.0, 319.99999999],
@@ -30,38 +30,38 @@ def report(**changes):
         "ground_speed_kt": [465.9, 451.2],
         "vertical_speed_ft_min": [2500.0, -2500.0],
     }
-    return Report(**{name: np.array(values) for name, values in (two | changes).items()})
+    return Report(**{name: np.array(values) for name, values in (fields | changes).items()})
 
 
-def drawn():
+def drawn_traffic():
     return TASK.scenarios.draw(scenario_key(0, 3)).traffic
 
 
-def test_a_report_is_read_as_it_stands():
-    before = drawn()
-    read = traffic_of(report(), before, PLANE)
-    np.testing.assert_allclose(PLANE.to_degrees(read.position_nm)[:, 0], [0.1, 0.2], atol=1e-6)
-    np.testing.assert_allclose(PLANE.to_degrees(read.position_nm)[:, 1], [-0.3, 0.4], atol=1e-6)
-    # Floating-point noise of a level that was captured is none any more.
-    assert read.level_ticks.tolist() == [300 * TICKS_PER_FL, 320 * TICKS_PER_FL]
-    assert read.cleared_level_ticks.tolist() == [340 * TICKS_PER_FL, 320 * TICKS_PER_FL]
-    assert read.cleared_heading_deg.tolist() == [60.0, 270.0]
-    assert read.route.tolist() == before.route.tolist()
-    same = jax.tree.map(lambda new, old: new.dtype == old.dtype, read, before)
-    assert all(jax.tree.leaves(same))
+def test_traffic_has_the_reported_values():
+    before = drawn_traffic()
+    traffic = traffic_of(report(), before, PLANE)
+    np.testing.assert_allclose(PLANE.to_degrees(traffic.position_nm)[:, 0], [0.1, 0.2], atol=1e-6)
+    np.testing.assert_allclose(PLANE.to_degrees(traffic.position_nm)[:, 1], [-0.3, 0.4], atol=1e-6)
+    # Rounding to ticks removes the floating-point noise of a captured level.
+    assert traffic.level_ticks.tolist() == [300 * TICKS_PER_FL, 320 * TICKS_PER_FL]
+    assert traffic.cleared_level_ticks.tolist() == [340 * TICKS_PER_FL, 320 * TICKS_PER_FL]
+    assert traffic.cleared_heading_deg.tolist() == [60.0, 270.0]
+    assert traffic.route.tolist() == before.route.tolist()
+    same_dtype = jax.tree.map(lambda new, old: new.dtype == old.dtype, traffic, before)
+    assert all(jax.tree.leaves(same_dtype))
 
 
-def test_who_has_left_stays_as_it_was():
-    before = drawn()._replace(active=jax.numpy.array([False, True]))
-    read = traffic_of(report(), before, PLANE)
-    assert read.position_nm[0].tolist() == before.position_nm[0].tolist()
-    assert read.level_ticks[0] == before.level_ticks[0]
-    assert read.level_ticks[1] == 320 * TICKS_PER_FL
-    assert read.active.tolist() == [False, True]
+def test_inactive_aircraft_stay_unchanged():
+    before = drawn_traffic()._replace(active=jax.numpy.array([False, True]))
+    traffic = traffic_of(report(), before, PLANE)
+    assert traffic.position_nm[0].tolist() == before.position_nm[0].tolist()
+    assert traffic.level_ticks[0] == before.level_ticks[0]
+    assert traffic.level_ticks[1] == 320 * TICKS_PER_FL
+    assert traffic.active.tolist() == [False, True]
 
 
-def test_a_drawn_scenario_begins_on_a_platform_where_it_was_drawn():
-    before = drawn()
+def test_platform_starts_with_the_drawn_traffic():
+    before = drawn_traffic()
     callsigns = ["AC1", "AC2"]
     scenario = scenario_of(before, TASK.simulator, "table", 300, callsigns, before.level_ticks)
     start = traffic_of(Skystack().reset(scenario), before, PLANE)
@@ -72,38 +72,43 @@ def test_a_drawn_scenario_begins_on_a_platform_where_it_was_drawn():
     assert [one.route for one in scenario.aircraft] == [routes[i] for i in before.route]
 
 
-def test_what_is_under_way_is_what_is_cleared():
-    """A platform's turn and climb are its own: tasks see them flown as cleared, nothing pending."""
-    busy = {
+def test_clearances_count_as_already_flown():
+    """The progress of a turn or climb is internal to the platform: nothing is pending."""
+    in_progress = {
         "pending_turn": RIGHT,
         "turn_deg": 30.0,
         "turn_radius_nm": 5.0,
         "flown_level_ticks": 1.0,
     }
-    drawn_at = drawn()
-    before = drawn_at._replace(
-        **{name: jnp.full_like(getattr(drawn_at, name), value) for name, value in busy.items()}
+    original = drawn_traffic()
+    before = original._replace(
+        **{
+            name: jnp.full_like(getattr(original, name), value)
+            for name, value in in_progress.items()
+        }
     )
-    read = traffic_of(report(), before, PLANE)
-    assert read.flown_heading_deg.tolist() == read.cleared_heading_deg.tolist() == [60.0, 270.0]
-    assert read.flown_level_ticks.tolist() == [340 * TICKS_PER_FL, 320 * TICKS_PER_FL]
-    assert read.turn_deg.tolist() == read.turn_radius_nm.tolist() == [0.0, 0.0]
-    assert read.pending_turn.tolist() == [NO_TURN, NO_TURN]
-    assert read.heading_deg.tolist() == [45.5, 271.25]
-    assert read.vertical_speed_ft_min.tolist() == [2500.0, -2500.0]
-    np.testing.assert_allclose(read.ground_speed_kt, [465.9, 451.2], rtol=1e-6)
+    traffic = traffic_of(report(), before, PLANE)
+    assert (
+        traffic.flown_heading_deg.tolist() == traffic.cleared_heading_deg.tolist() == [60.0, 270.0]
+    )
+    assert traffic.flown_level_ticks.tolist() == [340 * TICKS_PER_FL, 320 * TICKS_PER_FL]
+    assert traffic.turn_deg.tolist() == traffic.turn_radius_nm.tolist() == [0.0, 0.0]
+    assert traffic.pending_turn.tolist() == [NO_TURN, NO_TURN]
+    assert traffic.heading_deg.tolist() == [45.5, 271.25]
+    assert traffic.vertical_speed_ft_min.tolist() == [2500.0, -2500.0]
+    np.testing.assert_allclose(traffic.ground_speed_kt, [465.9, 451.2], rtol=1e-6)
 
 
-def test_a_level_is_read_to_the_nearest_tick():
+def test_rounds_levels_to_the_nearest_tick():
     tick = 1.0 / TICKS_PER_FL
     levels = [300.0 + 0.4 * tick, 300.0 + 0.6 * tick]
-    read = traffic_of(report(fl=levels, cleared_fl=levels[::-1]), drawn(), PLANE)
-    assert (read.level_ticks - 300 * TICKS_PER_FL).tolist() == [0.0, 1.0]
-    assert (read.cleared_level_ticks - 300 * TICKS_PER_FL).tolist() == [1.0, 0.0]
+    traffic = traffic_of(report(fl=levels, cleared_fl=levels[::-1]), drawn_traffic(), PLANE)
+    assert (traffic.level_ticks - 300 * TICKS_PER_FL).tolist() == [0.0, 1.0]
+    assert (traffic.cleared_level_ticks - 300 * TICKS_PER_FL).tolist() == [1.0, 0.0]
 
 
-def test_every_aircraft_keeps_its_own_route_levels_and_type():
-    """Exit levels that are none of the levels at the start, types of a fleet, one on its own."""
+def test_each_aircraft_keeps_its_route_levels_and_type():
+    """Exit levels that differ from the initial ones, types of a fleet, and own navigation."""
     kinds = (AircraftType(), AircraftType("AT76", mach=(0.4, 0.4, 0.4)), AircraftType("A320"))
     task = build_task(NavigationSettings(fleet=kinds))
     traffic = task.scenarios.draw(scenario_key(0, 3)).traffic._replace(
@@ -112,8 +117,8 @@ def test_every_aircraft_keeps_its_own_route_levels_and_type():
         own_navigation=jnp.array([False, True]),
         heading_deg=jnp.array([12.5, 350.0], dtype=jnp.float32),
     )
-    leave = np.array([220.0, 360.0]) * TICKS_PER_FL
-    scenario = scenario_of(traffic, task.simulator, "table", 77, ["X1", "Y2"], leave)
+    exit_level_ticks = np.array([220.0, 360.0]) * TICKS_PER_FL
+    scenario = scenario_of(traffic, task.simulator, "table", 77, ["X1", "Y2"], exit_level_ticks)
     routes = task.sector.routes
     names = ("callsign", "type", "route", "fl", "heading_deg", "exit_fl", "own_navigation")
     assert [tuple(getattr(one, name) for name in names) for one in scenario.aircraft] == [
@@ -126,8 +131,10 @@ def test_every_aircraft_keeps_its_own_route_levels_and_type():
 
 
 @pytest.mark.parametrize("fl", [229.9999, 230.0001])
-def test_an_exit_level_is_the_nearest_whole_one(fl):
-    """Ticks are float32: what they are divided to may lie just beside the level."""
-    leave = np.full(2, fl * TICKS_PER_FL)
-    scenario = scenario_of(drawn(), TASK.simulator, "table", 9, ["AC1", "AC2"], leave)
+def test_rounds_exit_levels_to_whole_flight_levels(fl):
+    """Ticks are float32, so the quotient may be slightly off a whole level."""
+    exit_level_ticks = np.full(2, fl * TICKS_PER_FL)
+    scenario = scenario_of(
+        drawn_traffic(), TASK.simulator, "table", 9, ["AC1", "AC2"], exit_level_ticks
+    )
     assert [one.exit_fl for one in scenario.aircraft] == [230, 230]

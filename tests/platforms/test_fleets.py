@@ -1,4 +1,4 @@
-"""Types of a fleet fly their own speeds and rates on every platform, or are refused."""
+"""Types of a fleet fly at their own speeds and rates on every platform, or are rejected."""
 
 import re
 from dataclasses import replace
@@ -29,11 +29,11 @@ AT76 = AircraftType(
 )
 A320 = AircraftType("A320", 1.0, (210.0, 220.0, 200.0), (250.0, 260.0, 240.0), rate_ft_min=1800.0)
 FLEET = (AircraftType(), AT76, A320)
-LEVEL = {"A": ("B753", 120.0), "B": ("AT76", 180.0), "C": ("AT76", 280.0), "D": ("A320", 300.9)}
+STARTS = {"A": ("B753", 120.0), "B": ("AT76", 180.0), "C": ("AT76", 280.0), "D": ("A320", 300.9)}
 CLIMBS = ((3, "A", 340), (4, "B", 130), (30, "D", 120), (90, "B", 240), (150, "A", 60))
 
 
-def scenario(flying=LEVEL, levels=(), fleet=FLEET, cycles=300):
+def scenario(flying=STARTS, levels=(), fleet=FLEET, cycles=300):
     aircraft = tuple(
         Aircraft(callsign, kind, SECTOR.routes[0], -0.2, 0.1, fl, 45.0 + 30.0 * place, 300, False)
         for place, (callsign, (kind, fl)) in enumerate(flying.items())
@@ -54,24 +54,24 @@ def fly(name, flown, folder):
 
 
 def cruise_kt(kind, fl):
-    """True airspeed by the formulas of the standard atmosphere."""
+    """The true airspeed, by the formulas of the standard atmosphere."""
     level = np.array([fl])
     cas = np.interp(fl, [100.0, 150.0], [kind.low_cas_kt[1], kind.high_cas_kt[1]])
     return min(tas_from_cas(level, np.array([cas])), tas_from_mach(level, kind.mach[1])).item()
 
 
 @pytest.mark.parametrize("name", ["skystack", "bluebird", "bluesky"])
-def test_every_type_cruises_at_its_own_speed(name, tmp_path):
+def test_each_type_cruises_at_its_own_speed(name, tmp_path):
     flown = scenario(cycles=10)
     speeds = fly(name, flown, tmp_path)[:, 6]
     kinds = {each.type: each for each in FLEET}
-    right = [cruise_kt(kinds[kind], fl) for kind, fl in LEVEL.values()]
-    np.testing.assert_allclose(speeds, np.tile(right, (11, 1)), rtol=2e-4)
-    assert right[2] == pytest.approx(261.5, abs=0.1)
+    expected = [cruise_kt(kinds[kind], fl) for kind, fl in STARTS.values()]
+    np.testing.assert_allclose(speeds, np.tile(expected, (11, 1)), rtol=2e-4)
+    assert expected[2] == pytest.approx(261.5, abs=0.1)
 
 
 @pytest.mark.parametrize(("levels", "within_fl"), [((), 0.0), (CLIMBS, 1e-9)])
-def test_bluebird_flies_a_fleet_as_ours(levels, within_fl, tmp_path):
+def test_bluebird_flies_a_fleet_like_skystack(levels, within_fl, tmp_path):
     flown = scenario(levels=levels)
     ours, theirs = (fly(name, flown, tmp_path) for name in ("skystack", "bluebird"))
     place = [ours[:, 1], ours[:, 0], theirs[:, 1], theirs[:, 0]]
@@ -81,18 +81,18 @@ def test_bluebird_flies_a_fleet_as_ours(levels, within_fl, tmp_path):
     np.testing.assert_allclose(ours[:, 6], theirs[:, 6], atol=0.01)
 
 
-def test_climbs_in_bluesky_are_flown_at_the_type_s_rate_and_speed(tmp_path):
+def test_bluesky_climbs_at_the_rate_and_speed_of_the_type(tmp_path):
     flown = scenario(levels=CLIMBS, cycles=70)
     ours, theirs = (fly(name, flown, tmp_path) for name in ("skystack", "bluesky"))
     # AT76 "B" descends from cycle 4 on, by 50 levels at 1,200 ft/min; "A" climbs at 2,500.
     np.testing.assert_allclose(theirs[20, 7], ours[20, 7], atol=1e-6)
     assert theirs[20, 7, :2].tolist() == pytest.approx([2500.0, -1200.0])
-    # A minute after the last clearance, BlueSky having slowed down or accelerated.
+    # One minute after the last clearance, BlueSky has reached its new speeds.
     np.testing.assert_allclose(theirs[40:, 6], ours[40:, 6], rtol=0.01)
     assert theirs[-1, 2, 1] == ours[-1, 2, 1] == 130.0
 
 
-def test_the_file_for_bluesky_has_the_type_s_speeds():
+def test_bluesky_file_has_the_speeds_of_the_type():
     text = scenario_text(scenario(cycles=10))
     assert re.search(r"CRE B AT76 \S+ \S+ \S+ 18000\S* 170\.000000\n", text)
     assert re.search(r"CRE C AT76 \S+ \S+ \S+ 28000\S* M0\.44000000\n", text)
@@ -111,7 +111,7 @@ def test_the_file_for_bluesky_has_the_type_s_speeds():
         ({"high_cas_kt": (100.0, 100.0, 100.0)}, "A flies 100 kt CAS.*124 to 309 kt"),
     ],
 )
-def test_speeds_outside_bluesky_s_envelope_are_refused(member, message, tmp_path):
+def test_rejects_speeds_outside_the_envelope_of_bluesky(member, message, tmp_path):
     fast = {"high_cas_kt": (300.0, 300.0, 300.0), "mach": (0.44, 0.44, 0.44)}
     kind = msgspec.structs.replace(AT76, **fast | member)
     with pytest.raises(InputError, match=message):
@@ -125,7 +125,7 @@ def test_speeds_outside_bluesky_s_envelope_are_refused(member, message, tmp_path
         ({"ceiling_fl": 250.0}, "fl is 260 for A .*up to FL250, the ceiling of AT76"),
     ],
 )
-def test_climbs_that_bluesky_does_not_fly_are_refused(member, message, tmp_path):
+def test_rejects_climbs_that_bluesky_cannot_fly(member, message, tmp_path):
     kind = msgspec.structs.replace(AT76, **member)
     flown = scenario({"A": ("AT76", 200.0)}, ((0, "A", 260),), fleet=(kind,), cycles=2)
     with pytest.raises(InputError, match=message):
@@ -133,7 +133,7 @@ def test_climbs_that_bluesky_does_not_fly_are_refused(member, message, tmp_path)
 
 
 @pytest.mark.parametrize("name", ["skystack", "bluebird", "bluesky"])
-def test_a_level_between_whole_ones_is_flown_as_given(name, tmp_path):
+def test_flies_fractional_levels_exactly(name, tmp_path):
     flown = scenario({"A": ("B753", 300.9), "B": ("B753", 305.0)}, fleet=(), cycles=3)
     levels = fly(name, flown, tmp_path)[:, [2, 5]]
     np.testing.assert_allclose(levels[:, 0], np.tile([300.9, 305.0], (4, 1)), rtol=0.0, atol=1e-9)
@@ -144,13 +144,13 @@ MEMBER = {"type": "AT76", "low_cas_kt": [160, 170, 180.0], "mach": [0.4, 0.44, 0
 
 
 def with_fleet(members, **fields):
-    two = changed(("fleet",), members) | fields
-    for one in two["aircraft"]:
+    file = changed(("fleet",), members) | fields
+    for one in file["aircraft"]:
         one["type"] = "AT76"
-    return two
+    return file
 
 
-def test_a_scenario_file_may_bring_a_fleet(tmp_path):
+def test_scenario_file_may_define_a_fleet(tmp_path):
     flown = load(with_fleet([MEMBER]), tmp_path)
     assert flown.performance_of("AT76").low_cas_kt == (160.0, 170.0, 180.0)
     reports = fly_scenario(Skystack(), flown).reports
@@ -173,12 +173,12 @@ def test_a_scenario_file_may_bring_a_fleet(tmp_path):
         ),
     ],
 )
-def test_a_fleet_that_cannot_be_is_refused(file, message, tmp_path):
+def test_rejects_invalid_fleets(file, message, tmp_path):
     with pytest.raises(InputError, match=re.escape(message)):
         load(file, tmp_path)
 
 
-def test_types_that_are_not_in_the_fleet_are_flown_as_is_stated(tmp_path):
+def test_notes_how_types_outside_the_fleet_are_flown(tmp_path):
     file = changed(("aircraft", 1, "type"), "B744", MINIMAL)
     flown = load(file, tmp_path)
     assert scenario_notes("bluebird", flown) == [
@@ -187,14 +187,14 @@ def test_types_that_are_not_in_the_fleet_are_flown_as_is_stated(tmp_path):
     assert scenario_notes("bluesky", flown)[1:] == ["bluesky flies B744 at the speeds of B753"]
 
 
-def test_exact_levels_are_whole_numbers_however_they_are_written(tmp_path):
+def test_exit_levels_are_whole_numbers(tmp_path):
     file = changed(("aircraft", 0, "exit_fl"), 220.0)
     assert load(file, tmp_path).aircraft[0].exit_fl == 220
     with pytest.raises(InputError, match=re.escape("aircraft[0].exit_fl is 220.5 (allowed: whole")):
         load(changed(("aircraft", 0, "exit_fl"), 220.5), tmp_path)
 
 
-def test_a_fleet_with_a_type_and_its_substitute_is_refused(tmp_path):
+def test_rejects_a_type_and_its_substitute_in_one_fleet(tmp_path):
     both = (AircraftType(), AircraftType("B752"))
     flown = scenario({"A": ("B753", 300.0)}, fleet=both, cycles=2)
     with pytest.raises(InputError, match="the fleet has B753, which BlueSky flies as B752, and"):
@@ -202,16 +202,16 @@ def test_a_fleet_with_a_type_and_its_substitute_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["skystack", "bluebird"])
-def test_nothing_climbs_at_its_ceiling(name, tmp_path):
-    """Told to climb above it, each type stops there; the other type does not. Whoever starts there
-    stays there, and whoever starts above it descends."""
+def test_no_aircraft_climbs_above_its_ceiling(name, tmp_path):
+    """An aircraft cleared above its ceiling stops there; the other type climbs on. At the ceiling
+    an aircraft stays level, and above it, it descends as cleared."""
     low = msgspec.structs.replace(AT76, ceiling_fl=200.0)
     levels = {"A": 190.0, "B": 200.0, "C": 210.0}
     flying = {callsign: ("AT76", fl) for callsign, fl in levels.items()} | {"D": ("A320", 190.0)}
-    told = ((0, "A", 220), (0, "B", 220), (0, "C", 150), (0, "D", 220))
-    flown = scenario(flying, told, fleet=(low, A320), cycles=40)
+    clearances = ((0, "A", 220), (0, "B", 220), (0, "C", 150), (0, "D", 220))
+    flown = scenario(flying, clearances, fleet=(low, A320), cycles=40)
     reports = fly(name, flown, tmp_path)
-    # A second at 1,200 ft/min is a fifth of a level: the ceiling is met exactly.
+    # 1,200 ft/min is 0.2 levels per second, so the ceiling is reached exactly.
     np.testing.assert_allclose(reports[-1, 2, [0, 1, 3]], [200.0, 200.0, 220.0], atol=1e-6)
     np.testing.assert_allclose(reports[-1, 2, 2], 210.0 - 39 * 6 * 0.2, atol=1e-6)
     assert reports[-1, 7].tolist() == [0.0, 0.0, -1200.0, 0.0]

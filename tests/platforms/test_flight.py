@@ -1,4 +1,4 @@
-"""Scenarios flown on our own platform: the rows, the words, and BluebirdDT's reference rollouts."""
+"""Scenarios flown on skystack: rows, wording, and BluebirdDT's reference rollouts."""
 
 import json
 
@@ -16,25 +16,25 @@ from skystack.platforms.protocol import Report
 from skystack.simulator.scenario_file import ScheduledClearance, load_scenario
 from tests.scenarios import EXAMPLES, MINIMAL, changed, load
 
-TANGENT_PLANE_NM = 0.04
-"""How far the tangent plane may be off BluebirdDT's ellipsoid 140 to 190 NM from the origin."""
-A1, C0 = ("aircraft", 1), ("clearances", 0)
+POSITION_TOLERANCE_NM = 0.04
+"""The allowed distance from BluebirdDT's positions, 140 to 190 NM from the origin."""
+AIRCRAFT_1, CLEARANCE_0 = ("aircraft", 1), ("clearances", 0)
 
 
 def flown(scenario):
-    """Columns of the flown scenario as arrays `[cycles + 1, aircraft]`."""
+    """The columns of the flown scenario as arrays `[cycles + 1, aircraft]`."""
     columns = flight_rows(scenario, fly_scenario(Skystack(), scenario))
     return {name: column.reshape(scenario.cycles + 1, -1) for name, column in columns.items()}
 
 
-def test_the_rows_are_complete_and_sorted_by_cycle(tmp_path):
+def test_rows_are_complete_and_sorted_by_cycle(tmp_path):
     scenario = load(MINIMAL, tmp_path)
     columns = flight_rows(scenario, fly_scenario(Skystack(), scenario))
     assert {len(column) for column in columns.values()} == {26}
     assert columns["callsign"].tolist() == ["AC1", "AC2"] * 13
     assert columns["cycle"].tolist() == [cycle for cycle in range(13) for _ in range(2)]
     assert columns["time_s"].tolist() == [6 * cycle for cycle in columns["cycle"].tolist()]
-    # Row 0 is the start: where and how the file says.
+    # Row 0 is the start, as in the file.
     np.testing.assert_allclose(columns["lat"][:2], [-0.41, 0.7], atol=1e-6)
     np.testing.assert_allclose(columns["lon"][:2], [-0.41, 0.7], atol=1e-6)
     np.testing.assert_allclose(columns["heading_deg"][:2], [45.1920, 225.1904], atol=1e-4)
@@ -43,9 +43,9 @@ def test_the_rows_are_complete_and_sorted_by_cycle(tmp_path):
     assert columns["vertical_speed_ft_min"][:2].tolist() == [0.0, 0.0]
 
 
-def test_a_clearance_shows_in_the_next_row_and_is_flown_in_the_one_after(tmp_path):
+def test_clearance_appears_one_row_before_it_is_flown(tmp_path):
     one = {"cycle": 3, "callsign": "AC1", "heading_deg": 60, "fl": 310}
-    columns = flown(load(changed(C0, one), tmp_path))
+    columns = flown(load(changed(CLEARANCE_0, one), tmp_path))
     start_deg = columns["heading_deg"][0, 0]
     assert columns["cleared_heading_deg"][:5, 0].tolist() == [start_deg] * 4 + [60.0]
     assert columns["cleared_fl"][:5, 0].tolist() == [300.0] * 4 + [310.0]
@@ -53,22 +53,22 @@ def test_a_clearance_shows_in_the_next_row_and_is_flown_in_the_one_after(tmp_pat
         columns["heading_deg"][:7, 0], [start_deg] * 5 + [start_deg + 9, 60.0], atol=1e-4
     )
     assert columns["fl"][:7, 0].tolist() == [300.0] * 5 + [302.5, 305.0]
-    # The other aircraft was told nothing.
+    # The other aircraft was not instructed.
     assert set(columns["cleared_fl"][:, 1]) == {300.0}
     assert set(columns["heading_deg"][:, 1]) == {columns["heading_deg"][0, 1]}
 
 
-def reference_a(performance, tmp_path):
+def reference_flight(performance, tmp_path):
     scenario = json.loads((EXAMPLES / "reference.json").read_text())
     return flown(load(scenario | {"performance": performance}, tmp_path))
 
 
-def off_nm(columns, aircraft, lat, lon):
-    """Distance of the last position from BluebirdDT's."""
+def distance_nm(columns, aircraft, lat, lon):
+    """The distance of the last position from BluebirdDT's."""
     return geodesic_leg((columns["lat"][-1, aircraft], columns["lon"][-1, aircraft]), (lat, lon))[1]
 
 
-def test_the_reference_starts_three_miles_from_its_fix():
+def test_second_reference_aircraft_starts_3_nm_from_its_fix():
     scenario = load_scenario(EXAMPLES / "reference.json")
     second = scenario.aircraft[1]
     bearing, distance = geodesic_leg(scenario.sector.fixes["PEL"], (second.lat, second.lon))
@@ -76,24 +76,24 @@ def test_the_reference_starts_three_miles_from_its_fix():
     assert distance == pytest.approx(3.0, abs=1e-6)
 
 
-def test_the_reference_rollout_agrees_with_bluebird_at_constant_speed(tmp_path):
-    columns = reference_a("constant", tmp_path)
+def test_reference_agrees_with_bluebird_at_constant_speed(tmp_path):
+    columns = reference_flight("constant", tmp_path)
     first, second = columns["heading_deg"].T
     np.testing.assert_allclose(first[[5, 6, 7, 8]], [45.1920, 45.1920, 36.1920, 35.0], atol=1e-4)
     np.testing.assert_allclose(first[[41, 42, 43, 50, 60]], [45.0, 54.0, 63.0, 126.0, 205.0])
     np.testing.assert_allclose(second[[4, 5, 6, 7]], [134.80895, 125.80895, 116.80895, 115.0])
     assert (first[300], second[300]) == (205.0, 45.0)
-    assert off_nm(columns, 0, -2.591542109, -1.130081790) < TANGENT_PLANE_NM
-    assert off_nm(columns, 1, 1.632091695, 1.918770306) < TANGENT_PLANE_NM
+    assert distance_nm(columns, 0, -2.591542109, -1.130081790) < POSITION_TOLERANCE_NM
+    assert distance_nm(columns, 1, 1.632091695, 1.918770306) < POSITION_TOLERANCE_NM
 
 
-def test_the_reference_rollout_agrees_with_bluebird_on_the_table(tmp_path):
-    columns = reference_a("table", tmp_path)
-    assert off_nm(columns, 0, -2.950759395, -1.248507504) < TANGENT_PLANE_NM
-    assert off_nm(columns, 1, 1.802074, 2.344787) < TANGENT_PLANE_NM
+def test_reference_agrees_with_bluebird_at_table_speeds(tmp_path):
+    columns = reference_flight("table", tmp_path)
+    assert distance_nm(columns, 0, -2.950759395, -1.248507504) < POSITION_TOLERANCE_NM
+    assert distance_nm(columns, 1, 1.802074, 2.344787) < POSITION_TOLERANCE_NM
 
 
-def test_the_climb_agrees_with_bluebird():
+def test_climb_agrees_with_bluebird():
     columns = flown(load_scenario(EXAMPLES / "climb.json"))
     assert columns["cleared_fl"][[2, 3], 0].tolist() == [100.0, 300.0]
     assert columns["fl"][[3, 4, 83], 0].tolist() == [100.0, 102.5, 300.0]
@@ -102,11 +102,11 @@ def test_the_climb_agrees_with_bluebird():
     np.testing.assert_allclose(
         columns["ground_speed_kt"][[83, 84], 0], [450.741, 465.941], atol=0.01
     )
-    # Own navigation keeps to the straight route and leaves through its arm.
+    # On own navigation, the aircraft stays on its straight route.
     np.testing.assert_allclose(columns["heading_deg"][:, 0], 45.19, atol=0.01)
 
 
-def test_the_head_on_pair_keeps_apart():
+def test_head_on_pair_stays_separated():
     scenario = load_scenario(EXAMPLES / "head-on.json")
     columns = flown(scenario)
     east, north = scenario.sector.plane.to_plane(columns["lat"], columns["lon"]).T
@@ -118,38 +118,38 @@ def test_the_head_on_pair_keeps_apart():
     assert (east[1, -1], north[1, -1]) < (east[0, 0], north[0, 0])
 
 
-def said(scenario):
+def transmissions(scenario):
     return [
         (cycle, written(instruction))
         for cycle, instruction in fly_scenario(Skystack(), scenario).issued
     ]
 
 
-def test_heading_and_level_are_one_transmission_in_the_words_that_the_traffic_calls_for(tmp_path):
+def test_heading_and_level_are_one_transmission(tmp_path):
     both = {"cycle": 3, "callsign": "AC1", "heading_deg": 35, "fl": 340}
     long_way = {"cycle": 9, "callsign": "AC1", "heading_deg": 90, "turn": "left", "fl": 200}
     scenario = load(changed(("clearances",), [both, long_way]), tmp_path)
-    assert said(scenario) == [
+    assert transmissions(scenario) == [
         (3, "AC1 turn left heading 035, climb FL340"),
         (9, "AC1 turn left heading 090, descend FL200"),
     ]
 
 
-def test_a_direction_is_obeyed_only_where_one_is_given(tmp_path):
+def test_turns_the_shorter_way_unless_given_a_direction(tmp_path):
     given = {"cycle": 0, "callsign": "AC1", "heading_deg": 60}
-    shorter = flown(load(changed(C0, given), tmp_path))
-    longer = flown(load(changed(C0, given | {"turn": "left"}), tmp_path))
+    shorter = flown(load(changed(CLEARANCE_0, given), tmp_path))
+    longer = flown(load(changed(CLEARANCE_0, given | {"turn": "left"}), tmp_path))
     assert shorter["heading_deg"][2, 0] == pytest.approx(54.192, abs=1e-3)
     assert longer["heading_deg"][2, 0] == pytest.approx(36.192, abs=1e-3)
 
 
-def test_a_type_that_nobody_has_measured_is_refused(tmp_path):
-    scenario = load(changed((*A1, "type"), "A320"), tmp_path)
+def test_rejects_types_without_performance_data(tmp_path):
+    scenario = load(changed((*AIRCRAFT_1, "type"), "A320"), tmp_path)
     with pytest.raises(InputError, match=r"AC2: type 'A320' is unknown to skystack .*B753"):
         fly_scenario(Skystack(), scenario)
 
 
-def test_a_platform_may_write_all_its_reports_into_the_same_arrays(tmp_path):
+def test_platform_may_reuse_arrays_for_its_reports(tmp_path):
     class Reusing(Skystack):
         buffers = None
 
@@ -166,7 +166,7 @@ def test_a_platform_may_write_all_its_reports_into_the_same_arrays(tmp_path):
     assert found.issued == expected.issued
 
 
-def test_a_platform_flies_a_scenario_the_same_after_another(tmp_path):
+def test_flights_do_not_depend_on_earlier_ones(tmp_path):
     first, other = load(MINIMAL, tmp_path), load_scenario(EXAMPLES / "climb.json")
     platform = Skystack()
     flights = [fly_scenario(platform, scenario) for scenario in (first, other, first)]
@@ -174,24 +174,24 @@ def test_a_platform_flies_a_scenario_the_same_after_another(tmp_path):
 
 
 @pytest.mark.parametrize(("turn", "by_direction"), [("left", True), (None, False)])
-def test_what_a_file_clears_is_what_a_platform_is_given(turn, by_direction):
+def test_command_of_converts_scheduled_clearances(turn, by_direction):
     given = ScheduledClearance(3, "AC1", 90, turn or "shortest", 310)
     assert command_of(given) == Instruction("AC1", 90, turn, by_direction, 310)
     assert command_of(ScheduledClearance(3, "AC1", fl=310)) == Instruction("AC1", level_fl=310)
 
 
 class Scripted:
-    """Reports headings and levels that are given; notes in which cycle it is told what."""
+    """A platform that returns given reports and records when each aircraft is instructed."""
 
     def __init__(self, adoption, reports):
-        self.adoption, self._reports, self.heard = adoption, reports, []
+        self.adoption, self._reports, self.received = adoption, reports, []
 
     def reset(self, scenario):
         self._cycle = 0
         return self._reports[0]
 
     def issue(self, instruction):
-        self.heard.append((self._cycle, instruction.callsign))
+        self.received.append((self._cycle, instruction.callsign))
 
     def advance(self):
         self._cycle += 1
@@ -205,7 +205,7 @@ class Scripted:
     ("adoption", "words"),
     [(SKYSTACK, "right heading 035, descend FL300"), (BLUESKY, "left heading 035, climb FL300")],
 )
-def test_words_are_of_the_row_in_which_a_clearance_is_adopted(adoption, words, tmp_path):
+def test_wording_follows_the_row_of_adoption(adoption, words, tmp_path):
     """AC2 is at 040 and FL290 before cycle 3, at 030 and FL310 after it, at 090 otherwise."""
     given = {"cycle": 3, "callsign": "AC2", "heading_deg": 35, "fl": 300}
     scenario = load(changed(("clearances",), [given]), tmp_path)
@@ -217,7 +217,7 @@ def test_words_are_of_the_row_in_which_a_clearance_is_adopted(adoption, words, t
     ]
     platform = Scripted(adoption, reports)
     flight = fly_scenario(platform, scenario)
-    assert platform.heard == [(3, "AC2")]
+    assert platform.received == [(3, "AC2")]
     assert [(cycle, written(each)) for cycle, each in flight.issued] == [(3, f"AC2 turn {words}")]
     np.testing.assert_array_equal(flight.reports, reports)
 

@@ -1,4 +1,4 @@
-"""A platform that reports nonsense is caught, and what and whose it is named."""
+"""Invalid reports and exceptions of a platform become clear errors."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ GOOD = Report(*(np.array([1.0, 2.0]) for _ in Report._fields))
 
 
 class Canned:
-    """Answers with what it was given."""
+    """A platform that returns given reports."""
 
     def __init__(self, *reports):
         self._reports = iter(reports)
@@ -32,7 +32,7 @@ class Canned:
 
 @pytest.mark.parametrize("name", Report._fields)
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_a_report_that_is_not_finite_names_field_and_aircraft(name, value):
+def test_names_field_and_aircraft_of_non_finite_values(name, value):
     bad = GOOD._replace(**{name: np.array([1.0, value])})
     platform = Guarded(lambda: Canned(GOOD, GOOD, bad))
     platform.reset(SCENARIO)
@@ -43,13 +43,13 @@ def test_a_report_that_is_not_finite_names_field_and_aircraft(name, value):
         platform.advance()
 
 
-def test_a_report_of_fewer_aircraft_is_named():
+def test_rejects_reports_of_too_few_aircraft():
     short = GOOD._replace(lat=np.array([1.0]))
     with pytest.raises(PlatformError, match=r"reported lat of shape \(1,\) for 2 aircraft"):
         Guarded(lambda: Canned(short)).reset(SCENARIO)
 
 
-def test_the_first_of_several_wrong_values_is_named():
+def test_names_the_first_of_several_invalid_values():
     both = GOOD._replace(fl=np.array([np.nan, np.nan]), lon=np.array([1.0, np.inf]))
     with pytest.raises(PlatformError, match=f"reported a lon of {CALLSIGNS[1]} that is not"):
         Guarded(lambda: Canned(both)).reset(SCENARIO)
@@ -57,7 +57,7 @@ def test_the_first_of_several_wrong_values_is_named():
         Guarded(lambda: Canned(both._replace(lon=GOOD.lon))).reset(SCENARIO)
 
 
-def test_longitudes_are_those_of_the_protocol():
+def test_wraps_longitudes():
     far = GOOD._replace(lon=np.array([180.0, -190.0]))
     platform = Guarded(lambda: Canned(far, far))
     for report in (platform.reset(SCENARIO), platform.advance()):
@@ -66,7 +66,7 @@ def test_longitudes_are_those_of_the_protocol():
 
 
 class Failing:
-    """Raises what it was given, whatever it is asked."""
+    """A platform whose methods all raise a given error."""
 
     def __init__(self, error):
         self._error = error
@@ -93,42 +93,42 @@ class Failing:
         (KeyboardInterrupt(), KeyboardInterrupt, ""),
     ],
 )
-def test_whatever_a_platform_raises_is_one_clear_error(error, kind, message):
+def test_converts_exceptions_to_one_line_errors(error, kind, message):
     platform = Guarded(lambda: Failing(error))
-    asked = (
+    methods = (
         lambda: platform.reset(SCENARIO),
         lambda: platform.issue(Instruction("AC1", 90)),
         platform.advance,
         platform.close,
     )
-    for ask in asked:
+    for call in methods:
         with pytest.raises(kind) as raised:
-            ask()
+            call()
         assert str(raised.value) == message
     with pytest.raises(kind):
         Guarded(lambda: Failing(error).advance())
 
 
-class Noted:
-    """Notes what it is asked."""
+class Recording:
+    """A platform that records calls."""
 
     adoption = BLUESKY
 
     def __init__(self):
-        self.heard = []
+        self.calls = []
 
     def issue(self, instruction):
-        self.heard.append(instruction)
+        self.calls.append(instruction)
 
     def close(self):
-        self.heard.append("closed")
+        self.calls.append("closed")
 
 
-def test_calls_are_passed_to_the_platform():
-    inner = Noted()
+def test_passes_calls_to_the_platform():
+    inner = Recording()
     platform = Guarded(lambda: inner)
-    told = Instruction("AC1", 90)
-    platform.issue(told)
+    instruction = Instruction("AC1", 90)
+    platform.issue(instruction)
     platform.close()
-    assert inner.heard == [told, "closed"]
+    assert inner.calls == [instruction, "closed"]
     assert platform.adoption is BLUESKY

@@ -1,5 +1,8 @@
-"""One instruction in every language; expected texts from BluebirdDT's and BlueSky's documentation
-and the message elements of ICAO Doc 4444, Appendix 5."""
+"""The same instruction in every language.
+
+Expected texts are from the documentation of BluebirdDT and BlueSky, and from the message elements
+of ICAO Doc 4444, Appendix 5.
+"""
 
 import pytest
 
@@ -8,13 +11,13 @@ from skystack.platforms.languages import bluebird_actions, bluesky_commands, cpd
 from skystack.platforms.phraseology import spoken, written
 
 LEFT = Instruction("AC1", 215, "left")
-BOTH = Instruction("AC1", 5, "right", level_fl=340, vertical="climb")
-DOWN = Instruction("AC1", level_fl=90, vertical="descend")
+HEADING_AND_LEVEL = Instruction("AC1", 5, "right", level_fl=340, vertical="climb")
+DESCENT = Instruction("AC1", level_fl=90, vertical="descend")
 NORTH = Instruction("AC1", 360)
-HELD = Instruction("AC1", level_fl=300)
+MAINTAIN = Instruction("AC1", level_fl=300)
 LONG_WAY = Instruction("AC1", 90, "left", by_direction=True)
 
-SAID = [
+TRANSLATIONS = [
     (
         LEFT,
         [("change_heading_to", 215)],
@@ -24,7 +27,7 @@ SAID = [
         "AC1 turn left heading two one five",
     ),
     (
-        BOTH,
+        HEADING_AND_LEVEL,
         [("change_heading_to", 5), ("change_flight_level_to", 340)],
         ["HDG AC1 005", "ALT AC1 FL340"],
         "TURN RIGHT HEADING 005 / CLIMB TO FL340",
@@ -32,7 +35,7 @@ SAID = [
         "AC1 turn right heading zero zero five, climb flight level three four zero",
     ),
     (
-        DOWN,
+        DESCENT,
         [("change_flight_level_to", 90)],
         ["ALT AC1 FL090"],
         "DESCEND TO FL090",
@@ -48,7 +51,7 @@ SAID = [
         "AC1 fly heading three six zero",
     ),
     (
-        HELD,
+        MAINTAIN,
         [("change_flight_level_to", 300)],
         ["ALT AC1 FL300"],
         "MAINTAIN FL300",
@@ -66,10 +69,14 @@ SAID = [
 ]
 
 
-@pytest.mark.parametrize(("told", "bluebird", "bluesky", "uplink", "ink", "voice"), SAID)
-def test_one_value_in_every_language(told, bluebird, bluesky, uplink, ink, voice):
-    assert bluebird_actions(told) == bluebird
-    assert bluesky_commands(told) == bluesky
-    assert cpdlc(told) == uplink
-    assert written(told) == ink
-    assert spoken(told) == voice
+@pytest.mark.parametrize(
+    ("instruction", "bluebird", "bluesky", "uplink", "text", "speech"), TRANSLATIONS
+)
+def test_translates_instructions_into_every_language(
+    instruction, bluebird, bluesky, uplink, text, speech
+):
+    assert bluebird_actions(instruction) == bluebird
+    assert bluesky_commands(instruction) == bluesky
+    assert cpdlc(instruction) == uplink
+    assert written(instruction) == text
+    assert spoken(instruction) == speech

@@ -1,6 +1,7 @@
-"""A sector across the 180th meridian flies as the same sector anywhere else, on every platform.
+"""A sector across the 180th meridian is flown like the same sector elsewhere, on every platform.
 
-The earth is one of revolution: X-Plus moved by half a turn must give the same flights, moved.
+The earth is an ellipsoid of revolution, so X-Plus moved by 180 degrees of longitude must give the
+same flights, moved.
 """
 
 from dataclasses import replace
@@ -36,7 +37,7 @@ WESTBOUND = next(route for route in HERE.routes if (route[0], route[-1]) == ("RO
 
 
 def scenario():
-    """One leads itself through the sector, one is turned across the meridian and back."""
+    """One aircraft on own navigation, and one that is turned across the meridian and back."""
     places = {route: HERE.fixes[route[0]] for route in (NAVIGATING, WESTBOUND)}
     flying = (
         Aircraft("AC1", "B753", NAVIGATING, *places[NAVIGATING], 300.0, 45.19, 300, True),
@@ -47,7 +48,7 @@ def scenario():
     return Scenario(HERE, "table", 150, flying, clearances)
 
 
-def across(flown):
+def moved_scenario(flown):
     aircraft = tuple(
         replace(one, lat=moved((one.lat, one.lon))[0], lon=moved((one.lat, one.lon))[1])
         for one in flown.aircraft
@@ -56,24 +57,24 @@ def across(flown):
 
 
 @pytest.mark.parametrize("name", ["skystack", "bluebird", "bluesky"])
-def test_flights_across_the_meridian_are_those_elsewhere(name, tmp_path):
+def test_flies_the_same_across_the_180th_meridian(name, tmp_path):
     if name != "skystack":
         pytest.importorskip({"bluebird": "bluebird_dt"}.get(name, name))
     here = scenario()
     platform = open_platform(name, tmp_path)
     try:
-        flights = [fly_scenario(platform, flown).reports for flown in (here, across(here))]
+        flights = [fly_scenario(platform, flown).reports for flown in (here, moved_scenario(here))]
     finally:
         platform.close()
     first, second = (np.array(reports) for reports in flights)
     lon = second[:, 1]
-    assert lon.min() < -179.5  # both sides of it
+    assert lon.min() < -179.5  # on both sides of the meridian
     assert lon.max() > 179.5
     assert np.all((lon >= -180.0) & (lon < 180.0))
-    # 1e-5 degrees are 0.0006 NM: ours adds up in float32.
+    # 1e-5 degrees are 0.0006 NM: skystack accumulates positions in float32.
     np.testing.assert_allclose(second[:, 0], first[:, 0], rtol=0.0, atol=1e-5)
     np.testing.assert_allclose(wrap_longitude(lon - 180.0), first[:, 1], rtol=0.0, atol=1e-5)
     np.testing.assert_allclose(second[:, 2:], first[:, 2:], rtol=0.0, atol=0.02)
-    seen = [follow(here, flights[0]), follow(across(here), flights[1])]
-    np.testing.assert_array_equal(seen[0].status, seen[1].status)
-    assert STATUS[seen[0].status[-1, 0]] == "exited"
+    followed_flights = [follow(here, flights[0]), follow(moved_scenario(here), flights[1])]
+    np.testing.assert_array_equal(followed_flights[0].status, followed_flights[1].status)
+    assert STATUS[followed_flights[0].status[-1, 0]] == "exited"

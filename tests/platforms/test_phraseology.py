@@ -1,4 +1,4 @@
-"""Phraseology: the words of ICAO Doc 4444 and Annex 10, and that nothing said is lost."""
+"""Phraseology: the words of ICAO Doc 4444 and Annex 10, without loss of information."""
 
 import pytest
 from hypothesis import given
@@ -58,13 +58,13 @@ EXAMPLES = [
 
 
 @pytest.mark.parametrize(("instruction", "text", "speech"), EXAMPLES)
-def test_the_phrases(instruction, text, speech):
+def test_written_and_spoken_phrases(instruction, text, speech):
     assert written(instruction) == text
     assert spoken(instruction) == speech
 
 
 def number(words: str) -> int:
-    """The number that spoken digits make, a final "hundred" included."""
+    """The number that spoken digits stand for, with an optional final "hundred"."""
     *digits, last = words.split()
     if last == "hundred":
         return 100 * number(" ".join(digits))
@@ -72,7 +72,7 @@ def number(words: str) -> int:
 
 
 @given(st.integers(0, 360))
-def test_a_heading_is_three_digits_and_understood(heading_deg):
+def test_headings_have_three_digits_and_the_right_value(heading_deg):
     instruction = Instruction("AC1", heading_deg=heading_deg)
     digits = written(instruction).removeprefix("AC1 fly heading ")
     words = spoken(instruction).removeprefix("AC1 fly heading ")
@@ -83,7 +83,7 @@ def test_a_heading_is_three_digits_and_understood(heading_deg):
 
 
 @given(st.integers(0, 60).map(lambda tens: 10 * tens))
-def test_a_level_is_understood(level_fl):
+def test_levels_have_the_right_value(level_fl):
     instruction = Instruction("AC1", level_fl=level_fl, vertical="climb")
     assert written(instruction) == f"AC1 climb FL{level_fl}"
     words = spoken(instruction).removeprefix("AC1 climb flight level ")
@@ -108,7 +108,7 @@ def test_a_level_is_understood(level_fl):
         ),
     ],
 )
-def test_what_cannot_be_said_is_refused(fields, message):
+def test_rejects_invalid_instructions(fields, message):
     with pytest.raises(InputError) as error:
         Instruction("AC1", **fields)
     assert str(error.value) == message

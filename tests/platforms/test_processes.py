@@ -1,4 +1,4 @@
-"""Work in other processes: what comes of each item, and where it is done."""
+"""Work in separate processes: results, failures, folders and the time limit."""
 
 import os
 
@@ -10,16 +10,16 @@ from skystack.errors import InputError
 from skystack.platforms import processes
 from skystack.platforms.processes import in_processes
 
-from .workers import make, make_and_die, make_badly, make_nothing
+from .workers import make, make_and_die, make_with_input_error, make_with_value_error
 
-LONG_S = 300.0
-"""No item takes that long: no limit of time is tried here."""
+NO_LIMIT_S = 300.0
+"""A time limit that no item reaches."""
 
 
-def test_every_item_is_done_or_has_failed_for_a_reason_of_its_own(tmp_path, monkeypatch):
-    """Each process has a folder of its own, and there are no more of them than cores."""
+def test_each_item_has_a_result_or_its_own_failure(tmp_path, monkeypatch):
+    """Each process has its own folder, and there are at most as many processes as cores."""
     monkeypatch.setattr(processes, "cores", lambda: [0, 1])
-    outcomes = list(in_processes(make, ["a", "lost", "b", "dies", "c"], tmp_path, LONG_S))
+    outcomes = list(in_processes(make, ["a", "lost", "b", "dies", "c"], tmp_path, NO_LIMIT_S))
     died = "the simulator's process died (exit code 7)"
     assert [outcome.failed for outcome in outcomes] == [None, "lost AC1", None, died, None]
     results = [outcome.result for outcome in outcomes if outcome.failed is None]
@@ -29,26 +29,28 @@ def test_every_item_is_done_or_has_failed_for_a_reason_of_its_own(tmp_path, monk
     assert all((folder / "made").exists() for folder, _ in folders)
     assert {folder.parent for folder, _ in folders} == {tmp_path}
     assert os.getpid() not in {process for _, process in folders}
-    assert len(list(tmp_path.iterdir())) <= 3  # two, and one in place of the one that died
+    assert len(list(tmp_path.iterdir())) <= 3  # two, and one that replaces the process that died
 
 
-@pytest.mark.parametrize(("work", "message"), [(make, "fl is 3"), (make_nothing, "no such plat")])
+@pytest.mark.parametrize(
+    ("work", "message"), [(make, "fl is 3"), (make_with_input_error, "no such plat")]
+)
 def test_an_input_error_ends_all_work(work, message, tmp_path):
     with pytest.raises(InputError, match=f"^{message}"):
-        list(in_processes(work, ["wrong"], tmp_path, LONG_S))
+        list(in_processes(work, ["wrong"], tmp_path, NO_LIMIT_S))
 
 
-def test_what_does_not_start_is_named_in_one_line(tmp_path):
-    (outcome,) = in_processes(make_badly, ["a"], tmp_path, LONG_S)
+def test_startup_errors_are_one_line(tmp_path):
+    (outcome,) = in_processes(make_with_value_error, ["a"], tmp_path, NO_LIMIT_S)
     assert outcome == (None, "did not start: ValueError: two lines")
 
 
-def test_what_takes_longer_than_its_limit_is_given_up(tmp_path):
-    """Ten minutes against a second: however slow the machine."""
+def test_items_beyond_the_time_limit_fail(tmp_path):
+    """The item takes ten minutes and the limit is one second, however slow the machine is."""
     (outcome,) = in_processes(make, ["hangs"], tmp_path, 1.0)
     assert outcome == (None, "took more than 1 s")
 
 
-def test_no_item_is_done_by_processes_that_die_while_starting(tmp_path):
-    outcomes = list(in_processes(make_and_die, ["a", "b", "c"], tmp_path, LONG_S))
+def test_items_fail_if_processes_die_while_starting(tmp_path):
+    outcomes = list(in_processes(make_and_die, ["a", "b", "c"], tmp_path, NO_LIMIT_S))
     assert outcomes == [(None, "its process died, or took too long, while starting")] * 3

@@ -1,4 +1,4 @@
-"""Platforms by name: what is missing is named, what must be said is said."""
+"""The registry of platforms: missing extras, unknown names and notes for the user."""
 
 import sys
 from types import SimpleNamespace
@@ -23,40 +23,40 @@ from skystack.platforms.registry import (
 from tests.scenarios import MINIMAL, changed, load
 
 
-def test_our_own_needs_nothing(monkeypatch, tmp_path):
+def test_skystack_needs_no_extra(monkeypatch, tmp_path):
     monkeypatch.setattr(registry, "_installed", lambda name: False)
     assert isinstance(open_platform("skystack", tmp_path), Platform)
 
 
 @pytest.mark.parametrize(
-    ("there", "message"),
+    ("installed", "message"),
     [
-        ((), "needs bluesky-simulator and pebble, not installed here"),
-        (("pebble",), "needs bluesky-simulator, not installed here"),
-        (("bluesky-simulator",), "needs pebble, not installed here"),
+        ((), "needs bluesky-simulator and pebble, which are not installed"),
+        (("pebble",), "needs bluesky-simulator, which is not installed"),
+        (("bluesky-simulator",), "needs pebble, which is not installed"),
     ],
 )
-def test_what_is_missing_is_named_with_its_extra(monkeypatch, there, message):
-    monkeypatch.setattr(registry, "_installed", lambda name: name in there)
-    with pytest.raises(InputError, match=message) as refused:
+def test_names_missing_packages_and_their_extra(monkeypatch, installed, message):
+    monkeypatch.setattr(registry, "_installed", lambda name: name in installed)
+    with pytest.raises(InputError, match=message) as error:
         check_platform("bluesky")
-    assert "[bluesky]" in str(refused.value)
+    assert "[bluesky]" in str(error.value)
 
 
-def test_the_type_that_is_flown_is_said():
+def test_notes_the_substitute_type():
     assert platform_notes("bluesky", ["B753", "A320"]) == ["bluesky has no B753: flown as B752"]
     assert platform_notes("bluebird") == platform_notes("skystack") == []
     assert flown_type("bluebird", "B753") == "B753"
 
 
 class Broken(Skystack):
-    """Ours, with a report that says too little."""
+    """Skystack with a report that lacks an aircraft."""
 
     def advance(self):
         return super().advance()._replace(fl=super().advance().fl[:1])
 
 
-def test_a_report_that_is_not_whole_is_an_error(tmp_path):
+def test_incomplete_reports_are_errors(tmp_path):
     platform = Guarded(Broken)
     platform.reset(load(MINIMAL, tmp_path))
     with pytest.raises(PlatformError, match=r"reported fl of shape \(1,\) for 2 aircraft"):
@@ -64,7 +64,7 @@ def test_a_report_that_is_not_whole_is_an_error(tmp_path):
 
 
 def test_each_platform_has_its_own_adoption():
-    """Ours and BluebirdDT fly the cycle first, and BluebirdDT alone ends a turn near its target."""
+    """Skystack and BluebirdDT adopt after the cycle; only BluebirdDT snaps to a near heading."""
     found = {name: adoption_of(name) for name in PLATFORMS}
     assert {name: each.cycles for name, each in found.items()} == {
         "skystack": 1,
@@ -78,12 +78,12 @@ def test_each_platform_has_its_own_adoption():
     }
 
 
-def test_an_unknown_platform_is_named_with_the_nearest():
+def test_suggests_the_nearest_platform_name():
     with pytest.raises(InputError, match="unknown platform 'blusky'; did you mean 'bluesky'"):
         check_platform("blusky")
 
 
-def test_extras_are_named_for_each_platform(monkeypatch):
+def test_names_the_extra_of_bluebird(monkeypatch):
     monkeypatch.setattr(registry, "_installed", lambda name: False)
     with pytest.raises(InputError, match=r"needs bluebird-dt and pebble.*\[bluebird\]"):
         check_platform("bluebird")
@@ -95,7 +95,7 @@ CLIMB_NOTE = (
 )
 
 
-def test_climbs_are_noted_where_they_are_flown_otherwise():
+def test_notes_that_bluesky_limits_climb_speeds():
     assert platform_notes("bluesky", ["A320"], climbs=True) == [CLIMB_NOTE]
     assert platform_notes("bluesky", ["A320", "A320"], climbs=False) == []
     assert platform_notes("bluebird", ["B753"], climbs=True) == []
@@ -106,50 +106,50 @@ def test_climbs_are_noted_where_they_are_flown_otherwise():
     ]
 
 
-def noted(folder, platform, **fields):
-    """Notes of a scenario with an A320 and an AT76."""
+def notes_for(folder, platform, **fields):
+    """The notes for a scenario with an A320 and an AT76."""
     file = changed(("aircraft", 0, "type"), "AT76") | fields
     file["aircraft"][1]["type"] = "A320"
     return scenario_notes(platform, load(file, folder))
 
 
-def test_speeds_of_types_without_any_of_their_own_are_noted(tmp_path):
-    """Not of the simulator that flies a fleet, nor at constant speed, nor of the fleet's types."""
-    assert noted(tmp_path, "bluebird") == [
+def test_notes_speeds_of_types_outside_the_fleet(tmp_path):
+    """No notes for skystack, at constant speed, or for the fleet's types."""
+    assert notes_for(tmp_path, "bluebird") == [
         "bluebird flies A320 at the speeds of its own tables",
         "bluebird flies AT76 at the speeds of its own tables",
     ]
-    assert noted(tmp_path, "bluesky", clearances=[]) == [
+    assert notes_for(tmp_path, "bluesky", clearances=[]) == [
         "bluesky flies A320 at the speeds of B753",
         "bluesky flies AT76 at the speeds of B753",
     ]
-    assert noted(tmp_path, "skystack") == []
-    assert noted(tmp_path, "bluebird", performance="constant") == []
-    both = [{"type": "AT76"}, {"type": "A320"}]
-    assert noted(tmp_path, "bluebird", fleet=both) == []
+    assert notes_for(tmp_path, "skystack") == []
+    assert notes_for(tmp_path, "bluebird", performance="constant") == []
+    members = [{"type": "AT76"}, {"type": "A320"}]
+    assert notes_for(tmp_path, "bluebird", fleet=members) == []
 
 
-def test_climbs_of_a_scenario_are_noted(tmp_path):
-    up = [{"cycle": 1, "callsign": "AC1", "fl": 310}]
-    assert noted(tmp_path, "bluesky", clearances=up)[0] == CLIMB_NOTE
+def test_notes_climbs_of_a_scenario(tmp_path):
+    climb = [{"cycle": 1, "callsign": "AC1", "fl": 310}]
+    assert notes_for(tmp_path, "bluesky", clearances=climb)[0] == CLIMB_NOTE
 
 
-def _takes_anything(self, *folder):
+def _ignore_arguments(self, *folder):
     pass
 
 
 @pytest.mark.parametrize("name", PLATFORMS)
-def test_a_name_opens_its_own_platform(name, monkeypatch, tmp_path):
-    """The adapters of the others are exchanged for what only says that it was opened."""
+def test_opens_the_named_platform(name, monkeypatch, tmp_path):
+    """The adapters of the other platforms are replaced by stubs with the same adoption."""
     others = {"bluebird": ("Bluebird", BLUEBIRD), "bluesky": ("BlueSky", BLUESKY)}
     monkeypatch.setattr(registry, "_installed", lambda name: True)
     for other, (adapter, adoption) in others.items():
-        other_one = type(adapter, (Skystack,), {"adoption": adoption, "__init__": _takes_anything})
-        module = SimpleNamespace(**{adapter: other_one})
+        stub = type(adapter, (Skystack,), {"adoption": adoption, "__init__": _ignore_arguments})
+        module = SimpleNamespace(**{adapter: stub})
         monkeypatch.setitem(sys.modules, f"skystack.platforms.{other}", module)
     assert open_platform(name, tmp_path).adoption is adoption_of(name)
 
 
-def test_only_bluesky_flies_another_type():
+def test_only_bluesky_substitutes_types():
     flown = {name: flown_type(name, "B753") for name in PLATFORMS}
     assert flown == {"skystack": "B753", "bluebird": "B753", "bluesky": "B752"}

@@ -1,4 +1,4 @@
-"""Work for other processes; in a module of its own, for processes to import."""
+"""Work for other processes, in a separate module that they can import."""
 
 import os
 import time
@@ -7,7 +7,7 @@ from skystack.errors import InputError, PlatformError
 
 
 def make(folder):
-    """Work that writes into the folder of its process."""
+    """Work that succeeds, fails, hangs or dies, depending on the item; it marks its folder."""
     (folder / "made").touch()
 
     def work(item):
@@ -24,11 +24,11 @@ def make(folder):
     return work
 
 
-def make_nothing(folder):
+def make_with_input_error(folder):
     raise InputError("no such platform")
 
 
-def make_badly(folder):
+def make_with_value_error(folder):
     raise ValueError("two\n  lines")
 
 

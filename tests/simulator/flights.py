@@ -1,4 +1,4 @@
-"""Builders for the simulator's tests: traffic from plain numbers, flights, stored rollouts."""
+"""Helpers of the simulator's tests: traffic from plain numbers, flights, stored rollouts."""
 
 import csv
 from collections.abc import Iterable, Sequence
@@ -20,8 +20,8 @@ from skystack.simulator.traffic import NO_TURN, SHORTEST, Clearance, Traffic, st
 MODELS = ("constant", "table")
 
 
-class Told(NamedTuple):
-    """A clearance given before cycle `cycle` (from 0) is flown."""
+class TimedClearance(NamedTuple):
+    """A clearance issued before cycle `cycle` (from 0) is flown."""
 
     cycle: int
     aircraft: int
@@ -30,12 +30,12 @@ class Told(NamedTuple):
     turn: int = SHORTEST
 
 
-def clearance(aircraft: int, told: Iterable[Told]) -> Clearance:
-    """One moment's clearances as arrays."""
+def clearance(aircraft: int, clearances: Iterable[TimedClearance]) -> Clearance:
+    """The clearances of one cycle as arrays."""
     turn = np.full(aircraft, NO_TURN, dtype=np.int32)
     heading, level = np.zeros((2, aircraft), dtype=np.float32)
     changes_level = np.zeros(aircraft, dtype=bool)
-    for entry in told:
+    for entry in clearances:
         if entry.heading_deg is not None:
             turn[entry.aircraft], heading[entry.aircraft] = entry.turn, entry.heading_deg
         if entry.fl is not None:
@@ -48,7 +48,9 @@ class Flights:
 
     def __init__(self, sector: Sector, model: str, own_navigation: bool = False):
         self.simulator = Simulator(sector, performance(model), own_navigation)
-        self.cycle = jax.jit(lambda traffic, told: self.simulator.advance(instruct(traffic, told)))
+        self.cycle = jax.jit(
+            lambda traffic, clearances: self.simulator.advance(instruct(traffic, clearances))
+        )
 
     def start(
         self, position_nm, heading_deg, fl=300.0, route: Sequence[int] = (), own_navigation=False
@@ -66,14 +68,19 @@ class Flights:
             jnp.asarray(np.broadcast_to(own_navigation, n)),
         )
 
-    def fly(self, traffic: Traffic, cycles: int, told: Sequence[Told] = ()) -> Traffic:
+    def fly(
+        self, traffic: Traffic, cycles: int, clearances: Sequence[TimedClearance] = ()
+    ) -> Traffic:
         """The traffic of rows 0 to `cycles`, `[row, aircraft]`, as numpy arrays."""
         n = len(traffic.heading_deg)
-        silence = clearance(n, ())
-        spoken = {k: clearance(n, (t for t in told if t.cycle == k)) for k, *_ in told}
+        none = clearance(n, ())
+        issued = {
+            k: clearance(n, (each for each in clearances if each.cycle == k))
+            for k, *_ in clearances
+        }
         rows = [traffic]
         for k in range(cycles):
-            rows.append(self.cycle(rows[-1], spoken.get(k, silence)))
+            rows.append(self.cycle(rows[-1], issued.get(k, none)))
         return jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *rows)
 
 
@@ -84,12 +91,12 @@ def flights(model: str, own_navigation: bool = False) -> Flights:
 
 
 def angle_between_deg(a, b):
-    """The smaller angle between headings, without its side."""
+    """The absolute angle between headings, at most 180 degrees."""
     return np.abs((np.asarray(a) - np.asarray(b) + 180.0) % 360.0 - 180.0)
 
 
 class Reference(NamedTuple):
-    """One rollout of the reference simulator, `[stored row, aircraft]`; `row` numbers the rows."""
+    """A stored rollout of BluebirdDT, `[stored row, aircraft]`, with the number of each row."""
 
     row: np.ndarray
     lat_lon: np.ndarray

@@ -1,4 +1,4 @@
-"""Flights anywhere on the earth against geodesics of pyproj, second by second."""
+"""Flights anywhere on the earth against pyproj's geodesics, second by second."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import pytest
 from skystack.airspace.projection import METRES_PER_NM, WGS84
 from skystack.airspace.xplus import x_plus
 
-from .flights import Flights, Told, angle_between_deg, geodesic_nm
+from .flights import Flights, TimedClearance, angle_between_deg, geodesic_nm
 
 CYCLES = 300
 ORIGINS = {
@@ -18,22 +18,22 @@ ORIGINS = {
     "75 N": (75.0, -40.0),
     "Tasmania": (-41.0, 147.0),
     "Fiji, east of the antimeridian": (-17.7, -179.8),
-    "Fiji, west of it": (-17.7, 179.9),
+    "Fiji, west of the antimeridian": (-17.7, 179.9),
 }
 HEADINGS_DEG = np.array([0.0, 45.0, 90.0, 137.0, 225.0, 270.0, 333.0])
 
 
-def flown(origin, cycles=CYCLES, told=(), distance_nm=230.0):
-    """Aircraft that start on one side of the origin and fly across; `[row, aircraft]`."""
+def fly_across(origin, cycles=CYCLES, clearances=(), distance_nm=230.0):
+    """Aircraft that start on one side of the origin and fly over it; `[row, aircraft]`."""
     sector = replace(x_plus(), origin=origin)
-    ours = Flights(sector, "constant")
+    simulation = Flights(sector, "constant")
     count = len(HEADINGS_DEG)
     back = (HEADINGS_DEG + 180.0) % 360.0
     away = np.full(count, min(distance_nm, 60.0 * (78.0 - abs(origin[0]))) * METRES_PER_NM)
     lat, lon = np.full(count, origin[0]), np.full(count, origin[1])
     lon, lat, _ = WGS84.fwd(lon, lat, back, away)
     start = sector.plane.to_plane(lat, lon)
-    rows = ours.fly(ours.start(start, HEADINGS_DEG), cycles, told)
+    rows = simulation.fly(simulation.start(start, HEADINGS_DEG), cycles, clearances)
     return rows, sector.plane.to_degrees(rows.position_nm)
 
 
@@ -48,18 +48,20 @@ def geodesic_steps(lat_lon, heading_deg, speed_kt):
 
 
 @pytest.mark.parametrize("place", ORIGINS)
-def test_constant_headings_are_flown_along_the_earth(place):
-    rows, lat_lon = flown(ORIGINS[place])
+def test_constant_headings_agree_with_geodesics(place):
+    rows, lat_lon = fly_across(ORIGINS[place])
     exact = geodesic_steps(lat_lon[0], np.tile(HEADINGS_DEG, (6 * CYCLES, 1)), 400.0)[::6]
     assert geodesic_nm(lat_lon, exact).max() < (0.02 if place == "75 N" else 0.01)
     assert np.array_equal(rows.heading_deg[-1], HEADINGS_DEG.astype(np.float32))
 
 
 @pytest.mark.parametrize("place", ORIGINS)
-def test_turns_are_flown_along_the_earth(place):
-    """To the right by 170 degrees after the first cycle, mid-point headings."""
-    told = [Told(0, n, heading_deg=(h + 170.0) % 360.0) for n, h in enumerate(HEADINGS_DEG)]
-    _, lat_lon = flown(ORIGINS[place], 60, told, distance_nm=100.0)
+def test_turns_agree_with_geodesics(place):
+    """Turns of 170 degrees to the right after the first cycle, with midpoint headings."""
+    clearances = [
+        TimedClearance(0, n, heading_deg=(h + 170.0) % 360.0) for n, h in enumerate(HEADINGS_DEG)
+    ]
+    _, lat_lon = fly_across(ORIGINS[place], 60, clearances, distance_nm=100.0)
     turned = np.clip(1.5 * (np.arange(1, 361) - 6) - 0.75, 0.0, 170.0)
     turned[np.arange(1, 361) > 6 + 114] = 170.0
     turned[5 + 114] = 170.0 - (170.0 - 1.5 * 113) / 2.0
@@ -69,8 +71,8 @@ def test_turns_are_flown_along_the_earth(place):
 
 
 @pytest.mark.parametrize("place", ORIGINS)
-def test_speed_and_track_over_ground_are_those_reported(place):
-    rows, lat_lon = flown(ORIGINS[place])
+def test_reported_ground_speed_and_heading_are_true(place):
+    rows, lat_lon = fly_across(ORIGINS[place])
     before, after = lat_lon[:-1], lat_lon[1:]
     track, _, metres = WGS84.inv(before[..., 1], before[..., 0], after[..., 1], after[..., 0])
     speed_kt = metres / METRES_PER_NM * 600.0
@@ -80,5 +82,5 @@ def test_speed_and_track_over_ground_are_those_reported(place):
 
 @pytest.mark.parametrize("place", ORIGINS)
 def test_longitudes_are_wrapped(place):
-    _, lat_lon = flown(ORIGINS[place])
+    _, lat_lon = fly_across(ORIGINS[place])
     assert np.all((lat_lon[..., 1] >= -180.0) & (lat_lon[..., 1] < 180.0))

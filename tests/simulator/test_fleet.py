@@ -1,4 +1,4 @@
-"""Several types of aircraft in one scenario."""
+"""Fleets: several aircraft types in one scenario."""
 
 import jax
 import jax.numpy as jnp
@@ -27,13 +27,13 @@ def array(*values):
     return jnp.asarray(values, dtype=jnp.float32)
 
 
-def test_it_is_a_performance_model():
+def test_a_fleet_is_a_performance_model():
     assert isinstance(MIXED, Performance)
     assert MIXED.types == ("B753", "AT76")
 
 
 @pytest.mark.parametrize("phase", [1.0, 0.0, -1.0])
-def test_each_flies_by_its_own_table(phase):
+def test_each_type_flies_by_its_own_table(phase):
     levels = array(0.0, 120.0, 240.0, 300.0, 400.0) * TICKS_PER_FL
     phases = jnp.full_like(levels, phase)
     tables = [TablePerformance(), SLOW.table()]
@@ -44,8 +44,8 @@ def test_each_flies_by_its_own_table(phase):
             assert np.array_equal(mixed, getattr(table, name)(levels, phases))
 
 
-def test_side_by_side_they_part_by_the_difference_of_their_airspeeds():
-    """Above the crossover airspeed is Mach number times the speed of sound: 573.6 kt from FL361."""
+def test_types_fly_at_their_own_airspeeds_side_by_side():
+    """At these levels the airspeed is the Mach number times the speed of sound, 573.6 kt."""
     simulator = Simulator(sector_named("x-plus"), MIXED)
     level = array(370.0, 370.0) * TICKS_PER_FL
     kind = jnp.array([0, 1], dtype=jnp.int32)
@@ -66,7 +66,7 @@ def test_side_by_side_they_part_by_the_difference_of_their_airspeeds():
     assert traffic.position_nm[:, 0] == pytest.approx(expected, rel=1e-4)
 
 
-def test_types_come_by_their_shares_and_levels_alike():
+def test_draws_types_by_share_and_levels_uniformly():
     simulator = Simulator(sector_named("x-plus"), MIXED)
     drawn = LateralScenarios(simulator, levels_fl=(280, 300, 340), shares=(1.0, 3.0))
     keys = jax.random.split(jax.random.key(3), 2000)
@@ -76,10 +76,10 @@ def test_types_come_by_their_shares_and_levels_alike():
     found, counts = np.unique(traffic.level_ticks / TICKS_PER_FL, return_counts=True)
     assert found.tolist() == [280.0, 300.0, 340.0]
     assert chisquare(counts).pvalue > 1e-3
-    # Independent of each other: every pair of levels and every pair of types comes.
+    # Independently: every pair of levels and every pair of types occurs.
     assert len({tuple(row) for row in np.asarray(traffic.level_ticks)}) == 9
     assert len({tuple(row) for row in np.asarray(traffic.kind)}) == 4
-    # What the paper draws stays the same beside it.
+    # Positions and routes are those drawn without types and levels.
     alone = jax.vmap(LateralScenarios(Simulator(simulator.sector, TablePerformance())).draw)(keys)
     assert np.array_equal(traffic.position_nm, alone.traffic.position_nm)
     assert np.array_equal(traffic.route, alone.traffic.route)
@@ -102,13 +102,13 @@ def test_types_come_by_their_shares_and_levels_alike():
         (["task.level_fl=[]"], "task.level_fl is [] (allowed: whole number or list of 1 to 61)"),
     ],
 )
-def test_what_cannot_fly_is_refused_in_one_line(changes, message):
+def test_refuses_an_invalid_fleet_in_one_line(changes, message):
     with pytest.raises(InputError) as error:
         load_experiment("lateral", changes)
     assert str(error.value).startswith(f"--set: {message}")
 
 
-def test_settings_name_types_and_levels():
+def test_settings_determine_types_and_levels():
     changes = ['task.fleet=[{type="A320"},{type="AT76", rate_ft_min=1200, share=2}]']
     task = build_task(load_experiment("lateral", [*changes, "task.level_fl=[280,300]"]).task)
     assert task.simulator.performance.types == ("A320", "AT76")

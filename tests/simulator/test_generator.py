@@ -1,4 +1,4 @@
-"""Random scenarios against the distributions that the paper's table of parameters states."""
+"""Random scenarios against the distributions in the paper's table of parameters."""
 
 from functools import cache
 
@@ -15,27 +15,27 @@ from skystack.simulator.traffic import NO_TURN
 from .flights import flights, geodesic_nm
 
 SCENARIOS = 20_000
-FIRST = np.array([route[0] for route in x_plus().routes])
+FIRST_FIX = np.array([route[0] for route in x_plus().routes])
 FIRST_HEADINGS = {"ROBIN": 284.9040, "HERON": 45.1920, "PEL": 134.8089, "SWIFT": 225.1904}
 
 
 @cache
 def scenarios(aircraft=2):
-    """Many scenarios' traffic, `[scenario, aircraft]`."""
+    """The traffic of many scenarios, `[scenario, aircraft]`."""
     lateral = LateralScenarios(flights("table").simulator, aircraft=aircraft)
     keys = jax.random.split(jax.random.key(7), SCENARIOS)
     return jax.tree.map(np.asarray, jax.jit(jax.vmap(lateral.draw))(keys).traffic)
 
 
 def offset_nm(traffic):
-    """Where the aircraft are, seen from their first fixes, in true lengths."""
+    """Positions relative to the first fixes, in true lengths."""
     fixes = x_plus().route_table.fixes_nm[traffic.route, 0]
     return (traffic.position_nm - fixes) / x_plus().plane.scale(fixes[..., 1:])
 
 
 @pytest.mark.parametrize("aircraft", [2, 3, 4])
 def test_first_fixes_differ(aircraft):
-    first = FIRST[scenarios(aircraft).route]
+    first = FIRST_FIX[scenarios(aircraft).route]
     assert all(len(set(fixes)) == aircraft for fixes in first)
 
 
@@ -47,7 +47,7 @@ def test_positions_lie_within_4_nm_of_the_first_fix():
     traffic = scenarios()
     assert np.linalg.norm(offset_nm(traffic), axis=-1).max() <= 4.0 + 1e-4
     sector = x_plus()
-    fixes = np.array([sector.fixes[name] for name in FIRST])[traffic.route]
+    fixes = np.array([sector.fixes[name] for name in FIRST_FIX])[traffic.route]
     lat_lon = sector.plane.to_degrees(traffic.position_nm)
     assert geodesic_nm(lat_lon, fixes).max() <= 4.0 + 5e-4
 
@@ -74,11 +74,11 @@ def test_positions_of_the_aircraft_are_independent():
 
 def test_headings_are_those_of_the_first_leg():
     traffic = scenarios()
-    expected = np.array([FIRST_HEADINGS[name] for name in FIRST])[traffic.route]
+    expected = np.array([FIRST_HEADINGS[name] for name in FIRST_FIX])[traffic.route]
     assert traffic.heading_deg == pytest.approx(expected, abs=1e-4)
 
 
-def test_everything_else_is_level_flight_at_fl300():
+def test_aircraft_start_in_level_flight_at_fl300():
     traffic = scenarios()
     assert (traffic.level_ticks == 300.0 * TICKS_PER_FL).all()
     assert traffic.ground_speed_kt == pytest.approx(465.940793, abs=1e-3)
@@ -96,8 +96,8 @@ def test_everything_else_is_level_flight_at_fl300():
 
 def test_route_frequencies():
     """The first route is uniform over all, the second over those that start elsewhere."""
-    n = len(FIRST)
-    elsewhere = FIRST[:, None] != FIRST[None, :]
+    n = len(FIRST_FIX)
+    elsewhere = FIRST_FIX[:, None] != FIRST_FIX[None, :]
     pairs = elsewhere / elsewhere.sum(axis=1, keepdims=True) / n
     route = scenarios().route
     counted = np.zeros((n, n))
@@ -107,12 +107,12 @@ def test_route_frequencies():
     assert np.all(np.abs(counted - pairs * SCENARIOS)[elsewhere] < 4.5 * sigma[elsewhere])
 
 
-def test_every_route_is_flown_by_either_aircraft():
+def test_each_aircraft_flies_every_route():
     for routes in scenarios().route.T:
         assert set(routes.tolist()) == set(range(10))
 
 
-def test_the_same_key_draws_the_same_scenario_and_another_another():
+def test_scenarios_depend_only_on_the_key():
     lateral = LateralScenarios(flights("table").simulator)
     draw = jax.jit(lambda key: lateral.draw(key).traffic)
     once, again = draw(jax.random.key(3)), draw(jax.random.key(3))
@@ -121,7 +121,7 @@ def test_the_same_key_draws_the_same_scenario_and_another_another():
     assert not np.array_equal(once.position_nm, draw(jax.random.key(4)).position_nm)
 
 
-def test_settings_are_followed():
+def test_draws_scenarios_with_the_given_settings():
     lateral = LateralScenarios(
         flights("constant").simulator, aircraft=3, levels_fl=(250,), disc_nm=1.0
     )

@@ -76,8 +76,8 @@ def test_mach_takes_over_at_the_transition_level(row, cas_kt, mach, transition_f
 
 
 @given(st.floats(0.0, 450.0), st.sampled_from([CLIMB, CRUISE, DESCENT]))
-def test_between_whole_levels_the_table_is_followed(fl, phase):
-    """Against the formulas themselves, not their values at whole flight levels."""
+def test_airspeeds_between_whole_levels_follow_the_formulas(fl, phase):
+    """Not only at whole flight levels, where the table has their values."""
     cas = {CLIMB: (250.0, 290.0), CRUISE: (250.0, 300.0), DESCENT: (250.0, 280.0)}[phase]
     mach = {CLIMB: 0.79, CRUISE: 0.80, DESCENT: 0.78}[phase]
     levels = np.array([round(fl * TICKS_PER_FL) / TICKS_PER_FL])
@@ -91,13 +91,13 @@ def test_between_whole_levels_the_table_is_followed(fl, phase):
 
 
 @pytest.mark.parametrize(("fl", "expected"), [(100.0, 457.17), (200.0, 491.45), (300.0, 471.458)])
-def test_another_calibrated_airspeed(fl, expected):
+def test_airspeeds_for_another_calibrated_airspeed(fl, expected):
     """A selected 400 kt under BluebirdDT's LinearPredictor; at FL300 the Mach number limits it."""
     fast = TablePerformance(low_cas_kt=(400.0,) * 3, high_cas_kt=(400.0,) * 3)
     assert airspeed_kt(fast, fl, CRUISE) == pytest.approx(expected, abs=6e-3)
 
 
-def test_at_sea_level_calibrated_is_true_airspeed():
+def test_calibrated_is_true_airspeed_at_sea_level():
     cas = np.array([100.0, 250.0, 400.0])
     assert tas_from_cas(np.zeros(3), cas) == pytest.approx(cas, rel=1e-6)
 
@@ -120,12 +120,12 @@ def test_rates_of_the_table(fl):
 
 
 @pytest.mark.parametrize("fl", [400, 401, 450])
-def test_nothing_climbs_above_the_ceiling(fl):
+def test_aircraft_do_not_climb_above_the_ceiling(fl):
     assert rate_ft_min(MEDIUM, fl, CLIMB) == 0.0
     assert rate_ft_min(MEDIUM, fl, DESCENT) == -2500.0
 
 
-def test_beyond_the_last_level_the_airspeed_stays():
+def test_airspeed_is_constant_above_the_last_level():
     assert airspeed_kt(MEDIUM, 700.0, CRUISE) == pytest.approx(458.855368, abs=1e-3)
 
 
@@ -138,7 +138,7 @@ def test_the_constant_model_is_constant(fl, phase):
     assert airspeed_kt(ConstantPerformance(airspeed_kt=250.0), fl, phase) == 250.0
 
 
-def test_arrays_are_answered_one_by_one():
+def test_arrays_are_evaluated_elementwise():
     levels, phases = np.meshgrid(np.array(LEVELS_FL), np.array(list(AIRSPEEDS_KT)))
     got = MEDIUM.true_airspeed_kt(
         array(*levels.ravel() * TICKS_PER_FL), array(*phases.ravel().astype(float))
@@ -149,11 +149,11 @@ def test_arrays_are_answered_one_by_one():
 @pytest.mark.parametrize(
     ("name", "kind"), [("table", TablePerformance), ("constant", ConstantPerformance)]
 )
-def test_models_by_name(name, kind):
+def test_finds_models_by_name(name, kind):
     assert performance(name) == kind()
 
 
-def test_an_unknown_model_is_refused_with_the_nearest_name():
+def test_refuses_an_unknown_model_and_suggests_the_nearest():
     with pytest.raises(InputError, match=r"'tabel'.*did you mean 'table'\?.*constant, table"):
         performance("tabel")
 
@@ -164,6 +164,6 @@ def test_levels_are_whole_ticks_exact_in_float32(fl):
     assert float(np.float32(ticks(float(fl)))) == ticks(float(fl))
 
 
-def test_a_tick_is_a_foot_per_minute_for_a_second():
+def test_a_tick_is_one_foot_per_minute_for_one_second():
     feet_per_tick = 100.0 / TICKS_PER_FL
     assert feet_per_tick * 60.0 == pytest.approx(1.0)

@@ -1,4 +1,4 @@
-"""Scenario files: what is refused and how, and what is read from the others."""
+"""Scenario files: refused files and their messages, and the contents of valid files."""
 
 import json
 
@@ -34,7 +34,7 @@ REFUSED = [
         35.5,
         "clearances[0].heading_deg is 35.5 (allowed: whole number from 0 to 360)",
     ),
-    # The sector and the aircraft's names.
+    # Sector, performance, routes and callsigns.
     (
         ("sector",),
         "xplus",
@@ -63,7 +63,7 @@ REFUSED = [
     ((*A1, "callsign"), "\ud800", 'aircraft[1].callsign is "\\ud800" (allowed: printable charac'),
     (("aircraft",), [], "aircraft is [] (allowed: list of 1 to 200)"),
     (("aircraft",), [ONE_AIRCRAFT] * 201, 'aircraft is [{"callsign": "AC1", "route": ["HERON", "'),
-    # Where they are and what they fly.
+    # Positions, headings and levels.
     ((*A1, "lat"), 91, "aircraft[1].lat is 91 (allowed: number from -90 to 90)"),
     ((*A1, "lon"), -181, "aircraft[1].lon is -181 (allowed: number from -180 to 180)"),
     (
@@ -117,7 +117,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("where", "value", "message"), REFUSED)
-def test_a_bad_value_is_refused_in_one_line(where, value, message, tmp_path):
+def test_refuses_a_bad_value_in_one_line(where, value, message, tmp_path):
     with pytest.raises(InputError) as error:
         load(changed(where, value), tmp_path)
     assert str(error.value).startswith(f"{tmp_path / 'scenario.json'}: {message}")
@@ -144,7 +144,7 @@ def test_a_bad_value_is_refused_in_one_line(where, value, message, tmp_path):
         (b" " * (MAX_BYTES + 1), "is too large (allowed: 10 MB)"),
     ],
 )
-def test_a_file_that_is_no_scenario_is_refused(data, message, tmp_path):
+def test_refuses_a_file_that_is_not_a_scenario(data, message, tmp_path):
     path = tmp_path / "scenario.json"
     path.write_bytes(data)
     with pytest.raises(InputError) as error:
@@ -159,18 +159,18 @@ def test_a_file_that_is_no_scenario_is_refused(data, message, tmp_path):
         ("1" + "0" * 400, f"aircraft[1].fl is 1{'0' * 59}... (allowed: finite number)"),
     ],
 )
-def test_a_number_beyond_floating_point_is_refused(number, message, tmp_path):
-    text = json.dumps(changed((*A1, "fl"), "here")).replace('"here"', number)
+def test_refuses_a_number_too_large_for_a_float(number, message, tmp_path):
+    text = json.dumps(changed((*A1, "fl"), "NUMBER")).replace('"NUMBER"', number)
     with pytest.raises(InputError) as error:
         load(text, tmp_path)
     assert str(error.value) == f"{tmp_path / 'scenario.json'}: {message}"
 
 
-def test_a_file_that_is_not_there_is_refused(tmp_path):
-    for path, why in [(tmp_path / "no.json", "No such file"), (tmp_path, "Is a directory")]:
+def test_refuses_a_path_that_cannot_be_read(tmp_path):
+    for path, reason in [(tmp_path / "no.json", "No such file"), (tmp_path, "Is a directory")]:
         with pytest.raises(InputError) as error:
             load_scenario(path)
-        assert str(error.value).startswith(f"{path}: cannot be read ({why}")
+        assert str(error.value).startswith(f"{path}: cannot be read ({reason}")
 
 
 JSON_VALUES = st.recursive(
@@ -190,7 +190,7 @@ PLACES = [
 
 
 @given(st.sampled_from(PLACES), JSON_VALUES)
-def test_any_value_anywhere_is_taken_or_refused_in_one_line(tmp_path_factory, where, value):
+def test_accepts_or_refuses_any_value_in_one_line(tmp_path_factory, where, value):
     path = tmp_path_factory.getbasetemp() / "any.json"
     path.write_text(json.dumps(changed(where, value)))
     try:
@@ -200,10 +200,10 @@ def test_any_value_anywhere_is_taken_or_refused_in_one_line(tmp_path_factory, wh
     else:
         low, high = scenario.sector.levels_fl
         assert all(low <= aircraft.fl <= high for aircraft in scenario.aircraft)
-        assert all(0 <= given.cycle < scenario.cycles for given in scenario.clearances)
+        assert all(0 <= each.cycle < scenario.cycles for each in scenario.clearances)
 
 
-def test_what_is_not_given_has_the_documented_default(tmp_path):
+def test_missing_fields_have_the_documented_defaults(tmp_path):
     scenario = load(MINIMAL, tmp_path)
     aircraft = scenario.aircraft[0]
     sector = x_plus()
@@ -217,9 +217,9 @@ def test_what_is_not_given_has_the_documented_default(tmp_path):
     assert load(changed(("clearances",), ...), tmp_path).clearances == ()
 
 
-def test_what_is_given_is_kept(tmp_path):
-    given = {"type": "B753", "heading_deg": 360.0, "exit_fl": 250, "own_navigation": True}
-    scenario = load(changed(A1, MINIMAL["aircraft"][1] | given), tmp_path)
+def test_keeps_the_values_of_the_file(tmp_path):
+    values = {"type": "B753", "heading_deg": 360.0, "exit_fl": 250, "own_navigation": True}
+    scenario = load(changed(A1, MINIMAL["aircraft"][1] | values), tmp_path)
     aircraft = scenario.aircraft[1]
     assert (aircraft.lat, aircraft.lon, aircraft.fl) == (0.7, 0.7, 300)
     assert (aircraft.heading_deg, aircraft.exit_fl, aircraft.own_navigation) == (0.0, 250, True)
@@ -228,19 +228,19 @@ def test_what_is_given_is_kept(tmp_path):
     assert load(changed(("levels_fl",), [250, 350]), tmp_path).sector.levels_fl == (250, 350)
 
 
-def test_a_byte_order_mark_is_no_mistake(tmp_path):
+def test_accepts_a_byte_order_mark(tmp_path):
     path = tmp_path / "scenario.json"
     path.write_text(json.dumps(MINIMAL), encoding="utf-8-sig")
     assert load_scenario(path).cycles == 12
 
 
-def told(tmp_path, *entries):
-    """The transmissions of a minimal scenario with these entries of `clearances`."""
+def transmissions_of(tmp_path, *entries):
+    """The transmissions of the minimal scenario with these entries of `clearances`."""
     return load(changed(("clearances",), list(entries)), tmp_path).transmissions()
 
 
-def test_what_an_aircraft_is_told_in_a_cycle_is_one_transmission(tmp_path):
-    transmissions = told(
+def test_transmissions_are_grouped_by_cycle(tmp_path):
+    transmissions = transmissions_of(
         tmp_path,
         {"cycle": 3, "callsign": "AC2", "heading_deg": 360, "turn": "left", "fl": 340},
         {"cycle": 0, "callsign": "AC1", "fl": 200},
@@ -258,8 +258,8 @@ def test_what_an_aircraft_is_told_in_a_cycle_is_one_transmission(tmp_path):
     assert list(transmissions) == [0, 3, 11]
 
 
-def test_of_two_entries_in_a_cycle_the_later_wins_and_leaves_what_it_does_not_name(tmp_path):
-    transmissions = told(
+def test_later_entries_of_a_cycle_replace_only_their_own_fields(tmp_path):
+    transmissions = transmissions_of(
         tmp_path,
         {"cycle": 3, "callsign": "AC1", "heading_deg": 35, "turn": "right"},
         {"cycle": 3, "callsign": "AC1", "fl": 310},
@@ -276,15 +276,15 @@ def test_of_two_entries_in_a_cycle_the_later_wins_and_leaves_what_it_does_not_na
 
 
 @given(st.integers(0, 360), st.sampled_from(["shortest", "left", "right"]))
-def test_every_whole_heading_is_cleared_as_it_is(tmp_path_factory, heading_deg, turn):
+def test_clears_every_whole_heading_unchanged(tmp_path_factory, heading_deg, turn):
     path = tmp_path_factory.getbasetemp() / "heading.json"
-    one = {"cycle": 0, "callsign": "AC2", "heading_deg": heading_deg, "turn": turn}
-    path.write_text(json.dumps(changed(C0, one)))
+    entry = {"cycle": 0, "callsign": "AC2", "heading_deg": heading_deg, "turn": turn}
+    path.write_text(json.dumps(changed(C0, entry)))
     transmissions = load_scenario(path).transmissions()
     assert transmissions == {0: [ScheduledClearance(0, "AC2", heading_deg, turn)]}
 
 
-def test_what_is_nested_too_deep_is_refused(tmp_path):
+def test_refuses_deep_nesting(tmp_path):
     path = tmp_path / "scenario.json"
     path.write_text('{"aircraft": ' + "[" * 900 + "]" * 900 + "}")
     with pytest.raises(InputError, match=r"nested too deep \(allowed: 32 levels\)"):
@@ -292,18 +292,18 @@ def test_what_is_nested_too_deep_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(("count", "cycles"), [(200, 2500), (50, 10_000)])
-def test_aircraft_and_cycles_are_limited_together_before_anything_is_flown(count, cycles, tmp_path):
+def test_limits_the_product_of_aircraft_and_cycles(count, cycles, tmp_path):
     crowd = [ONE_AIRCRAFT | {"callsign": f"AC{number}"} for number in range(count)]
-    fitting = MINIMAL | {"aircraft": crowd, "cycles": cycles, "clearances": []}
-    assert len(load(fitting, tmp_path).aircraft) == count
-    one_more = fitting | {"aircraft": [*crowd, ONE_AIRCRAFT | {"callsign": "MORE"}]}
-    beyond = fitting | {"cycles": cycles + 1} if cycles < 10_000 else one_more
+    largest = MINIMAL | {"aircraft": crowd, "cycles": cycles, "clearances": []}
+    assert len(load(largest, tmp_path).aircraft) == count
+    one_more = largest | {"aircraft": [*crowd, ONE_AIRCRAFT | {"callsign": "MORE"}]}
+    too_large = largest | {"cycles": cycles + 1} if cycles < 10_000 else one_more
     with pytest.raises(InputError, match=r"positions \(allowed: 500,000, which is"):
-        load(beyond, tmp_path)
+        load(too_large, tmp_path)
 
 
-def test_the_number_of_clearances_is_limited(tmp_path):
-    told = [{"cycle": 0, "callsign": "AC1", "heading_deg": 10}] * 10_001
+def test_limits_the_number_of_clearances(tmp_path):
+    entries = [{"cycle": 0, "callsign": "AC1", "heading_deg": 10}] * 10_001
     with pytest.raises(InputError, match=r"clearances is .*allowed: list of at most 10,000"):
-        load(MINIMAL | {"clearances": told}, tmp_path)
-    assert len(load(MINIMAL | {"clearances": told[1:]}, tmp_path).clearances) == 10_000
+        load(MINIMAL | {"clearances": entries}, tmp_path)
+    assert len(load(MINIMAL | {"clearances": entries[1:]}, tmp_path).clearances) == 10_000

@@ -1,4 +1,4 @@
-"""Turns: 1.5 degrees a second, the right way round, exact at the end, and the path they fly."""
+"""Turns: 1.5 degrees per second, in the cleared direction, exact at the end, and their path."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -7,29 +7,31 @@ import pytest
 from skystack.simulator.simulator import turn_to_deg
 from skystack.simulator.traffic import LEFT, RIGHT, SHORTEST
 
-from .flights import MODELS, Told, angle_between_deg, flights
+from .flights import MODELS, TimedClearance, angle_between_deg, flights
 
 ORIGIN = np.zeros((1, 2))
 
 
-def headings(start_deg, told, cycles, model="constant"):
+def headings(start_deg, clearances, cycles, model="constant"):
     """Headings `[row, aircraft]` of aircraft that all start at the origin."""
     start_deg = np.atleast_1d(start_deg)
-    ours = flights(model)
-    traffic = ours.start(np.zeros((len(start_deg), 2)), start_deg)
-    return ours.fly(traffic, cycles, told).heading_deg
+    simulation = flights(model)
+    traffic = simulation.start(np.zeros((len(start_deg), 2)), start_deg)
+    return simulation.fly(traffic, cycles, clearances).heading_deg
 
 
 def total_turn_deg(rows):
-    """What was turned in all, positive to the right; steps are far below half a turn."""
+    """The total turn, positive to the right. Each step is far below half a turn."""
     return np.sum((np.diff(rows.astype(float), axis=0) + 180.0) % 360.0 - 180.0, axis=0)
 
 
 @pytest.mark.parametrize("target", [0, 1, 37, 180, 271, 359])
 def test_every_turn_follows_its_closed_form(target):
-    """9 degrees a cycle from row 1 on, the shorter way, and exactly the target at the end."""
+    """9 degrees per cycle from row 1, the shorter way, to exactly the target."""
     start = np.arange(0.0, 360.0, 1.5) + np.linspace(0.0, 1.0, 240)
-    rows = headings(start, [Told(0, a, heading_deg=target) for a in range(len(start))], 23)
+    rows = headings(
+        start, [TimedClearance(0, a, heading_deg=target) for a in range(len(start))], 23
+    )
     turn = (target - start + 180.0) % 360.0 - 180.0
     turn = np.where((turn == -180.0) & (target > start), 180.0, turn)
     for row in range(1, 24):
@@ -55,7 +57,7 @@ def test_every_turn_follows_its_closed_form(target):
         (325.0, 315, LEFT, -10.0),
         (315.0, 325, RIGHT, 10.0),
         (324.0, 325, RIGHT, 1.0),
-        # Exactly half a turn passes through no north: left when above the target, else right.
+        # Half a turn does not pass through north: left from above the target, otherwise right.
         (45.0, 225, SHORTEST, 180.0),
         (225.0, 45, SHORTEST, -180.0),
         (0.0, 180, SHORTEST, 180.0),
@@ -67,7 +69,7 @@ def test_every_turn_follows_its_closed_form(target):
     ],
 )
 def test_direction_of_a_turn(start, target, turn, expected):
-    rows = headings(start, [Told(0, 0, heading_deg=target, turn=turn)], 45)
+    rows = headings(start, [TimedClearance(0, 0, heading_deg=target, turn=turn)], 45)
     assert total_turn_deg(rows)[0] == pytest.approx(expected, abs=1e-3)
     assert rows[-1, 0] == target
 
@@ -82,19 +84,19 @@ def test_turn_to_deg_is_the_shorter_turn():
     assert np.array_equal(got[half], np.where(target > start, 180.0, -180.0)[half])
 
 
-def test_a_clearance_moves_the_aircraft_one_cycle_later():
-    ours = flights("constant")
-    traffic = ours.start(ORIGIN, 45.0)
-    told = ours.fly(traffic, 8, [Told(2, 0, heading_deg=75, fl=320)])
-    silent = ours.fly(traffic, 8)
-    physical = [told.position_nm, told.heading_deg, told.level_ticks, told.ground_speed_kt]
-    unmoved = [silent.position_nm, silent.heading_deg, silent.level_ticks, silent.ground_speed_kt]
-    for moved, still in zip(physical, unmoved, strict=True):
-        assert np.array_equal(moved[:4], still[:4])
-        assert not np.array_equal(moved[4], still[4])
-    assert told.cleared_heading_deg[:4, 0].tolist() == [45.0, 45.0, 45.0, 75.0]
-    assert told.heading_deg[:, 0].tolist() == [45.0, 45.0, 45.0, 45.0, 54.0, 63.0, 72.0, 75.0, 75.0]
-    assert (told.level_ticks[:, 0] / 6000.0).tolist() == [
+def test_a_clearance_takes_effect_one_cycle_later():
+    simulation = flights("constant")
+    traffic = simulation.start(ORIGIN, 45.0)
+    cleared = simulation.fly(traffic, 8, [TimedClearance(2, 0, heading_deg=75, fl=320)])
+    straight = simulation.fly(traffic, 8)
+    for name in ("position_nm", "heading_deg", "level_ticks", "ground_speed_kt"):
+        changed, unchanged = getattr(cleared, name), getattr(straight, name)
+        assert np.array_equal(changed[:4], unchanged[:4])
+        assert not np.array_equal(changed[4], unchanged[4])
+    assert cleared.cleared_heading_deg[:4, 0].tolist() == [45.0, 45.0, 45.0, 75.0]
+    headings_deg = [45.0, 45.0, 45.0, 45.0, 54.0, 63.0, 72.0, 75.0, 75.0]
+    assert cleared.heading_deg[:, 0].tolist() == headings_deg
+    assert (cleared.level_ticks[:, 0] / 6000.0).tolist() == [
         300,
         300,
         300,
@@ -107,31 +109,34 @@ def test_a_clearance_moves_the_aircraft_one_cycle_later():
     ]
 
 
-def test_a_new_heading_is_turned_to_from_where_the_aircraft_points():
-    """On the way from 0 to 180 by the right it is at 54 when 200 is adopted: still to the right;
-    from there to 300 the shorter way is to the left."""
-    told = [
-        Told(0, 0, heading_deg=180, turn=RIGHT),
-        Told(6, 0, heading_deg=200),
-        Told(12, 0, heading_deg=300),
+def test_a_new_heading_is_turned_to_from_the_current_one():
+    """Turning right from 0 to 180, it is at 54 when 200 is adopted, and continues to the right. At
+    108 it adopts 300, to which the shorter way is to the left."""
+    clearances = [
+        TimedClearance(0, 0, heading_deg=180, turn=RIGHT),
+        TimedClearance(6, 0, heading_deg=200),
+        TimedClearance(12, 0, heading_deg=300),
     ]
-    rows = headings(0.0, told, 60)[:, 0]
+    rows = headings(0.0, clearances, 60)[:, 0]
     assert rows[:8].tolist() == [0.0, 0.0, 9.0, 18.0, 27.0, 36.0, 45.0, 54.0]
     assert rows[8:14].tolist() == [63.0, 72.0, 81.0, 90.0, 99.0, 108.0]
     assert rows[14:17].tolist() == [99.0, 90.0, 81.0]
     assert rows[-1] == 300.0
 
 
-def test_the_same_heading_again_changes_nothing():
-    once = headings(10.0, [Told(0, 0, heading_deg=100)], 20)
-    often = headings(10.0, [Told(k, 0, heading_deg=100) for k in range(15)], 20)
+def test_repeating_a_heading_changes_nothing():
+    once = headings(10.0, [TimedClearance(0, 0, heading_deg=100)], 20)
+    often = headings(10.0, [TimedClearance(k, 0, heading_deg=100) for k in range(15)], 20)
     assert often == pytest.approx(once, abs=1e-4)
 
 
-def test_a_long_way_round_is_given_up_for_the_shorter():
-    """Turning right from 0 to 270, at 90 it is told 270 without a direction: half a turn, right."""
-    told = [Told(0, 0, heading_deg=270, turn=RIGHT), Told(5, 0, heading_deg=270)]
-    rows = headings(0.0, told, 40)
+def test_a_heading_without_direction_is_turned_the_shorter_way():
+    """Turning right from 0 to 270, it is at 45 when it adopts 270 without a direction."""
+    clearances = [
+        TimedClearance(0, 0, heading_deg=270, turn=RIGHT),
+        TimedClearance(5, 0, heading_deg=270),
+    ]
+    rows = headings(0.0, clearances, 40)
     assert total_turn_deg(rows)[0] == pytest.approx(-90.0, abs=1e-3)
     assert np.max(rows[:7]) == 45.0
 
@@ -140,13 +145,15 @@ def test_a_long_way_round_is_given_up_for_the_shorter():
 @pytest.mark.parametrize("turn", [LEFT, RIGHT])
 def test_radius_of_a_turn(model, radius_nm, turn):
     """Half a turn from heading north ends two radii to the side."""
-    ours = flights(model)
-    rows = ours.fly(ours.start(ORIGIN, 0.0), 22, [Told(0, 0, heading_deg=180, turn=turn)])
+    simulation = flights(model)
+    rows = simulation.fly(
+        simulation.start(ORIGIN, 0.0), 22, [TimedClearance(0, 0, heading_deg=180, turn=turn)]
+    )
     assert rows.heading_deg[20, 0] == pytest.approx(180.0 - 9.0 * (1 if turn == RIGHT else -1))
     side = 1.0 if turn == RIGHT else -1.0
-    aside, _ = rows.position_nm[21, 0] - rows.position_nm[1, 0]
-    assert aside == pytest.approx(2.0 * radius_nm * side, abs=1e-3)
-    # The quarter point lies a radius ahead and aside.
+    across, _ = rows.position_nm[21, 0] - rows.position_nm[1, 0]
+    assert across == pytest.approx(2.0 * radius_nm * side, abs=1e-3)
+    # After a quarter turn it is one radius ahead and one to the side.
     quarter = rows.position_nm[11, 0] - rows.position_nm[1, 0]
     assert quarter == pytest.approx((radius_nm * side, radius_nm), abs=1e-3)
 
@@ -154,28 +161,28 @@ def test_radius_of_a_turn(model, radius_nm, turn):
 @pytest.mark.parametrize(("model", "speed_kt"), [("constant", 400.0), ("table", 465.940793)])
 def test_straight_flight(model, speed_kt):
     start = np.arange(0.0, 360.0, 1.5)
-    ours = flights(model)
-    end = ours.fly(ours.start(np.zeros((240, 2)), start), 10).position_nm[-1]
+    simulation = flights(model)
+    end = simulation.fly(simulation.start(np.zeros((240, 2)), start), 10).position_nm[-1]
     flown = speed_kt / 60.0
     expected = flown * np.stack([np.sin(np.radians(start)), np.cos(np.radians(start))], axis=1)
     assert end == pytest.approx(expected, abs=1e-4)
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_a_second_of_turning_flies_along_the_mid_point_heading(model):
-    """A turn of 9 degrees in a cycle: six chords, the first 0.75 degrees off the first heading."""
-    ours = flights(model)
-    rows = ours.fly(ours.start(ORIGIN, 0.0), 2, [Told(0, 0, heading_deg=9)])
+def test_each_second_of_a_turn_flies_its_midpoint_heading(model):
+    """A turn of 9 degrees in a cycle has six chords, the first 0.75 degrees off the old heading."""
+    simulation = flights(model)
+    rows = simulation.fly(simulation.start(ORIGIN, 0.0), 2, [TimedClearance(0, 0, heading_deg=9)])
     chord = rows.ground_speed_kt[0, 0] / 3600.0
     along = np.radians(0.75 + 1.5 * np.arange(6))
     expected = chord * np.array([np.sin(along).sum(), np.cos(along).sum()])
     assert rows.position_nm[2, 0] - rows.position_nm[1, 0] == pytest.approx(expected, abs=2e-6)
 
 
-def test_the_last_part_of_a_turn_is_flown_along_its_own_middle():
-    """10 degrees take seven seconds: the last degree is turned within the seventh."""
-    ours = flights("constant")
-    rows = ours.fly(ours.start(ORIGIN, 0.0), 3, [Told(0, 0, heading_deg=10)])
+def test_the_last_second_of_a_turn_flies_its_midpoint_heading():
+    """10 degrees take seven seconds, with one degree in the last."""
+    simulation = flights("constant")
+    rows = simulation.fly(simulation.start(ORIGIN, 0.0), 3, [TimedClearance(0, 0, heading_deg=10)])
     along = np.radians([9.5, 10.0, 10.0, 10.0, 10.0, 10.0])
     expected = 400.0 / 3600.0 * np.array([np.sin(along).sum(), np.cos(along).sum()])
     assert rows.position_nm[3, 0] - rows.position_nm[2, 0] == pytest.approx(expected, abs=2e-6)

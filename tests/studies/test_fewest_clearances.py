@@ -1,4 +1,4 @@
-"""The search against flights through the task with its own small turns, and against brute force."""
+"""The search, against flights with the small turns of the task and against brute force."""
 
 import json
 
@@ -25,19 +25,21 @@ STRAIGHT = {
     ("SWIFT", "QUAIL", "MACAW", "EGL", "CRANE", "HERON"),
 }
 MOST_INSTRUCTIONS = 18
-"""In a stack: half a turn."""
+"""The most instructions of a stack: half a turn."""
 
 
 def refly(task):
-    """A function that flies plans through a task's own interface: bursts of small turns, a cycle.
+    """A function that flies plans through the task's own interface, with bursts of small turns.
 
-    It takes the start and, for every cycle, the actions to give before it; it returns the metrics
-    at the end of the scenario.
+    It takes the initial traffic and the actions to issue in each cycle. It returns whether the
+    scenario terminated, and the metrics at its end.
     """
 
     def cycle(state, actions):
-        told = jax.lax.scan(lambda now, action: (task.instruct(now, action), None), state, actions)
-        return task.advance(told[0])
+        instructed = jax.lax.scan(
+            lambda now, action: (task.instruct(now, action), None), state, actions
+        )
+        return task.advance(instructed[0])
 
     def fly(traffic, actions):
         _, outcomes = jax.lax.scan(cycle, task.begin(traffic), actions)
@@ -48,7 +50,7 @@ def refly(task):
 
 
 def schedule(task, plans):
-    """The small turns `[cycles, instructions]` of one plan per aircraft; 0 is none."""
+    """The small turns `[cycles, instructions]` of one plan per aircraft; 0 is the no-op."""
     slots = MOST_INSTRUCTIONS
     actions = np.zeros((task.cycles, len(plans) * slots), dtype=np.int32)
     for aircraft, plan in enumerate(plans):
@@ -65,7 +67,7 @@ def x_plus_search():
 
 @pytest.fixture(scope="module")
 def drawn():
-    """The first four scenarios of seed 0, aircraft by aircraft."""
+    """The first four scenarios of seed 0, with each aircraft separate."""
     return fewest_clearances.draw(build_task(NavigationSettings()), seed=0, scenarios=4)
 
 
@@ -109,7 +111,7 @@ def one_aircraft(position_nm, heading_deg, route=0):
 
 
 @pytest.mark.parametrize("route", x_plus().routes, ids="-".join)
-def test_from_the_centreline_straight_routes_need_none_and_others_one(x_plus_search, route):
+def test_only_bent_routes_need_a_clearance(x_plus_search, route):
     sector = x_plus()
     heading = sector.first_heading_deg(route)
     traffic = one_aircraft(sector.fixes_nm[route[0]], heading, sector.routes.index(route))
@@ -118,19 +120,19 @@ def test_from_the_centreline_straight_routes_need_none_and_others_one(x_plus_sea
     assert len(plan) == (0 if route in STRAIGHT else 1)
 
 
-def test_plans_found_aircraft_by_aircraft_succeed_together_in_the_task(x_plus_search, drawn):
+def test_plans_of_single_aircraft_succeed_together(x_plus_search, drawn):
     task = build_task(NavigationSettings())
     fly = refly(task)
-    for alone in drawn:
-        plans = [x_plus_search.fewest(traffic, most=1) for traffic in alone]
-        both = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), *alone)
+    for scenario in drawn:
+        plans = [x_plus_search.fewest(traffic, most=1) for traffic in scenario]
+        both = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), *scenario)
         ended, metrics = fly(both, schedule(task, plans)[None])
         assert ended.all()
         assert metrics["success"].all()
         assert metrics["bursts"] == sum(len(plan) for plan in plans)
 
 
-def test_scenarios_are_those_that_are_drawn_for_evaluation(drawn):
+def test_scenarios_are_those_of_an_evaluation(drawn):
     expected = jax.jit(build_task(NavigationSettings()).scenarios.draw)(
         scenario_key(0, 2)
     ).traffic.position_nm
@@ -139,11 +141,11 @@ def test_scenarios_are_those_that_are_drawn_for_evaluation(drawn):
 
 
 def test_one_clearance_agrees_with_brute_force(staircase, staircase_search):
-    """In the second corridor, northbound: every cycle and every stack, flown one by one."""
+    """Northbound in the second corridor: every stack in every cycle is flown."""
     traffic = one_aircraft((16.0, 12.0), 0.0)
     fly = refly(staircase)
     path, flying = staircase_search.fly(staircase.begin(traffic))
-    # 18 NM to the top at 400 / 600 NM a cycle: the 27th ends within 0.01 NM of it.
+    # At 400 / 600 NM a cycle, the 18 NM to the top take 27 cycles, within 0.01 NM.
     assert int(flying) in (27, 28)
     batch = fewest_clearances.BATCH_CYCLES
     found = np.concatenate(
@@ -162,7 +164,7 @@ def test_one_clearance_agrees_with_brute_force(staircase, staircase_search):
     assert expected.any()
 
 
-def test_a_staircase_needs_two(staircase, staircase_search):
+def test_a_staircase_needs_two_clearances(staircase, staircase_search):
     traffic = one_aircraft((8.0, 4.0), 90.0)
     assert staircase_search.fewest(traffic, most=1) is None
     plan = staircase_search.fewest(traffic, most=2)
@@ -174,14 +176,14 @@ def test_a_staircase_needs_two(staircase, staircase_search):
     assert metrics["bursts"] == 2
 
 
-def test_a_task_of_two_aircraft_is_refused():
+def test_rejects_a_task_of_two_aircraft():
     with pytest.raises(ValueError, match="a task of 2 aircraft"):
         fewest_clearances.Search(build_task(NavigationSettings()))
 
 
 @pytest.fixture
 def compiled_once(monkeypatch, x_plus_search):
-    """The command line builds the same search."""
+    """Reuse the compiled search in the command line, which builds the same one."""
     monkeypatch.setattr(fewest_clearances, "Search", lambda task: x_plus_search)
 
 
@@ -193,7 +195,9 @@ def test_command_line_counts_the_aircraft_on_bent_routes(capsys, tmp_path, drawn
     result = json.loads(printed.out)
     assert json.loads(file.read_text()) == result
     assert "searching" in printed.err
-    routes = [[x_plus().routes[int(alone.route[0])] for alone in scenario] for scenario in drawn]
+    routes = [
+        [x_plus().routes[int(traffic.route[0])] for traffic in scenario] for scenario in drawn
+    ]
     bent = [sum(route not in STRAIGHT for route in scenario) for scenario in routes[:3]]
     assert result["per_scenario"] == bent
     assert result["clearances_mean"] == pytest.approx(sum(bent) / 3)
@@ -202,7 +206,7 @@ def test_command_line_counts_the_aircraft_on_bent_routes(capsys, tmp_path, drawn
 
 
 @pytest.mark.usefixtures("compiled_once")
-def test_more_than_the_search_tries_is_a_failure(capsys, monkeypatch):
+def test_fails_if_more_clearances_are_needed_than_tried(capsys, monkeypatch):
     monkeypatch.setattr(fewest_clearances, "MOST", 0)
     assert fewest_clearances.main(["--scenarios", "2"]) == 1
     printed = capsys.readouterr()
@@ -218,6 +222,6 @@ def test_more_than_the_search_tries_is_a_failure(capsys, monkeypatch):
         (["-o", "nowhere/fewest.json"], "-o nowhere/fewest.json: there is no folder nowhere"),
     ],
 )
-def test_wrong_input_is_one_line(capsys, arguments, message):
+def test_rejects_wrong_input_in_one_line(capsys, arguments, message):
     assert fewest_clearances.main(arguments) == 2
     assert capsys.readouterr().err == f"error: {message}\n"

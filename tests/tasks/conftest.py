@@ -1,4 +1,4 @@
-"""Lateral tasks and hand-made scenarios for them."""
+"""The lateral task, and traffic at chosen positions for it."""
 
 from collections.abc import Callable
 
@@ -12,7 +12,7 @@ from skystack.tasks.registry import build_task
 from skystack.tasks.settings import NavigationSettings
 
 STRAIGHT = ("HERON", "CRANE", "EGL", "MACAW", "QUAIL", "SWIFT")
-BACK = STRAIGHT[::-1]
+REVERSED = STRAIGHT[::-1]
 TURNING = ("HERON", "CRANE", "EGL", "FINCH", "ROBIN")
 
 Builder = Callable[..., Traffic]
@@ -25,7 +25,7 @@ def task() -> NavigationTask:
 
 @pytest.fixture(scope="session")
 def traffic_on(task: NavigationTask) -> Builder:
-    """Aircraft on given routes at their first fixes, or at given positions and headings."""
+    """A function that places aircraft on routes, by default at their first fixes."""
 
     def build(*routes, positions=None, headings=None, fl=300.0) -> Traffic:
         sector = task.simulator.sector

@@ -1,8 +1,8 @@
-"""Memories of tasks with some fields changed, whichever part they are in."""
+"""Replacing fields of a task's memory, whichever part they are in."""
 
 
-def changed(memory, **fields):
-    """The memory with fields of its parts replaced, by name."""
+def with_fields(memory, **fields):
+    """A copy of the memory with the named fields replaced."""
     parts = {
         name: part._replace(**{key: fields.pop(key) for key in part._fields if key in fields})
         for name, part in memory._asdict().items()

@@ -1,4 +1,4 @@
-"""Action tables: what each number changes, for which aircraft, and what can be stacked."""
+"""Action tables: what each action changes, for which aircraft, and what can be stacked."""
 
 import jax
 import jax.numpy as jnp
@@ -26,34 +26,34 @@ def traffic_of(headings, cleared, levels_fl=300.0, active=True):
     )
 
 
-def number(action):
+def as_array(action):
     return jnp.asarray(action, dtype=jnp.int32)
 
 
 def changes(table):
-    """(aircraft, change) of every action but none."""
+    """The aircraft and change of every action except the no-op."""
     return [(action.aircraft, action.change) for action in table.actions[1:]]
 
 
-def test_the_numbers_of_actions():
+def test_order_of_actions():
     """Aircraft by aircraft, minus before plus, small before large."""
     assert changes(small_turns(2)) == [(0, -10), (0, 10), (1, -10), (1, 10)]
     assert small_turns(2).names[3] == "aircraft 2 turn -10 deg"
     nine = range(10, 91, 10)
     both = [*(-size for size in nine), *nine]
-    assert changes(large_turns(2)) == [(who, size) for who in (0, 1) for size in both]
+    assert changes(large_turns(2)) == [(aircraft, size) for aircraft in (0, 1) for size in both]
     levels = level_changes(2, (100, 300))
     assert changes(levels) == [(0, -10), (0, 10), (1, -10), (1, 10)]
     assert {action.kind for action in small_turns(1).actions[1:]} == {"heading"}
     assert {action.kind for action in levels.actions[1:]} == {"level"}
 
 
-def test_an_action_is_for_one_aircraft_or_none():
+def test_an_action_addresses_one_aircraft_or_none():
     table = small_turns(3)
     traffic = traffic_of([0.0] * 3, [0.0] * 3)
     for action in range(7):
         expected = [action > 0 and (action - 1) // 2 == aircraft for aircraft in range(3)]
-        assert table.addressed(traffic, number(action)).tolist() == expected
+        assert table.addressed(traffic, as_array(action)).tolist() == expected
     many = table.addressed(traffic, jnp.asarray([0, 2, 5], dtype=jnp.int32))
     assert many.tolist() == [[False, True, False], [False, False, False], [False, False, True]]
 
@@ -63,38 +63,38 @@ def test_an_action_is_for_one_aircraft_or_none():
     [
         (350.0, 2, 0.0),  # to the right through north
         (5.0, 1, 355.0),
-        (45.19, 2, 55.0),  # whole degrees afterwards
+        (45.19, 2, 55.0),  # rounded to whole degrees
         (44.6, 1, 35.0),
         (180.0, 0, 180.0),
     ],
 )
-def test_turns_are_from_the_cleared_heading(cleared, action, expected):
+def test_turns_start_at_the_cleared_heading(cleared, action, expected):
     traffic = traffic_of([90.0, 90.0], [cleared, 77.0])
-    told = small_turns(2).instruct(traffic, number(action))
-    assert told.cleared_heading_deg.tolist() == [expected, 77.0]
-    assert told.cleared_level_ticks.tolist() == traffic.cleared_level_ticks.tolist()
+    instructed = small_turns(2).instruct(traffic, as_array(action))
+    assert instructed.cleared_heading_deg.tolist() == [expected, 77.0]
+    assert instructed.cleared_level_ticks.tolist() == traffic.cleared_level_ticks.tolist()
 
 
 @pytest.mark.parametrize(
     ("heading", "cleared", "action", "possible"),
     [
         (0.0, 160.0, 2, True),  # 170 degrees to the right
-        (0.0, 170.0, 2, False),  # 180: to which side?
+        (0.0, 170.0, 2, False),  # 180 has no side
         (0.0, 175.0, 2, False),
         (0.0, 185.0, 1, False),
         (0.0, 170.0, 1, True),
         (0.0, 190.0, 1, False),
         (0.0, 190.0, 2, True),
         (100.0, 270.0, 2, False),
-        (100.0, 270.0, 3, True),  # of the other aircraft
+        (100.0, 270.0, 3, True),  # for the other aircraft
         (100.0, 270.0, 0, False),
     ],
 )
-def test_turns_are_stacked_below_180_degrees(heading, cleared, action, possible):
+def test_turns_are_stacked_only_below_180_degrees(heading, cleared, action, possible):
     traffic = traffic_of([heading, 0.0], [cleared, 0.0])
-    assert bool(small_turns(2).may_stack(traffic, number(action))) is possible
-    gone = traffic._replace(active=jnp.zeros(2, dtype=bool))
-    assert not bool(small_turns(2).may_stack(gone, number(action)))
+    assert bool(small_turns(2).may_stack(traffic, as_array(action))) is possible
+    exited = traffic._replace(active=jnp.zeros(2, dtype=bool))
+    assert not bool(small_turns(2).may_stack(exited, as_array(action)))
 
 
 @pytest.mark.parametrize(
@@ -114,35 +114,35 @@ def test_turns_are_stacked_below_180_degrees(heading, cleared, action, possible)
 def test_levels_are_cleared_within_the_sector(cleared_fl, action, expected_fl, possible):
     table = level_changes(2, (100, 300))
     traffic = traffic_of([0.0, 0.0], [0.0, 0.0], [cleared_fl, 150.0])
-    assert bool(table.may_stack(traffic, number(action))) is possible
-    told = table.instruct(traffic, number(action))
-    assert told.cleared_level_ticks.tolist() == [ticks(expected_fl), ticks(150.0)]
-    assert told.cleared_heading_deg.tolist() == [0.0, 0.0]
-    gone = traffic._replace(active=jnp.zeros(2, dtype=bool))
-    assert not bool(table.may_stack(gone, number(action)))
+    assert bool(table.may_stack(traffic, as_array(action))) is possible
+    instructed = table.instruct(traffic, as_array(action))
+    assert instructed.cleared_level_ticks.tolist() == [ticks(expected_fl), ticks(150.0)]
+    assert instructed.cleared_heading_deg.tolist() == [0.0, 0.0]
+    exited = traffic._replace(active=jnp.zeros(2, dtype=bool))
+    assert not bool(table.may_stack(exited, as_array(action)))
 
 
-def together(scenarios):
-    """Scenarios as one batch; its axis is the last."""
+def batched(scenarios):
+    """The scenarios as one batch, with the batch axis last."""
     return jax.tree.map(lambda *rows: jnp.stack(rows, axis=-1), *scenarios)
 
 
 def test_batched_scenarios_are_instructed_independently():
     table = turns(2, (10, 30))
     alone = [traffic_of([0.0, 0.0], [20.0 * case, 300.0]) for case in range(3)]
-    told = table.instruct(together(alone), jnp.asarray([1, 4, 6], dtype=jnp.int32))
-    assert told.cleared_heading_deg.tolist() == [[350.0, 50.0, 40.0], [300.0, 300.0, 270.0]]
+    instructed = table.instruct(batched(alone), jnp.asarray([1, 4, 6], dtype=jnp.int32))
+    assert instructed.cleared_heading_deg.tolist() == [[350.0, 50.0, 40.0], [300.0, 300.0, 270.0]]
 
 
 @pytest.mark.parametrize("table", [small_turns(2), level_changes(2, (200, 400))])
-def test_scenarios_at_once_may_stack_each_by_itself(table):
-    """In the first the first aircraft is at its limit, in the second the second has left."""
+def test_batched_scenarios_are_stacked_independently(table):
+    """In scenario 1 the first aircraft is at its limit, in scenario 2 the second has exited."""
     limits = [
         traffic_of([0.0, 0.0], [170.0, 0.0], [400.0, 300.0]),
         traffic_of([0.0, 0.0], [0.0, 0.0], 300.0, active=[True, False]),
         traffic_of([0.0, 0.0], [0.0, 0.0], 300.0),
     ]
-    scenarios = together(limits)
+    scenarios = batched(limits)
     for action, expected in enumerate(
         [[False] * 3, [True] * 3, [False, True, True], [True, False, True], [True, False, True]]
     ):
@@ -150,20 +150,20 @@ def test_scenarios_at_once_may_stack_each_by_itself(table):
         assert table.may_stack(scenarios, actions).tolist() == expected
 
 
-def test_headings_and_levels_in_one_table():
-    """Each action changes and is limited by what it is for, and by nothing else."""
+def test_a_table_can_have_headings_and_levels():
+    """Each action changes, and is limited by, only the value of its kind."""
     table = ActionTable((*small_turns(2).actions, *level_changes(2, (200, 400)).actions[1:]))
     table = ActionTable(table.actions, (200, 400))
     assert table.kinds == {"heading", "level"}
     traffic = traffic_of([0.0, 0.0], [170.0, 20.0], [300.0, 400.0])
-    allowed = [bool(table.may_stack(traffic, number(action))) for action in range(9)]
+    allowed = [bool(table.may_stack(traffic, as_array(action))) for action in range(9)]
     assert allowed == [False, True, False, True, True, True, True, True, False]
-    turned, climbed = (table.instruct(traffic, number(action)) for action in (4, 6))
+    turned, climbed = (table.instruct(traffic, as_array(action)) for action in (4, 6))
     assert turned.cleared_heading_deg.tolist() == [170.0, 30.0]
     assert turned.pending_turn.tolist() == [0, 1]
     assert turned.cleared_level_ticks.tolist() == traffic.cleared_level_ticks.tolist()
     assert climbed.cleared_level_ticks.tolist() == [ticks(310.0), ticks(400.0)]
     assert climbed.cleared_heading_deg.tolist() == [170.0, 20.0]
     assert climbed.pending_turn.tolist() == [0, 0]
-    both = table.may_stack(together([traffic] * 9), jnp.arange(9, dtype=jnp.int32))
-    assert both.tolist() == allowed
+    together = table.may_stack(batched([traffic] * 9), jnp.arange(9, dtype=jnp.int32))
+    assert together.tolist() == allowed

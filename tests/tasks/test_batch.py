@@ -1,4 +1,4 @@
-"""Many scenarios at once are the same as each by itself."""
+"""A batch of scenarios gives the same results as its scenarios one by one."""
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +10,7 @@ from skystack.learning.experiment import experiment_names, load_experiment
 from skystack.tasks.batch import OneByOne, choose, reset_many
 from skystack.tasks.registry import build_training_task
 
-from .test_conformance import Kept
+from .test_conformance import HalvingTask
 
 SCENARIOS, STEPS = 12, 60
 
@@ -28,8 +28,8 @@ def test_a_batch_flies_like_its_scenarios_one_by_one(name):
     task = build_training_task(load_experiment(name).task)
     rng = np.random.default_rng(0)
     shape = (STEPS, SCENARIOS)
-    spoken = rng.integers(0, len(task.action_names), shape) * (rng.random(shape) < 0.3)
-    actions = jnp.asarray(spoken, dtype=jnp.int32)
+    chosen = rng.integers(0, len(task.action_names), shape) * (rng.random(shape) < 0.3)
+    actions = jnp.asarray(chosen, dtype=jnp.int32)
     start = reset_many(task, jax.random.key(3), SCENARIOS)
     together = jax.jit(lambda s, a: fly(task, s, a))(start, actions)
     one_by_one = jax.jit(lambda s, a: fly(OneByOne(task), s, a))(start, actions)
@@ -39,14 +39,14 @@ def test_a_batch_flies_like_its_scenarios_one_by_one(name):
         np.testing.assert_allclose(a, b, rtol=1e-5, atol=2e-4)
 
 
-def test_the_batch_is_the_last_axis():
+def test_the_batch_axis_is_last():
     task = build_training_task(load_experiment("avoidance-best").task)
     state = reset_many(task, jax.random.key(0), SCENARIOS)
     assert {leaf.shape[-1] for leaf in jax.tree.leaves(state)} == {SCENARIOS}
     assert task.observe(state).shape == (len(task.observation_names), SCENARIOS)
 
 
-def test_choosing_picks_whole_scenarios():
+def test_choose_selects_whole_scenarios():
     yes = (jnp.ones((2, 3)), jnp.ones(3))
     no = (jnp.zeros((2, 3)), jnp.zeros(3))
     matrix, vector = choose(jnp.array([True, False, True]), yes, no)
@@ -54,7 +54,7 @@ def test_choosing_picks_whole_scenarios():
     assert vector.tolist() == [1, 0, 1]
 
 
-def test_a_subroutine_is_the_function_itself():
+def test_a_subroutine_computes_its_function():
     def both(x):
         return jnp.sin(x), x + 1.0
 
@@ -63,26 +63,26 @@ def test_a_subroutine_is_the_function_itself():
             np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
-def test_a_subroutine_is_one_subroutine_however_many_read_it():
-    """Without it the long sum would be repeated in every reader's loop."""
+def test_a_subroutine_is_called_once_for_all_its_consumers():
+    """Otherwise the long sum would be computed again in the loop of every consumer."""
 
     def long_sum(x):
         for number in range(20):
             x = x * 1.5 + number
         return x
 
-    def readers(x):
+    def consumers(x):
         y = subroutine(long_sum, x)
         return y + 1.0, y * y, jnp.max(y), y[::2]
 
-    compiled = jax.jit(readers).lower(jnp.arange(8.0)).compile().as_text()
+    compiled = jax.jit(consumers).lower(jnp.arange(8.0)).compile().as_text()
     assert compiled.count(" call(") == 1
     assert "long_sum" in compiled
 
 
-def test_a_task_of_one_scenario_takes_many():
-    """What is computed of each scenario is what the task computes of it, the batch axis last."""
-    task, key = Kept(), jax.random.key(2)
+def test_one_by_one_runs_a_task_on_many_scenarios():
+    """The results of each scenario are those of the task, with the batch axis last."""
+    task, key = HalvingTask(), jax.random.key(2)
     many = OneByOne(task)
     alone = [task.reset(each) for each in jax.random.split(key, 3)]
     together = reset_many(task, key, 3)

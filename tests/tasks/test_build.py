@@ -1,4 +1,4 @@
-"""From settings to a task: what is made of them, the limits, and what is refused."""
+"""Building tasks from settings: the resulting tasks, the limits and refused settings."""
 
 from itertools import pairwise
 
@@ -18,29 +18,29 @@ from skystack.tasks.stacked_steps import StackedSteps
 VERTICAL = {"name": "vertical", "aircraft": 1, "actions": "levels", "levels_fl": (100, 300)}
 
 
-def built(**settings):
+def build(**settings):
     return build_task(NavigationSettings(**settings))
 
 
-def test_the_settings_decide_what_is_built():
-    lateral, vertical = built(), built(**VERTICAL)
+def test_settings_determine_the_task():
+    lateral, vertical = build(), build(**VERTICAL)
     assert lateral.table == small_turns(2)
-    assert built(actions="large", aircraft=3).table == large_turns(3)
+    assert build(actions="large", aircraft=3).table == large_turns(3)
     assert vertical.table == level_changes(1, (100, 300))
     assert vertical.sector.levels_fl == (100, 300)
     assert (lateral.sector.levels_fl, lateral.sector.name) == ((200, 400), "x-plus")
     assert (lateral.simulator.own_navigation, vertical.simulator.own_navigation) == (False, True)
-    scenarios = built(aircraft=3, level_fl=(300, 320), disc_nm=2.0).scenarios
+    scenarios = build(aircraft=3, level_fl=(300, 320), disc_nm=2.0).scenarios
     assert (scenarios.aircraft, scenarios.levels_fl, scenarios.disc_nm) == (3, (300, 320), 2.0)
     assert lateral.scenarios.levels_fl == (300,)
 
 
-def test_training_steps_stand_still_where_the_settings_say():
+def test_timing_stack_trains_with_frozen_time():
     assert type(build_training_task(NavigationSettings())) is NavigationTask
     frozen = build_training_task(NavigationSettings(timing="stack"))
     assert isinstance(frozen, StackedSteps)
     assert frozen.task == build_task(NavigationSettings(timing="stack"))
-    # Names and version are those of the task itself.
+    # Names, version and sector are those of the wrapped task.
     same = ("name", "version", "action_names", "observation_names", "sector")
     assert [getattr(frozen, name) for name in same] == [getattr(frozen.task, name) for name in same]
 
@@ -48,7 +48,7 @@ def test_training_steps_stand_still_where_the_settings_say():
 @pytest.mark.parametrize(
     "settings",
     [
-        {"aircraft": 4},  # as many as x-plus has first fixes
+        {"aircraft": 4},  # x-plus has four first fixes
         {"level_fl": 200},
         {"level_fl": (200, 400)},
         {"levels_fl": (0, 600), "level_fl": 600},
@@ -56,8 +56,8 @@ def test_training_steps_stand_still_where_the_settings_say():
         {"fleet": (AircraftType("A320"),)},
     ],
 )
-def test_the_limits_themselves_are_allowed(settings):
-    built(**settings)
+def test_accepts_settings_at_their_limits(settings):
+    build(**settings)
 
 
 @pytest.mark.parametrize(
@@ -81,20 +81,20 @@ def test_the_limits_themselves_are_allowed(settings):
         ({"pair_features": ("mis",)}, r"feature in task\.pair_features.*did you mean 'miss'"),
     ],
 )
-def test_invalid_settings_are_refused(settings, message):
+def test_refuses_invalid_settings(settings, message):
     with pytest.raises(InputError, match=message):
-        built(**settings)
+        build(**settings)
 
 
-def test_a_fleet_has_its_shares():
+def test_scenarios_use_the_shares_of_the_fleet():
     fleet = (AircraftType("A320", share=3.0), AircraftType("B753"))
-    assert built(fleet=fleet).scenarios.shares == (3.0, 1.0)
-    assert built().scenarios.shares == (1.0,)
-    assert built(**VERTICAL, fleet=fleet).scenarios.shares == (3.0, 1.0)
+    assert build(fleet=fleet).scenarios.shares == (3.0, 1.0)
+    assert build().scenarios.shares == (1.0,)
+    assert build(**VERTICAL, fleet=fleet).scenarios.shares == (3.0, 1.0)
 
 
-def test_no_fewer_cycles_than_the_shortest_route_takes():
-    """PEL to SWIFT by the diagonal: from 1 NM to the exit at 465.94 kt, 0.7766 NM a cycle."""
+def test_refuses_fewer_cycles_than_the_shortest_route_takes():
+    """From 4 NM after the first fix to the exit fix at 465.94 kt, which is 0.7766 NM per cycle."""
     lengths = {}
     for route in x_plus().routes:
         fixes = [x_plus().fixes_nm[name] for name in route[:-1]]
@@ -102,11 +102,11 @@ def test_no_fewer_cycles_than_the_shortest_route_takes():
     shortest = min(lengths, key=lengths.get)
     needed = int(-(-(lengths[shortest] - 4.0) // (465.940793 / 600.0)))
     with pytest.raises(InputError, match=f"{' '.join(shortest)}, takes {needed} at 466 kt"):
-        check_cycles(built(cycles=needed - 1))
-    late = check_cycles(built(cycles=needed))
-    assert late is not None
-    assert "of 10 routes take more than" in late
-    assert check_cycles(built()) is None
+        check_cycles(build(cycles=needed - 1))
+    notice = check_cycles(build(cycles=needed))
+    assert notice is not None
+    assert "of 10 routes take more than" in notice
+    assert check_cycles(build()) is None
 
 
 RANGES = [
@@ -117,7 +117,7 @@ RANGES = [
 
 
 @pytest.mark.parametrize(("name", "least", "most"), RANGES)
-def test_the_ranges_of_settings(name, least, most):
+def test_ranges_of_settings(name, least, most):
     for value in (least, most):
         assert getattr(msgspec.convert({name: value}, NavigationSettings), name) == value
     for value in (least - 1, most + 1):
@@ -126,7 +126,7 @@ def test_the_ranges_of_settings(name, least, most):
 
 
 @pytest.mark.parametrize("field", msgspec.structs.fields(RewardSettings), ids=lambda f: f.name)
-def test_the_ranges_of_weights(field):
+def test_ranges_of_reward_settings(field):
     if field.name == "count_criterion":
         return
     most = 100.0 if field.name.endswith("_nm") else 1000.0
@@ -137,8 +137,8 @@ def test_the_ranges_of_weights(field):
             msgspec.convert({field.name: value}, RewardSettings)
 
 
-def test_the_defaults_are_the_papers():
-    """The table of weightings of lateral navigation, and its scenarios; what is ours is off."""
+def test_defaults_are_those_of_the_paper():
+    """The weights and scenarios of lateral navigation; rewards that we added are off."""
     assert msgspec.to_builtins(RewardSettings()) == {
         "centreline": 1.0,
         "damping": 0.25,
@@ -164,7 +164,7 @@ def test_the_defaults_are_the_papers():
     ("name", "entry", "least", "most"),
     [("level_fl", 300, 1, 61), ("fleet", {}, 0, 20)],
 )
-def test_the_lengths_of_lists_in_settings(name, entry, least, most):
+def test_limits_of_list_lengths(name, entry, least, most):
     for count in (least, most):
         values = msgspec.convert({name: [entry] * count}, NavigationSettings)
         assert len(getattr(values, name)) == count
@@ -174,12 +174,12 @@ def test_the_lengths_of_lists_in_settings(name, entry, least, most):
 
 
 @pytest.mark.parametrize("kind", [NavigationSettings, RewardSettings])
-def test_unknown_settings_are_refused(kind):
+def test_refuses_unknown_settings(kind):
     with pytest.raises(msgspec.ValidationError, match="unknown field"):
         msgspec.convert({"surprise": 1}, kind)
 
 
 @pytest.mark.parametrize("settings", ["lateral", load_experiment("lateral")])
-def test_settings_of_a_wrong_type_are_refused(settings, types_unchecked):
+def test_refuses_settings_of_a_wrong_type(settings, types_unchecked):
     with pytest.raises(InputError, match=r"^settings is of type \w+ \(allowed: TaskSettings"):
         build_task(settings)

@@ -1,4 +1,4 @@
-"""The check of the contract finds every broken promise: tasks that each break one."""
+"""`check_task` detects every violation of the contract, in tasks that each violate one rule."""
 
 from typing import NamedTuple
 
@@ -17,8 +17,8 @@ class Number(NamedTuple):
 METRICS = {"value": Metric("", "the number")}
 
 
-class Kept:
-    """A number that an action changes; keeps every promise."""
+class HalvingTask:
+    """A number that an action halves. Satisfies the contract."""
 
     name, version, agents = "number", 1, 1
     metrics = METRICS
@@ -44,8 +44,8 @@ class Kept:
         return self.advance(self.instruct(state, action))
 
 
-class Changed(Kept):
-    """With other outcomes."""
+class ChangedOutcome(HalvingTask):
+    """The task with some fields of its outcomes replaced."""
 
     def __init__(self, **changes):
         self.changes = {name: jnp.asarray(value) for name, value in changes.items()}
@@ -55,42 +55,42 @@ class Changed(Kept):
         return state, outcome._replace(**self.changes)
 
 
-class RandomReset(Kept):
+class RandomReset(HalvingTask):
     def reset(self, key):
         self.calls = getattr(self, "calls", 0) + 1
         return Number(jnp.asarray(0.1 * self.calls))
 
 
-class TwoOfAName(Kept):
+class RepeatedActionName(HalvingTask):
     action_names = ("none", "none")
 
 
-class ThreeValues(Kept):
+class TooManyNames(HalvingTask):
     observation_names = ("number", "its square", "its cube")
 
 
-class NotANumber(Kept):
+class ObservesNaN(HalvingTask):
     def observe(self, state):
         return super().observe(state).at[1].set(jnp.nan)
 
 
-class TooGreat(Kept):
+class ObservesAboveOne(HalvingTask):
     def observe(self, state):
         return super().observe(state).at[1].set(1.01)
 
 
-class TooSmall(Kept):
+class ObservesBelowZero(HalvingTask):
     def observe(self, state):
         return super().observe(state).at[1].set(-0.01)
 
 
-class StepRounds(Kept):
+class StepChangesType(HalvingTask):
     def step(self, state, action):
         state, outcome = super().step(state, action)
         return Number(state.value.astype(jnp.int32)), outcome
 
 
-class InstructWidens(Kept):
+class InstructChangesShape(HalvingTask):
     def instruct(self, state, action):
         return Number(state.value[None])
 
@@ -98,8 +98,8 @@ class InstructWidens(Kept):
         return self.advance(state)
 
 
-class BreaksAtTwo(Kept):
-    """Counts its steps, and shows no number after the second."""
+class ObservesNaNAfterTwoSteps(HalvingTask):
+    """Counts its steps. Its observation is NaN after the second."""
 
     def reset(self, key):
         return Number(jnp.asarray(0.0))
@@ -112,48 +112,56 @@ class BreaksAtTwo(Kept):
         return Number(state.value + 1.0), outcome
 
 
-class OtherMetrics(Kept):
+class MissingMetric(HalvingTask):
     metrics = METRICS | {"more": Metric("", "something else")}
 
 
-class StacksNothing(Kept):
+class StacksNoOp(HalvingTask):
     def may_stack(self, state, action):
         return action == 0
 
 
 @pytest.mark.parametrize(
-    "task", [Kept(), Changed(terminated=[True]), Changed(truncated=[True], ended=True)]
+    "task",
+    [
+        HalvingTask(),
+        ChangedOutcome(terminated=[True]),
+        ChangedOutcome(truncated=[True], ended=True),
+    ],
 )
-def test_a_task_that_breaks_no_promise(task):
+def test_accepts_a_valid_task(task):
     check_task(task, steps=3)
 
 
 @pytest.mark.parametrize(
-    ("task", "broken"),
+    ("task", "violation"),
     [
         (RandomReset(), "reset is not a function of its key"),
-        (TwoOfAName(), "action names repeat"),
-        (ThreeValues(), "observation does not fit its names"),
-        (NotANumber(), "observation is not finite"),
-        (TooGreat(), r"observation is not in \[0, 1\]"),
-        (TooSmall(), r"observation is not in \[0, 1\]"),
-        (StepRounds(), "step changes the shape or type of the state"),
-        (InstructWidens(), "instruct changes shapes or types"),
-        (Changed(reward=[jnp.inf]), "reward is not finite"),
-        (Changed(terminated=[True], truncated=[True]), "an agent is terminated and truncated"),
-        (Changed(reward=1.0), "rewards or ends have no axis of agents"),
-        (Changed(ended=True), "the scenario has ended, an agent has not"),
-        (OtherMetrics(), "metrics are not those specified"),
-        (StacksNothing(), "may_stack allows action 0, which is no instruction"),
+        (RepeatedActionName(), "action names repeat"),
+        (TooManyNames(), "observation does not fit its names"),
+        (ObservesNaN(), "observation is not finite"),
+        (ObservesAboveOne(), r"observation is not in \[0, 1\]"),
+        (ObservesBelowZero(), r"observation is not in \[0, 1\]"),
+        (StepChangesType(), "step changes the shape or type of the state"),
+        (InstructChangesShape(), "instruct changes shapes or types"),
+        (ChangedOutcome(reward=[jnp.inf]), "reward is not finite"),
+        (
+            ChangedOutcome(terminated=[True], truncated=[True]),
+            "an agent is terminated and truncated",
+        ),
+        (ChangedOutcome(reward=1.0), "rewards or ends have no axis of agents"),
+        (ChangedOutcome(ended=True), "the scenario has ended, an agent has not"),
+        (MissingMetric(), "metrics are not those specified"),
+        (StacksNoOp(), "may_stack allows action 0, which is no instruction"),
     ],
 )
-def test_a_broken_promise_is_named(task, broken):
-    with pytest.raises(AssertionError, match=f"^{broken}$"):
+def test_states_the_violated_rule(task, violation):
+    with pytest.raises(AssertionError, match=f"^{violation}$"):
         check_task(task, steps=3)
 
 
-def test_as_many_steps_are_tried_as_asked():
-    """The state after the last of them is not looked at."""
-    check_task(BreaksAtTwo(), steps=2)
+def test_runs_the_requested_number_of_steps():
+    """The observation after the last step is not checked."""
+    check_task(ObservesNaNAfterTwoSteps(), steps=2)
     with pytest.raises(AssertionError, match="observation is not finite"):
-        check_task(BreaksAtTwo(), steps=3)
+        check_task(ObservesNaNAfterTwoSteps(), steps=3)

@@ -1,4 +1,4 @@
-"""Every feature against its definition, in float64: numpy, shapely, and geodesics of pyproj."""
+"""Every feature against its definition in float64, by numpy, shapely and pyproj's geodesics."""
 
 from itertools import pairwise
 
@@ -12,7 +12,7 @@ from skystack.airspace.xplus import x_plus
 from skystack.simulator.traffic import start, ticks
 from skystack.tasks import features
 from skystack.tasks.tracking import Tracker
-from tests.tasks.memories import changed
+from tests.tasks.memories import with_fields
 
 from .test_tracking import FAR_NORTH
 
@@ -27,18 +27,18 @@ CORNERS_NM = {
     "PEL": [(-50.0, -10.0), (-50.0, 10.0)],
     "ROBIN": [45.0 * SLANT - 10.0 * RIGHT_OF_SLANT, 45.0 * SLANT + 10.0 * RIGHT_OF_SLANT],
 }
-"""The ends of each arm of the paper's drawing, before its turn by 45 degrees, by the last fix
-beyond: to the left and to the right of an aircraft that leaves."""
+"""The left and right corners of each exit, as seen by an exiting aircraft, by the last fix beyond.
+Points are in the layout before its rotation by 45 degrees."""
 
 
-def degrees_of(drawn_nm):
-    """Latitude and longitude of a point in the drawing, which has 60 NM a degree."""
-    x, y = drawn_nm
+def degrees_of(layout_nm):
+    """Latitude and longitude of a point of the unrotated layout, at 60 NM per degree."""
+    x, y = layout_nm
     half = np.sqrt(0.5)
     return half * (y - x) / 60.0, half * (x + y) / 60.0
 
 
-def wrapped(angle_deg):
+def wrap_180(angle_deg):
     return (np.asarray(angle_deg) + 180.0) % 360.0 - 180.0
 
 
@@ -65,7 +65,7 @@ def memory_of(sector, traffic, next_fix=None):
     memory = Tracker(sector).begin(traffic, traffic.level_ticks)
     if next_fix is None:
         return memory
-    return changed(memory, next_fix=jnp.asarray(next_fix, dtype=jnp.int32))
+    return with_fields(memory, next_fix=jnp.asarray(next_fix, dtype=jnp.int32))
 
 
 def value(name, sector, traffic, memory):
@@ -74,7 +74,7 @@ def value(name, sector, traffic, memory):
 
 @pytest.fixture(scope="module")
 def scattered():
-    """Two aircraft on each route, anywhere; positions, cleared headings and next fixes."""
+    """Two aircraft per route with random positions, cleared headings and next fixes."""
     rng = np.random.default_rng(7)
     routes = [*SECTOR.routes, *SECTOR.routes]
     positions = rng.uniform(-60.0, 60.0, (len(routes), 2)).astype(np.float32).astype(np.float64)
@@ -85,30 +85,30 @@ def scattered():
 
 
 @pytest.mark.parametrize(("name", "ahead"), [("theta_f", 0), ("theta_sf", 1)])
-def test_turns_to_fixes_are_from_the_cleared_heading(scattered, name, ahead):
-    """At the last fix there is none after it: it is shown twice."""
+def test_turns_to_fixes_start_at_the_cleared_heading(scattered, name, ahead):
+    """The last fix has no subsequent fix, so both features refer to it."""
     routes, positions, cleared, next_fix, traffic, memory = scattered
     fixes = [
         SECTOR.fixes_nm[route[min(number + ahead, len(route) - 1)]]
         for route, number in zip(routes, next_fix, strict=True)
     ]
     turns = [bearing_deg(at, fix) for at, fix in zip(positions, fixes, strict=True)] - cleared
-    error = wrapped(value(name, SECTOR, traffic, memory) - turns)
+    error = wrap_180(value(name, SECTOR, traffic, memory) - turns)
     np.testing.assert_allclose(error, 0.0, atol=1e-3)
     assert np.all(np.abs(value(name, SECTOR, traffic, memory)) <= 180.0)
 
 
 @pytest.mark.parametrize(("name", "side"), [("theta_xl", 0), ("theta_xr", 1)])
-def test_the_corners_of_the_exit_are_left_and_right_of_who_leaves(scattered, name, side):
+def test_turns_to_the_corners_of_the_exit(scattered, name, side):
     routes, positions, cleared, _, traffic, memory = scattered
     corners = [SECTOR.plane.to_plane(*degrees_of(CORNERS_NM[route[-1]][side])) for route in routes]
     turns = [bearing_deg(at, corner) for at, corner in zip(positions, corners, strict=True)]
-    error = wrapped(value(name, SECTOR, traffic, memory) - (turns - cleared))
+    error = wrap_180(value(name, SECTOR, traffic, memory) - (turns - cleared))
     np.testing.assert_allclose(error, 0.0, atol=1e-2)
     assert np.all(np.abs(value(name, SECTOR, traffic, memory)) <= 180.0)
 
 
-def test_from_the_middle_the_left_corner_is_to_the_left():
+def test_left_corner_is_to_the_left_from_the_middle():
     routes = [next(route for route in SECTOR.routes if route[-1] == last) for last in CORNERS_NM]
     outwards = [bearing_deg((0.0, 0.0), SECTOR.fixes_nm[last]) % 360.0 for last in CORNERS_NM]
     traffic = traffic_of(SECTOR, routes, np.zeros((len(routes), 2)), outwards)
@@ -135,7 +135,7 @@ def test_distance_from_the_route(scattered):
 
 def test_times_turns_and_levels(scattered):
     *_, cleared, _, traffic, memory = scattered
-    memory = changed(
+    memory = with_fields(
         memory,
         cycles_since_instruction=jnp.arange(20.0),
         entry_level_ticks=jnp.full(20, ticks(120.0), dtype=jnp.float32),
@@ -144,7 +144,7 @@ def test_times_turns_and_levels(scattered):
     traffic = traffic._replace(cleared_level_ticks=jnp.full(20, ticks(280.0), dtype=jnp.float32))
     for name in ("delta_t", "delta_t_10"):
         np.testing.assert_array_equal(value(name, SECTOR, traffic, memory), 6.0 * np.arange(20.0))
-    error = wrapped(value("theta_turn", SECTOR, traffic, memory) - (cleared - 123.0))
+    error = wrap_180(value("theta_turn", SECTOR, traffic, memory) - (cleared - 123.0))
     np.testing.assert_allclose(error, 0.0, atol=1e-3)
     assert np.all(np.abs(value("theta_turn", SECTOR, traffic, memory)) <= 180.0)
     np.testing.assert_array_equal(value("fl_sx", SECTOR, traffic, memory), 280.0 - 250.0)
@@ -157,12 +157,12 @@ def geodesic_nm(one, other):
 
 
 @pytest.mark.parametrize("sector", [SECTOR, FAR_NORTH], ids=lambda sector: sector.name)
-def test_distances_are_true_ones(sector):
-    """To the next fix, to the middle of the exit, and on along the route: for every next fix."""
-    where = np.array([(0.3, 0.2), (-0.5, 0.7), (0.6, -0.4)]) + sector.origin
+def test_distances_are_true_lengths(sector):
+    """To the next fix, to the middle of the exit, and along the route, for every next fix."""
+    sites = np.array([(0.3, 0.2), (-0.5, 0.7), (0.6, -0.4)]) + sector.origin
     cases = [
         (at, route, next_fix)
-        for at in where
+        for at in sites
         for route in sector.routes
         for next_fix in range(1, len(route))
     ]
@@ -170,7 +170,7 @@ def test_distances_are_true_ones(sector):
     positions = sector.plane.to_plane(*np.array(points).T)
     traffic = traffic_of(sector, routes, positions, 0.0)
     memory = memory_of(sector, traffic, next_fixes)
-    memory = changed(memory, exit_level_ticks=memory.plan.exit_level_ticks - ticks(50.0))
+    memory = with_fields(memory, exit_level_ticks=memory.plan.exit_level_ticks - ticks(50.0))
     to_fix, to_exit, in_hand = [], [], []
     for at, route, next_fix in cases:
         middle = sector.edge_through(route[-2])[[0, -1]].mean(axis=0)
@@ -195,20 +195,20 @@ AREA_NM = np.array([SECTOR.plane.to_plane(*point) for point in SECTOR.area])
 
 
 def first_crossing_nm(at, heading_deg, gate=None):
-    """Where a ray from a point first leaves the area, through a gate if one is given; else 100."""
-    way = np.arange(0.0, 100.0, 0.005)
+    """The distance to where a ray first leaves the area (through a gate, if given), at most 100."""
+    steps_nm = np.arange(0.0, 100.0, 0.005)
     angle = np.radians(heading_deg)
-    points = np.asarray(at) + way[:, None] * [np.sin(angle), np.cos(angle)]
+    points = np.asarray(at) + steps_nm[:, None] * [np.sin(angle), np.cos(angle)]
     inside = shapely.contains_xy(shapely.Polygon(AREA_NM), points)
     leaves = np.flatnonzero(inside[:-1] & ~inside[1:])
     if gate is not None:
         line = shapely.LineString(gate)
         leaves = leaves[shapely.distance(line, shapely.points(points[leaves])) < 0.02]
-    return way[leaves[0]] if leaves.size else 100.0
+    return steps_nm[leaves[0]] if leaves.size else 100.0
 
 
-def test_room_is_how_much_nearer_the_edge_is_than_the_exit():
-    """A ray is followed in small steps, from inside and from outside, to all sides."""
+def test_room_is_exit_distance_minus_edge_distance():
+    """Rays are followed in small steps, from inside and outside the area, in all directions."""
     rng = np.random.default_rng(3)
     routes, positions, cleared, expected = [], [], [], []
     for number in range(60):
@@ -217,7 +217,7 @@ def test_room_is_how_much_nearer_the_edge_is_than_the_exit():
         gate = [SECTOR.plane.to_plane(*degrees_of(corner)) for corner in CORNERS_NM[route[-1]]]
         towards = bearing_deg(at, np.mean(gate, axis=0)) % 360.0
         heading = [towards, towards + rng.uniform(-25.0, 25.0), rng.uniform(0.0, 360.0)][number % 3]
-        if min(abs(wrapped(heading - bearing_deg(at, corner))) for corner in gate) < 0.5:
+        if min(abs(wrap_180(heading - bearing_deg(at, corner))) for corner in gate) < 0.5:
             continue  # a ray through a corner may go either way
         routes.append(route)
         positions.append(at)
@@ -230,20 +230,20 @@ def test_room_is_how_much_nearer_the_edge_is_than_the_exit():
     np.testing.assert_allclose(found, expected, atol=0.06)
 
 
-def test_room_looks_100_true_miles_ahead():
-    """West of it the edge is one degree away, and no exit; the plane is stretched by 8 % there."""
+def test_room_is_measured_within_100_nm_of_true_length():
+    """An edge is one degree to the west, without an exit. The plane is stretched by 8 % there."""
     lat, lon = 65.8, 10.0
     route = FAR_NORTH.routes[0]
     traffic = traffic_of(FAR_NORTH, [route], [FAR_NORTH.plane.to_plane(lat, lon)], 270.0)
     found = value("room", FAR_NORTH, traffic, memory_of(FAR_NORTH, traffic))
     edge_nm = geodesic_nm((lat, lon), (lat, 9.0))
     np.testing.assert_allclose(found, 100.0 - edge_nm, atol=0.05)
-    # East of it the exit is eleven degrees away, and neither is within 100 NM.
+    # The exit is eleven degrees to the east: neither it nor an edge is within 100 NM.
     eastwards = traffic._replace(cleared_heading_deg=jnp.asarray([90.0]))
     assert value("room", FAR_NORTH, eastwards, memory_of(FAR_NORTH, traffic)).tolist() == [0.0]
 
 
-SHOWN = {
+SCALES = {
     "theta_f": (-180.0, 180.0, 0.5),
     "theta_sf": (-180.0, 180.0, 0.5),
     "d_c": (-100.0, 100.0, 0.5),
@@ -259,19 +259,20 @@ SHOWN = {
     "d_x": (0.0, 150.0, 0.0),
     "room": (0.0, 100.0, 0.0),
 }
-"""What becomes 0 and 1, and what is shown of who has left: policies were trained on these."""
+"""The values scaled to 0 and 1, and the observation of an exited aircraft. Policies were trained on
+these."""
 
 
-def test_what_is_shown_is_scaled_to_the_features_range(scattered):
-    """Aircraft by aircraft; beyond the range its end, as of a distance of 200 NM."""
+def test_observations_are_scaled_to_the_range_of_the_feature(scattered):
+    """Aircraft by aircraft. Values beyond the range are clipped, such as a distance of 200 NM."""
     traffic, memory = scattered[-2:]
     far = traffic.position_nm.at[0].set(jnp.asarray([150.0, 140.0]))
-    memory = changed(memory, cycles_since_instruction=jnp.arange(20.0) / 4.0)
+    memory = with_fields(memory, cycles_since_instruction=jnp.arange(20.0) / 4.0)
     active = jnp.arange(20) % 4 != 3
     traffic = traffic._replace(position_nm=far, active=active)
-    assert set(SHOWN) == set(features.FEATURES)
-    shown = np.asarray(features.observe(tuple(SHOWN), SECTOR, traffic, memory)).reshape(20, -1)
-    for column, (name, (low, high, gone)) in enumerate(SHOWN.items()):
+    assert set(SCALES) == set(features.FEATURES)
+    observed = np.asarray(features.observe(tuple(SCALES), SECTOR, traffic, memory)).reshape(20, -1)
+    for column, (name, (low, high, exited)) in enumerate(SCALES.items()):
         scaled = np.clip((value(name, SECTOR, traffic, memory) - low) / (high - low), 0.0, 1.0)
-        expected = np.where(active, scaled, gone)
-        np.testing.assert_allclose(shown[:, column], expected, atol=1e-6, err_msg=name)
+        expected = np.where(active, scaled, exited)
+        np.testing.assert_allclose(observed[:, column], expected, atol=1e-6, err_msg=name)

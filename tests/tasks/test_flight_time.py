@@ -1,4 +1,4 @@
-"""How many cycles routes take: against pyproj, and against flights in the simulator."""
+"""Flight times of routes in cycles, against pyproj and against simulated flights."""
 
 import math
 
@@ -56,7 +56,7 @@ def task(name="lateral", **changes):
     return build_task(msgspec.structs.replace(settings, sector=NORTH, **changes))
 
 
-def test_they_are_geodesic_lengths_at_level_speed_less_the_disc():
+def test_flight_times_are_those_of_geodesics_less_the_disc():
     found = flight_times(task(cycles=600).simulator, (300,), disc_nm=4.0)
     assert found.fastest_kt == found.slowest_kt == pytest.approx(MACH_080_AT_FL300_KT, abs=0.01)
     expected = [
@@ -68,23 +68,23 @@ def test_they_are_geodesic_lengths_at_level_speed_less_the_disc():
     assert flight_times(task(cycles=600).simulator, (300,), 5000.0).fastest.tolist() == [1, 1]
 
 
-def test_an_aircraft_on_its_own_navigation_takes_as_long():
-    """In the simulator: the vertical task flies along the route from its first fix."""
-    flying = task("vertical", cycles=600, levels_fl=(300, 310))
-    expected = flight_times(flying.simulator, (300,), disc_nm=0.0)
-    step = jax.jit(lambda state: flying.step(state, jnp.asarray(0, dtype=jnp.int32))[0])
+def test_own_navigation_takes_the_predicted_time():
+    """In the vertical task, which starts at the first fix of the route."""
+    vertical = task("vertical", cycles=600, levels_fl=(300, 310))
+    expected = flight_times(vertical.simulator, (300,), disc_nm=0.0)
+    step = jax.jit(lambda state: vertical.step(state, jnp.asarray(0, dtype=jnp.int32))[0])
     keys = (jax.random.key(number) for number in range(100))
-    drawn = (flying.scenarios.draw(key) for key in keys)
+    drawn = (vertical.scenarios.draw(key) for key in keys)
     first = next(each for each in drawn if each.traffic.route == 1 and
                  each.traffic.level_ticks == 300 * TICKS_PER_FL)  # fmt: skip
-    state, count = flying.begin(first.traffic, first.exit_level_ticks), 0
+    state, count = vertical.begin(first.traffic, first.exit_level_ticks), 0
     while bool(state.traffic.active[0]) and count < 600:
         state, count = step(state), count + 1
     assert bool(state.memory.progress.exited[0])
     assert count == pytest.approx(expected.fastest[1], abs=1)
 
 
-def test_several_types_and_levels_have_a_fastest_and_a_slowest():
+def test_fastest_and_slowest_of_several_types_and_levels():
     mixed = task(fleet=(AircraftType(), SLOW), level_fl=(300, 310), cycles=2000)
     found = flight_times(mixed.simulator, (300, 310), disc_nm=4.0)
     speeds = [
@@ -99,7 +99,7 @@ def test_several_types_and_levels_have_a_fastest_and_a_slowest():
 
 
 @pytest.mark.parametrize("name", PERFORMANCE)
-def test_planned_speeds_are_those_that_are_flown(name):
+def test_planned_speeds_are_the_flown_speeds(name):
     model, levels = PERFORMANCE[name], np.array([0.0, 95.0, 120.5, 300.0, 400.0])
     ticks = jnp.asarray(levels * TICKS_PER_FL, dtype=jnp.float32)
     flown = model.true_airspeed_kt(ticks, jnp.zeros_like(ticks))
@@ -109,14 +109,14 @@ def test_planned_speeds_are_those_that_are_flown(name):
 @pytest.mark.parametrize(
     ("name", "levels", "disc_nm"), [("lateral", (300,), 4.0), ("vertical", (300, 310), 0.0)]
 )
-def test_a_sector_whose_shortest_route_takes_longer_is_refused(name, levels, disc_nm):
+def test_refuses_a_sector_whose_shortest_route_takes_longer(name, levels, disc_nm):
     """Traffic is at FL300 in `lateral`, at every level of the sector in `vertical`."""
-    of = {"levels_fl": (300, 310)}
-    times = flight_times(task(name, cycles=600, **of).simulator, levels, disc_nm)
+    settings = {"levels_fl": (300, 310)}
+    times = flight_times(task(name, cycles=600, **settings).simulator, levels, disc_nm)
     needed = int(times.fastest[1])
-    check_cycles(task(name, cycles=needed, **of))
+    check_cycles(task(name, cycles=needed, **settings))
     with pytest.raises(InputError) as error:
-        check_cycles(task(name, cycles=needed - 1, **of))
+        check_cycles(task(name, cycles=needed - 1, **settings))
     assert str(error.value) == (
         f"task.cycles is {needed - 1}, but the shortest route of north, WESTO EASTE EASTO, takes "
         f"{needed} at {times.fastest_kt:.0f} kt (allowed: {needed} to 10000; set it with "
@@ -124,7 +124,7 @@ def test_a_sector_whose_shortest_route_takes_longer_is_refused(name, levels, dis
     )
 
 
-def test_a_line_says_which_routes_take_longer():
+def test_notice_counts_the_routes_that_take_longer():
     needed = cycles(SOUTH_TO_NORTH_NM - 4.0, MACH_080_AT_FL300_KT)
     expected = f"1 of 2 routes take more than 300 cycles: {needed} at 466 kt (see --cycles)"
     assert check_cycles(task()) == expected
@@ -137,11 +137,11 @@ def test_a_line_says_which_routes_take_longer():
 
 
 @pytest.mark.parametrize("name", experiment_names())
-def test_every_shipped_experiment_can_be_flown_by_all(name):
+def test_shipped_experiments_have_enough_cycles_for_all_routes(name):
     assert check_cycles(build_task(load_experiment(name).task)) is None
 
 
-def test_the_limit_of_cycles():
+def test_limit_of_cycles():
     assert msgspec.convert({"cycles": 10_000}, NavigationSettings).cycles == 10_000
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert({"cycles": 10_001}, NavigationSettings)

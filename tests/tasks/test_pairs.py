@@ -1,4 +1,4 @@
-"""Predicted closest approach and what it costs: closed forms, and brute force."""
+"""Features of aircraft pairs, predicted closest approaches and what they cost."""
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ from skystack.tasks.pairs import PAIR_FEATURES, RANGE_NM, observe_pairs, pair_na
 from skystack.tasks.registry import build_task
 from skystack.tasks.settings import NavigationSettings, RewardSettings
 
-from .conftest import BACK, STRAIGHT
+from .conftest import REVERSED, STRAIGHT
 
 SPEED_KT = 480.0
 PLANE = MercatorPlane(0.0, 0.0)
@@ -22,7 +22,7 @@ ROOT_2 = np.sqrt(2.0)
 
 
 def traffic(positions, headings, speeds=SPEED_KT):
-    """Positions are true NM; their middle is put on the equator, where the plane's scale is 1."""
+    """Aircraft at positions in true NM, centred on the equator, where the plane's scale is 1."""
     n = len(positions)
     at = np.asarray(positions, dtype=np.float32)
     at[:, 1] -= at[:, 1].mean()
@@ -38,15 +38,15 @@ def traffic(positions, headings, speeds=SPEED_KT):
 
 CASES = {
     "head-on": ([(0, 0), (0, 80)], [0, 180], SPEED_KT, 0.0),
-    "head-on, 4 miles beside": ([(0, 0), (4, 80)], [0, 180], SPEED_KT, 4.0),
+    "head-on, offset by 4 miles": ([(0, 0), (4, 80)], [0, 180], SPEED_KT, 4.0),
     "head-on, too far to meet": ([(0, 0), (0, 400)], [0, 180], SPEED_KT, 100.0),
     "crossing at the same time": ([(-40, 0), (0, -40)], [90, 0], SPEED_KT, 0.0),
     "crossing 10 miles late": ([(-40, 0), (0, -50)], [90, 0], SPEED_KT, 10.0 / ROOT_2),
-    "overtaking 3 miles beside": ([(0, 0), (3, 20)], [0, 0], [480, 400], 3.0),
+    "overtaking, offset by 3 miles": ([(0, 0), (3, 20)], [0, 0], [480, 400], 3.0),
     "not yet overtaken": ([(0, 0), (0, 60)], [0, 0], [480, 400], 60.0 - 150.0 / 6.0),
     "diverging": ([(0, 0), (0, 12)], [180, 0], SPEED_KT, 12.0),
-    "identical tracks": ([(0, 0), (0, 12)], [0, 0], SPEED_KT, 12.0),
-    "one place": ([(0, 0), (0, 0)], [0, 0], SPEED_KT, 0.0),
+    "same track": ([(0, 0), (0, 12)], [0, 0], SPEED_KT, 12.0),
+    "same position": ([(0, 0), (0, 0)], [0, 0], SPEED_KT, 0.0),
 }
 
 
@@ -62,69 +62,73 @@ heading = st.floats(0, 359, width=32)
 
 
 @given(position, position, heading, heading, st.floats(300, 500), st.floats(300, 500))
-def test_it_is_the_least_of_many_moments(first, second, north, south, slow, fast):
-    flown = traffic([first, second], [north, south], [slow, fast])
-    pairs = pairs_of(PLANE, flown)
-    moments = np.linspace(0.0, RANGE_NM / max(slow, fast), 2001)[:, None]
+def test_closest_approach_is_the_minimum_over_time(
+    first, second, first_deg, second_deg, first_kt, second_kt
+):
+    both = traffic([first, second], [first_deg, second_deg], [first_kt, second_kt])
+    pairs = pairs_of(PLANE, both)
+    times_h = np.linspace(0.0, RANGE_NM / max(first_kt, second_kt), 2001)[:, None]
     offset = np.asarray(pairs.offset_nm, dtype=np.float64)
-    gap = np.linalg.norm(offset + moments * np.asarray(pairs.velocity_kt), axis=1)
-    assert float(pairs.closest_nm[0]) == pytest.approx(gap.min(), abs=0.1)
-    assert float(pairs.closest_nm[0]) <= gap.min() + 1e-3
+    distance_nm = np.linalg.norm(offset + times_h * np.asarray(pairs.velocity_kt), axis=1)
+    assert float(pairs.closest_nm[0]) == pytest.approx(distance_nm.min(), abs=0.1)
+    assert float(pairs.closest_nm[0]) <= distance_nm.min() + 1e-3
 
 
-def test_it_is_predicted_on_the_cleared_headings():
-    flown = traffic([(0, 0), (0, 80)], [0, 180])
-    told = flown._replace(cleared_heading_deg=jnp.array([90.0, 180.0]))
-    assert float(pairs_of(PLANE, told).closest_nm[0]) == pytest.approx(80.0 / ROOT_2, abs=1e-3)
+def test_predicts_on_the_cleared_headings():
+    both = traffic([(0, 0), (0, 80)], [0, 180])
+    turned = both._replace(cleared_heading_deg=jnp.array([90.0, 180.0]))
+    assert float(pairs_of(PLANE, turned).closest_nm[0]) == pytest.approx(80.0 / ROOT_2, abs=1e-3)
 
 
 def avoidance(**weights):
-    quiet = {"centreline": 0.0, "damping": 0.0, "terminal": 0.0}
+    """An avoidance task with the given reward weights only."""
+    none = {"centreline": 0.0, "damping": 0.0, "terminal": 0.0}
     return build_task(
         NavigationSettings(
             name="avoidance",
             pair_features=("theta", "d"),
-            reward=RewardSettings(**(quiet | weights)),
+            reward=RewardSettings(**(none | weights)),
         )
     )
 
 
-def test_a_task_with_pairs_keeps_the_contract():
+def test_avoidance_satisfies_the_contract():
     check_task(avoidance(safety=2.0))
-    every = NavigationSettings(name="avoidance", aircraft=4, pair_features=tuple(PAIR_FEATURES))
-    check_task(build_task(every))
+    all_features = NavigationSettings(
+        name="avoidance", aircraft=4, pair_features=tuple(PAIR_FEATURES)
+    )
+    check_task(build_task(all_features))
 
 
-def test_the_state_of_the_paper_has_ten_values_in_its_order(traffic_on):
+def test_observes_the_ten_values_of_the_paper_in_order(traffic_on):
     task = avoidance()
     assert task.observation_names[-3:] == ("delta_t_2", "theta_12", "d_12")
     assert len(task.observation_names) == 10
-    # One behind the other's nose: from the south-west end to the north-east end of the route.
-    state = task.begin(traffic_on(STRAIGHT, BACK))
-    seen = task.observe(state)
-    ends = np.array([task.simulator.sector.fixes_nm[route[0]] for route in (STRAIGHT, BACK)])
-    apart = np.linalg.norm(ends[1] - ends[0])
-    np.testing.assert_allclose(seen[8:], [0.5, apart / 150.0], atol=2e-4)
-    # 90 degrees to the left of the other one, once told: it lies to the right.
-    told = state.traffic._replace(cleared_heading_deg=jnp.array([45.19 - 90.0 + 360.0, 225.19]))
-    np.testing.assert_allclose(task.observe(state._replace(traffic=told))[8], 0.75, atol=2e-4)
+    # Head-on, at the south-west and the north-east end of the route.
+    state = task.begin(traffic_on(STRAIGHT, REVERSED))
+    observation = task.observe(state)
+    ends = np.array([task.simulator.sector.fixes_nm[route[0]] for route in (STRAIGHT, REVERSED)])
+    distance_nm = np.linalg.norm(ends[1] - ends[0])
+    np.testing.assert_allclose(observation[8:], [0.5, distance_nm / 150.0], atol=2e-4)
+    # Cleared 90 degrees to the left, the first has the second to its right.
+    turned = state.traffic._replace(cleared_heading_deg=jnp.array([45.19 - 90.0 + 360.0, 225.19]))
+    np.testing.assert_allclose(task.observe(state._replace(traffic=turned))[8], 0.75, atol=2e-4)
 
 
-def test_who_has_left_is_seen_far_away_and_is_no_danger(traffic_on):
+def test_an_exited_aircraft_is_far_away_and_no_threat(traffic_on):
     task = avoidance(safety=2.0)
-    both = traffic_on(STRAIGHT, BACK)
+    both = traffic_on(STRAIGHT, REVERSED)
     state = task.begin(both._replace(active=jnp.array([True, False])))
     np.testing.assert_allclose(task.observe(state)[8:], [0.5, 1.0])
     assert float(task.advance(state)[1].reward[0]) == 0.0
 
 
-def test_the_safety_reward_is_paid_once_a_scenario_for_the_worst_pair():
+def test_safety_reward_is_that_of_the_worst_pair():
     settings = NavigationSettings(name="avoidance", aircraft=3, pair_features=("theta", "d"))
     weights = RewardSettings(centreline=0.0, damping=0.0, terminal=0.0, safety=2.0)
     task = build_task(NavigationSettings(**_fields(settings) | {"reward": weights}))
     # Head-on 80 NM apart, and a third one far to the side of both.
-    told = traffic([(0, 0), (0, 80), (60, 40)], [0, 180, 90])
-    state = task.begin(told)
+    state = task.begin(traffic([(0, 0), (0, 80), (60, 40)], [0, 180, 90]))
     _, outcome = jax.jit(task.advance)(state)
     assert float(outcome.reward[0]) == pytest.approx(2.0 * (80.0 - 1.6) / 150.0 - 2.0, abs=0.02)
 
@@ -136,8 +140,8 @@ def _fields(struct):
 @pytest.mark.parametrize(
     ("second", "headings", "sign"), [((4, 80), (0, 180), 1.0), ((-4, 80), (0, 180), -1.0)]
 )
-def test_the_side_of_a_miss(second, headings, sign):
-    """Ours: flying south past it, the second has the first to its right, or to its left."""
+def test_sign_of_a_miss_is_its_side(second, headings, sign):
+    """Not in the paper: positive if the second passes with the first on its right."""
     pairs = pairs_of(PLANE, traffic([(0, 0), second], headings))
     miss = float(PAIR_FEATURES["miss"].value(pairs)[0])
     assert miss == pytest.approx(sign * 4.0, abs=1e-3)
@@ -146,8 +150,8 @@ def test_the_side_of_a_miss(second, headings, sign):
     assert float(PAIR_FEATURES["time"].value(pairs)[0]) == pytest.approx(5.0, abs=1e-3)
 
 
-def test_a_conflict_is_priced_by_its_depth(traffic_on):
-    """Ours: 1.5 NM inside 5.5 NM costs 1.5 times the weight in the cycle."""
+def test_cost_of_a_conflict_is_proportional_to_its_depth(traffic_on):
+    """Not in the paper: 1.5 NM inside 5.5 NM costs 1.5 times the weight per cycle."""
     task = avoidance(conflict=1.0)
     at = [np.array([0.0, 0.0]), np.array([4.0, 0.0])]
     state = task.begin(traffic_on(STRAIGHT, STRAIGHT, positions=at, headings=[0.0, 0.0]))
@@ -156,14 +160,14 @@ def test_a_conflict_is_priced_by_its_depth(traffic_on):
 
 @pytest.fixture(scope="module")
 def three():
-    """Three aircraft that turn: where they head is not yet what they are cleared to."""
+    """Three turning aircraft, which do not yet fly their cleared headings."""
     at, cleared, speeds = [(0, 0), (30, 25), (-20, 40)], [350.0, 200.0, 95.0], [480.0, 400.0, 300.0]
     flown = traffic(at, [10.0, 20.0, 30.0], speeds)
     flown = flown._replace(cleared_heading_deg=jnp.asarray(cleared))
     return flown, np.asarray(flown.position_nm, dtype=np.float64), cleared, speeds
 
 
-def turn(angle_deg):
+def wrap_180(angle_deg):
     return (angle_deg + 180.0) % 360.0 - 180.0
 
 
@@ -171,8 +175,8 @@ def bearing_deg(offset):
     return np.degrees(np.arctan2(*offset))
 
 
-def expected_of_pair(three, one, other):
-    """Definitions in float64; the closest approach among a hundred thousand moments."""
+def expected_features(three, one, other):
+    """The definitions in float64, with the closest approach at 100,001 times."""
     _, at, cleared, speeds = three
     offset = at[other] - at[one]
     angles = np.radians(cleared)
@@ -180,19 +184,19 @@ def expected_of_pair(three, one, other):
     relative = velocity[other] - velocity[one]
     hours = np.linspace(0.0, 150.0 / max(speeds[one], speeds[other]), 100_001)
     gaps = np.linalg.norm(offset + hours[:, None] * relative, axis=1)
-    # The first aircraft lies to the right of the way that the second comes, as the first sees it.
+    # Whether the first aircraft is right of the second's path relative to the first.
     right = np.dot(-offset, [relative[1], -relative[0]]) > 0.0
     return {
-        "theta": turn(bearing_deg(offset) - cleared[one]),
-        "theta_back": turn(bearing_deg(-offset) - cleared[other]),
-        "track": turn(cleared[other] - cleared[one]),
+        "theta": wrap_180(bearing_deg(offset) - cleared[one]),
+        "theta_back": wrap_180(bearing_deg(-offset) - cleared[other]),
+        "track": wrap_180(cleared[other] - cleared[one]),
         "d": np.linalg.norm(offset),
         "miss": gaps.min() * (1.0 if right else -1.0),
         "time": 60.0 * hours[gaps.argmin()],
     }
 
 
-SHOWN = {
+SCALES = {
     "theta": (-180.0, 180.0, 0.5),
     "theta_back": (-180.0, 180.0, 0.5),
     "track": (-180.0, 180.0, 0.5),
@@ -200,24 +204,24 @@ SHOWN = {
     "miss": (-30.0, 30.0, 1.0),
     "time": (0.0, 20.0, 1.0),
 }
-"""What becomes 0 and 1, and what a pair shows of which one has left."""
+"""The values scaled to 0 and 1, and the observation of a pair of which one has exited."""
 
 
-@pytest.mark.parametrize("there", [(True, True, True), (True, False, True)])
-def test_what_is_shown_of_pairs(three, there):
-    """Pair by pair: first with second, first with third, second with third."""
-    flown = three[0]._replace(active=jnp.asarray(there))
-    shown = np.asarray(observe_pairs(tuple(SHOWN), PLANE, flown)).reshape(3, len(SHOWN))
-    for row, (one, other) in zip(shown, [(0, 1), (0, 2), (1, 2)], strict=True):
-        values = expected_of_pair(three, one, other)
-        for found, (name, (low, high, gone)) in zip(row, SHOWN.items(), strict=True):
+@pytest.mark.parametrize("active", [(True, True, True), (True, False, True)])
+def test_observes_scaled_features_pair_by_pair(three, active):
+    """In the order first and second, first and third, second and third."""
+    flown = three[0]._replace(active=jnp.asarray(active))
+    observed = np.asarray(observe_pairs(tuple(SCALES), PLANE, flown)).reshape(3, len(SCALES))
+    for row, (one, other) in zip(observed, [(0, 1), (0, 2), (1, 2)], strict=True):
+        values = expected_features(three, one, other)
+        for found, (name, (low, high, exited)) in zip(row, SCALES.items(), strict=True):
             expected = np.clip((values[name] - low) / (high - low), 0.0, 1.0)
-            expected = expected if there[one] and there[other] else gone
+            expected = expected if active[one] and active[other] else exited
             assert found == pytest.approx(expected, abs=2e-4), (name, one, other)
-    assert set(SHOWN) == set(PAIR_FEATURES)
+    assert set(SCALES) == set(PAIR_FEATURES)
 
 
-def test_the_names_of_what_is_shown_of_pairs():
+def test_names_features_pair_by_pair():
     assert pair_names(("theta", "d"), 3) == (
         *("theta_12", "d_12"),
         *("theta_13", "d_13"),
@@ -228,18 +232,18 @@ def test_the_names_of_what_is_shown_of_pairs():
 @pytest.mark.parametrize(
     ("positions", "headings", "minutes"),
     [
-        ([(0, 0), (0, 12)], [180, 0], 0.0),  # it was closest before
-        ([(0, 0), (0, 12)], [0, 0], 0.0),  # and stays as it is
-        ([(0, 0), (0, 400)], [0, 180], 150.0 / 8.0),  # as far as is looked
+        ([(0, 0), (0, 12)], [180, 0], 0.0),  # diverging: closest now
+        ([(0, 0), (0, 12)], [0, 0], 0.0),  # constant distance
+        ([(0, 0), (0, 400)], [0, 180], 150.0 / 8.0),  # converging beyond the horizon
     ],
 )
-def test_the_time_of_the_closest_approach_is_within_the_horizon(positions, headings, minutes):
+def test_time_of_closest_approach_is_within_the_horizon(positions, headings, minutes):
     pairs = pairs_of(PLANE, traffic(positions, headings))
     assert float(PAIR_FEATURES["time"].value(pairs)[0]) == pytest.approx(minutes, abs=1e-3)
 
 
-def test_distances_of_pairs_are_true_ones_far_from_the_origin():
-    """Three degrees north of an origin at 60 N the plane is stretched by a tenth."""
+def test_distances_are_true_lengths_far_from_the_origin():
+    """Three degrees north of an origin at 60 N, the plane is stretched by a tenth."""
     north = MercatorPlane(60.0, 0.0)
     at = north.to_plane([63.1, 62.9], [0.2, -0.1])
     flown = traffic([(0, 0), (0, 0)], [0.0, 0.0])._replace(

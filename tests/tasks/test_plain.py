@@ -1,4 +1,4 @@
-"""A task in plain Python is the task."""
+"""`PlainTask` behaves exactly like the task that it wraps."""
 
 import copy
 import gc
@@ -19,101 +19,102 @@ from skystack.tasks.plain import PlainTask
 from skystack.tasks.registry import build_task
 from skystack.tasks.settings import NavigationSettings
 
-from .test_conformance import Kept
+from .test_conformance import HalvingTask
 
 
-def test_stacking_in_plain_python_is_stacking_in_a_compiled_program():
-    """A shipped policy, in numpy and in JAX, over a whole scenario: the same clearances."""
+def test_stacks_like_a_compiled_program():
+    """A shipped policy issues the same clearances in numpy and in JAX, over a whole scenario."""
     policy = find_policy("lateral-best")
     task = policy_task(policy)
     plain = PlainTask(task)
     assert isinstance(plain, TwoPhase)
 
-    def decide(seen):
-        return forward(policy.actor, normalise(policy.normaliser, seen)).argmax()
+    def decide(observation):
+        return forward(policy.actor, normalise(policy.normaliser, observation)).argmax()
 
-    def traced(seen, _):
-        return decide(seen).astype("int32")
+    def traced(observation, _):
+        return decide(observation).astype("int32")
 
     compiled = jax.jit(lambda state, key: stack_traced(task, traced, state, key))
     advance, observe, key = jax.jit(task.advance), jax.jit(task.observe), scenario_key(0, 3)
-    seen, state = plain.reset(key), jax.jit(task.reset)(key)
-    spoken = 0
+    plain_state, state = plain.reset(key), jax.jit(task.reset)(key)
+    instructions = 0
     for _ in range(120):
-        seen, issued = stack(plain, decide, seen)
+        plain_state, issued = stack(plain, decide, plain_state)
         state, expected = compiled(state, key)
         assert (issued.action, issued.instructions) == (expected.action, expected.instructions)
-        spoken += int(issued.instructions)
+        instructions += int(issued.instructions)
         np.testing.assert_allclose(
-            plain.state_of(seen).traffic.cleared_heading_deg, state.traffic.cleared_heading_deg
+            plain.state_of(plain_state).traffic.cleared_heading_deg,
+            state.traffic.cleared_heading_deg,
         )
-        own = plain.state_of(seen)
-        assert [leaf.dtype for leaf in jax.tree.leaves(own)] == [
+        unpacked = plain.state_of(plain_state)
+        assert [leaf.dtype for leaf in jax.tree.leaves(unpacked)] == [
             leaf.dtype for leaf in jax.tree.leaves(state)
         ]
-        seen, outcome = plain.advance(seen)
-        state, judged = advance(state)
-        assert float(outcome.reward[0]) == float(judged.reward[0])
-        assert np.array_equal(plain.observe(seen), observe(state))
-    assert spoken > 3
+        plain_state, outcome = plain.advance(plain_state)
+        state, expected_outcome = advance(state)
+        assert float(outcome.reward[0]) == float(expected_outcome.reward[0])
+        assert np.array_equal(plain.observe(plain_state), observe(state))
+    assert instructions > 3
 
 
 @pytest.fixture(scope="module")
-def begun():
+def started():
     plain = PlainTask(build_task(NavigationSettings()))
     return plain, plain.reset(scenario_key(0, 0))
 
 
 @pytest.mark.parametrize("answer", [5, -1, 2.0, None, "left", np.float32(np.nan), np.array([1, 2])])
-def test_an_action_outside_the_table_is_named(begun, answer):
-    plain, seen = begun
-    for use in (plain.may_stack, plain.instruct, plain.step):
+def test_refuses_an_action_outside_the_table(started, answer):
+    plain, plain_state = started
+    for method in (plain.may_stack, plain.instruct, plain.step):
         with pytest.raises(InputError, match="allowed: whole numbers from 0 to 4"):
-            use(seen, answer)
+            method(plain_state, answer)
     with pytest.raises(InputError, match="allowed: whole numbers from 0 to 4"):
-        stack(plain, lambda observation: answer, seen)
+        stack(plain, lambda observation: answer, plain_state)
 
 
-def test_whether_something_may_be_said_is_known_for_every_instruction():
+def test_may_stack_answers_for_every_action():
     task = policy_task(find_policy("lateral"))
     plain = PlainTask(task)
-    seen = plain.reset(scenario_key(0, 0))
-    said = 0
-    while plain.may_stack(seen, 1):
-        seen, said = plain.instruct(seen, 1), said + 1
-    # Ten degrees more would be half a turn; back to the right is none.
-    assert said in (17, 18)
-    assert plain.may_stack(seen, 2)
-    assert not plain.may_stack(seen, 0)
+    plain_state = plain.reset(scenario_key(0, 0))
+    turns = 0
+    while plain.may_stack(plain_state, 1):
+        plain_state, turns = plain.instruct(plain_state, 1), turns + 1
+    # Ten degrees more would exceed half a turn; a turn back to the right does not.
+    assert turns in (17, 18)
+    assert plain.may_stack(plain_state, 2)
+    assert not plain.may_stack(plain_state, 0)
 
 
-def test_every_call_is_the_tasks_own():
-    task = Kept()
+def test_every_method_agrees_with_the_task():
+    task = HalvingTask()
     plain = PlainTask(task)
     key = jax.random.key(4)
     state = task.reset(key)
-    seen = plain.reset(key)
-    for found in (seen, plain.begin(state)):
+    plain_state = plain.reset(key)
+    for found in (plain_state, plain.begin(state)):
         np.testing.assert_allclose(plain.observe(found), task.observe(state), rtol=1e-6)
         np.testing.assert_array_equal(plain.state_of(found).value, state.value)
         assert [plain.may_stack(found, action) for action in (0, 1)] == [False, True]
-    halved = plain.instruct(seen, 1)
+    halved = plain.instruct(plain_state, 1)
     np.testing.assert_array_equal(plain.state_of(halved).value, state.value / 2.0)
     for (after, outcome), value in (
-        (plain.advance(seen), state.value),
-        (plain.step(seen, 1), state.value / 2.0),
+        (plain.advance(plain_state), state.value),
+        (plain.step(plain_state, 1), state.value / 2.0),
     ):
         np.testing.assert_array_equal(plain.state_of(after).value, value)
         np.testing.assert_array_equal(outcome.reward[0], value)
     with pytest.raises(InputError, match=r"action is 2 \(allowed: whole numbers from 0 to 1\)"):
-        plain.step(seen, 2)
+        plain.step(plain_state, 2)
 
 
-def test_states_of_many_shapes_and_types_come_back():
-    """Packed as one vector of float32, and unpacked in its order."""
+def test_unpacks_states_of_mixed_shapes_and_types():
+    """States are packed into one float32 vector."""
     first = (jnp.arange(6.0).reshape(2, 3), jnp.asarray([True, False]), jnp.asarray(7))
 
-    class Mixed(Kept):
+    class Mixed(HalvingTask):
         def reset(self, key):
             return first
 
@@ -121,14 +122,14 @@ def test_states_of_many_shapes_and_types_come_back():
             return jnp.zeros(2)
 
     plain = PlainTask(Mixed())
-    back = plain.state_of(plain.begin(first))
-    for found, expected in zip(back, first, strict=True):
+    unpacked = plain.state_of(plain.begin(first))
+    for found, expected in zip(unpacked, first, strict=True):
         assert found.dtype == expected.dtype
         np.testing.assert_array_equal(found, expected)
 
 
-def test_a_copy_shares_the_programs_of_the_original():
-    plain = PlainTask(Kept())
+def test_copies_share_the_programs_of_the_original():
+    plain = PlainTask(HalvingTask())
     plain.reset(jax.random.key(0))
     assert copy.copy(plain) is plain
     assert copy.deepcopy({"task": plain})["task"] is plain

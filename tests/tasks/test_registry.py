@@ -1,4 +1,4 @@
-"""A task of another kind is trained, evaluated, replayed and reported with no change elsewhere."""
+"""Registered tasks: a custom task is trained, evaluated, replayed and reported like ours."""
 
 import runpy
 from pathlib import Path
@@ -37,7 +37,7 @@ SMALL = PPOSettings(total_steps=256, environments=8, steps=32, minibatch=128, hi
 
 @pytest.fixture(scope="module")
 def holding():
-    """The example's module; importing it registers its task."""
+    """The module of the example, which registers its task when it is imported."""
     module = runpy.run_path(str(EXAMPLE), run_name="own_task")
     yield module
     unregister_task("holding")
@@ -49,13 +49,13 @@ def experiment(holding):
     return Experiment(name="mine", task=settings, ppo=SMALL)
 
 
-def test_the_example_keeps_the_contract(holding):
+def test_example_task_satisfies_the_contract(holding):
     task = build_task(holding["HoldingSettings"](name="holding"))
     assert isinstance(task, TrafficTask)
     check_task(task)
 
 
-def test_its_settings_are_checked_as_those_of_any_task(holding, experiment):
+def test_checks_the_settings_of_a_custom_task(holding, experiment):
     values = resolved(experiment)
     assert experiment_from(values, "mine") == experiment
     values["task"]["radius"] = 3.0
@@ -73,14 +73,16 @@ def test_its_settings_are_checked_as_those_of_any_task(holding, experiment):
         experiment_from(values, "mine")
 
 
-def test_it_is_trained_evaluated_replayed_and_reported(experiment, tmp_path):
-    """The whole reproduction of one experiment, in this process."""
+def test_trains_evaluates_replays_and_reports_a_custom_task(experiment, tmp_path):
+    """A complete reproduction of one experiment, in this process."""
     run = tmp_path / "run"
     plan = Plan((experiment,), 1, 4, run, False, "own task")
-    done = run_plan(
+    result = run_plan(
         plan, print, lambda plan, _: [run_job(job, lambda message: None) for job in jobs_of(plan)]
     )
-    assert [(row["experiment"], row["task"]) for row in done["rows"]] == [("mine", "holding")] * 2
+    assert [(row["experiment"], row["task"]) for row in result["rows"]] == [
+        *(("mine", "holding"), ("mine", "holding"), ("do-nothing-holding", "holding"))
+    ]
     report = write_report(run).read_text()
     assert "Holding" in report
     assert "mine, stacked" in report
@@ -93,21 +95,21 @@ def test_it_is_trained_evaluated_replayed_and_reported(experiment, tmp_path):
     policy = find_policy(run / "train" / "mine-s0")
     assert policy.description.task_name == "holding"
     again = skystack.evaluate(policy, skystack.Conditions(episodes=4)).row
-    assert again["clearances_mean"] == done["rows"][1]["clearances_mean"]
+    assert again["clearances_mean"] == result["rows"][1]["clearances_mean"]
 
 
-def test_unknown_and_repeated_names_are_refused(holding):
+def test_refuses_unknown_and_duplicate_names(holding):
     with pytest.raises(InputError, match=r"^unknown task 'lateral-'; did you mean 'lateral'\?"):
         find_task("lateral-")
     other = TaskKind(Family("lateral", "Mine"), NavigationSettings, print, "another")
     with pytest.raises(InputError, match=r"^task lateral is already registered"):
         register_task(other)
-    register_task(tasks()["lateral"])  # the same again is no mistake
+    register_task(tasks()["lateral"])  # registering the same kind again is allowed
     with pytest.raises(InputError, match=r"task.name: unknown task 'holdin'"):
         experiment_from({"name": "mine", "task": {"name": "holdin"}}, "mine")
 
 
-def test_tasks_of_installed_packages_are_found(monkeypatch):
+def test_finds_tasks_of_installed_packages(monkeypatch):
     kind = TaskKind(Family("elsewhere", "Elsewhere"), NavigationSettings, print, "another")
 
     class Found:
@@ -125,7 +127,7 @@ def test_tasks_of_installed_packages_are_found(monkeypatch):
 
 
 @pytest.mark.usefixtures("types_unchecked")
-def test_a_task_without_traffic_cannot_be_evaluated(monkeypatch):
+def test_refuses_to_evaluate_a_task_without_traffic(monkeypatch):
     kind = TaskKind(Family("bare", "Bare"), NavigationSettings, lambda settings: Bare(), "none")
     register_task(kind)
     settings = msgspec.structs.replace(NavigationSettings(), name="bare")

@@ -1,4 +1,4 @@
-"""Every reward at its limits, from the paper's formulas."""
+"""Every reward at its limits, against the paper's formulas."""
 
 import math
 
@@ -62,24 +62,24 @@ def test_each_criterion_alone_is_worth_five(satisfied):
     assert float(rewards.terminal(criteria)) == 5.0
 
 
-def test_a_criterion_of_one_aircraft_of_two_is_worth_half():
+def test_a_criterion_met_by_one_of_two_aircraft_is_worth_half():
     criteria = jnp.zeros((3, 2), dtype=bool).at[0, 1].set(True)
     assert float(rewards.terminal(criteria)) == 2.5
 
 
-def test_all_criteria_are_worth_fifteen_and_twenty():
+def test_three_criteria_are_worth_15_plus_a_bonus_of_20():
     assert float(rewards.terminal(jnp.ones((3, 2), dtype=bool))) == 35.0
 
 
-def test_without_the_count_criterion_ten_and_twenty():
+def test_two_criteria_are_worth_10_plus_a_bonus_of_20():
     assert float(rewards.terminal(jnp.ones((2, 2), dtype=bool))) == 30.0
 
 
-def test_all_but_one_aircraft_of_one_criterion_gets_no_bonus():
+def test_one_aircraft_missing_one_criterion_forfeits_the_bonus():
     criteria = jnp.ones((3, 2), dtype=bool).at[2, 0].set(False)
     assert float(rewards.terminal(criteria)) == 12.5
 
 
-def test_scenarios_of_a_batch_are_paid_each_by_itself():
+def test_scenarios_of_a_batch_are_rewarded_independently():
     criteria = jnp.ones((3, 2, 4), dtype=bool).at[:, :, 1].set(False).at[0, 1, 2].set(False)
     assert rewards.terminal(criteria).tolist() == [35.0, 0.0, 12.5, 35.0]

@@ -1,6 +1,6 @@
-"""Losses of separation at their limits: 100,000 pairs against brute force at 0.01 s.
+"""Losses of separation at their limits: 100,000 pairs against brute force every 0.01 s.
 
-Compiled as users compile, at every optimisation level, and not compiled at all.
+The function runs compiled as for users, compiled at every optimisation level, and uncompiled.
 """
 
 from functools import cache, partial
@@ -17,30 +17,31 @@ from skystack.tasks.separation import pair_distance_squared
 
 PAIRS = 100_000
 STEPS = 600
-"""Of a hundredth of a second each in a cycle."""
+"""The steps of brute force in a cycle, 0.01 s each."""
 PLANES = {"equator": MercatorPlane(0.0, 0.0), "north": MercatorPlane(62.5, 15.0)}
 LOSS_BELOW_NM = Sector("", (0.0, 0.0), (), (0, 1), {}, ()).loss_below_nm
 GAPS_FT = np.array([0, 500, 990, 1000, 1000, 1010, 1500])
-KEPT_NM = np.array([4.999, 5.0, 5.001])
+IN_TRAIL_NM = np.array([4.999, 5.0, 5.001])
 
 
 @cache
 def pairs(place):
-    """(before, after, level before, level after) of two aircraft, `[2, ..., pairs]`, in float32.
+    """Positions before and after a cycle, then levels before and after it, of two aircraft.
 
-    A fifth keeps a distance of exactly 4.999, 5.000 or 5.001 NM; levels differ by 990, 1,000 or
-    1,010 ft, are passed, or are reached at the end of the cycle.
+    The arrays are `[2, ..., pairs]` in float32. A fifth of the pairs stay exactly 4.999, 5.000 or
+    5.001 NM apart. Many start or end the cycle 990, 1,000 or 1,010 ft apart, and in some one
+    aircraft passes through the level of the other.
     """
     plane, rng = PLANES[place], np.random.default_rng(len(place))
     first = rng.uniform(-200.0, 200.0, (PAIRS, 2))
     angle = rng.uniform(0.0, 2.0 * np.pi, PAIRS)
     distance = rng.uniform(0.0, 10.0, PAIRS)
     in_trail = rng.random(PAIRS) < 0.2
-    distance[in_trail] = rng.choice(KEPT_NM, in_trail.sum())
+    distance[in_trail] = rng.choice(IN_TRAIL_NM, in_trail.sum())
     heading = rng.uniform(0.0, 2.0 * np.pi, (2, PAIRS))
     speed = rng.uniform(250.0, 500.0, (2, PAIRS)) / 600.0
-    # One behind the other on a parallel: meridians converge, so northbound they would not stay
-    # as far apart as they are.
+    # Along a parallel, because meridians converge: northbound aircraft would not keep their
+    # distance.
     angle[in_trail] = rng.choice([0.5 * np.pi, 1.5 * np.pi], in_trail.sum())
     heading[:, in_trail] = rng.choice([0.5 * np.pi, 1.5 * np.pi], in_trail.sum())
     speed[1, in_trail] = speed[0, in_trail]
@@ -57,7 +58,7 @@ def pairs(place):
     climb = rng.integers(-8000, 8001, (2, PAIRS)) * 6.0
     climb[:, rng.random(PAIRS) < 0.3] = 0.0
     gap_after = gap + climb[1] - climb[0]
-    # A third of the rest levels off 990, 1,000 or 1,010 ft apart at the end of the cycle.
+    # Three in ten level off 990, 1,000 or 1,010 ft apart at the end of the cycle.
     off = rng.random(PAIRS) < 0.3
     gap_after[off] = np.sign(gap[off]) * rng.choice(GAPS_FT[2:6], off.sum()) * TICKS_PER_FL / 100.0
     level[1] = level[0] + gap
@@ -68,8 +69,8 @@ def pairs(place):
 
 @cache
 def brute_force(place):
-    """The least distance [NM] while less than 1,000 ft apart, in float64."""
-    plane, least = PLANES[place], []
+    """The minimum distance [NM] while less than 1,000 ft apart, in float64; infinite if never."""
+    plane, minima = PLANES[place], []
     time = np.linspace(0.0, 1.0, STEPS + 1)[:, None]
     for part in range(0, PAIRS, 5000):
         chosen = (array[..., part : part + 5000].astype(np.float64) for array in pairs(place))
@@ -77,13 +78,13 @@ def brute_force(place):
         x, y = (before[:, i] + time[:, None] * (after - before)[:, i] for i in range(2))
         scale = plane.scale((y[:, 0] + y[:, 1]) / 2.0)
         distance = np.hypot(x[:, 1] - x[:, 0], y[:, 1] - y[:, 0]) / scale
-        # 500 ticks times 600 steps and more: whole numbers decide, as for the eye.
+        # In ticks times steps, which are whole numbers, so that the comparison is exact.
         gap = (level[1] - level[0]) * STEPS
         change = (level_after[1] - level_after[0]) * STEPS - gap
         apart = np.abs(gap + np.round(time * STEPS) * (change / STEPS))
         close = apart < 10 * TICKS_PER_FL * STEPS
-        least.append(np.where(close, distance, np.inf).min(axis=0))
-    return np.concatenate(least)
+        minima.append(np.where(close, distance, np.inf).min(axis=0))
+    return np.concatenate(minima)
 
 
 def measured(place, function):
@@ -95,23 +96,23 @@ def closed_form(place):
 
 
 @pytest.mark.parametrize("place", PLANES)
-def test_losses_are_those_of_brute_force(place):
+def test_losses_agree_with_brute_force(place):
     found, exact = measured(place, jax.jit(closed_form(place))), brute_force(place)
-    # Less than 1,000 ft apart, but for less than the time between two samples.
+    # Only brute force misses pairs: those within 1,000 ft for less than one of its steps.
     assert not np.any(np.isinf(found) & np.isfinite(exact))
     both = np.isfinite(found) & np.isfinite(exact)
-    # Samples miss the least distance, most where a climb ends the time that counts.
+    # Brute force misses the minimum, by most where a level change ends the time within 1,000 ft.
     assert np.all(found[both] <= exact[both] + 5e-5)
     assert np.all(found[both] >= exact[both] - 0.005)
-    lost, really = found < LOSS_BELOW_NM, exact < LOSS_BELOW_NM
-    differ = lost != really
+    lost, expected = found < LOSS_BELOW_NM, exact < LOSS_BELOW_NM
+    differ = lost != expected
     assert np.all(np.abs(found[differ] - LOSS_BELOW_NM) < 0.005)
     assert differ.sum() < PAIRS / 1000
     assert lost.sum() > PAIRS / 10
 
 
 @pytest.mark.parametrize("place", PLANES)
-def test_compiled_or_not_single_or_in_a_batch_the_losses_are_the_same(place):
+def test_losses_do_not_depend_on_compilation_or_batching(place):
     function, arrays = closed_form(place), [jnp.asarray(array) for array in pairs(place)]
     eager = measured(place, function) < LOSS_BELOW_NM
     for level in range(4):
@@ -127,9 +128,9 @@ def test_compiled_or_not_single_or_in_a_batch_the_losses_are_the_same(place):
 
 
 @pytest.mark.parametrize("place", PLANES)
-def test_only_less_than_5_nm_is_a_loss(place):
+def test_separation_is_lost_only_below_5_nm(place):
     plane, rng = PLANES[place], np.random.default_rng(3)
-    for distance, lost in zip(KEPT_NM, (True, False, False), strict=True):
+    for distance, lost in zip(IN_TRAIL_NM, (True, False, False), strict=True):
         first = rng.uniform(-200.0, 200.0, (1000, 2))
         lat, lon = plane.to_degrees(first).T
         lon, lat, _ = WGS84.fwd(lon, lat, np.full(1000, 90.0), np.full(1000, distance * 1852.0))
@@ -146,7 +147,7 @@ def test_only_less_than_5_nm_is_a_loss(place):
         ((0, 990), (0, 990), True),
         ((0, 1010), (0, 1010), False),
         ((0, 4000), (0, 1000), False),  # levels off at the limit
-        ((0, 1000), (0, 4000), False),  # leaves it
+        ((0, 1000), (0, 4000), False),  # starts at the limit
         ((0, 1250), (250, 1250), False),  # the lower one climbs to it
         ((0, 1000), (250, 1250), False),  # both climb
         ((0, 1001), (0, 999), True),
@@ -167,7 +168,7 @@ def test_exactly_1000_ft_is_separated(before_ft, after_ft, close):
 
 
 @pytest.mark.parametrize(("feet", "lost"), [(1990, True), (2000, False)])
-def test_the_vertical_standard_is_a_setting(feet, lost):
+def test_uses_the_given_vertical_standard(feet, lost):
     at = np.zeros((2, 2), dtype=np.float32)
     level = np.array([0.0, feet * TICKS_PER_FL / 100.0], dtype=np.float32)
     found = pair_distance_squared(PLANES["equator"], 20, at, at, level, level)

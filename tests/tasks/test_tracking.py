@@ -1,4 +1,4 @@
-"""Progress along routes: hairpins, geodesic legs, exit edges that bend in the plane."""
+"""The memory of a task: progress along routes, exits, separation, counts of instructions."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ from skystack.tasks import progress as progress_module
 from skystack.tasks.features import centreline_distance, distance_in_hand, next_fix_distance
 from skystack.tasks.progress import ProgressTracker
 from skystack.tasks.tracking import Tracker
-from tests.tasks.memories import changed
+from tests.tasks.memories import with_fields
 
 SQUARE = ((-1.2, -1.2), (-1.2, 1.2), (1.2, 1.2), (1.2, -1.2))
 HAIRPIN = Sector(
@@ -68,8 +68,8 @@ def traffic_at(sector, points_deg, route=0, heading_deg=90.0):
     )
 
 
-def progress(sector, points_deg):
-    """The next fix of one aircraft that is seen at each of the points, one cycle after another."""
+def next_fixes(sector, points_deg):
+    """The next fix of an aircraft after each of the points, which it passes one per cycle."""
     tracker, found = Tracker(sector), []
     track, memory = jax.jit(tracker.track), None
     for point in points_deg:
@@ -81,7 +81,7 @@ def progress(sector, points_deg):
 
 
 def test_starts_of_a_hairpin_route_are_before_its_second_fix():
-    """The plane that halves a hairpin's legs also cuts the leg to it, 99 NM before the fix."""
+    """The bisector of a hairpin's legs also crosses the leg to it, 99 NM before the fix."""
     simulator = Simulator(HAIRPIN, performance("table"))
     lateral = LateralScenarios(simulator, aircraft=1)
     drawn = jax.vmap(lateral.draw, out_axes=-1)(jax.random.split(jax.random.key(0), 200)).traffic
@@ -94,15 +94,15 @@ def test_starts_of_a_hairpin_route_are_before_its_second_fix():
 
 def test_a_hairpin_is_passed_at_its_fixes_or_by_turning_early():
     along = [(0.0, lon) for lon in np.arange(-1.35, 0.3, 0.02)]
-    assert set(progress(HAIRPIN, along)) == {1, 2}
-    assert progress(HAIRPIN, along)[-2:] == [1, 2]  # a mile before S1
+    assert set(next_fixes(HAIRPIN, along)) == {1, 2}
+    assert next_fixes(HAIRPIN, along)[-2:] == [1, 2]  # a mile before S1
     back = [(0.012, lon) for lon in np.arange(0.25, -0.2, -0.02)]
-    assert progress(HAIRPIN, [*along[:-3], *back])[-1] == 2  # turned early, never near S1
-    there = [(0.04, lon) for lon in np.arange(-0.32, 1.0, 0.02)]
-    assert progress(HAIRPIN, [*along, *back, (0.02, -0.3), *there])[-1] == 4
+    assert next_fixes(HAIRPIN, [*along[:-3], *back])[-1] == 2  # turned early, never near S1
+    onwards = [(0.04, lon) for lon in np.arange(-0.32, 1.0, 0.02)]
+    assert next_fixes(HAIRPIN, [*along, *back, (0.02, -0.3), *onwards])[-1] == 4
 
 
-def test_a_crowd_begins_on_the_way_to_the_fix_ahead():
+def test_a_crowd_begins_with_its_next_fixes_ahead():
     crowd = Crowd(Simulator(FAR_NORTH, performance("table")), 50)
     traffic = crowd.draw(jax.random.key(0)).traffic
     memory = Tracker(FAR_NORTH).begin(traffic, traffic.level_ticks)
@@ -141,8 +141,8 @@ def test_distances_are_geodesic_far_north():
     assert in_hand == pytest.approx(fix_nm + leg_nm - 466.0 / 120.0, rel=2e-3)
 
 
-def test_an_exit_over_an_edge_that_bends_in_the_plane_is_no_excursion():
-    """The southern edge, straight in degrees, bends by 4 NM: it is crossed where it really is."""
+def test_exits_over_an_edge_that_bends_in_the_plane():
+    """The southern edge is straight in degrees and bends by 4 NM in the plane."""
     sector = replace(
         FAR_NORTH, fixes=dict(FAR_NORTH.fixes) | {"SOUTH": (61.0, 15.0), "SOUTO": (60.0, 15.0)}
     )
@@ -160,7 +160,7 @@ def test_an_exit_over_an_edge_that_bends_in_the_plane_is_no_excursion():
 
 
 def scene(levels_fl, apart_nm, active=True):
-    """Two aircraft side by side in the middle of a square of 144 NM."""
+    """Aircraft side by side in the middle of a square of 144 NM."""
     count = len(levels_fl)
     traffic = start(
         jnp.asarray([(number * apart_nm, 0.0) for number in range(count)]),
@@ -176,7 +176,7 @@ def scene(levels_fl, apart_nm, active=True):
 def tracked(*scenes, **changes):
     """The memories after each scene but the first, at which the scenario begins."""
     tracker, memories = Tracker(HAIRPIN), []
-    memory = changed(tracker.begin(scenes[0], scenes[0].level_ticks), **changes)
+    memory = with_fields(tracker.begin(scenes[0], scenes[0].level_ticks), **changes)
     for traffic in scenes[1:]:
         memory = tracker.track(memory, traffic)
         memories.append(memory)
@@ -184,7 +184,7 @@ def tracked(*scenes, **changes):
 
 
 def test_losses_use_the_levels_at_the_start_of_a_cycle():
-    """They part vertically in the first cycle; in the second they are 2,000 ft apart throughout."""
+    """They climb apart in the first cycle. In the second they are 2,000 ft apart throughout."""
     first, second = tracked(scene([300, 305], 2.0), scene([300, 320], 2.0), scene([300, 320], 2.0))
     assert float(first.separation.last_nm) == pytest.approx(2.0, abs=1e-3)
     assert float(second.separation.last_nm) == np.inf
@@ -200,7 +200,7 @@ def test_losses_use_the_positions_at_the_start_of_a_cycle():
     assert float(second.separation.least_nm) == pytest.approx(3.0, abs=1e-3)
 
 
-def test_aircraft_that_left_lose_no_separation():
+def test_exited_aircraft_do_not_lose_separation():
     both = scene([300, 300], 3.0)
     alone = scene([300, 300], 3.0, active=[True, False])
     (memory,) = tracked(both, alone)
@@ -211,19 +211,19 @@ def test_aircraft_that_left_lose_no_separation():
 @pytest.mark.parametrize(
     ("fl", "inside"), [(199.9, False), (200, True), (300, True), (400, True), (400.1, False)]
 )
-def test_entered_is_inside_the_levels_and_the_area(fl, inside):
+def test_entered_means_inside_the_levels_and_the_area(fl, inside):
     tracker, within = Tracker(HAIRPIN), scene([fl], 0.0)
     assert tracker.begin(within, within.level_ticks).progress.entered.tolist() == [inside]
     outside = within._replace(position_nm=jnp.asarray([[0.0, 75.0]]))
     begun = tracker.begin(outside, outside.level_ticks)
     assert begun.progress.entered.tolist() == [False]
     assert tracker.track(begun, within).progress.entered.tolist() == [inside]
-    gone = within._replace(active=jnp.asarray([False]))
-    assert tracker.track(begun, gone).progress.entered.tolist() == [False]
+    exited = within._replace(active=jnp.asarray([False]))
+    assert tracker.track(begun, exited).progress.entered.tolist() == [False]
 
 
-def test_only_active_aircraft_that_entered_can_leave():
-    """The second one crosses the western edge, which is nobody's exit."""
+def test_excursions_are_of_active_aircraft_that_entered():
+    """The second crosses the western edge, which is not an exit."""
     inside, outside = scene([300, 300], -40.0), scene([300, 300], -75.0)
     assert tracked(inside, outside)[0].progress.excursion.tolist() == [False, True]
     assert tracked(inside, outside, entered=jnp.zeros(2, dtype=bool))[
@@ -232,29 +232,29 @@ def test_only_active_aircraft_that_entered_can_leave():
         False,
         False,
     ]
-    gone = scene([300, 300], -75.0, active=[True, False])
-    assert tracked(inside, gone)[0].progress.excursion.tolist() == [False, False]
+    exited = scene([300, 300], -75.0, active=[True, False])
+    assert tracked(inside, exited)[0].progress.excursion.tolist() == [False, False]
     back = tracked(inside, outside, inside)[1]
-    assert back.progress.excursion.tolist() == [False, True]  # for good
+    assert back.progress.excursion.tolist() == [False, True]  # permanently
     still = tracked(inside, outside, outside)[1]
     assert still.progress.excursion.tolist() == [False, True]
 
 
-def noted(memory, action, *aircraft):
-    heard = jnp.asarray([number in aircraft for number in range(2)])
-    return Tracker(HAIRPIN).instruct(memory, heard, jnp.asarray(action, dtype=jnp.int32))
+def instruct(memory, action, *aircraft):
+    addressed = jnp.asarray([number in aircraft for number in range(2)])
+    return Tracker(HAIRPIN).instruct(memory, addressed, jnp.asarray(action, dtype=jnp.int32))
 
 
-def test_instructions_bursts_and_waiting_are_counted():
-    """By hand: two of a kind in consecutive cycles are one burst, a pause or another begins one."""
-    here, tracker = scene([300, 300], 20.0), Tracker(HAIRPIN)
-    memory = tracker.begin(here, here.level_ticks)
+def test_counts_instructions_bursts_and_waiting_cycles():
+    """By hand: the same instruction in consecutive cycles continues a burst."""
+    traffic, tracker = scene([300, 300], 20.0), Tracker(HAIRPIN)
+    memory = tracker.begin(traffic, traffic.level_ticks)
     assert memory.counts.cycles_since_instruction.tolist() == [10.0, 10.0]
     waited, bursts, new = [], [], []
     for action, aircraft in ((1, [0]), (1, [0]), (3, [1]), (0, []), (3, [1]), (1, [])):
-        memory = noted(memory, action, *aircraft)
+        memory = instruct(memory, action, *aircraft)
         new.append(float(memory.counts.new_bursts))
-        memory = tracker.track(memory, here)
+        memory = tracker.track(memory, traffic)
         waited.append(memory.counts.cycles_since_instruction.tolist())
         bursts.append(float(memory.counts.bursts))
         assert float(memory.counts.new_bursts) == 0.0
@@ -268,12 +268,12 @@ def test_instructions_bursts_and_waiting_are_counted():
 
 
 def test_a_stack_of_instructions_in_one_cycle_is_one_burst():
-    here = scene([300, 300], 20.0)
-    memory = Tracker(HAIRPIN).begin(here, here.level_ticks)
-    stacked = noted(noted(memory, 2, 0), 2, 0)
+    traffic = scene([300, 300], 20.0)
+    memory = Tracker(HAIRPIN).begin(traffic, traffic.level_ticks)
+    stacked = instruct(instruct(memory, 2, 0), 2, 0)
     assert (float(stacked.counts.new_bursts), float(stacked.counts.bursts)) == (1.0, 1.0)
     assert stacked.counts.instructed.tolist() == [True, False]
-    mixed = noted(noted(memory, 2, 0), 4, 1)
+    mixed = instruct(instruct(memory, 2, 0), 4, 1)
     assert (float(mixed.counts.new_bursts), float(mixed.counts.bursts)) == (2.0, 2.0)
     assert mixed.counts.instructed.tolist() == [True, True]
     assert mixed.counts.cycles_since_instruction.tolist() == [0.0, 0.0]
@@ -288,7 +288,7 @@ def test_a_stack_of_instructions_in_one_cycle_is_one_burst():
         (300, True, False, False, False),
     ],
 )
-def test_leaving_through_the_exit(fl, entered, active, exits, correctly):
+def test_exits_through_the_exit_edge(fl, entered, active, exits, correctly):
     """Over the eastern edge of the square, at EE on the equator; the exit level is FL300."""
     east_nm = HAIRPIN.fixes_nm["EE"][0]
     inside, outside = (
@@ -297,7 +297,7 @@ def test_leaving_through_the_exit(fl, entered, active, exits, correctly):
     )
     tracker = Tracker(HAIRPIN)
     memory = tracker.begin(inside, jnp.asarray([ticks(300.0)], dtype=jnp.float32))
-    memory = changed(memory, entered=jnp.asarray([entered]))
+    memory = with_fields(memory, entered=jnp.asarray([entered]))
     memory = tracker.track(memory, outside._replace(active=jnp.asarray([active])))
     assert memory.progress.exited.tolist() == [exits]
     assert memory.progress.exited_correctly.tolist() == [correctly]
@@ -306,22 +306,22 @@ def test_leaving_through_the_exit(fl, entered, active, exits, correctly):
     assert later.progress.exited.tolist() == [exits]
     assert later.progress.exited_correctly.tolist() == [correctly]
     again = tracker.track(tracker.track(memory, inside), outside)
-    assert again.progress.exited.tolist() == [True]  # who had not left leaves now, who had has left
+    assert again.progress.exited.tolist() == [True]  # now, or already before
 
 
 def test_a_fix_is_passed_within_a_true_mile():
-    """At EE's latitude a mile short of S1 on the first leg; far north the plane is stretched."""
+    """A mile before S1 on the equator, and far north, where the plane is stretched."""
     s1_lon = HAIRPIN.fixes["S1"][1]
     for nm, found in ((1.05, 1), (0.95, 2)):
-        assert progress(HAIRPIN, [(0.0, s1_lon - nm / 60.0)]) == [found]
+        assert next_fixes(HAIRPIN, [(0.0, s1_lon - nm / 60.0)]) == [found]
     (lat, lon), north = FAR_NORTH.fixes["WESTE"], FAR_NORTH
     for nm, found in ((1.04, 1), (0.96, 2)):
         to_west = WGS84.fwd(lon, lat, 271.0, nm * METRES_PER_NM)[:2]
-        assert progress(north, [to_west[::-1]]) == [found]
+        assert next_fixes(north, [to_west[::-1]]) == [found]
 
 
 def test_a_fix_is_passed_abeam_at_any_distance():
-    """HERON, CRANE and EGL lie in line to the north-east: the line across it at CRANE decides."""
+    """HERON, CRANE and EGL lie in line to the north-east: the perpendicular at CRANE decides."""
     sector, half = x_plus(), np.sqrt(0.5)
     route = sector.routes.index(("HERON", "CRANE", "EGL", "MACAW", "QUAIL", "SWIFT"))
     for aside_nm in (-15.0, 15.0):
@@ -337,13 +337,13 @@ def test_a_fix_is_passed_abeam_at_any_distance():
 
 def test_progress_stays_at_the_last_fix_and_never_goes_back():
     fixes = [HAIRPIN.fixes[name] for name in ("S1", "S2", "S3", "EE", "EO")]
-    assert progress(HAIRPIN, fixes) == [2, 3, 4, 5, 5]
-    assert progress(HAIRPIN, [*fixes, HAIRPIN.fixes["WO"]])[-1] == 5
+    assert next_fixes(HAIRPIN, fixes) == [2, 3, 4, 5, 5]
+    assert next_fixes(HAIRPIN, [*fixes, HAIRPIN.fixes["WO"]])[-1] == 5
 
 
 @pytest.mark.parametrize("fixes", [17, 120])
-def test_the_next_fix_of_a_long_route_is_found_as_of_a_short_one(fixes, monkeypatch):
-    """Fix after fix by a loop, or all written out: the same, at hairpins and elsewhere."""
+def test_loops_over_long_routes_agree_with_unrolled_code(fixes, monkeypatch):
+    """The next fix of a long route is found in a loop, that of a short one by unrolled code."""
     random = np.random.default_rng(fixes)
     lat, lon = 0.4 * random.standard_normal(fixes), np.linspace(-1.1, 1.1, fixes)
     lat[-2] = 0.0

@@ -1,4 +1,4 @@
-"""The licence report: what distributions state in their several ways, and what leads to them."""
+"""The licence report: the statements of distributions, and the requirements that it follows."""
 
 from importlib.metadata import PathDistribution
 
@@ -8,7 +8,7 @@ from tools import licences
 
 
 def distribution_of(folder, name, *lines):
-    """A distribution with such metadata, as an installer leaves it."""
+    """An installed distribution with these lines of metadata."""
     info = folder / f"{name}-1.dist-info"
     info.mkdir()
     head = (f"Name: {name}", "Version: 1+here", *lines)
@@ -29,25 +29,25 @@ def distribution_of(folder, name, *lines):
         (["License: ", "Classifier: Typing :: Typed"], "not stated"),
     ],
 )
-def test_the_most_exact_statement_counts(tmp_path, stated, expected):
+def test_the_most_exact_statement_is_reported(tmp_path, stated, expected):
     assert licences.licence(distribution_of(tmp_path, "one", *stated)) == expected
 
 
-def test_requirements_are_followed_as_far_as_they_hold_here(tmp_path, monkeypatch):
-    asks = (
+def test_follows_the_requirements_that_apply_here(tmp_path, monkeypatch):
+    requirements = (
         "Requires-Dist: Two.b[fast]>=1",
         "Requires-Dist: never; python_version < '3'",
         "Requires-Dist: unasked; extra == 'all'",
         "Requires-Dist: nvidia-cublas",
     )
-    there = {
-        "one": distribution_of(tmp_path, "one", *asks),
+    installed = {
+        "one": distribution_of(tmp_path, "one", *requirements),
         "Two.b": distribution_of(tmp_path, "two_b", "Requires-Dist: three; extra == 'fast'"),
     }
 
     def find(name):
         try:
-            return there[name]
+            return installed[name]
         except KeyError:
             raise licences.PackageNotFoundError(name) from None
 
@@ -59,7 +59,7 @@ def test_requirements_are_followed_as_far_as_they_hold_here(tmp_path, monkeypatc
 def test_copyleft_is_marked(tmp_path):
     terms = {"a": "AGPL-3.0-or-later", "b": "MIT", "c": "MPL-2.0", "d": "LGPL"}
     found = {
-        name: distribution_of(tmp_path, name, f"License: {said}") for name, said in terms.items()
+        name: distribution_of(tmp_path, name, f"License: {term}") for name, term in terms.items()
     }
     lines = licences.table(found).splitlines()[2:]
     assert lines == [

@@ -1,4 +1,4 @@
-"""Shipping: which policy of a run is taken, what is refused, what is written."""
+"""Shipping policies of a run: which are taken, what is refused and what is written."""
 
 import json
 import shutil
@@ -11,12 +11,12 @@ from skystack.policies.measured import read_measured
 from tools import ship_policies
 
 SHIPPED = shipped.SHIPPED
-FILES = {"policy.json", "policy.safetensors", "measured.json", "card.md"}
+FILES = {"policy.json", "policy.safetensors", "measured.json", "README.md"}
 
 
 @pytest.fixture
 def package(tmp_path, monkeypatch):
-    """An empty package, and few scenarios."""
+    """An empty package, with evaluations of few scenarios."""
     few = (Conditions(episodes=2, stacking=False), Conditions(episodes=3))
     monkeypatch.setattr(ship_policies, "CONDITIONS", few)
     folder = tmp_path / "policies"
@@ -25,8 +25,8 @@ def package(tmp_path, monkeypatch):
     return folder
 
 
-def trained(run, name, seed, **changes):
-    """A folder of a run that holds a copy of a shipped policy, as if of another seed."""
+def write_training(run, name, seed, **changes):
+    """A training folder in a run, with a copy of a shipped policy as if of another seed."""
     folder = run / "train" / f"{name}-s{seed}"
     folder.mkdir(parents=True)
     for file in ("policy.json", "policy.safetensors"):
@@ -36,10 +36,10 @@ def trained(run, name, seed, **changes):
     return folder
 
 
-def test_the_lowest_seed_ships_with_numbers_and_card(tmp_path, package):
+def test_ships_the_lowest_seed_with_numbers_and_card(tmp_path, package):
     run = tmp_path / "run"
     for seed in (10, 2, 3):
-        trained(run, "vertical", seed)
+        write_training(run, "vertical", seed)
     assert ship_policies.main([str(run)]) == 0
     folder = package / "vertical"
     assert {path.name for path in folder.iterdir()} == FILES
@@ -52,21 +52,21 @@ def test_the_lowest_seed_ships_with_numbers_and_card(tmp_path, package):
         "skystack evaluate vertical --episodes 2 --seed 0 --no-stacking --json",
         "skystack evaluate vertical --episodes 3 --seed 0 --stacking --json",
     ]
-    assert "--seed 2" in (folder / "card.md").read_text()
+    assert "--seed 2" in (folder / "README.md").read_text()
 
 
-def test_cards_are_written_anew_without_flying(package, monkeypatch):
+def test_rewrites_cards_without_evaluating(package, monkeypatch):
     shutil.copytree(SHIPPED / "vertical", package / "vertical")
-    card = package / "vertical" / "card.md"
+    card = package / "vertical" / "README.md"
     card.write_text("old")
     monkeypatch.setattr(ship_policies, "evaluate", None)
     assert ship_policies.main(["--cards"]) == 0
-    assert card.read_text() == (SHIPPED / "vertical" / "card.md").read_text()
+    assert card.read_text() == (SHIPPED / "vertical" / "README.md").read_text()
     numbers = (package / "vertical" / "measured.json").read_bytes()
     assert numbers == (SHIPPED / "vertical" / "measured.json").read_bytes()
 
 
-def test_measuring_leaves_the_policy(package):
+def test_measuring_does_not_change_the_policy(package):
     shutil.copytree(SHIPPED / "vertical", package / "vertical")
     before = (package / "vertical" / "policy.json").stat()
     assert ship_policies.main(["--measure", "vertical"]) == 0
@@ -74,15 +74,15 @@ def test_measuring_leaves_the_policy(package):
     assert (package / "vertical" / "policy.json").stat().st_mtime_ns == before.st_mtime_ns
 
 
-def prepared(run):
+def write_faulty_run(run):
     """A run with one fault of each kind."""
-    trained(run, "lateral", 0)
-    (trained(run, "lateral-best", 0) / "policy.safetensors").unlink()
+    write_training(run, "lateral", 0)
+    (write_training(run, "lateral-best", 0) / "policy.safetensors").unlink()
     quick = json.loads((SHIPPED / "lateral-tuned" / "policy.json").read_text())["config"]
     quick["ppo"]["total_steps"] = 1000
-    trained(run, "lateral-tuned", 0, config=quick)
-    trained(run, "vertical", 4).rename(run / "train" / "vertical-s0")
-    trained(run, "lateral-large", 1)
+    write_training(run, "lateral-tuned", 0, config=quick)
+    write_training(run, "vertical", 4).rename(run / "train" / "vertical-s0")
+    write_training(run, "lateral-large", 1)
     (run / "train" / "lateral-large-s0").mkdir()
 
 
@@ -100,18 +100,18 @@ def prepared(run):
         (["--cards", "avoidance-best"], "missing, or measured with another policy (use --measure)"),
     ],
 )
-def test_what_is_missing_is_named_and_nothing_written(
+def test_reports_faults_in_one_line_and_writes_nothing(
     tmp_path, package, capsys, arguments, message
 ):
     run = tmp_path / "run"
-    prepared(run)
+    write_faulty_run(run)
     shutil.copytree(SHIPPED / "avoidance-best", package / "avoidance-best")
     (package / "avoidance-best" / "measured.json").unlink()
     before = sorted(package.rglob("*"))
-    named = [argument.format(run=run) for argument in arguments]
-    assert ship_policies.main(named) == 2
-    told = capsys.readouterr().err
-    assert told.startswith("error: ")
-    assert told.count("\n") == 1
-    assert message.format(run=run) in told
+    formatted = [argument.format(run=run) for argument in arguments]
+    assert ship_policies.main(formatted) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert message.format(run=run) in error
     assert sorted(package.rglob("*")) == before

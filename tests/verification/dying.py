@@ -1,4 +1,4 @@
-"""Work that ends its process; where a process can import it without the package."""
+"""Work that ends its own process, in a module that imports nothing of skystack."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""What is read, written, executed or unpickled beside what was asked for is noticed."""
+"""Forbidden reads, writes, executions and unpickling are detected."""
 
 import os
 import pickle
@@ -11,9 +11,9 @@ from verification.inputs.audit import watched
 
 
 @pytest.fixture
-def asked(tmp_path):
+def allowed(tmp_path):
     (tmp_path / "secret").write_text("x")
-    folder = tmp_path / "asked"
+    folder = tmp_path / "allowed"
     folder.mkdir()
     (folder / "known").write_text("x")
     (folder / "link").symlink_to(tmp_path / "secret")
@@ -21,38 +21,41 @@ def asked(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("act", "found"),
+    ("access", "event"),
     [
-        (lambda asked: (asked / "known").read_text(), None),
-        (lambda asked: list(asked.iterdir()), None),
-        (lambda asked: (asked / "../secret").read_text(), "open"),
-        (lambda asked: (asked / "link").read_text(), "open"),
-        (lambda asked: list(asked.parent.iterdir()), "os.listdir"),
-        (lambda asked: (asked / "new").write_text("x"), "open to write"),
-        (lambda asked: (asked / "known").unlink(), "os.remove to write"),
-        (lambda asked: (asked / "a").mkdir(), "os.mkdir to write"),
-        (lambda asked: (asked / "known").rename(asked.parent / "b"), "os.rename to write"),
-        (lambda asked: subprocess.run([sys.executable, "-c", ""], check=True), "subprocess.Popen"),
-        (lambda asked: pickle.loads(pickle.dumps(os.getcwd)), "pickle.find_class"),
+        (lambda allowed: (allowed / "known").read_text(), None),
+        (lambda allowed: list(allowed.iterdir()), None),
+        (lambda allowed: (allowed / "../secret").read_text(), "open"),
+        (lambda allowed: (allowed / "link").read_text(), "open"),
+        (lambda allowed: list(allowed.parent.iterdir()), "os.listdir"),
+        (lambda allowed: (allowed / "new").write_text("x"), "open to write"),
+        (lambda allowed: (allowed / "known").unlink(), "os.remove to write"),
+        (lambda allowed: (allowed / "a").mkdir(), "os.mkdir to write"),
+        (lambda allowed: (allowed / "known").rename(allowed.parent / "b"), "os.rename to write"),
+        (
+            lambda allowed: subprocess.run([sys.executable, "-c", ""], check=True),
+            "subprocess.Popen",
+        ),
+        (lambda allowed: pickle.loads(pickle.dumps(os.getcwd)), "pickle.find_class"),
     ],
 )
-def test_accesses_are_detected(asked, act, found):
-    with watched(asked) as watch:
-        act(asked)
+def test_detects_forbidden_accesses(allowed, access, event):
+    with watched(allowed) as watch:
+        access(allowed)
     first = watch.found[0].rpartition(" ")[0] if watch.found else None
-    assert first == found or (first or "").startswith(f"{found} ")
+    assert first == event or (first or "").startswith(f"{event} ")
 
 
-def test_the_folder_may_be_written_to_where_that_is_asked_for(asked):
-    with watched(asked, writes=True) as watch:
-        (asked / "new").write_text("x")
+def test_allows_writing_in_the_folder_on_request(allowed):
+    with watched(allowed, writes=True) as watch:
+        (allowed / "new").write_text("x")
         assert not watch.found
-        (asked.parent / "new").write_text("x")
-    assert watch.found == [f"open to write {asked.parent / 'new'}"]
+        (allowed.parent / "new").write_text("x")
+    assert watch.found == [f"open to write {allowed.parent / 'new'}"]
 
 
-def test_nothing_is_detected_after_the_context(asked):
-    with watched(asked) as watch:
+def test_nothing_is_detected_after_the_context(allowed):
+    with watched(allowed) as watch:
         pass
-    (asked / "new").write_text("x")
+    (allowed / "new").write_text("x")
     assert not watch.found

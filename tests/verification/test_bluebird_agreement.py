@@ -1,6 +1,6 @@
-"""Our simulator against the real BluebirdDT on a fixed set of random scenarios, and its known bug.
+"""Skystack against the real BluebirdDT, on a fixed set of random scenarios and a known bug.
 
-`python -m verification.simulator.bluebird_agreement` does the same on hundreds.
+`python -m verification.simulator.bluebird_agreement` compares hundreds of scenarios.
 """
 
 import pytest
@@ -40,23 +40,23 @@ def test_random_flights_agree_row_by_row(platforms, sector, model, own_navigatio
     for name, value, limit in zip(bound._fields, found.worst, bound, strict=True):
         assert value <= limit, name
     assert found.worst.position_nm > 0.0  # two simulators, not one twice
-    assert found.rows > 400 * rollouts  # of 602 a rollout, the others are far out
+    assert found.rows > 400 * rollouts  # of 602 per rollout; the others are too far out
 
 
-def test_the_random_flights_hold_what_they_are_to_test(platforms):
+def test_random_scenarios_contain_every_kind_of_clearance(platforms):
     ours, _ = platforms
     turns, long_turns, compound, level_only, unfinished = set(), 0, 0, 0, 0
     for seed in range(6):
         scenario = agreement.random_scenario(seed, "table", False, agreement.sector_of("x-plus"))
-        index = {one.callsign: number for number, one in enumerate(scenario.aircraft)}
+        index = {one.callsign: place for place, one in enumerate(scenario.aircraft)}
         reports = fly_scenario(ours, scenario).reports
-        for cycle, told in scenario.transmissions().items():
-            for given in told:
-                report, who = reports[cycle], index[given.callsign]
+        for cycle, clearances in scenario.transmissions().items():
+            for given in clearances:
+                report, number = reports[cycle], index[given.callsign]
                 turns.add(given.turn)
                 compound += given.heading_deg is not None and given.fl is not None
                 level_only += given.heading_deg is None
-                actual, cleared = report.heading_deg[who], report.cleared_heading_deg[who]
+                actual, cleared = report.heading_deg[number], report.cleared_heading_deg[number]
                 unfinished += given.heading_deg is not None and actual != cleared
                 if given.turn in {"left", "right"}:
                     right = (given.heading_deg - actual) % 360.0
@@ -66,23 +66,24 @@ def test_the_random_flights_hold_what_they_are_to_test(platforms):
 
 
 def headings(platform, tmp_path, turn_to):
-    """Rows 4 to 7 of an aircraft flying 45 that is told to turn right, the long way round."""
+    """The headings in rows 4 to 7, from 045, of an aircraft cleared to turn right the long way."""
     scenario = changed(("aircraft", 0, "heading_deg"), 45.0)
-    told = {"cycle": 3, "callsign": "AC1", "heading_deg": turn_to, "turn": "right"}
-    scenario["clearances"] = [told]
+    clearance = {"cycle": 3, "callsign": "AC1", "heading_deg": turn_to, "turn": "right"}
+    scenario["clearances"] = [clearance]
     flight = fly_scenario(platform, load(scenario, tmp_path))
     return [float(report.heading_deg[0]) for report in flight.reports[4:8]]
 
 
-def test_bluebird_snaps_to_a_heading_that_it_is_told_to_reach_the_long_way(platforms, tmp_path):
-    """BluebirdDT 0.4.0 compares the smallest difference with what is turned in a second: a turn by
-    direction that starts that near its target is over at once, the wrong way. Ours is not."""
+def test_bluebird_snaps_to_a_heading_one_degree_away(platforms, tmp_path):
+    """BluebirdDT 0.4.0 compares the smallest difference with the turn of one second: a turn by
+    direction that starts this close to its target ends at once, the wrong way. Skystack's does not.
+    """
     ours, theirs = (headings(platform, tmp_path, 44) for platform in platforms)
     assert theirs == [45.0, 44.0, 44.0, 44.0]
     assert ours == pytest.approx([45.0, 54.0, 63.0, 72.0], abs=1e-4)
 
 
-def test_two_degrees_away_both_go_the_long_way(platforms, tmp_path):
+def test_both_turn_the_long_way_from_two_degrees_away(platforms, tmp_path):
     ours, theirs = (headings(platform, tmp_path, 43) for platform in platforms)
     assert theirs == pytest.approx([45.0, 54.0, 63.0, 72.0], abs=1e-4)
     assert ours == pytest.approx(theirs, abs=1e-4)

@@ -1,4 +1,4 @@
-"""Our own small changes of a source, and what is printed of a change."""
+"""Mutations: our own small changes to a source, and the lists of modules and tests."""
 
 import re
 
@@ -38,16 +38,16 @@ def changes(source):
         ("é(ü, b)", [("Exchange", "é(b, ü)")]),
     ],
 )
-def test_what_is_changed(source, expected):
+def test_finds_our_own_changes(source, expected):
     assert changes(source) == expected
 
 
-def test_arguments_of_other_types_are_not_exchanged():
+def test_arguments_of_different_types_are_not_exchanged():
     assert changes("def f(a: int, b: str, c: int):\n    return g(a, b, c)") == []
     assert changes("def f(a: int, c: int):\n    return g(a, c)") == [("Exchange", "return g(c, a)")]
 
 
-def test_a_change_is_shown_by_the_lines_that_differ():
+def test_a_change_has_the_lines_that_differ():
     assert change("a\n  b\nc", "a\n  d\nc") == (2, "b", "d")
     assert change("a\nb\nc", "a\nc") == (2, "b", "")
     assert change("f(\n  a,\n  b,\n)", "f(\n  b,\n  a,\n)") == (2, "a, b,", "b, a,")
@@ -70,14 +70,14 @@ def test_every_listed_module_and_test_exists():
     assert {str(path) for path in listed if not path.exists()} == set()
 
 
-def test_every_test_that_is_left_out_exists():
+def test_every_excluded_test_exists():
     tests = "".join(path.read_text() for path in ROOT.glob("tests/**/test_*.py"))
     names = re.findall(r"def (test_\w+)", tests)
     assert [part for part in parts.LEFT_OUT if not any(part in name for name in names)] == []
 
 
 @pytest.mark.parametrize("package", parts.PRELOADED)
-def test_equivalent_changes_quote_the_present_code(package):
+def test_equivalent_changes_quote_the_current_code(package):
     for module, before, after in parts.equivalent(package):
         lines = (SOURCE / module).read_text().splitlines()
         assert before in " ".join(line.strip() for line in lines), (module, before)

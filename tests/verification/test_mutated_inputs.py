@@ -1,4 +1,4 @@
-"""A share of the mutated inputs in process: each is read, or refused in one clear line."""
+"""Mutated inputs are read, or rejected in one line; most are tried in this process."""
 
 import ctypes
 from random import Random
@@ -7,7 +7,7 @@ import pytest
 
 from skystack.errors import InputError
 from tests.verification.dying import dies_at_3
-from verification.inputs import isolation as tried_apart
+from verification.inputs import isolation
 from verification.inputs.isolation import Share, try_apart
 from verification.inputs.trials import Choices, source, try_inputs
 from verification.inputs.untrusted_files import FORMATS, Format
@@ -25,19 +25,21 @@ def test_mutated_files_are_read_or_refused_in_one_line(name, tmp_path):
     assert tally.refused > 0
 
 
-def faulty(answer):
+def faulty(fault):
+    """A format of one file whose reader calls a function if the file has changed."""
+
     def read(folder):
         if (folder / "a.json").read_bytes() != b"[1]":
-            answer()
+            fault()
 
     return Format("faulty", ({"a.json": b"[1]"},), read)
 
 
 def raising(error):
-    def answer():
+    def fault():
         raise error
 
-    return answer
+    return fault
 
 
 @pytest.mark.parametrize(
@@ -54,7 +56,7 @@ def test_anything_but_a_refusal_is_a_finding(error, found, tmp_path):
     tally = try_inputs(faulty(raising(error)), share, folder)
     assert tally.findings
     assert all(found in each for each in tally.findings.values())
-    for number in tally.findings:  # what was read lies there
+    for number in tally.findings:  # the input is kept
         expected = faulty(None).mutated(source(share, number))
         assert (tmp_path / "kept" / f"faulty-0-{number}" / "a.json").read_bytes() == expected[
             "a.json"
@@ -74,8 +76,8 @@ def test_a_reader_that_writes_is_a_finding(place, tmp_path):
     assert all("forbidden access" in each for each in tally.findings.values())
 
 
-def test_what_a_library_of_another_language_writes_is_a_finding(tmp_path):
-    """It raises no audit events; a link to a file is made without Python's knowledge here."""
+def test_files_written_by_native_code_are_findings(tmp_path):
+    """Native code raises no audit events; here it makes a link without Python's knowledge."""
     library = ctypes.CDLL(None)
     folder = tmp_path / "tried"
     folder.mkdir()
@@ -88,21 +90,21 @@ def test_what_a_library_of_another_language_writes_is_a_finding(tmp_path):
     assert "wrote ['link']" in tally.findings.values()
 
 
-def test_a_refusal_is_none(tmp_path):
+def test_a_refusal_is_not_a_finding(tmp_path):
     kind = faulty(raising(InputError("a is 2 (allowed: 1)")))
     tally = try_inputs(kind, Share("faulty", 0, 20), tmp_path)
     assert tally.refused > 0
     assert not tally.findings
 
 
-def test_an_input_depends_on_the_seed_and_its_number_only():
+def test_inputs_depend_only_on_seed_and_number():
     kind = faulty(lambda: None)
     share = Share("faulty", 0, 20, seed=3)
     assert kind.mutated(source(share, 7)) == kind.mutated(source(share, 7))
     assert kind.mutated(source(share, 7)) != kind.mutated(source(share, 8))
 
 
-def test_choices_are_given_bytes_and_then_go_on():
+def test_choices_use_the_given_bytes_first():
     given = bytes(range(256)) * 2
     kind = faulty(lambda: None)
     assert kind.mutated(Choices(given)) == kind.mutated(Choices(given))
@@ -112,16 +114,16 @@ def test_choices_are_given_bytes_and_then_go_on():
     assert Choices(b"").getrandbits(9) == Random(0).getrandbits(9)
 
 
-def test_guided_inputs_are_tried_apart():
+def test_guided_inputs_are_tried_in_a_separate_process():
     pytest.importorskip("atheris")
-    heard = []
-    tally = try_apart(Share("geojson", 0, 200, guided=True, seed=1), heard.append)
-    assert (heard, tally.inputs, tally.findings) == (list(range(200)), 200, {})
+    numbers = []
+    tally = try_apart(Share("geojson", 0, 200, guided=True, seed=1), numbers.append)
+    assert (numbers, tally.inputs, tally.findings) == (list(range(200)), 200, {})
     assert 0 < tally.refused < 200
 
 
-def test_a_process_that_ends_is_a_finding_and_another_goes_on(monkeypatch, tmp_path):
-    monkeypatch.setattr(tried_apart, "_begin", dies_at_3)
+def test_a_dead_process_is_a_finding_and_is_replaced(monkeypatch, tmp_path):
+    monkeypatch.setattr(isolation, "_begin", dies_at_3)
     tally = try_apart(Share("dying", 0, 9, keep=tmp_path), lambda number: None)
     assert (tally.read, tally.findings) == (8, {3: "the process hung or ended (7)"})
     assert (tmp_path / "dying-0-3" / "a.json").read_text() == "3"

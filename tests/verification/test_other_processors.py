@@ -1,4 +1,4 @@
-"""Other processors: what counts as the same, and the numbers of a card on an older one."""
+"""Other processors: which scenarios count as identical, and the results on an older one."""
 
 import platform
 
@@ -24,7 +24,7 @@ from verification.robustness.other_processors import (
 
 
 def write_tables(folder, cycle=3, success=True, separation_nm=7.0, lat=0.5):
-    """Two scenarios of one aircraft; what is said is of the second."""
+    """Tables of two scenarios of one aircraft; the arguments describe the second."""
     folder.mkdir()
     episodes = {
         "scenario": [0, 1],
@@ -56,12 +56,12 @@ def write_tables(folder, cycle=3, success=True, separation_nm=7.0, lat=0.5):
         ({"lat": 0.75}, Likeness(2, 2, 15.0)),
     ],
 )
-def test_a_scenario_is_the_same_if_all_that_is_said_and_counted_is(tmp_path, other, expected):
+def test_compares_clearances_counts_and_positions(tmp_path, other, expected):
     ours = write_tables(tmp_path / "ours")
     assert likeness(ours, write_tables(tmp_path / "theirs", **other)) == expected
 
 
-def test_what_is_promised():
+def test_promises_match_the_documentation():
     assert Likeness(990, 1000, 0.01).holds("lateral")
     assert not Likeness(989, 1000, 0.0).holds("lateral")
     assert Likeness(900, 1000, 0.0).holds("avoidance-tuned")
@@ -75,8 +75,8 @@ def test_what_is_promised():
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="imitates processors of x86-64")
-def test_an_older_processor_gives_the_numbers_of_the_card(tmp_path, monkeypatch):
-    """The record was made on another machine, with newer instructions."""
+def test_older_processor_reproduces_the_recorded_results(tmp_path, monkeypatch):
+    """The recorded results are from another machine, with newer instructions."""
     tables = flown("vertical", 1000, tmp_path, PROCESSORS["SSE4.2"])
     assert off_the_record("vertical", tables) == []
     measured = read_measured(SHIPPED / "vertical")

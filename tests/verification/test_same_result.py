@@ -1,4 +1,4 @@
-"""What counts as the same reproduction: everything but what tells of the run."""
+"""Two reproductions are the same if they differ only in fields that describe the run."""
 
 import json
 
@@ -28,7 +28,7 @@ def write_run(folder, wall_s=1.0, loss=0.5, weights=b"weights"):
         ({"weights": b"others"}, ["train/lateral-s0/policy.safetensors"]),
     ],
 )
-def test_times_and_the_machine_do_not_count(tmp_path, other, differs):
+def test_ignores_times_and_the_machine(tmp_path, other, differs):
     first, second = write_run(tmp_path / "first"), write_run(tmp_path / "second", **other)
     assert len(first) == 3
     assert [name for name in first if first[name] != second[name]] == differs

@@ -1,4 +1,4 @@
-"""One training that is terminated, and what the study must notice; the full count is its own."""
+"""One terminated training, and the faults that the study must detect."""
 
 import signal
 import sys
@@ -9,21 +9,21 @@ import pytest
 from verification.robustness import signalled_commands
 from verification.robustness.signalled_commands import SIGNALLED, Place, signalled
 
-# Its children run another program at once: nothing of JAX goes on in them after the fork.
+# The children execute another program at once, so JAX does not run in them after the fork.
 pytestmark = pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")
 
-READY = """
+PROGRAM = """
 import os, pathlib, signal, subprocess, sys, time
 folder, cache = pathlib.Path(sys.argv[1]), pathlib.Path(os.environ["SKYSTACK_CACHE"])
 child = "import time; print(flush=True); time.sleep(600)"
 def leave_a_child():
     subprocess.Popen([sys.executable, "-c", child], stdout=subprocess.PIPE).stdout.readline()
-signal.signal(signal.SIGTERM, lambda *_: {then})
+signal.signal(signal.SIGTERM, lambda *_: {on_signal})
 (folder / "ready.jsonl").touch()
 while True:
     time.sleep(0.01)
 """
-WRONG = {
+FAULTS = {
     "os._exit(0)": "exit code 0 after SIGTERM",
     "os._exit(130)": "exit code 130 after SIGTERM",
     "1 / 0": "exit code 1 after SIGTERM",
@@ -43,7 +43,7 @@ def place(tmp_path, monkeypatch):
     return Place(tmp_path / "work", tmp_path, tmp_path)
 
 
-def test_a_training_that_is_terminated(place):
+def test_terminated_training_ends_cleanly(place):
     metrics = place.folder / "run" / "metrics.jsonl"
     command = SIGNALLED["train"].command(place)
     ended = signalled(
@@ -53,20 +53,20 @@ def test_a_training_that_is_terminated(place):
     assert (place.folder / "run" / "checkpoint" / "learner.safetensors").exists()
 
 
-@pytest.mark.parametrize("then", ["os._exit(143)", *WRONG])
-def test_every_fault_is_detected(place, then):
+@pytest.mark.parametrize("on_signal", ["os._exit(143)", *FAULTS])
+def test_detects_every_fault(place, on_signal):
     ready = place.folder / "ready.jsonl"
-    program = READY.format(then=then)
+    program = PROGRAM.format(on_signal=on_signal)
     command = [sys.executable, "-c", program, str(place.folder)]
     ended = signalled(command, place, signal.SIGTERM, False, ready.exists)
     assert ended.how == "code"
-    if then in WRONG:
-        assert WRONG[then] in ended.wrong[0]
+    if on_signal in FAULTS:
+        assert FAULTS[on_signal] in ended.wrong[0]
     else:
         assert ended.wrong == ()
 
 
-def test_a_command_that_has_ended_before(place):
+def test_a_command_may_end_before_the_signal(place):
     ended = signalled([sys.executable, "-c", ""], place, signal.SIGTERM, False, never)
     assert ended == ("before", ())
 

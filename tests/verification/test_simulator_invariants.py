@@ -1,4 +1,4 @@
-"""A share of the random worlds, 20,000 cycles; the million is the command's."""
+"""20,000 cycles of random worlds; the command flies a million."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ from verification.simulator.random_worlds import (
 from verification.simulator.simulator_invariants import BOUNDS, batches, main, try_worlds
 
 STEERED, NAVIGATING = (range(setting, setting + 12 * 167, 12) for setting in (3, 5))
-"""4 aircraft by the default table, and 6 of a fleet, half of them on own navigation."""
+"""Worlds of 4 aircraft of the default table, and of 6 of a fleet, half on own navigation."""
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def flier():
     return Flier(setting_of(STEERED[0]))
 
 
-def test_nothing_is_found_in_20_000_cycles(flier):
+def test_20_000_cycles_violate_no_invariant(flier):
     tallies = {}
     try_worlds(flier, STEERED, 0, tallies)
     try_worlds(Flier(setting_of(NAVIGATING[0])), NAVIGATING, 0, tallies)
@@ -35,11 +35,11 @@ def test_nothing_is_found_in_20_000_cycles(flier):
     assert all(tally.checked > 0 for tally in tallies.values())
 
 
-def moved(flown, part, field, add):
-    """The flight with a field changed a little, for aircraft 1 of every world in cycle 7."""
+def perturbed(flown, part, field, change_values):
+    """The flight with one field changed for aircraft 1 of every world in cycle 7."""
     rows = getattr(flown, part)
     values = np.array(getattr(rows, field))
-    values[7, 1] = np.asarray(add(values[7, 1]), dtype=values.dtype)
+    values[7, 1] = np.asarray(change_values(values[7, 1]), dtype=values.dtype)
     return flown._replace(**{part: rows._replace(**{field: values})})
 
 
@@ -70,26 +70,26 @@ def flight(flier):
     return world, flier.fly(world), change
 
 
-def passed(seen):
-    """The invariants whose bound is passed."""
+def violated(quantities):
+    """The invariants whose bounds are exceeded."""
     tallies = {}
-    simulator_invariants.check(seen, STEERED, tallies)
+    simulator_invariants.check(quantities, STEERED, tallies)
     return {name for name, tally in tallies.items() if tally.findings}
 
 
 @pytest.mark.parametrize(("part", "field", "by", "name"), FAULTS)
-def test_a_fault_of_one_cycle_is_found(flier, flight, part, field, by, name):
+def test_detects_faults_of_one_cycle(flier, flight, part, field, by, name):
     world, flown, _ = flight
-    faulty = moved(flown, part, field, lambda values: values + by)
-    assert name in passed(
+    faulty = perturbed(flown, part, field, lambda values: values + by)
+    assert name in violated(
         invariants(faulty, world.clearances, flier.limits, flier.simulator.sector.plane)
     )
 
 
-def test_standing_still_is_found(flier, flight):
+def test_detects_standing_still(flier, flight):
     world, flown, _ = flight
     after = flown.after._replace(position_nm=flown.instructed.position_nm)
-    found = passed(
+    found = violated(
         invariants(
             flown._replace(after=after),
             world.clearances,
@@ -103,30 +103,32 @@ def test_standing_still_is_found(flier, flight):
 @pytest.mark.parametrize(
     ("field", "by", "names"),
     [
-        ("position_nm", 0.02, {"cleared alone it flies as among others", "mirrored: position"}),
+        ("position_nm", 0.02, {"the others are not cleared: same flight", "mirrored: position"}),
         ("position_nm", 0.02, {"shifted: position", "float64: position"}),
         ("heading_deg", 0.002, {"mirrored: heading", "float64: heading"}),
-        ("heading_deg", 0.002, {"two exchanged fly exchanged"}),
+        ("heading_deg", 0.002, {"two aircraft in the other order: same flights"}),
         ("level_ticks", 1.0, {"mirrored: level, speeds", "float64: level"}),
         ("level_ticks", 1.0, {"shifted: heading, level, speeds"}),
     ],
 )
-def test_another_flight_that_differs_is_found(flier, flight, field, by, names):
+def test_comparisons_detect_a_changed_flight(flier, flight, field, by, names):
     world, flown, change = flight
-    faulty = moved(flown, "after", field, lambda values: values + by)
-    assert names <= passed(comparisons(flier, world, faulty, change))
+    faulty = perturbed(flown, "after", field, lambda values: values + by)
+    assert names <= violated(comparisons(flier, world, faulty, change))
 
 
-def test_a_fly_by_turn_that_is_too_tight_is_found(flier, flight):
+def test_detects_fly_by_turns_that_are_too_tight(flier, flight):
     world, flown, _ = flight
-    faulty = moved(flown, "after", "next_fix", lambda values: values + 1)
-    faulty = moved(faulty, "after", "turn_radius_nm", lambda values: values + 0.1)
-    found = passed(invariants(faulty, world.clearances, flier.limits, flier.simulator.sector.plane))
+    faulty = perturbed(flown, "after", "next_fix", lambda values: values + 1)
+    faulty = perturbed(faulty, "after", "turn_radius_nm", lambda values: values + 0.1)
+    found = violated(
+        invariants(faulty, world.clearances, flier.limits, flier.simulator.sector.plane)
+    )
     assert "fly-by turns at 30 degrees of bank at most" in found
 
 
-class Given:
-    """In place of a flier: flights one after another, the last again and again."""
+class StubFlier:
+    """A flier that returns given flights in order, and the last one repeatedly."""
 
     def __init__(self, *flights):
         self._flights = list(flights)
@@ -143,16 +145,16 @@ class Given:
         ("heading_deg", 6.0, "float64, own navigation: heading"),
     ],
 )
-def test_other_flights_that_differ_from_each_other_are_found(flight, field, by, name):
+def test_comparisons_detect_a_changed_second_flight(flight, field, by, name):
     world, flown, change = flight
     navigating = np.ones_like(world.start.own_navigation)
     world = world._replace(start=world.start._replace(own_navigation=navigating))
-    faulty = moved(flown, "after", field, lambda values: values + by)
-    assert name not in passed(comparisons(Given(flown), world, flown, change))
-    assert name in passed(comparisons(Given(flown, faulty), world, flown, change))
+    faulty = perturbed(flown, "after", field, lambda values: values + by)
+    assert name not in violated(comparisons(StubFlier(flown), world, flown, change))
+    assert name in violated(comparisons(StubFlier(flown, faulty), world, flown, change))
 
 
-def test_a_world_depends_on_the_seed_and_its_number_only():
+def test_worlds_depend_only_on_seed_and_number():
     one, again, other = (draw(seed, 17).start.position_nm for seed in (3, 3, 4))
     assert np.array_equal(one, again)
     assert not np.array_equal(one, other)
@@ -160,7 +162,7 @@ def test_a_world_depends_on_the_seed_and_its_number_only():
 
 
 @pytest.mark.parametrize("count", [1, 20_000, 1_000_000])
-def test_every_world_is_flown_once_with_others_of_its_setting(count):
+def test_every_world_is_in_one_batch_of_its_setting(count):
     work = batches(count)
     numbers = sorted(number for each in work for number in each)
     assert numbers == list(range(len(numbers)))

@@ -1,4 +1,4 @@
-"""Every text of a file is found, and replaced alone."""
+"""Every text in a file is found and can be replaced alone."""
 
 import json
 

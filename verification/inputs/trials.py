@@ -27,7 +27,7 @@ LONGEST_LINE = 4000
 CORPUS = 200
 """The number of random inputs that a guided trial starts with."""
 CHOICES = 256
-"""The greatest number of bytes that encode the choices of an input; most need fewer than 100."""
+"""The maximum number of bytes that encode the choices of an input; most need fewer than 100."""
 
 
 def source(share: Share, number: int) -> Random:

@@ -1,10 +1,10 @@
-"""Kill trainings or small reproductions repeatedly: the results must not change.
+"""Kill training runs or small reproductions repeatedly: the results must not change.
 
     python -m verification.robustness.killed_trainings [--kills N] [--seed S] [--what reproduction]
 
 Each result is compared with an undisturbed run: the policies and all fields of `metrics.jsonl`
-except `wall_s` must be bit-identical. Half of the kills (SIGKILL) come at a random moment of the
-run, including its start, half as soon as a file that is being written appears. A training is then
+except `wall_s` must be bit-identical. Half of the kills (SIGKILL) come at a random moment,
+including start-up; the other half as soon as a temporary file appears. A training run is then
 resumed with a full disk (a limit on the size of its files) and with a read-only folder: each must
 end with a one-line error and leave the checkpoint unchanged. Prints the counts; exit code 1 if
 there is a difference.
@@ -66,13 +66,13 @@ class Subject(NamedTuple):
 
     command: Callable[[Path], list[str]]
     metrics: str
-    """The pattern of the metrics files of its trainings."""
+    """The pattern of the metrics files of its training runs."""
     faults: bool
     """Whether it is also tested with a full disk and a read-only folder."""
 
 
 def train_command(folder: Path) -> list[str]:
-    """A small training with a checkpoint at every update, resumed if there is one."""
+    """A small training run with a checkpoint at every update, resumed if there is one."""
     changes = [word for setting in SETTINGS for word in ("--set", setting)]
     words = ["train", "lateral-best", "--resume", "--checkpoint-every", "0", "--out", str(folder)]
     return [sys.executable, "-m", "skystack", *words, *changes]
@@ -84,7 +84,7 @@ def reproduce_command(
     seeds: int = 2,
     settings: Sequence[str] = SETTINGS,
 ) -> list[str]:
-    """Small trainings in separate processes, evaluated on three scenarios."""
+    """Small training runs in separate processes, evaluated on three scenarios."""
     return [sys.executable, "-c", REPRODUCTION, str(folder), experiment, str(seeds), *settings]
 
 
@@ -95,7 +95,7 @@ SUBJECTS = {
 
 
 def outcome(subject: Subject, folder: Path) -> list[tuple[bytes, list[dict[str, Any]]]]:
-    """The policy and the metrics of each training, without `wall_s`."""
+    """The policy and the metrics of each training run, without `wall_s`."""
     found = []
     for path in sorted(folder.glob(subject.metrics)):
         lines = path.read_text().splitlines()

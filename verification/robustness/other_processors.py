@@ -31,11 +31,11 @@ PROCESSORS = {"SSE4.2": "SSE4_2", "AVX": "AVX", "AVX2": "AVX2"}
 LEAST_SAME = 0.99
 """Promised: the least share of identical scenarios; rates differ by at most 1 minus this."""
 OFTEN_TIPPED = {"avoidance-tuned": 0.9}
-"""The lower promise for a policy that is often undecided between two answers."""
+"""The lower share promised for policies whose two best actions are often nearly equal."""
 MOST_APART_NM = 0.01
-"""Promised: the greatest distance between the same aircraft in identical scenarios."""
+"""Promised: the largest distance between the same aircraft in identical scenarios."""
 MEANS = {"clearances_mean": 0.01, "instructions_mean": 0.01}
-"""Promised for a recorded row: the greatest relative difference of a mean."""
+"""Promised for a recorded row: the largest relative difference of a mean."""
 RATES = ("success_rate", "correct_exit_rate", "excursion_rate", "few_clearances_rate")
 
 
@@ -46,7 +46,7 @@ class Likeness(NamedTuple):
     """The number of scenarios with the same clearances in the same cycles and the same outcomes."""
     scenarios: int
     apart_nm: float
-    """The greatest distance between the same aircraft in those scenarios."""
+    """The largest distance between the same aircraft in those scenarios."""
 
     def holds(self, policy: str) -> bool:
         """Whether the promise for a policy is kept."""

@@ -25,7 +25,7 @@ from skystack.policies.shipped import shipped_policies
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 OLD_VALUES = {"strayed": "excursion"}
-"""Old values of text columns, with their present names."""
+"""Values of text columns in older versions, with their current names."""
 SEED = 3
 
 

@@ -11,7 +11,7 @@ simulator are compared with geodesics. Needs the extra `[bluebird]`.
 
 The defaults are 40 and 10 scenarios.
 
-Prints the greatest differences in each sector as JSON; exit code 1 if one exceeds its bound.
+Prints the largest differences in each sector as JSON; exit code 1 if one exceeds its bound.
 """
 
 import json
@@ -55,7 +55,7 @@ SNAP_DEG = 1.5
 
 
 class Worst(NamedTuple):
-    """The greatest differences over the rows that count, as measurements or as bounds."""
+    """The largest differences over the rows that count, as measurements or as bounds."""
 
     position_nm: float
     separation_nm: float
@@ -145,7 +145,7 @@ def rows(flight: Flight) -> Report:
 
 
 def compare(scenario: Scenario, ours: Flight, theirs: Flight) -> Worst:
-    """The greatest differences over the rows that count."""
+    """The largest differences over the rows that count."""
     us, them = rows(ours), rows(theirs)
     counts = rows_that_count(scenario, them)
     offset_nm = WGS84.inv(us.lon, us.lat, them.lon, them.lat)[2] / METRES_PER_NM
@@ -166,7 +166,7 @@ def compare(scenario: Scenario, ours: Flight, theirs: Flight) -> Worst:
 
 
 def _separation_error_nm(sector: Sector, us: Report) -> float:
-    """The greatest error of the plane's distance between two close aircraft."""
+    """The largest error of the plane's distance between two close aircraft."""
     plane, (lat, lon) = sector.plane, (us.lat.T, us.lon.T)
     first, second = plane.to_plane(lat, lon)
     measured = np.hypot(*(first - second).T) / plane.scale((first + second)[:, 1] / 2.0)
@@ -225,7 +225,7 @@ def measure(
     own_navigation: bool,
     sector: Sector,
 ) -> Measured:
-    """The greatest differences over scenarios."""
+    """The largest differences over scenarios."""
     found, rows_compared, snapped = Worst(*[0.0] * len(Worst._fields)), 0, 0
     for seed in seeds:
         scenario = random_scenario(seed, performance, own_navigation, sector)

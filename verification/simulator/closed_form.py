@@ -106,7 +106,7 @@ def _airspeed_kt(
 
 
 def greatest_turn_deg(before: Rows, after: Rows, speed_kt: Values) -> Values:
-    """The greatest change of heading in a cycle.
+    """The largest change of heading in a cycle.
 
     This is 1.5 degrees per second. On own navigation it may also be that of a fly-by turn with the
     reported radius, or at 30 degrees of bank if a fix was passed within the cycle.
@@ -120,5 +120,5 @@ def greatest_turn_deg(before: Rows, after: Rows, speed_kt: Values) -> Values:
 
 
 def least_radius_nm(speed_kt: Values) -> Values:
-    """The radius of a coordinated turn at the greatest bank."""
+    """The radius of a coordinated turn at the largest bank."""
     return (speed_kt / 3600.0) ** 2 / (_G_NM_S2 * np.tan(np.radians(GREATEST_BANK_DEG)))

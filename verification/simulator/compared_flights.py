@@ -26,9 +26,9 @@ from verification.simulator.random_worlds import Flier, FlownWorld, World
 UNDECIDED_DEG = 0.01
 """Turns this close to 180 degrees or to zero are not compared: rounding decides their direction."""
 BOUNDS = {
-    "cleared alone it flies as among others": EXACT,
-    "uncleared it flies as if nothing was cleared": EXACT,
-    "two exchanged fly exchanged": EXACT,
+    "the others are not cleared: same flight": EXACT,
+    "it is not cleared: same flight as without clearances": EXACT,
+    "two aircraft in the other order: same flights": EXACT,
     "mirrored: position": Tolerance(0.002, "NM"),
     "mirrored: heading": Tolerance(0.001, "deg"),
     "mirrored: level, speeds": EXACT,
@@ -92,8 +92,8 @@ def _cleared_in_part(flier: Flier, world: World, flown: FlownWorld, change: Chan
     alone = flier.fly(world._replace(clearances=for_one)).after
     uncleared = flier.fly(world._replace(clearances=none)).after
     return {
-        "cleared alone it flies as among others": (changed(flown.after, alone), one),
-        "uncleared it flies as if nothing was cleared": (changed(uncleared, alone), ~one),
+        "the others are not cleared: same flight": (changed(flown.after, alone), one),
+        "it is not cleared: same flight as without clearances": (changed(uncleared, alone), ~one),
     }
 
 
@@ -112,7 +112,9 @@ def _exchanged(flier: Flier, world: World, flown: FlownWorld, change: Change) ->
     after = flier.fly(other).after
     there = jax.tree.map(partial(exchange, axis=1), after)
     everywhere = np.ones_like(after.active)
-    return {"two exchanged fly exchanged": (changed(flown.after, there), everywhere)}
+    return {
+        "two aircraft in the other order: same flights": (changed(flown.after, there), everywhere)
+    }
 
 
 def _mirrored(flier: Flier, world: World, flown: FlownWorld, change: Change) -> Quantities:

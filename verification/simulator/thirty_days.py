@@ -116,7 +116,7 @@ def level(
 
 
 def worst(simulator: Simulator, cycles: int, console: Console) -> dict[str, float]:
-    """The greatest value of each quantity over `cycles` cycles, rounded up to half days."""
+    """The largest value of each quantity over `cycles` cycles, rounded up to half days."""
     rate = float(simulator.performance.vertical_speed_ft_min(*jnp.ones((2, 1)))[0])
     compiled = jax.jit(partial(fly, simulator))
     on_equator = begin(simulator, np.zeros(len(PATTERNS)))
