@@ -1,15 +1,16 @@
-"""The fewest clearances with which any controller could complete the lateral scenarios.
+"""The fewest clearances with which turns in 10-degree steps complete the lateral scenarios.
 
     python -m studies.fewest_clearances [--scenarios 100] [--seed 0] [--json] [-o FILE]
 
-This is a lower bound on the clearances per scenario: two aircraft on the evaluation scenarios,
-flown and scored by the lateral task itself. Aircraft do not interact in this task, so the minimum
-is found for each aircraft alone, and that of a scenario is their sum.
+This is a lower bound on the clearances per scenario for controllers that turn in steps of 10
+degrees: two aircraft on the evaluation scenarios, flown and scored by the lateral task itself.
+Aircraft do not interact in this task, so the minimum is found for each aircraft alone, and that of
+a scenario is their sum.
 
-The search is exhaustive: first no clearance, then every single clearance, then every pair. A
-clearance may be issued in every cycle until the aircraft exits or leaves the sector elsewhere, to
-every heading that a stack of 10-degree instructions can reach from the cleared one. Each choice is
-flown to its end with the simulator's own turns and its delay of one cycle.
+The search over these turns is exhaustive: first no clearance, then every single clearance, then
+every pair. A clearance may be issued in every cycle until the aircraft exits or makes an excursion,
+to every heading that a stack of 10-degree instructions can reach from the cleared one. Each choice
+is flown to its end with the simulator's own turns and its delay of one cycle.
 
 Not searched are headings between those steps, clearances between radar cycles, and turns the longer
 way. Exits are detected on the straight chords between radar positions, as in the task. Both
@@ -43,7 +44,7 @@ from skystack.tasks.navigation_kinds import build_navigation
 from skystack.tasks.settings import NavigationSettings
 
 MOST = 2
-"""The greatest number of clearances per aircraft that is searched."""
+"""The maximum number of clearances per aircraft that is searched."""
 BATCH_CYCLES = 20
 """The number of cycles whose alternatives are flown at once; the first success ends the search."""
 TURNS = turns(1, tuple(range(STEP_DEG, 181, STEP_DEG)))
@@ -114,7 +115,7 @@ class Search:
 
     @_compiled
     def fly(self, state: NavigationState) -> tuple[NavigationState, Int[Array, ""]]:
-        """The states `[rows]` before every cycle without further clearances, the present one first.
+        """The states `[rows]` before every cycle without further clearances, the current one first.
 
         Also the number of rows in play. There is one row per cycle of the task, rounded up to full
         batches.

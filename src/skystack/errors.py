@@ -15,6 +15,15 @@ class InputError(ValueError):
     """Bad input from the user. One line states what is wrong, where, and what is allowed.
 
     Unprintable characters are escaped, and a message that is too long is truncated.
+
+    Example:
+
+        >>> import skystack
+        >>> try:
+        ...     skystack.find_sector("x-pluss")
+        ... except skystack.InputError as error:
+        ...     print(error)
+        unknown sector 'x-pluss'; did you mean 'x-plus'? (allowed: ...)
     """
 
     def __init__(self, message: str | Exception) -> None:
@@ -81,18 +90,19 @@ class PlatformError(RuntimeError):
 
 
 def unknown_name(
-    kind: str, name: str, allowed: Iterable[str], paths: Iterable[str] = ()
+    kind: str, name: str, allowed: Iterable[str], paths: Iterable[str] = (), also: str = ""
 ) -> InputError:
     """The error for a name that does not exist; it suggests the most similar one that does.
 
     `paths` are files or folders that may have been meant: one that exists is suggested first.
+    `also` states what is allowed in addition to the names.
     """
     names = sorted(allowed)
     near = [path for path in paths if exists(path)]
     if len(name) <= LONGEST_NAME and len(names) <= MOST_NAMES:  # otherwise this takes minutes
         near += difflib.get_close_matches(name, names, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
-    return InputError(f"unknown {kind} {name!r}{hint} (allowed: {', '.join(names)})")
+    return InputError(f"unknown {kind} {name!r}{hint} (allowed: {also}{', '.join(names)})")
 
 
 def exists(path: str | Path) -> bool:
@@ -109,8 +119,10 @@ class MissingExtraError(InputError, ImportError):
 
 def missing_extra(feature: str, needs: str, extra: str) -> MissingExtraError:
     """The error for a feature whose packages are not installed; it names the extra to install."""
+    verb = "are" if " and " in needs else "is"
     error = MissingExtraError(
-        f"{feature} needs {needs}, not installed here (install skystack with the extra [{extra}])"
+        f"{feature} needs {needs}, which {verb} not installed "
+        f"(install skystack with the extra [{extra}])"
     )
     error.name = needs
     return error

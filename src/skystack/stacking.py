@@ -6,7 +6,7 @@ same instruction. The burst is then compiled into one clearance, and one cycle i
 "Online Action-Stacking" of the paper). This is unrelated to stacking past actions into an
 observation.
 
-The policy is queried only if its answer can be used: not at the limit, and not when the instruction
+The policy is queried only if its action can be used: not at the limit, and not when the instruction
 cannot be repeated. With a limit of 1, even a stateful policy is queried once per cycle, as without
 stacking.
 
@@ -42,6 +42,19 @@ class TwoPhase(Protocol[State]):
 
     If the environment also has a method `checked_action(action)`, `stack` passes every action of
     the policy through it. It returns the action, or raises if the action is not in the table.
+
+    Example:
+
+        >>> import skystack
+        >>> class Dial:
+        ...     def observe(self, state):
+        ...         return state
+        ...     def instruct(self, state, action):
+        ...         return state + action
+        ...     def may_stack(self, state, action):
+        ...         return state < 10
+        >>> isinstance(Dial(), skystack.TwoPhase)
+        True
     """
 
     def observe(self, state: State) -> Any: ...
@@ -52,7 +65,15 @@ class TwoPhase(Protocol[State]):
 
 
 class Stack(NamedTuple):
-    """The burst from which one clearance is compiled."""
+    """The burst from which one clearance is compiled.
+
+    Example:
+
+        >>> import skystack
+        >>> issued = skystack.Stack(action=1, instructions=7)  # "left 10", seven times
+        >>> 10 * issued.instructions  # one clearance: left by 70 degrees
+        70
+    """
 
     action: Any
     """The repeated instruction: the policy's first action in the cycle."""
@@ -80,7 +101,7 @@ Both = Callable[[Any, Callable[[Any], Any]], Any]
 
 
 def owned(answer: Any) -> Any:
-    """The answer, copied if it is mutable: a policy may return the same array for every query."""
+    """The action, copied if it is mutable: a policy may return the same array for every query."""
     mutable = hasattr(answer, "__array__") or isinstance(answer, list | tuple | dict)
     return deepcopy(answer) if mutable else answer
 
@@ -104,6 +125,19 @@ def stack(
     Returns the instructed state, ready to be advanced one cycle, and the stack. Raises InputError
     for a limit below 1, and for an endless stack: without a limit, the policy repeats the same
     instruction and `may_stack` always allows it.
+
+    Example:
+
+        >>> import skystack
+        >>> class Dial:
+        ...     def observe(self, state):
+        ...         return state
+        ...     def instruct(self, state, action):
+        ...         return state + action
+        ...     def may_stack(self, state, action):
+        ...         return state < 10
+        >>> skystack.stack(Dial(), lambda dial: 1 if dial < 5 else 0, 2)
+        (5, Stack(action=1, instructions=3))
     """
     checked = getattr(environment, "checked_action", lambda action: action)
 
@@ -132,7 +166,7 @@ def stack_traced(
 
     Every query gets its own key, so a stochastic policy draws a new sample each time. A compiled
     program cannot raise: without a limit, a stack ends at `ENDLESS` instructions. Under `jax.vmap`
-    a query is computed for every scenario, even if its answer is not used.
+    a query is computed for every scenario, even if its action is not used.
     """
     import jax  # noqa: PLC0415  (`stack` does not need JAX)
     import jax.numpy as jnp  # noqa: PLC0415

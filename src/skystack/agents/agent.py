@@ -45,6 +45,15 @@ class Batched:
 
     It maps float32 `[scenarios, observation]` to action numbers `[scenarios]`; the number of
     scenarios differs from call to call.
+
+    Example:
+
+        >>> import numpy as np
+        >>> import skystack
+        >>> idle = skystack.Batched(lambda observations: np.zeros(len(observations), int))
+        >>> two = skystack.Conditions(episodes=2)
+        >>> skystack.evaluate(idle, two, experiment="lateral").row["clearances_mean"]
+        0.0
     """
 
     function: AnswerFunction

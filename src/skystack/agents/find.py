@@ -17,6 +17,13 @@ def find_agent(name: AnyPath) -> Policy | Agent:
     """The policy in an ONNX (.onnx) or Stable-Baselines3 (.zip) file, or that of `find_policy`.
 
     Raises InputError if it does not exist or cannot be used.
+
+    Example:
+
+        >>> import skystack
+        >>> policy = skystack.find_agent("lateral-best")  # or "model.onnx"
+        >>> policy.description.experiment
+        'lateral-best'
     """
     path = Path(name)
     read = READERS.get(path.suffix.lower())

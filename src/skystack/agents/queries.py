@@ -1,4 +1,4 @@
-"""Query an agent: answers are checked and copied, and errors name the scenario and cycle."""
+"""Query an agent: actions are checked and copied, and errors name the scenario and cycle."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -47,7 +47,9 @@ def query_scores(
         scores = np.array(answer, dtype=np.float32)
         with _at([number], cycle):
             if scores.shape != (actions,) or not np.all(np.isfinite(scores)):
-                raise InputError(f"its scores are {answer} (allowed: {actions} finite numbers)")
+                raise InputError(
+                    f"its scores are {answer} (allowed: {actions} finite numbers, one per action)"
+                )
         checked.append(scores)
     return np.stack(checked)
 
@@ -59,7 +61,7 @@ def _answers(
     numbers: Int[np.ndarray, " scenarios"],
     cycle: int,
 ) -> Iterator[tuple[int, Any]]:
-    """The number and the answer of each scenario, in order."""
+    """The number of each scenario and its action or scores, in order."""
     if not batched:
         for number, observation in zip(numbers.tolist(), observations, strict=True):
             with _at([number], cycle):
@@ -68,9 +70,13 @@ def _answers(
         return
     with _at(numbers.tolist(), cycle):
         answers = _plain(decide(observations))
-        if not isinstance(answers, list | tuple) or len(answers) != len(numbers):
-            count = len(answers) if isinstance(answers, list | tuple) else repr(answers)
-            raise InputError(f"its answers are {count} (allowed: {len(numbers)}, one per scenario)")
+        if not isinstance(answers, list | tuple):
+            raise InputError(f"it returned {answers!r} (allowed: a list, one item per scenario)")
+        if len(answers) != len(numbers):
+            raise InputError(
+                f"it returned a list of {len(answers)} for {len(numbers)} scenarios "
+                "(allowed: one item per scenario)"
+            )
     yield from zip(numbers.tolist(), answers, strict=True)
 
 

@@ -120,17 +120,26 @@ def _zip(data: bytes) -> zipfile.ZipFile:
     return file
 
 
-def _read(file: zipfile.ZipFile, name: str | zipfile.ZipInfo, most_bytes: int) -> bytes:
-    """Read a part of at most `most_bytes`, whatever size it claims to have."""
+def _read(
+    file: zipfile.ZipFile, name: str | zipfile.ZipInfo, most_bytes: int, allowed: str = ""
+) -> bytes:
+    """Read a part of at most `most_bytes`, whatever size it claims to have.
+
+    `allowed` is the limit in words, by default `most_bytes` itself.
+    """
     try:
         with file.open(name) as part:
             data = part.read(most_bytes + 1)
     except (zipfile.BadZipFile, zlib.error, OSError, RuntimeError, ValueError, EOFError) as error:
         raise InputError(f"its part {_named(name)} cannot be read ({error})") from None
     if len(data) > most_bytes:
-        most = MOST_BYTES // 10**6
-        raise InputError(f"its part {_named(name)} is too large (allowed: {most} MB in all)")
+        allowed = allowed or _megabytes(most_bytes)
+        raise InputError(f"its part {_named(name)} is too large (allowed: {allowed})")
     return data
+
+
+def _megabytes(count: int) -> str:
+    return f"{count // 10**6} MB"
 
 
 def _named(part: str | zipfile.ZipInfo) -> str:
@@ -176,9 +185,9 @@ def _torch(path: str) -> Any:
 def _tensors(torch: Any, data: bytes) -> dict[str, np.ndarray]:
     """The weights by name. They are in a zip too, whose size is checked before PyTorch reads it."""
     with _zip(data) as file:
-        remaining = MOST_BYTES
+        remaining, allowed = MOST_BYTES, f"{_megabytes(MOST_BYTES)} in all"
         for part in file.infolist():
-            remaining -= len(_read(file, part, remaining))
+            remaining -= len(_read(file, part, remaining, allowed))
     try:
         found = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
     except Exception as error:  # PyTorch has many exceptions for damaged files

@@ -28,6 +28,7 @@ MAX_POSITIONS = 10_000
 SAME_PLACE_M = 1.0
 """Vertices closer together than this are merged."""
 EXCHANGED = "; are they swapped? GeoJSON lists the longitude first"
+"""A hint for a position whose latitude and longitude seem to be exchanged."""
 
 _SAME_LONGITUDE_DEG = 1e-5
 """About one metre at the equator."""

@@ -159,7 +159,7 @@ def closest_approach(
     from_time: Float[Array, "n *batch"],
     until_time: Float[Array, "n *batch"],
 ) -> Float[Array, "n *batch"]:
-    """Least distance [NM] from the origin of a point in straight motion, within a time interval.
+    """Minimum distance [NM] of a point in straight motion from the origin, in a time interval.
 
     `velocity` is in NM per unit of the times. The result is infinite for an empty interval
     (`until_time` before `from_time`).

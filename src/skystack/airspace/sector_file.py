@@ -34,6 +34,7 @@ from skystack.io.validation import convert, not_allowed
 
 MOST_FIXES, MOST_ROUTES, MOST_FIXES_OF_ROUTE = 1000, 200, 100
 """Limits that keep compilation and simulation to seconds. Real sectors have a few tens of each."""
+SWAPPED = "; are lat and lon swapped?"
 ON_EDGE_NM = 0.5
 """An exit fix must be within this distance of the area's edge, and further from its corners."""
 
@@ -114,7 +115,7 @@ def make_sector(entry: SectorEntry) -> Sector:
     _check_count("routes", len(entry.routes), MOST_ROUTES)
     for name, point in entry.fixes.items():
         _check_name(f"fixes: {name!r}", name)
-        _check_distance(f"fixes.{name}", plane, point.lat, point.lon)
+        _check_distance(f"fixes.{name}", plane, (point.lat, point.lon), SWAPPED)
     if not entry.routes:
         raise InputError("routes is empty (allowed: at least one route)")
     fixes = {name: _lat_lon(point) for name, point in entry.fixes.items()}
@@ -165,7 +166,7 @@ def _area(ring: list[LatLon], plane: MercatorPlane) -> tuple[LatLon, ...]:
     from shapely import LinearRing, is_ccw  # noqa: PLC0415
 
     for lat, lon in ring:
-        _check_distance("a vertex", plane, lat, lon)
+        _check_distance("a vertex", plane, (lat, lon), EXCHANGED)
     corners = unwrapped(ring)  # edges are straight in degrees
     _check_simple(corners)
     return tuple(ring if is_ccw(LinearRing(corners)) else ring[::-1])
@@ -189,7 +190,9 @@ def _with_coordinates(reason: str) -> str:
     return f"{defect} at lat {lat:.4f}, lon {float(wrap_longitude(lon)):.4f}"
 
 
-def _check_distance(where: str, plane: MercatorPlane, lat: float, lon: float) -> None:
+def _check_distance(where: str, plane: MercatorPlane, point: LatLon, exchanged: str) -> None:
+    """`exchanged` is the hint if the point with swapped coordinates is much nearer."""
+    lat, lon = point
     origin = plane.origin_lat_deg, plane.origin_lon_deg
     distance_nm = geodesic_leg(origin, (lat, lon))[1]
     if distance_nm > MAX_DISTANCE_NM:
@@ -197,7 +200,7 @@ def _check_distance(where: str, plane: MercatorPlane, lat: float, lon: float) ->
         raise InputError(
             f"{where} is {distance_nm:.0f} NM from the origin at lat {lat}, lon {lon} "
             f"(allowed: at most {MAX_DISTANCE_NM:.0f} NM"
-            + (EXCHANGED if swapped_nm < distance_nm / 3.0 else "")
+            + (exchanged if swapped_nm < distance_nm / 3.0 else "")
             + ")"
         )
 

@@ -50,15 +50,21 @@ def _platform_sector(platform: str, name: str) -> Sector:
     return sector
 
 
-def find_sector(name: AnyPath, folder: AnyPath) -> Sector:
-    """The sector with the given name, or the sector of a `.json` file in a folder or below it.
+def find_sector(name: AnyPath, folder: AnyPath | None = None) -> Sector:
+    """The sector with the given name, or the sector of a `.json` file.
 
-    Raises InputError for an unknown name or an invalid sector file.
+    `folder` is the folder of the file that names the sector; a sector file must then be in it or
+    below it. Without `folder` any path is allowed. Raises InputError for an unknown name or an
+    invalid sector file.
+
+    Example:
+
+        >>> import skystack
+        >>> sector = skystack.find_sector("x-plus")  # or a file: "valley.json"
+        >>> len(sector.routes), sector.separation_nm
+        (10, 5.0)
     """
-    name = fspath(name)
-    if name.endswith(".json"):
-        return make_sector(read_sector(file_beside(Path(folder), name, ".json")))
-    return sector_named(name)
+    return sector_from(named_or_read(name, None if folder is None else Path(folder)))
 
 
 def sector_from(setting: str | SectorEntry) -> Sector:

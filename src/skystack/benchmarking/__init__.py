@@ -1,1 +1,1 @@
-"""Speed: figures of skystack, and of its alternatives."""
+"""Benchmarks of skystack and of alternatives."""

@@ -1,4 +1,4 @@
-"""A figure of speed: its name, its configuration and all its measurements."""
+"""A measured quantity: its name, its configuration and all repetitions."""
 
 import statistics
 import time

@@ -34,12 +34,12 @@ class Effort(NamedTuple):
 
     repetitions: int = 7
     processes: int = 3
-    """The number of repetitions of figures that need a new process for each."""
+    """The number of repetitions of measurements that need a new process each."""
     scenarios: int = 20
     trainings: tuple[str, ...] = ("lateral", "lateral-best", "avoidance", "avoidance-best")
     aircraft: tuple[int, ...] = (2, 10, 50, 200)
     seeds: int = 3
-    """The number of trainings for the time to success."""
+    """The number of training runs for the time to success."""
 
 
 QUICK = Effort(1, 1, scenarios=1, trainings=("lateral",), aircraft=(2,), seeds=0)

@@ -72,7 +72,10 @@ class TaskEnvironment(gymnasium.Env[Observation, np.int64]):
         return self.observe(), {}
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, Info]:
-        """The MDP step: give an instruction, or none (action 0), and fly one radar cycle."""
+        """The task's step: issue an instruction, or none (action 0), and fly one radar cycle.
+
+        With `timing = "stack"`, a step that continues a stack flies no cycle.
+        """
         result = self._finish_cycle(*self._programs.step(self._scenario, action))
         return self.observe(), *result
 
@@ -82,11 +85,11 @@ class TaskEnvironment(gymnasium.Env[Observation, np.int64]):
         return np.concatenate([np.ravel(leaf) for leaf in leaves])
 
     def may_stack(self, action: Any) -> bool:
-        """Whether the instruction can be given now."""
+        """Whether the instruction can be issued now."""
         return self._programs.may_stack(self._scenario, action)
 
     def instruct(self, action: Any) -> None:
-        """Give an instruction; no time passes."""
+        """Issue an instruction; no time passes."""
         self._state = self._programs.instruct(self._scenario, action)
 
     def advance(self) -> tuple[float, bool, bool, Info]:

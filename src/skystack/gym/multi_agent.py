@@ -43,9 +43,9 @@ Infos = dict[str, dict[str, Any]]
 class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
     """A traffic task as a cooperative game of its aircraft: AC1, AC2, ...
 
-    In each cycle every agent gives its own aircraft one instruction, or none (action 0); an agent
-    that is not in `actions` gives none. Then one cycle is flown. An agent's observation is the
-    task's, with its own aircraft first and the others after it in their usual order.
+    In each cycle every agent issues one instruction to its own aircraft, or none (action 0); an
+    agent that is not in `actions` issues none. Then one cycle is flown. An agent's observation is
+    the task's, with its own aircraft first and the others after it in their usual order.
 
     All agents get the scenario's reward and end together with the scenario, including those whose
     aircraft left earlier: the terminal reward scores the scenario as a whole. Infos then hold the
@@ -120,7 +120,7 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
     def step(
         self, actions: Mapping[str, Any]
     ) -> tuple[Observed, dict[str, float], dict[str, bool], dict[str, bool], Infos]:
-        """Give all instructions, then fly one cycle.
+        """Issue all instructions, then fly one cycle.
 
         Raises InputError for an unknown agent or action.
         """

@@ -79,7 +79,7 @@ class Screen:
             self._canvas = FigureCanvasAgg(figure)
             draw_sector(self._axes, task.sector)
             name_axes(self._axes)
-            self._axes.set_title(f"{task.name}, minute 00:00")
+            self._axes.set_title(f"{task.name}, time 00:00")
             settle(figure)
             name_fixes(self._axes, task.sector)
 
@@ -93,9 +93,7 @@ class Screen:
         """The picture of traffic; `trail` holds the positions at the start and after each cycle."""
         seconds = CYCLE_S * (len(trail) - 1)
         with house_style():
-            self._axes.set_title(
-                f"{self._task.name}, minute {seconds // 60:02d}:{seconds % 60:02d}"
-            )
+            self._axes.set_title(f"{self._task.name}, time {seconds // 60:02d}:{seconds % 60:02d}")
             permanent = set(self._axes.get_children())
             for number, callsign in enumerate(callsigns(len(traffic.level_ticks))):
                 sector, colour = self._task.sector, colour_of(number)

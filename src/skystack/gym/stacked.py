@@ -30,7 +30,7 @@ class TwoPhaseEnvironment(Protocol):
     """A Gymnasium environment whose `step` is one `instruct`, then one `advance`.
 
     `instruct` takes no time and must not change anything physical. `may_stack` returns whether an
-    instruction can be given now. Both take actions of the action space.
+    instruction can be issued now. Both take actions of the action space.
     """
 
     def observe(self) -> Any: ...
@@ -46,15 +46,15 @@ class TwoPhaseEnvironment(Protocol):
 class StackedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """A wrapper whose steps take no time while a clearance is being compiled.
 
-    While the action equals the cycle's first action and may be stacked, it is given: no time
+    While the action equals the cycle's first action and may be stacked, it is issued: no time
     passes, the reward is 0 and the observation shows the new cleared value. Any other action is not
-    executed; it ends the clearance, and one cycle is flown. If the action cannot be given again,
+    executed; it ends the clearance, and one cycle is flown. If the action cannot be issued again,
     the cycle is flown in the same step, so that the agent never chooses an action that cannot be
     used. `info["clearance"]` of a step that flies holds the issued `action` and its number of
     `instructions`, or `no_op` and 0.
 
-    `limit` is the greatest number of instructions in one clearance: an agent that repeats the same
-    action forever cannot stop time. With a limit of 1 every step flies, as without this wrapper.
+    `limit` is the maximum number of instructions in one clearance, so that an agent that always
+    repeats an action cannot stop time. With a limit of 1 every step flies, as without this wrapper.
     Actions are numbers or arrays. Raises InputError for an action that is neither in the action
     space nor `no_op`.
 
@@ -81,7 +81,7 @@ class StackedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructo
         return super().reset(seed=seed, options=options)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Give an instruction that starts or continues the stack; fly a cycle when it ends."""
+        """Issue an instruction that starts or continues the stack; fly a cycle when it ends."""
         stacks = self._stacks(self._checked(action))
         if stacks:
             self._stack = Stack(owned(action), self._stack.instructions + 1)
@@ -109,7 +109,7 @@ class StackedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructo
         return action
 
     def _stacks(self, action: Any) -> bool:
-        """Whether to give the action. For a repetition, the last step called `may_stack`."""
+        """Whether to issue the action. For a repetition, the previous step checked `may_stack`."""
         if not belongs(action, self._stack, np.array_equal, self._no_op):
             return False
         return self._stack.instructions > 0 or self._phases.may_stack(action)

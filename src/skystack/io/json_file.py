@@ -71,10 +71,10 @@ def check_plain(value: Any, where: str = "", depth: int = 0) -> None:
                 _check_unicode(f"a field name{f' in {where}' if where else ''}", key)
             check_plain(each, f"{where}{step}".removeprefix("."), depth + 1)
     elif isinstance(value, str):
-        _check_unicode(where, value)
+        _check_unicode(where or "the file", value)
     elif isinstance(value, int | float):
         if not -MAX_NUMBER <= value <= MAX_NUMBER:  # true of NaN too
-            raise not_allowed(where, value, "finite number")
+            raise not_allowed(where or "the file", value, "finite number")
     elif value is not None:
         raise InputError(f"{where} is {value} (allowed: no dates or times)")
 

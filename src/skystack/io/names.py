@@ -1,7 +1,7 @@
 """Names that become parts of paths: one rule for all files and arguments.
 
-Names of experiments, trainings and platforms become names of folders and files. Policies and run
-folders are untrusted, so the names in them are checked when they are read.
+Names of experiments, training runs and platforms become names of folders and files. Policies and
+run folders are untrusted, so the names in them are checked when they are read.
 """
 
 import re

@@ -14,10 +14,10 @@ def parse_toml(data: bytes) -> dict[str, Any]:
     """
     try:
         values = tomllib.loads(data.decode("utf-8-sig"))
-    except UnicodeDecodeError:
-        raise InputError("not TOML: it is not UTF-8") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"is not UTF-8 (byte {error.start})") from None
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"not TOML: {error}") from None
+        raise InputError(f"is not TOML ({error})") from None
     except (ValueError, RecursionError) as error:  # numbers of over 4,300 digits
         raise beyond_python(error) from None
     check_plain(values)

@@ -57,7 +57,7 @@ def load_checkpoint(path: Path, like: TrainState, fingerprint: str) -> TrainStat
     result: TrainState = jax.tree.unflatten(structure, restored)
     part = part_not_finite(result)
     if part is not None:
-        raise CheckpointError(f"{path}: damaged: the learner's {part} are not finite")
+        raise CheckpointError(f"{path}: damaged: non-finite value in the {part}")
     return result
 
 

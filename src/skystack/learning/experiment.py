@@ -46,6 +46,13 @@ def load_experiment(name: AnyPath, changes: Iterable[str] = ()) -> Experiment:
     """The experiment with the given name or from a `.toml` file, with `key=value` changes.
 
     Raises InputError for an unknown name or key, or a value of the wrong type or out of range.
+
+    Example:
+
+        >>> import skystack
+        >>> experiment = skystack.load_experiment("lateral", ["ppo.total_steps=500_000"])
+        >>> experiment.ppo.total_steps
+        500000
     """
     name = fspath(name)
     if name.endswith(".toml"):

@@ -55,6 +55,6 @@ def _lines(path: Path, updates: int) -> list[str]:
     except (OSError, ValueError, KeyError, TypeError):
         pass
     raise CheckpointError(
-        f"{path}: does not contain the {updates} updates of the checkpoint; "
-        "train into another folder, or without --resume"
+        f"{path}: does not contain the {updates} updates of the checkpoint "
+        "(allowed: another folder with --out, or this one after its files are deleted)"
     )

@@ -42,7 +42,7 @@ class TrainingMonitor:
                 )
         part = part_not_finite(train_state)
         if part is not None:
-            raise self._error(f"the learner's {part} are not finite", steps)
+            raise self._error(f"non-finite value in the {part}", steps)
 
     def _error(self, problem: str, steps: int) -> TrainingError:
         good = f"{self._checkpoint}, after {self.saved_steps} steps" if self.saved_steps else "none"

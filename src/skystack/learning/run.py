@@ -40,13 +40,16 @@ CHECKPOINT = "learner.safetensors"
 
 
 class TrainingProgress(NamedTuple):
-    """The progress of a run after an update."""
+    """The progress of a run after an update, as `on_update` receives it."""
 
     steps: int
+    """The steps so far, including those of earlier runs that this one resumes."""
     total_steps: int
     steps_per_s: float
     """The rate after the first update, which is excluded because it includes compilation."""
     measured: dict[str, float | None]
+    """The values of the update's line in `metrics.jsonl`, such as `success` and `entropy`. Metrics
+    of scenarios are None if no scenario ended."""
 
 
 class Trained(NamedTuple):
@@ -83,11 +86,21 @@ def train_experiment(
     Writes `config.toml`, `metrics.jsonl` (one line per update), `checkpoint/` and, at the end, the
     policy. A checkpoint is saved every `checkpoint_every_s` seconds (0: after every update), at the
     end, and before a KeyboardInterrupt propagates. With `resume`, training continues from the
-    checkpoint, if there is one.
+    checkpoint, if there is one. `on_update` is called after each update, when its line is written;
+    an exception in it ends the training.
 
     Raises TrainingError if a loss or a weight is not finite or a loss explodes; CheckpointError if
     the checkpoint cannot be resumed; InputError if the folder is not writable or is in use by
     another process.
+
+    Example:
+
+        >>> import skystack
+        >>> short = ["ppo.total_steps=8192", "ppo.epochs=1"]
+        >>> experiment = skystack.load_experiment("lateral", short)
+        >>> trained = skystack.train_experiment(experiment, seed=0, folder="runs/short")
+        >>> trained.steps
+        8192
     """
     seed = checked_whole("seed", seed, 0, MOST_NUMBER)
     with locked_folder(path := Path(folder), below=("checkpoint",)):

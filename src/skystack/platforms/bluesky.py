@@ -43,7 +43,7 @@ with of_extra(__name__, "bluesky"):
 
 _M_PER_FL, _M_S_PER_KT, _M_S_PER_FT_MIN = 30.48, 1852.0 / 3600.0, 0.3048 / 60.0
 _TOLERANCE = 1e-6
-"""The greatest difference between a selected and a cleared heading [deg] or level [FL], and between
+"""The largest difference between a selected and a cleared heading [deg] or level [FL], and between
 a Mach number and its limit."""
 _SLACK_M_S = 0.01
 """How far a speed may be outside the envelope."""

@@ -80,7 +80,7 @@ class Task(Protocol):
 
     @property
     def version(self) -> int:
-        """Increased when behaviour changes. Policies trained for an older version are rejected."""
+        """Increased when behaviour changes. Policies trained for another version are refused."""
 
     @property
     def agents(self) -> int:
@@ -122,7 +122,7 @@ class AircraftStatus(NamedTuple):
     exited: Bool[Array, "aircraft *batch"]
     """It has left through its exit and is no longer observed or controlled."""
     excursion: Bool[Array, "aircraft *batch"]
-    """It has left the sector elsewhere, or never entered it."""
+    """It has left the sector other than through its exit, or never entered it."""
 
 
 @runtime_checkable

@@ -131,9 +131,15 @@ def room_ahead(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
 
 FEATURES: dict[str, Feature] = {
     "theta_f": Feature(
-        next_fix_turn, -180.0, 180.0, 0.0, "turn to the next fix from the cleared heading"
+        next_fix_turn, -180.0, 180.0, 0.0, "turn to the next fix from the cleared heading, deg"
     ),
-    "theta_sf": Feature(subsequent_fix_turn, -180.0, 180.0, 0.0, "turn to the fix after it"),
+    "theta_sf": Feature(
+        subsequent_fix_turn,
+        -180.0,
+        180.0,
+        0.0,
+        "turn to the fix after the next one, from the cleared heading, deg",
+    ),
     "d_c": Feature(centreline_distance, -100.0, 100.0, 0.0, "distance right of the route, NM"),
     "delta_t": Feature(
         time_since_instruction, 0.0, 60.0, 60.0, "time since the last instruction, s"
@@ -150,10 +156,14 @@ FEATURES: dict[str, Feature] = {
         0.0,
         "distance to the exit fix minus that needed to change level, NM",
     ),
-    "theta_turn": Feature(turn_under_way, -180.0, 180.0, 0.0, "cleared minus actual heading"),
+    "theta_turn": Feature(turn_under_way, -180.0, 180.0, 0.0, "cleared minus actual heading, deg"),
     "d_f": Feature(next_fix_distance, 0.0, 100.0, 0.0, "distance to the next fix, NM"),
-    "theta_xl": Feature(exit_left_turn, -180.0, 180.0, 0.0, "turn to the exit edge's left end"),
-    "theta_xr": Feature(exit_right_turn, -180.0, 180.0, 0.0, "turn to the exit edge's right end"),
+    "theta_xl": Feature(
+        exit_left_turn, -180.0, 180.0, 0.0, "turn to the exit edge's left end, deg"
+    ),
+    "theta_xr": Feature(
+        exit_right_turn, -180.0, 180.0, 0.0, "turn to the exit edge's right end, deg"
+    ),
     "d_x": Feature(exit_distance, 0.0, 150.0, 0.0, "distance to the exit edge's middle, NM"),
     "room": Feature(
         room_ahead,

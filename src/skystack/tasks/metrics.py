@@ -34,7 +34,7 @@ METRICS: dict[str, MetricEntry] = {
     "excursion": MetricEntry(
         lambda memory, success: jnp.any(memory.progress.excursion, axis=0),
         "true or false",
-        "an aircraft left the sector elsewhere, or never entered it",
+        "an aircraft left the sector other than through its exit, or never entered it",
     ),
     "few_instructions": MetricEntry(
         lambda memory, success: jnp.all(memory.counts.instructions < MAX_INSTRUCTIONS, axis=0),
@@ -54,7 +54,8 @@ METRICS: dict[str, MetricEntry] = {
     "min_separation_nm": MetricEntry(
         lambda memory, success: memory.separation.least_nm,
         "NM",
-        "least distance of two active aircraft without vertical separation; infinite if none",
+        "minimum distance between two active aircraft without vertical separation; infinite if "
+        "there is none",
     ),
     "cycles": MetricEntry(
         lambda memory, success: memory.progress.cycles, "count", "radar cycles flown"

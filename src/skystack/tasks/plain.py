@@ -1,6 +1,7 @@
 """A task for plain Python: one scenario, numpy observations, and one compiled program per call.
 
-For policies of any library, `skystack.stacking.stack`, and environments with other interfaces.
+For policies of any library, for `skystack.stacking.stack`, and for adapters to other environment
+interfaces.
 After each instruction a caller needs the new state, its observation and the actions that may be
 stacked. One program computes all three.
 """
@@ -46,6 +47,20 @@ class PlainTask(TaskPrograms):
 
     Can be copied and pickled; copies share the compiled programs. Raises InputError for an action
     that is not in the task's table, and in a process that was forked after JAX was started.
+
+    Example:
+
+        >>> import jax
+        >>> import skystack
+        >>> task = skystack.build_task(skystack.load_experiment("lateral").task)
+        >>> sky = skystack.PlainTask(task)
+        >>> state = sky.reset(jax.random.key(0))
+        >>> sky.observe(state).shape
+        (8,)
+        >>> state, issued = skystack.stack(sky, skystack.find_policy("lateral"), state)
+        >>> state, outcome = sky.advance(state)  # one radar cycle
+        >>> bool(outcome.ended)
+        False
     """
 
     def __init__(self, task: Task) -> None:

@@ -55,7 +55,15 @@ def _load_entry_points() -> None:
 
 
 def build_task(settings: TaskSettings) -> Task:
-    """The task for evaluation. Raises InputError for invalid settings."""
+    """The task for evaluation. Raises InputError for invalid settings.
+
+    Example:
+
+        >>> import skystack
+        >>> task = skystack.build_task(skystack.load_experiment("lateral").task)
+        >>> task.action_names[:2]
+        ('none', 'aircraft 1 turn -10 deg')
+    """
     if not isinstance(settings, TaskSettings):  # most likely an experiment
         raise InputError(
             f"settings is of type {type(settings).__name__} (allowed: TaskSettings, for example "

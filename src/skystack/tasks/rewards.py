@@ -170,7 +170,7 @@ REWARDS: dict[str, Reward] = {
         "aircraft",
         0.0,
         "once",
-        "leaving the sector other than through the exit: -1",
+        "leaving the sector other than through the exit, or never entering it: -1",
     ),
     "vertical": Reward(
         lambda cycle: vertical(_level_gap_fl(cycle)),
@@ -199,7 +199,7 @@ REWARDS: dict[str, Reward] = {
         0.0,
         "each cycle",
         "two aircraft closer than conflict_nm: -1 per NM",
-        {"conflict_nm": Parameter(5.5, "the distance below which it is paid, NM")},
+        {"conflict_nm": Parameter(5.5, "the distance below which the term applies, NM")},
     ),
     "terminal": Reward(
         lambda cycle: terminal(cycle.criteria),

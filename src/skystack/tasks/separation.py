@@ -1,4 +1,4 @@
-"""Separation: the least distance of aircraft that are not separated vertically."""
+"""Separation: the minimum distance between aircraft that are not separated vertically."""
 
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ class Separation(NamedTuple):
     last_nm: Float[Array, "*batch"]
     """The separation in the last cycle, see `separation_nm`."""
     least_nm: Float[Array, "*batch"]
-    """The least separation in all cycles so far."""
+    """The minimum separation in all cycles so far."""
 
 
 def begin_separation(traffic: Traffic) -> Separation:
@@ -33,7 +33,7 @@ def update_separation(separation: Separation, last_nm: Float[Array, "*batch"]) -
 
 
 def separation_nm(sector: Sector, progress: Progress, traffic: Traffic) -> Float[Array, "*batch"]:
-    """Least distance [NM] in the last cycle of two active aircraft without vertical separation.
+    """Minimum distance [NM] in the last cycle of two active aircraft without vertical separation.
 
     Closed form for straight motion from one radar position to the next; a turn deviates from it by
     less than 0.02 NM. Infinite if all pairs were separated vertically.
@@ -61,7 +61,7 @@ def pair_distance_squared(
     previous_level_ticks: Float[ArrayLike, "aircraft *batch"],
     level_ticks: Float[ArrayLike, "aircraft *batch"],
 ) -> Float[Array, "pairs *batch"]:
-    """Square [NM2] of the least distance of each pair in a cycle, as in `separation_nm`.
+    """Square [NM2] of the minimum distance of each pair in a cycle, as in `separation_nm`.
 
     Only times at which the two are less than `separation_fl` apart vertically count. Whether there
     are any is decided on whole ticks, which are exact in float32, so compiled and eager code agree.
