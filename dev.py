@@ -1,6 +1,6 @@
 """The commands of a developer, on a machine with Python 3.11 or newer; see README.md.
 
-    python3 dev.py reproduce [ARGUMENT ...]   run `skystack reproduce` (default: --quick)
+    python3 dev.py reproduce [ARGUMENT ...]   run `skystack reproduce` (default: a first look)
     python3 dev.py test [ARGUMENT ...]        run all tests and check their coverage
                                               (with arguments for pytest: only run pytest)
     python3 dev.py check                      check lint, format and types
@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parent
 ENVIRONMENT = ROOT / ".venv"
 PYTHON = ENVIRONMENT / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
 _ALL = (
-    *("test", "bluebird", "bluesky", "docs", "fuzzing"),
+    *("test", "bluebird", "bluesky", "docs", "film", "fuzzing"),
     *("onnx", "pettingzoo", "ray", "sb3", "tensorboard"),
 )
 EXTRAS = {"reproduce": (), "test": _ALL, "check": _ALL, "docs": ("docs",)}
@@ -69,7 +69,10 @@ def main(arguments: list[str]) -> int:
             return run("pytest", *rest)
         return run("pytest", "--cov", "--cov-report=") or max(map(covered, COVERED))
     if verb == "docs":
-        return run("sphinx", "-W", "--keep-going", "-q", "docs", "docs/_build", *rest)
+        code = run("sphinx", "-W", "--keep-going", "-q", "docs", "docs/_build", *rest)
+        if code == 0:
+            sys.stderr.write(f"documentation: {ROOT / 'docs' / '_build' / 'index.html'}\n")
+        return code
     checks = (["ruff", "check"], ["ruff", "format", "--check"], ["mypy"])
     return max(run(*check) for check in checks)
 

@@ -1,4 +1,4 @@
-"""Evaluations to export from."""
+"""Evaluations that the tests export."""
 
 from functools import cache
 
@@ -12,18 +12,18 @@ EPISODES = 3
 
 @pytest.fixture(scope="session")
 def out(tmp_path_factory):
-    """Where evaluations lie."""
+    """The folder of all evaluations."""
     return tmp_path_factory.mktemp("evaluation")
 
 
 @pytest.fixture(scope="session")
 def folder(out):
-    """The evaluation of `lateral-best`, stacked."""
-    return evaluated(out, "lateral-best")
+    """The folder of the stacked evaluation of `lateral-best`."""
+    return evaluation_of(out, "lateral-best")
 
 
 @cache
-def evaluated(out, policy):
-    """The folder of a stacked evaluation."""
+def evaluation_of(out, policy):
+    """The folder of the stacked evaluation of a policy, which is flown once."""
     evaluate(find_policy(policy), Conditions(episodes=EPISODES), out)
     return evaluation_folder(out, policy, 0, stacking=True)

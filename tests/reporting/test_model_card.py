@@ -2,9 +2,15 @@
 
 import json
 import re
+import shutil
 
 import msgspec
 import pytest
+from huggingface_hub import ModelCard
+from huggingface_hub.repocard_data import (
+    eval_results_to_model_index,
+    model_index_to_eval_results,
+)
 
 from skystack.learning.experiment import experiment_from
 from skystack.policies.measured import read_measured, to_json
@@ -23,13 +29,13 @@ def sentences_of(name):
 
 
 def cells(text, first):
-    """The cells of the table's line that begins with a text."""
+    """The other cells of the table line with the given first cell."""
     line = next(line for line in text.splitlines() if line.startswith(f"| {first} |"))
     return [cell.strip() for cell in line.strip("|").split("|")][1:]
 
 
 @pytest.mark.parametrize("name", shipped_policies())
-def test_a_card_has_the_facts_that_every_reader_needs(name):
+def test_card_states_use_licence_training_features_and_rewards(name):
     text, described = card_of(name), find_policy(name).description
     config = described.config
     assert "Never for operational" in text
@@ -64,7 +70,7 @@ def test_tables_are_complete(name):
     assert len(widths) == 3
 
 
-def test_numbers_are_the_measured_ones():
+def test_card_shows_the_measured_numbers():
     found = read_measured(SHIPPED / "lateral")
     rows = [row | {"clearances_mean": 11.04, "clearances_std": 2.0} for row in found.rows]
     rows[-1] |= {"success_rate": 0.9876, "excursion_rate": 0.0004, "few_clearances_rate": 0.9881}
@@ -72,15 +78,15 @@ def test_numbers_are_the_measured_ones():
     assert cells(text, "clearances") == ["11.0 ± 2.0"] * 3
     assert cells(text, "clearances in the paper") == ["14.5 ± 6.6", "7.2 ± 3.5", "7.2 ± 3.5"]
     assert cells(text, "success")[-1] == "98.8 %"
-    assert "124 of 10,000 scenarios fail when stacked" in text
-    assert "makes an excursion in 4;" in text
-    assert "receives 30 clearances or more in 119." in text
+    assert "124 of 10,000 scenarios fail with stacking" in text
+    assert "In 4 an aircraft makes an excursion;" in text
+    assert "in 119 an aircraft receives 30 clearances or more." in text
     rows[-1] |= {"success_rate": 1.0}
     text = card("lateral", find_policy("lateral"), msgspec.structs.replace(found, rows=rows))
     assert "None of 10,000 scenarios fails" in text
 
 
-def test_both_parts_of_training_are_listed():
+def test_lists_the_rewards_of_both_parts_of_training():
     text, config = card_of("avoidance-best"), find_policy("avoidance-best").description.config
     first, last = config["pretraining"]["reward"], config["task"]["reward"]
     sentence = f"the first {config['pretraining']['steps']:,} with other rewards"
@@ -91,14 +97,14 @@ def test_both_parts_of_training_are_listed():
     assert "band_nm" not in text
 
 
-def test_the_ends_of_the_exit_edge_are_named_by_their_sides():
+def test_names_the_ends_of_the_exit_edge_by_their_sides():
     """`theta_xl` is to the left of an exiting aircraft, `theta_xr` to its right."""
     text = card_of("lateral-best")
     assert "left end" in cells(text, "`theta_xl`")[0]
     assert "right end" in cells(text, "`theta_xr`")[0]
 
 
-def test_limits_fit_the_task():
+def test_limitations_match_the_task():
     assert "does not avoid other traffic" in sentences_of("lateral-best")
     assert "does not avoid other traffic" not in sentences_of("avoidance-best")
     assert "Separation is still lost" in sentences_of("avoidance-best")
@@ -108,14 +114,63 @@ def test_limits_fit_the_task():
     assert "loss of separation" not in vertical
 
 
-def test_the_count_criterion_is_named_where_it_counts():
+def test_names_the_count_criterion_only_if_it_applies():
     assert "receives fewer than 30 instructions" in sentences_of("lateral")
     assert "receives fewer than 30 instructions" not in sentences_of("lateral-undamped")
 
 
-def test_measured_values_survive_writing_and_reading(tmp_path):
+def test_measured_values_round_trip(tmp_path):
     found = read_measured(SHIPPED / "lateral")
     (tmp_path / "measured.json").write_bytes(to_json(found))
     assert read_measured(tmp_path) == found
     assert json.loads(to_json(found))["rows"][1]["command"].startswith("skystack evaluate lateral")
     assert read_measured(tmp_path / "nowhere") is None
+
+
+def uploaded(folder):
+    """The card as the Hugging Face hub reads it: from README.md."""
+    return ModelCard.load(folder / "README.md")
+
+
+@pytest.mark.parametrize("name", shipped_policies())
+def test_hub_reads_metadata_and_measurements(name):
+    """The metadata are parsed by the hub's own library; its online check was not run."""
+    parsed = uploaded(SHIPPED / name)
+    data, found = parsed.data, read_measured(SHIPPED / name)
+    assert (data.license, data.library_name) == ("apache-2.0", "skystack")
+    assert data.pipeline_tag == "reinforcement-learning"
+    assert {"reinforcement-learning", "air-traffic-control"} <= set(data.tags)
+    assert data.model_name == name
+    assert parsed.text.strip().startswith(f"# Model card: {name}\n")
+    task = find_policy(name).description.task_name
+    assert {(each.task_name, each.dataset_type) for each in data.eval_results} == {
+        (task, f"skystack-{task}")
+    }
+    values = {}
+    for each in data.eval_results:
+        values.setdefault(each.dataset_config, {})[each.metric_type] = each.metric_value
+    commands = [row["command"] for row in found.rows]
+    assert [f"skystack evaluate {name} {options} --json" for options in values] == commands
+    for shown, row in zip(values.values(), found.rows, strict=True):
+        assert {"clearances_mean", "clearances_std", "success_rate"} <= set(shown)
+        assert ("loss_of_separation_count" in shown) == (task != "vertical")
+        assert shown == {metric: row[metric] for metric in shown}
+    index = data.to_dict()["model-index"]
+    assert eval_results_to_model_index(*model_index_to_eval_results(index)) == index
+
+
+def test_hub_reads_names_as_text():
+    found = read_measured(SHIPPED / "vertical")
+    for name in ("null", "1e3", "x.y-z_0"):
+        assert ModelCard(card(name, find_policy("vertical"), found)).data.model_name == name
+
+
+def test_a_policy_folder_is_complete(tmp_path):
+    """An uploaded and downloaded folder is a policy, and its card links to no other file."""
+    for name in shipped_policies():
+        files = {path.name for path in (SHIPPED / name).iterdir()}
+        assert files == {"README.md", "measured.json", "policy.json", "policy.safetensors"}
+        assert "](" not in uploaded(SHIPPED / name).text
+    folder = shutil.copytree(SHIPPED / "vertical", tmp_path / "downloaded")
+    (folder / ".gitattributes").write_text("*.safetensors filter=lfs\n")  # the hub adds it
+    assert find_policy(folder).description == find_policy("vertical").description

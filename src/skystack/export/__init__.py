@@ -1,1 +1,1 @@
-"""The command `export`: flown scenarios and trained policies as files for other programs."""
+"""The verb `export`: flown scenarios and trained policies as files for other programs."""

@@ -20,6 +20,17 @@ def find_policy(name: AnyPath) -> Policy:
     """A shipped policy by name, or the policy in a run folder.
 
     Raises InputError if there is neither, or if the policy cannot be used.
+
+    Example:
+
+        >>> import numpy as np
+        >>> import skystack
+        >>> policy = skystack.find_policy("lateral-best")
+        >>> policy.description.actions[1]
+        'aircraft 1 turn -10 deg'
+        >>> observation = np.full(len(policy.description.observation), 0.5, np.float32)
+        >>> policy(observation) in range(len(policy.description.actions))
+        True
     """
     name = fspath(name)
     if name in shipped_policies():
@@ -30,6 +41,6 @@ def find_policy(name: AnyPath) -> Policy:
     if not exists(folder / "policy.json"):
         if exists(folder / "metrics.jsonl"):
             raise InputError(f"{folder}: training is not finished (resume with train --resume)")
-        kind = "policy (neither a shipped policy nor a folder with a policy.json)"
-        raise unknown_name(kind, name, shipped_policies(), [f"runs/{name}"])
+        also = "a folder with a policy.json, or "
+        raise unknown_name("policy", name, shipped_policies(), [f"runs/{name}"], also)
     return load_policy(folder)

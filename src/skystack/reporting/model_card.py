@@ -1,7 +1,11 @@
-"""A model card, `card.md`: what a policy is, how it was trained, and how well it performs."""
+"""A model card, `README.md`: what a policy is, how it was trained, and how well it performs.
+
+It begins with metadata in the format of the Hugging Face hub, which reads a model's card from a
+file of this name: the folder of a policy can be uploaded as it is.
+"""
 
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from importlib.resources import files
 from typing import Any, NamedTuple
 
@@ -10,7 +14,12 @@ import msgspec
 
 from skystack.evaluation.evaluate import policy_task
 from skystack.evaluation.paper import paper_row
-from skystack.learning.experiment import Experiment, experiment_from
+from skystack.learning.experiment import (
+    Experiment,
+    experiment_from,
+    experiment_names,
+    load_experiment,
+)
 from skystack.learning.policy import Policy
 from skystack.policies.measured import Measured
 from skystack.reporting.tables import NOTHING, decimal, mean_and_std, percent
@@ -19,7 +28,10 @@ from skystack.tasks.kinds import TaskKind
 from skystack.tasks.registry import find_task
 from skystack.tasks.rewards import MAX_INSTRUCTIONS
 
-FILE = "card.md"
+FILE = "README.md"
+METRICS = ("clearances_mean", "clearances_std", "success_rate")
+"""The columns of the measurements that are in the metadata, `LOSSES` only with several aircraft."""
+LOSSES = "loss_of_separation_count"
 LONGEST_LINE = 100
 
 
@@ -30,7 +42,7 @@ class Term(NamedTuple):
     description: str
     value: float | bool
     first_value: float | bool
-    """In the first part of the training; equal to `value` if there is only one part."""
+    """In the first phase of training; equal to `value` if there is only one phase."""
 
 
 def card(name: str, policy: Policy, measured: Measured) -> str:
@@ -49,29 +61,40 @@ def card(name: str, policy: Policy, measured: Measured) -> str:
         keep_trailing_newline=True,
         autoescape=False,  # Markdown, from our own files
     )
-    environment.filters |= {
+    filters: dict[str, Callable[..., str]] = {
         "percent": percent,
         "decimal": decimal,
         "number": "{:,}".format,
         "way": lambda stacking: "stacked" if stacking else "unstacked",
         "weight": _weight,
+        "options": _options,
     }
+    environment.filters |= filters
     source = files("skystack.reporting").joinpath("model_card.md.jinja").read_text("utf-8")
     text = environment.from_string(source).render(
         name=name,
         policy=described,
         experiment=experiment,
+        sentence=_sentence(experiment),
         task=task,
         description=kind.describe(experiment.task),
         instructions=[action.name.partition(" ")[2][2:] for action in _of_first(task)],
         terms=list(_terms(experiment, kind)),
         most=int(MAX_INSTRUCTIONS),
         measured=measured,
+        metrics=(*METRICS, *[LOSSES] * (task.aircraft > 1)),
         last=measured.rows[-1],
         clearances=[_clearances(row) for row in measured.rows],
         paper=[_clearances(each) for each in paper] if any(paper) else None,
     )
     return "".join(f"{_wrapped(line)}\n" for line in text.splitlines())
+
+
+def _sentence(experiment: Experiment) -> str:
+    """The description of a shipped experiment as it reads now; otherwise the policy's own."""
+    if experiment.name in experiment_names():
+        return load_experiment(experiment.name).description
+    return experiment.description
 
 
 def _wrapped(line: str) -> str:
@@ -82,6 +105,14 @@ def _wrapped(line: str) -> str:
     return textwrap.fill(
         line, LONGEST_LINE, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )
+
+
+def _options(command: str) -> str:
+    """The options of an `evaluate` command, without the name of the policy and the output format.
+
+    They tell the evaluations of one policy apart.
+    """
+    return " ".join(word for word in command.split()[3:] if word != "--json")
 
 
 def _weight(value: float | bool) -> str:
@@ -100,7 +131,7 @@ def _of_first(task: TrafficTask) -> list[Action]:
 
 
 def _terms(experiment: Experiment, kind: TaskKind) -> Iterator[Term]:
-    """The terms of the reward that have a weight in either part of the training."""
+    """The terms of the reward that have a weight in either phase of training."""
     settings: Any = experiment.task
     terms = first = kind.describe(settings).rewards
     if experiment.pretraining is not None:
