@@ -1,4 +1,4 @@
-"""What a page shows as code: fenced blocks with a language, and commands."""
+"""The code on a documentation page: fenced blocks with a language, and commands."""
 
 import re
 from pathlib import Path
@@ -13,16 +13,17 @@ _INLINE = re.compile(r"`(?P<text>skystack [^`]+)`")
 
 
 class Block(NamedTuple):
-    """A piece of code on a page, where it begins."""
+    """A piece of code on a page."""
 
-    at: int
+    start: int
+    """Its position on the page."""
     language: str
-    """`python`, `toml`, `json`; `command` for a line of a shell; `inline` for one in a sentence."""
+    """`python`, `toml`, `json`; `command` for a shell command; `inline` for one in a sentence."""
     text: str
 
 
 def blocks(page: Path) -> list[Block]:
-    """In the order of the page."""
+    """All blocks of a page, in order."""
     text = page.read_text()
     found = [Block(m.start(), m["language"], m["text"]) for m in _FENCE.finditer(text)]
     found += [Block(m.start(), "command", m["text"]) for m in _COMMAND.finditer(text)]
@@ -31,7 +32,7 @@ def blocks(page: Path) -> list[Block]:
 
 
 def anchors(page: Path) -> set[str]:
-    """Of a page's headings, as forges that show Markdown make them."""
+    """The anchors that forges generate for the headings of a page."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(), re.MULTILINE)
-    kept = (re.sub(r"[^\w\- ]", "", heading.lower()) for heading in headings)
-    return {each.replace(" ", "-") for each in kept}
+    cleaned = (re.sub(r"[^\w\- ]", "", heading.lower()) for heading in headings)
+    return {each.replace(" ", "-") for each in cleaned}

@@ -1,4 +1,4 @@
-"""Dependencies: what is declared, imported, explained and listed with its licence is the same."""
+"""Every dependency is declared, imported_modules, explained and listed with its licence."""
 
 import ast
 import re
@@ -19,15 +19,15 @@ DECLARED = {
 
 
 def rows(heading):
-    """The cells of the table under a heading of the page."""
+    """The cells of the table under a heading of docs/dependencies.md."""
     page = (ROOT / "docs" / "dependencies.md").read_text()
     (section,) = re.findall(rf"^## {heading}\n(.*?)(?=^## |\Z)", page, re.DOTALL | re.MULTILINE)
     lines = [line for line in section.splitlines() if line.startswith("| `")]
     return [[cell.strip(" `") for cell in line.strip("|").split("|")] for line in lines]
 
 
-def imported():
-    """Top-level modules of others that the package imports, anywhere in a file."""
+def imported_modules():
+    """The top-level third-party modules that the package imports anywhere."""
     found = set()
     for path in (ROOT / "src").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
@@ -47,28 +47,28 @@ def test_every_dependency_is_explained():
 
 
 def distributions(module, of_module):
-    """What a module comes from here, by canonical names; nothing where it is not installed."""
+    """The canonical names of a module's distributions; empty if it is not installed."""
     return {canonicalize_name(name) for name in of_module.get(module, ())}
 
 
-def test_every_import_is_declared_and_the_core_is_imported():
+def test_imports_match_the_declared_dependencies():
     of_module, declared = packages_distributions(), set().union(*DECLARED.values())
-    found = {module: distributions(module, of_module) for module in imported()}
+    found = {module: distributions(module, of_module) for module in imported_modules()}
     undeclared = {module for module, names in found.items() if not names & declared}
     assert undeclared == {module for module, _ in rows("Used if installed")}
     assert DECLARED[CORE] <= set().union(*found.values())
 
 
 @pytest.mark.parametrize("extra", DECLARED)
-def test_the_licence_of_all_that_is_installed_is_listed(extra):
+def test_lists_the_licences_of_all_installed_packages(extra):
     found, _ = needed(requirements()[extra])
     listed = re.findall(r"^\| ([\w.-]+) \| \S+ \| [^ ]", PAGE.read_text(), re.MULTILINE)
     assert set(found) <= set(listed)
     if extra == CORE:
-        assert {"jaxlib", "numpy"} <= set(found)  # what dependencies need as well
+        assert {"jaxlib", "numpy"} <= set(found)  # indirect dependencies
 
 
-def test_copyleft_in_the_core_is_what_the_page_says():
+def test_licence_page_marks_copyleft_packages():
     core, extras = PAGE.read_text().split("## The core\n")[1].split("## `[", 1)
     marked = r"^\| ([\w-]+) \| \S+ \| \*\*"
     assert re.findall(marked, core, re.MULTILINE) == ["certifi"]

@@ -1,11 +1,9 @@
-"""The documentation: every block of code runs, every link leads somewhere, the site is built."""
+"""The documentation: every block of code runs, and every link resolves."""
 
 import json
 import re
 import shlex
 import shutil
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -30,14 +28,14 @@ QUICK = {
         for word in ("--set", change)
     ],
 }
-"""What makes a command of a page short enough for a test."""
-ELSEWHERE = {"reproduce", "bench"}
-"""Always too slow: tests/cli/test_cli.py runs these verbs; here they are only parsed."""
+"""Arguments that make a documented command fast enough for a test."""
+PARSED_ONLY = {"reproduce", "bench"}
+"""Verbs that are always too slow: tests/cli/test_cli.py runs them, here they are only parsed."""
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """Where a reader would be: the examples at hand, nothing else."""
+    """The working folder of a reader, with the examples and nothing else."""
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     for file in (ROOT / "examples" / "own-sector").iterdir():
         shutil.copy(file, tmp_path)
@@ -56,14 +54,14 @@ def run_command(text):
         module = Path(*words[1].split(".")).with_suffix(".py") if words[0] == "-m" else words[0]
         assert (ROOT / module).exists(), text
         assert words[0] != "dev.py" or words[1] in dev.EXTRAS, text
-    elif words[0] in ELSEWHERE:
+    elif words[0] in PARSED_ONLY:
         parse(words)
     else:
         assert main([*words, *QUICK.get(words[0], ())]) == 0, text
 
 
-def check_named(text):
-    """A command in a sentence leaves out what does not matter there; what it names exists."""
+def check_inline_command(text):
+    """A command in a sentence may omit arguments; the verb and options that it names exist."""
     _, *words = shlex.split(text)
     if not words[0].startswith("-"):
         parser = build_parser().verbs[words[0]]
@@ -73,7 +71,7 @@ def check_named(text):
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_block_of_code_runs(page, folder, capsys):
-    """In the order of the page, in one folder, Python in one session."""
+    """Blocks run in the order of the page and in one folder, Python blocks in one session."""
     session: dict[str, object] = {}
     for number, block in enumerate(blocks(page)):
         if block.language == "python":
@@ -89,14 +87,14 @@ def test_every_block_of_code_runs(page, folder, capsys):
         elif block.language == "command":
             run_command(block.text)
         elif block.language == "inline":
-            check_named(block.text)
+            check_inline_command(block.text)
         else:
-            assert page.name in ("index.md", "api.md")  # directives of the site
+            assert page.name in ("index.md", "api.md")  # Sphinx directives
     capsys.readouterr()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_every_link_leads_somewhere(page):
+def test_every_link_resolves(page):
     for target in re.findall(r"\]\(([^)]+)\)", page.read_text()):
         if target.startswith("https://"):
             continue
@@ -106,7 +104,7 @@ def test_every_link_leads_somewhere(page):
         assert not anchor or anchor in anchors(file), target
 
 
-def test_every_study_and_verification_is_documented():
+def test_documents_every_check_study_and_tool():
     text = "\n".join(page.read_text() for page in PAGES)
     commands = {
         ".".join(path.relative_to(ROOT).with_suffix("").parts)
@@ -115,18 +113,3 @@ def test_every_study_and_verification_is_documented():
         if "__main__" in path.read_text()
     }
     assert {name for name in commands if not re.search(rf"python -m {name}\b", text)} == set()
-
-
-def test_the_site_is_built_without_a_warning(tmp_path):
-    pytest.importorskip("sphinx")
-    command = [sys.executable, "-m", "sphinx", "-W", "-q", "docs", str(tmp_path / "site")]
-    built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert built.returncode == 0, built.stderr
-    page = (tmp_path / "site" / "api.html").read_text()
-    assert "skystack.stacking.stack" in page
-    # Nothing is fetched when it is looked at.
-    for file in (tmp_path / "site").glob("*.html"):
-        loaded = re.findall(
-            r'<(?:script|link|img)[^>]*(?:src|href)="(https?:[^"]*)"', file.read_text()
-        )
-        assert loaded == [], file.name
