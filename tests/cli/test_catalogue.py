@@ -1,4 +1,4 @@
-"""What ships: every policy with its card and what was measured of it, and how `list` shows it."""
+"""The shipped policies: their cards, their recorded results, and the tables of `list`."""
 
 import json
 import shutil
@@ -19,15 +19,15 @@ KEYS = ("stacking", "episodes")
 
 
 @pytest.fixture
-def lateral_alone(tmp_path, monkeypatch):
-    """A package that ships one policy, which may be damaged."""
+def only_lateral(tmp_path, monkeypatch):
+    """A package that ships one policy, which the test may damage."""
     shutil.copytree(SHIPPED / "lateral", tmp_path / "lateral")
     monkeypatch.setattr(shipped, "SHIPPED", tmp_path)
     return tmp_path / "lateral"
 
 
-def shown(width):
-    """The tables of `list` in a terminal of a width."""
+def printed_lines(width):
+    """The tables of `list` in a terminal of the given width."""
     console = Console(width=width)
     with console.capture() as capture:
         for table in catalogue.catalogue_table(catalogue.catalogue()):
@@ -37,11 +37,11 @@ def shown(width):
 
 def line_of(name, width=120):
     """The line of a policy in the last table."""
-    return next(line for line in reversed(shown(width)) if line.split()[:1] == [name])
+    return next(line for line in reversed(printed_lines(width)) if line.split()[:1] == [name])
 
 
 @pytest.mark.parametrize("name", shipped_policies())
-def test_what_was_measured_is_of_the_policy_that_ships(name):
+def test_recorded_results_belong_to_the_shipped_policy(name):
     found = read_measured(SHIPPED / name)
     assert found.sha256 == find_policy(name).description.sha256
     conditions = [tuple(row[key] for key in KEYS) for row in found.rows]
@@ -51,23 +51,23 @@ def test_what_was_measured_is_of_the_policy_that_ships(name):
 
 
 @pytest.mark.parametrize("name", shipped_policies())
-def test_the_card_is_what_the_template_makes(name):
-    """After a change: `python -m tools.ship_policies --cards`."""
-    made = model_card.card(name, find_policy(name), read_measured(SHIPPED / name))
-    assert (SHIPPED / name / model_card.FILE).read_text("utf-8") == made
+def test_card_matches_its_template(name):
+    """To update the cards after a change, run `python -m tools.ship_policies --cards`."""
+    card = model_card.card(name, find_policy(name), read_measured(SHIPPED / name))
+    assert (SHIPPED / name / model_card.FILE).read_text("utf-8") == card
 
 
-def test_flown_again_a_policy_does_what_was_measured():
-    """The numbers are of flights: other processors may decide a tie of logits the other way."""
-    stated = read_measured(SHIPPED / "vertical").stacked
-    flown = evaluate(find_policy("vertical"), Conditions(episodes=stated["episodes"]), None).row
+def test_flights_reproduce_the_recorded_results():
+    """Within tolerances, because other processors may break ties of logits differently."""
+    recorded = read_measured(SHIPPED / "vertical").stacked
+    flown = evaluate(find_policy("vertical"), Conditions(episodes=recorded["episodes"]), None).row
     for key in ("clearances_mean", "clearances_std", "instructions_mean"):
-        assert flown[key] == pytest.approx(stated[key], rel=2e-3), key
+        assert flown[key] == pytest.approx(recorded[key], rel=2e-3), key
     for key in ("success_rate", "correct_exit_rate", "excursion_rate", "few_clearances_rate"):
-        assert flown[key] == pytest.approx(stated[key], abs=2e-3), key
+        assert flown[key] == pytest.approx(recorded[key], abs=2e-3), key
 
 
-def test_list_holds_stacked_rows_and_the_paper():
+def test_list_has_stacked_results_and_paper_values():
     policies = catalogue.catalogue()["policies"]
     assert list(policies) == shipped_policies()
     for name, policy in policies.items():
@@ -84,26 +84,26 @@ def test_list_holds_stacked_rows_and_the_paper():
 
 @pytest.mark.parametrize("width", [80, 120])
 def test_list_fits_the_terminal(width):
-    lines = shown(width)
+    lines = printed_lines(width)
     assert max(map(len, lines)) <= width
-    stated = read_measured(SHIPPED / "lateral-undamped").stacked
+    recorded = read_measured(SHIPPED / "lateral-undamped").stacked
     line = line_of("lateral-undamped", width)
     for text in (
-        f"{stated['clearances_mean']:.1f} ± {stated['clearances_std']:.1f}",
-        f"{stated['loss_of_separation_count']} of 1000",
+        f"{recorded['clearances_mean']:.1f} ± {recorded['clearances_std']:.1f}",
+        f"{recorded['loss_of_separation_count']} of 1000",
         "113.0 ± 15.9 unstacked",
     ):
         assert text in line
 
 
-def test_a_policy_without_numbers_shows_dashes(lateral_alone):
-    (lateral_alone / measured.FILE).unlink()
+def test_policy_without_results_shows_dashes(only_lateral):
+    (only_lateral / measured.FILE).unlink()
     assert catalogue.catalogue()["policies"]["lateral"]["stacked"] is None
     assert line_of("lateral").split() == ["lateral", *[NOTHING] * 3, "7.2", "±", "3.5"]
 
 
-def test_numbers_of_another_policy_are_not_shown(lateral_alone):
-    shutil.copy(SHIPPED / "vertical" / measured.FILE, lateral_alone)
+def test_results_of_another_policy_are_not_shown(only_lateral):
+    shutil.copy(SHIPPED / "vertical" / measured.FILE, only_lateral)
     assert catalogue.catalogue()["policies"]["lateral"]["stacked"] is None
 
 
@@ -119,8 +119,8 @@ def test_numbers_of_another_policy_are_not_shown(lateral_alone):
         ),
     ],
 )
-def test_damaged_numbers_are_told(lateral_alone, text, message):
-    path = lateral_alone / measured.FILE
+def test_damaged_results_are_errors(only_lateral, text, message):
+    path = only_lateral / measured.FILE
     path.write_text(text)
     with pytest.raises(InputError) as error:
         catalogue.catalogue()

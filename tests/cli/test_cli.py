@@ -1,4 +1,4 @@
-"""The command line, as a newcomer would use and misuse it."""
+"""The command line, as a new user would use and misuse it."""
 
 import json
 import math
@@ -23,7 +23,7 @@ from skystack.evaluation.stored import stored_scenario
 from skystack.io.locks import locked_folder
 from skystack.reproduction import cluster
 from tests.reporting.conftest import write_run
-from tests.waiting import HANGS_S, wait_until
+from tests.waiting import TIMEOUT_S, wait_until
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -52,7 +52,7 @@ def test_list_names_everything(capsys):
     assert "lateral-undamped" in out
 
 
-def test_evaluate_a_shipped_policy(capsys, tmp_path):
+def test_evaluates_a_shipped_policy(capsys, tmp_path):
     code, out, _ = run(
         capsys, "evaluate", "lateral", "--episodes", "5", "--json", "--out", str(tmp_path / "e")
     )
@@ -75,7 +75,7 @@ def test_evaluate_a_shipped_policy(capsys, tmp_path):
     assert "14.5" in out
 
 
-def test_train_then_evaluate_the_run(capsys, tmp_path):
+def test_trains_then_evaluates_the_run(capsys, tmp_path):
     out_folder = str(tmp_path / "run")
     code, out, err = run(capsys, "train", "lateral-large", "--json", "--out", out_folder, *SMALL)
     assert code == 0
@@ -85,14 +85,14 @@ def test_train_then_evaluate_the_run(capsys, tmp_path):
     assert json.loads(out)["rows"][0]["experiment"] == "lateral-large"
 
 
-def test_a_sector_of_ones_own_in_every_command(capsys, tmp_path):
-    """Train in it by its file, judge there and elsewhere, read it back from the tables, fly it."""
+def test_own_sector_works_in_every_command(capsys, tmp_path):
+    """Train and evaluate in it, read it from the tables, simulate in it; a typo is an error."""
     folder = EXAMPLES / "own-sector"
     out = tmp_path / "run"
     code, _, _ = run(capsys, "train", str(folder / "valley.toml"), "--out", str(out), *SMALL)
     assert code == 0
-    few = ["--episodes", "3", "--json"]
-    code, _, _ = run(capsys, "evaluate", str(out), *few, "--out", str(tmp_path / "e"))
+    options = ["--episodes", "3", "--json"]
+    code, _, _ = run(capsys, "evaluate", str(out), *options, "--out", str(tmp_path / "e"))
     assert code == 0
     (tables,) = (tmp_path / "e").iterdir()
     scenario = stored_scenario(tables, 1)
@@ -100,36 +100,36 @@ def test_a_sector_of_ones_own_in_every_command(capsys, tmp_path):
     assert {one.route[0] for one in scenario.aircraft} <= {"GATEN", "GATEW", "GATEO"}
     code, _, _ = run(capsys, "simulate", str(folder / "meeting.json"), "--json")
     assert code == 0
-    code, _, err = run(capsys, "evaluate", str(out), *few, "--sector", "merg")
+    code, _, err = run(capsys, "evaluate", str(out), *options, "--sector", "merg")
     assert (code, err.count("\n")) == (2, 1)
 
 
-def test_policies_train_in_a_sector_that_ships(capsys, tmp_path):
-    """At small budget; judged in another sector too, where they see the same."""
+def test_trains_in_a_shipped_sector(capsys, tmp_path):
+    """With a small budget; then evaluate in another sector, where the observations are the same."""
     out = str(tmp_path / "run")
     change = ["--set", "task.sector=highland"]
     assert run(capsys, "train", "lateral-best", "--out", out, *SMALL, *change)[0] == 0
-    few = ["--episodes", "3", "--json", "--out", str(tmp_path / "e")]
-    code, printed, _ = run(capsys, "evaluate", out, *few, "--sector", "x-plus")
+    options = ["--episodes", "3", "--json", "--out", str(tmp_path / "e")]
+    code, printed, _ = run(capsys, "evaluate", out, *options, "--sector", "x-plus")
     assert code == 0
     assert json.loads(printed)["rows"][0]["episodes"] == 3
     (tables,) = (tmp_path / "e").iterdir()
     assert stored_scenario(tables, 0).sector.name == "x-plus"
 
 
-def test_event_files_of_a_training_and_of_a_finished_one(capsys, tmp_path):
+def test_writes_event_files_also_of_a_finished_training(capsys, tmp_path):
     pytest.importorskip("tensorboardX")
     events = tmp_path / "run" / "tensorboard"
     command = ["train", "lateral-large", "--out", str(tmp_path / "run"), "--tensorboard", *SMALL]
-    for words in ([], ["--resume"]):
-        code, _, err = run(capsys, *command, *words)
+    for options in ([], ["--resume"]):
+        code, _, err = run(capsys, *command, *options)
         assert code == 0, err
         (file,) = events.iterdir()
         assert file.read_bytes().count(b"value_loss") == 2
         file.unlink()
 
 
-def test_a_report_is_written_again(capsys, tmp_path):
+def test_report_rewrites_the_report_of_a_run(capsys, tmp_path):
     folder = write_run(tmp_path / "run", rows=[("lateral", True)], seeds=(0,), scenarios=2)
     results = json.loads((folder / "results.json").read_text())
     code, out, err = run(capsys, "report", str(folder), "-o", "page.html")
@@ -145,7 +145,7 @@ def test_a_report_is_written_again(capsys, tmp_path):
     assert (folder / "figures" / "loop.png").exists()
 
 
-def test_one_training_has_a_page_of_its_own(capsys, tmp_path, monkeypatch):
+def test_report_of_one_training_is_a_comparison(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run(capsys, "train", "lateral-large", "--out", "run", "--seed", "4", *SMALL)[0] == 0
     code, out, err = run(capsys, "report", "run")
@@ -154,9 +154,9 @@ def test_one_training_has_a_page_of_its_own(capsys, tmp_path, monkeypatch):
     assert "Learning curves of run" in (tmp_path / "comparison.html").read_text()
 
 
-def test_what_a_training_says_before_it_begins(capsys, tmp_path):
-    """Of two phases of which one would not come, of a checkpoint that is not there; and it does
-    not train over a policy."""
+def test_train_prints_notices_and_never_overwrites(capsys, tmp_path):
+    """The notices are about a phase that is left out and a missing checkpoint; policies and
+    unfinished runs are kept."""
     out = str(tmp_path / "run")
     code, _, err = run(capsys, "train", "lateral-best", "--out", out, "--resume", *SMALL)
     assert code == 0
@@ -180,7 +180,7 @@ def test_what_a_training_says_before_it_begins(capsys, tmp_path):
     assert "contains an unfinished training run (allowed: --resume" in err
 
 
-def test_a_reproduction_is_alone_in_its_folder(capsys, tmp_path):
+def test_reproduce_rejects_a_locked_folder(capsys, tmp_path):
     with locked_folder(tmp_path):
         code, out, err = run(capsys, "reproduce", "lateral", "--quick", "--out", str(tmp_path))
     assert (code, out, err.count("\n")) == (2, "", 1)
@@ -188,7 +188,7 @@ def test_a_reproduction_is_alone_in_its_folder(capsys, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == [".lock"]
 
 
-def test_describe_and_draw_a_sector(capsys, tmp_path):
+def test_describes_and_draws_a_sector(capsys, tmp_path):
     target = tmp_path / "map.png"
     file = str(EXAMPLES / "own-sector" / "valley.json")
     code, out, err = run(capsys, "sector", file, "-o", str(target))
@@ -198,7 +198,7 @@ def test_describe_and_draw_a_sector(capsys, tmp_path):
     assert target.read_bytes().startswith(b"\x89PNG")
     code, out, _ = run(capsys, "sector", "x-plus", "--json")
     routes = {each["route"]: each for each in json.loads(out)["routes"]}
-    # Drawn straight through the middle: 30 + 5 NM to it and 60 + 5 beyond, at 60 NM a degree.
+    # Straight through the centre: 30 + 5 NM to it and 60 + 5 NM beyond, at 60 NM per degree.
     straight = routes["HERON CRANE EGL MACAW QUAIL SWIFT"]
     assert straight["length_nm"] == pytest.approx(100.0, rel=0.006)
     assert max(map(abs, straight["turns_deg"])) < 0.01
@@ -207,8 +207,8 @@ def test_describe_and_draw_a_sector(capsys, tmp_path):
         assert (code, err.count("\n")) == (2, 1)
 
 
-def test_a_sector_that_takes_longer_than_a_scenario(capsys, tmp_path):
-    """270 NM of the meridian to the exit: 347 cycles at 466 kt, less 4 NM."""
+def test_routes_longer_than_a_scenario_need_more_cycles(capsys, tmp_path):
+    """The exit is 270 NM away (347 cycles at 466 kt); aircraft may start up to 4 NM closer."""
     file = tmp_path / "long.json"
     fixes = {"S": (44.75, 8.0), "N": (49.25, 8.0), "NO": (49.35, 8.0), "SE": (44.85, 8.0)}
     long = {
@@ -228,19 +228,19 @@ def test_a_sector_that_takes_longer_than_a_scenario(capsys, tmp_path):
         for start, end in ((44.75, 49.25), (49.35, 44.85))
     )
     span = f"{needed} to {longest}" if needed < longest else f"{needed}"
-    late = f"2 of 2 routes take more than 300 cycles: {span} at 466 kt (see --cycles)"
+    notice = f"2 of 2 routes take more than 300 cycles: {span} at 466 kt (see --cycles)"
     code, out, _ = run(capsys, "sector", str(file))
-    assert (code, late in out) == (0, True)
+    assert (code, notice in out) == (0, True)
     assert "separation: 3 NM or 1,000 ft" in out
     code, out, _ = run(capsys, "sector", str(file), "--cycles", str(longest))
     assert (code, "routes take more" in out) == (0, False)
-    refused = f"takes {needed} at 466 kt (allowed: {needed} to 10000"
+    message = f"takes {needed} at 466 kt (allowed: {needed} to 10000"
     evaluation = ("evaluate", "lateral-best", "--sector", str(file), "--episodes", "2", "--json")
     training = ("train", "lateral", "--set", f"task.sector={file}", "--out", str(tmp_path / "t"))
-    for words in (evaluation, training):
-        code, out, err = run(capsys, *words)
+    for command in (evaluation, training):
+        code, out, err = run(capsys, *command)
         assert (code, out, err.count("\n")) == (2, "", 1)
-        assert refused in err
+        assert message in err
     assert not (tmp_path / "t").exists()
     code, out, err = run(capsys, *evaluation, "--cycles", str(needed + 30))
     assert (code, "take more" in err) == (0, False)
@@ -250,12 +250,12 @@ def test_a_sector_that_takes_longer_than_a_scenario(capsys, tmp_path):
     config = tomllib.loads((tmp_path / "t" / "config.toml").read_text())
     assert config["task"]["cycles"] == needed
     assert config["task"]["sector"]["separation_nm"] == 3.0
-    for many in ("0", "10001", "x"):
-        code, _, err = run(capsys, "sector", str(file), "--cycles", many)
+    for cycles in ("0", "10001", "x"):
+        code, _, err = run(capsys, "sector", str(file), "--cycles", cycles)
         assert (code, err.count("\n")) == (2, 1)
 
 
-def test_simulate_the_examples(capsys, tmp_path):
+def test_simulates_the_examples(capsys, tmp_path):
     for example in sorted(EXAMPLES.glob("*.json")) + sorted(EXAMPLES.glob("*/meeting.json")):
         target = tmp_path / "trajectories.parquet"
         code, out, _ = run(capsys, "simulate", str(example), "-o", str(target), "--json")
@@ -270,7 +270,7 @@ def test_simulate_the_examples(capsys, tmp_path):
     ("platform", "module", "types"),
     [("bluebird", "bluebird_dt", "B753"), ("bluesky", "bluesky", "B752")],
 )
-def test_other_platforms_from_the_command_line(capsys, tmp_path, platform, module, types):
+def test_simulates_and_evaluates_on_other_platforms(capsys, tmp_path, platform, module, types):
     pytest.importorskip(module)
     target = tmp_path / "trajectories.parquet"
     arguments = ["simulate", str(EXAMPLES / "climb.json"), "--platform", platform]
@@ -287,7 +287,7 @@ def test_other_platforms_from_the_command_line(capsys, tmp_path, platform, modul
     assert ("flown as B752" in err) == (platform == "bluesky")
 
 
-def test_a_platform_that_is_not_installed_names_its_extra(capsys, monkeypatch):
+def test_names_the_extra_of_a_missing_platform(capsys, monkeypatch):
     from skystack.platforms import registry
 
     monkeypatch.setattr(registry, "_installed", lambda name: False)
@@ -297,7 +297,7 @@ def test_a_platform_that_is_not_installed_names_its_extra(capsys, monkeypatch):
     assert err.count("\n") == 1
 
 
-def test_an_engine_that_is_not_installed_names_its_extra(capsys, monkeypatch, tmp_path):
+def test_names_the_extra_of_a_missing_engine(capsys, monkeypatch, tmp_path):
     monkeypatch.setattr(cluster, "find_spec", lambda name: None)
     code, _, err = run(capsys, "reproduce", "--engine", "ray", "--out", str(tmp_path / "out"))
     assert code == 2
@@ -305,7 +305,7 @@ def test_an_engine_that_is_not_installed_names_its_extra(capsys, monkeypatch, tm
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_cluster_that_is_not_there_leaves_nothing(capsys, tmp_path, monkeypatch):
+def test_unreachable_cluster_leaves_no_files(capsys, tmp_path, monkeypatch):
     pytest.importorskip("ray")
     monkeypatch.chdir(tmp_path)
     code, _, err = run(capsys, "reproduce", "--engine", "ray", "--ray-address", "127.0.0.1:9")
@@ -316,7 +316,7 @@ def test_a_cluster_that_is_not_there_leaves_nothing(capsys, tmp_path, monkeypatc
     assert list(tmp_path.iterdir()) == []
 
 
-def test_event_files_without_their_package_name_its_extra(capsys, monkeypatch, tmp_path):
+def test_names_the_extra_of_missing_tensorboard(capsys, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "tensorboardX", None)
     out = tmp_path / "out"
     code, _, err = run(capsys, "train", "lateral", "--tensorboard", "--out", str(out))
@@ -325,7 +325,7 @@ def test_event_files_without_their_package_name_its_extra(capsys, monkeypatch, t
     assert not out.exists()
 
 
-def test_a_training_that_is_refused_leaves_no_event_files(capsys, tmp_path):
+def test_refused_training_leaves_no_event_files(capsys, tmp_path):
     shipped = Path(skystack.__file__).parent / "policies" / "lateral" / "policy.json"
     (tmp_path / "policy.json").write_bytes(shipped.read_bytes())
     code, _, err = run(capsys, "train", "lateral", "--tensorboard", "--out", str(tmp_path))
@@ -334,10 +334,10 @@ def test_a_training_that_is_refused_leaves_no_event_files(capsys, tmp_path):
     assert not (tmp_path / "tensorboard").exists()
 
 
-def test_scenarios_that_a_platform_did_not_finish_are_named(capsys, monkeypatch):
+def test_names_scenarios_that_a_platform_did_not_finish(capsys, monkeypatch):
     from skystack.evaluation import evaluate
 
-    def fails(task, controller, conditions, out, failed, on_scenario):
+    def fails(task, controller, conditions, failed, on_scenario):
         failed |= {1: "took more than 9 s", 2: "Bird has lost AC1"}
         yield from evaluate.prepare(task, controller().decide, True)(controller().weights, 0, 2)
 
@@ -353,7 +353,7 @@ def test_scenarios_that_a_platform_did_not_finish_are_named(capsys, monkeypatch)
     ]
 
 
-def test_a_platform_that_fails_is_a_failure_that_names_the_scenario(capsys, monkeypatch):
+def test_names_the_scenario_that_a_platform_failed_on(capsys, monkeypatch):
     pytest.importorskip("pebble")
     from skystack.evaluation import simulate
     from skystack.platforms.processes import ItemResult
@@ -367,7 +367,7 @@ def test_a_platform_that_fails_is_a_failure_that_names_the_scenario(capsys, monk
     assert (code, err) == (1, f"skystack: {path}: bluebird: took more than 5 s\n")
 
 
-def test_a_scenario_is_exported(capsys, tmp_path):
+def test_exports_a_scenario(capsys, tmp_path):
     target = tmp_path / "climb.scn"
     code, out, _ = run(capsys, "export", str(EXAMPLES / "climb.json"), "-o", str(target), "--json")
     assert (code, json.loads(out)["output"]) == (0, str(target))
@@ -375,7 +375,7 @@ def test_a_scenario_is_exported(capsys, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["onnx", "numpy"])
-def test_a_policy_is_exported(capsys, tmp_path, kind):
+def test_exports_a_policy(capsys, tmp_path, kind):
     if kind == "onnx":
         pytest.importorskip("onnx")
     target = tmp_path / "policy"
@@ -385,22 +385,22 @@ def test_a_policy_is_exported(capsys, tmp_path, kind):
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_reproduce_quick_from_end_to_end(capsys, tmp_path, monkeypatch):
-    """Tiny trainings in real worker processes, three for five; every file of the run folder."""
+def test_reproduces_end_to_end(capsys, tmp_path, monkeypatch):
+    """Small trainings of three of the experiments, in real worker processes; all output files."""
     from skystack.reproduction import plan
 
     names = ("lateral-undamped", "lateral", "lateral-best")
     monkeypatch.setattr(plan, "families_of_experiments", lambda: {"lateral": names})
     monkeypatch.setattr(plan, "QUICK_STEPS", 8192)
     out_folder = tmp_path / "run"
-    command = ("reproduce", "--episodes", "12", "--json", "--out", str(out_folder))
+    command = ("reproduce", "--quick", "--episodes", "12", "--json", "--out", str(out_folder))
     code, out, err = run(capsys, *command)
     assert code == 0, err
     assert "reused" not in err
     result = json.loads(out)
     rows = {(row["experiment"], row["stacking"]) for row in result["rows"]}
-    assert rows == {(name, way) for name in names for way in (False, True)} | {
-        ("do-nothing", False)
+    assert rows == {(name, stacking) for name in names for stacking in (False, True)} | {
+        ("do-nothing-lateral", False)
     }
     assert {training["experiment"] for training in result["train"]} == set(names)
     page = (out_folder / "report.html").read_text()
@@ -409,9 +409,9 @@ def test_reproduce_quick_from_end_to_end(capsys, tmp_path, monkeypatch):
     assert len(list((out_folder / "figures").glob("*.svg"))) > 5
     assert json.loads((out_folder / "results.json").read_text())["quick"] is True
     monkeypatch.setattr("skystack.reporting.report.write_report", lambda run: run / "report.html")
-    code, again, err = run(capsys, *command)  # drawing the report again would take long
+    code, again, err = run(capsys, *command)  # drawing the report again would be slow
     assert code == 0, err
-    assert "10 finished pieces reused from an earlier run" in err  # 3 trainings, 7 evaluations
+    assert "reused 10 cached results of an earlier run" in err  # 3 trainings, 7 evaluations
     same = ("rows", "rows_by_seed", "comparisons", "train")
     assert [json.loads(again)[key] for key in same] == [result[key] for key in same]
     one = str(out_folder / "train" / "lateral-s0")
@@ -424,7 +424,7 @@ def test_reproduce_quick_from_end_to_end(capsys, tmp_path, monkeypatch):
     assert "<h1>Comparison of runs</h1>" in page.read_text()
 
 
-def test_the_command_to_go_on_can_be_pasted(capsys, tmp_path, monkeypatch):
+def test_resume_command_can_be_pasted_into_a_shell(capsys, tmp_path, monkeypatch):
     def interrupted(*arguments):
         raise KeyboardInterrupt
 
@@ -433,8 +433,8 @@ def test_the_command_to_go_on_can_be_pasted(capsys, tmp_path, monkeypatch):
     code, _, err = run(capsys, "train", "vertical", "--out", out, "--set", change)
     assert code == 130
     _, _, command = err.splitlines()[-1].partition("to resume: ")
-    words = ["train", "vertical", "--seed", "0", "--out", out, "--resume", "--set", change]
-    assert shlex.split(command) == ["skystack", *words]
+    arguments = ["train", "vertical", "--seed", "0", "--out", out, "--resume", "--set", change]
+    assert shlex.split(command) == ["skystack", *arguments]
 
 
 MISTAKES = [
@@ -452,7 +452,7 @@ MISTAKES = [
     (["evaluate", "lateral", "--episodes", "0"], "--episodes"),
     (["evaluate", "lateral", "--episodes", "many"], "whole numbers"),
     (["evaluate", "lateral", "--greedy", "--sample"], "not allowed with"),
-    (["evaluate", "nowhere"], "neither a shipped policy"),
+    (["evaluate", "nowhere"], "unknown policy 'nowhere'"),
     (["simulate", "nowhere.json"], "nowhere.json"),
     (
         ["simulate", str(EXAMPLES / "climb.json"), "--platform", "bluebrid"],
@@ -472,14 +472,17 @@ MISTAKES = [
     (["report", "nowhere", "neither", "-o", "page.html"], "nowhere: not a run folder"),
     (["replay", "x" * 300], "File name too long"),
     (["evaluate", "x" * 300], "unknown policy"),
-    ([], "VERB"),
     (["reproduce", "lateral", "--engine", "rya"], "invalid choice: 'rya'"),
     (["reproduce", "lateral", "--ray-address", "127.0.0.1:9"], "--ray-address is for --engine ray"),
 ]
 
 
-@pytest.mark.parametrize(("arguments", "message"), MISTAKES, ids=lambda value: " ".join(value)[:40])
-def test_mistakes_get_one_line_and_exit_code_2(capsys, tmp_path, monkeypatch, arguments, message):
+def mistake_id(value):
+    return (value if isinstance(value, str) else " ".join(value))[:40]
+
+
+@pytest.mark.parametrize(("arguments", "message"), MISTAKES, ids=mistake_id)
+def test_mistakes_give_one_line_and_exit_code_2(capsys, tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     code, out, err = run(capsys, *arguments)
     assert (code, out) == (2, "")
@@ -512,7 +515,7 @@ def broken(**changes):
         (broken(clearances__0__fl=450), "450"),
     ],
 )
-def test_broken_scenarios_leave_nothing_behind(capsys, tmp_path, scenario, message):
+def test_broken_scenarios_leave_no_output(capsys, tmp_path, scenario, message):
     path = tmp_path / "scenario.json"
     path.write_text(json.dumps(scenario))
     code, out, err = run(capsys, "simulate", str(path), "-o", str(tmp_path / "out.parquet"))
@@ -522,7 +525,7 @@ def test_broken_scenarios_leave_nothing_behind(capsys, tmp_path, scenario, messa
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_folders_that_cannot_be_written(capsys, tmp_path):
+def test_unwritable_folders_are_errors(capsys, tmp_path):
     file = tmp_path / "file"
     file.write_text("")
     for arguments in (
@@ -537,7 +540,7 @@ def test_folders_that_cannot_be_written(capsys, tmp_path):
     assert list(tmp_path.iterdir()) == [file]
 
 
-def test_interrupting_an_evaluation_elsewhere_leaves_nothing(tmp_path):
+def test_interrupted_evaluation_on_bluebird_leaves_nothing(tmp_path):
     pytest.importorskip("bluebird_dt")
     out, scratch = tmp_path / "out", tmp_path / "scratch"
     scratch.mkdir()
@@ -554,16 +557,16 @@ def test_interrupting_an_evaluation_elsewhere_leaves_nothing(tmp_path):
         env=os.environ | {"TMPDIR": str(scratch)},
     )
     wait_until(lambda: list(scratch.glob("skystack-*/*")))
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers as well
-    _, err = process.communicate(timeout=HANGS_S)
+    os.killpg(process.pid, signal.SIGINT)  # like a terminal, also to the workers
+    _, err = process.communicate(timeout=TIMEOUT_S)
     assert (process.returncode, err.splitlines()[-1]) == (130, "skystack: interrupted")
     assert "Traceback" not in err
     assert not out.exists()
     assert list(scratch.glob("skystack-*")) == []
-    wait_until(lambda: not group_lives(process.pid))
+    wait_until(lambda: not group_exists(process.pid))
 
 
-def group_lives(group):
+def group_exists(group):
     try:
         os.killpg(group, 0)
     except ProcessLookupError:
@@ -571,9 +574,9 @@ def group_lives(group):
     return True
 
 
-def test_interrupting_training_ends_cleanly_and_can_be_resumed(tmp_path):
+def test_interrupted_training_ends_cleanly_and_can_be_resumed(tmp_path):
     out_folder = tmp_path / "run"
-    # A process started in the background ignores SIGINT: ask for what a terminal gives.
+    # Background processes ignore SIGINT, so set the handler that Python has in a terminal.
     program = (
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
         "from skystack.cli import main; sys.exit(main())"
@@ -584,7 +587,7 @@ def test_interrupting_training_ends_cleanly_and_can_be_resumed(tmp_path):
     metrics = out_folder / "metrics.jsonl"
     wait_until(lambda: metrics.exists() and metrics.read_text())
     os.kill(process.pid, signal.SIGINT)
-    _, err = process.communicate(timeout=HANGS_S)
+    _, err = process.communicate(timeout=TIMEOUT_S)
     assert process.returncode == 130
     assert "Traceback" not in err
     assert "--resume" in err.splitlines()[-1]
@@ -592,19 +595,21 @@ def test_interrupting_training_ends_cleanly_and_can_be_resumed(tmp_path):
     assert not (out_folder / "policy.json").exists()
 
 
-@pytest.mark.parametrize("words", [[], ["--peers"]])
-def test_bench_measures_us_and_names_the_peers_that_are_not_there(capsys, monkeypatch, words):
+@pytest.mark.parametrize("options", [[], ["--peers"]])
+def test_bench_measures_skystack_and_names_missing_peers(capsys, monkeypatch, options):
     fast = Figure("fast", "steps/s", (3.0, 5.0, 4.0), "sitting")
-    if words:
+    if options:
         monkeypatch.setattr(benchmarking, "measure_ourselves", lambda effort, on_group: [fast])
-        monkeypatch.setattr(peers, "PEERS", (*PEERS_THERE, Peer("absent", "fast", absent, "")))
-    assert main(["bench", "--quick", "--json", *words]) == 0
+        monkeypatch.setattr(
+            peers, "PEERS", (*AVAILABLE_PEERS, Peer("absent", "fast", missing_peer, ""))
+        )
+    assert main(["bench", "--quick", "--json", *options]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["machine"]["cores"] >= 1
     figures = {figure["name"]: figure for figure in found["figures"]}
     for figure in figures.values():
         assert 0.0 < figure["least"] <= figure["median"] <= figure["greatest"]
-    if not words:
+    if not options:
         assert found["ratios"] == found["not_measured"] == {}
         units = {(name, figure["unit"]) for name, figure in figures.items()}
         assert {("training, lateral", "steps/s"), ("first update, cold", "s")} <= units
@@ -614,18 +619,18 @@ def test_bench_measures_us_and_names_the_peers_that_are_not_there(capsys, monkey
         assert found["ratios"] == {"half as fast": 2.0}
 
 
-def absent(repetitions):
+def missing_peer(repetitions):
     raise ModuleNotFoundError("No module named 'absent'")
 
 
-def two_a_second(repetitions):
+def two_per_second(repetitions):
     return (2.0,) * repetitions
 
 
-PEERS_THERE = (Peer("half as fast", "fast", two_a_second, ""),)
+AVAILABLE_PEERS = (Peer("half as fast", "fast", two_per_second, ""),)
 
 
-def test_help_needs_no_jax():
+def test_help_does_not_import_jax():
     program = """
 import sys
 from skystack.cli import main

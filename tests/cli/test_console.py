@@ -1,4 +1,4 @@
-"""On a terminal: neither rich nor the terminal interprets anything in a text."""
+"""Neither rich nor the terminal interprets markup or control characters in texts."""
 
 import io
 import re
@@ -6,14 +6,13 @@ import sys
 
 from rich.table import Table
 
-from skystack.cli import console
 from skystack.cli.console import count_scenarios, output, prose, show_progress
 from skystack.learning.run import TrainingProgress
 
 HOSTILE = "[/b][red]\x1b[31m\x9b\u202e[link=http://x]:smile:\r"
 ESCAPED = "[/b][red]\\x1b[31m\\x9b\\u202e[link=http://x]:smile:\\r"
-OURS = re.compile(r"\x1b\[[\d;?]*[A-Za-z]")
-"""What rich writes itself: colours, the cursor."""
+RICH_CODES = re.compile(r"\x1b\[[\d;?]*[A-Za-z]")
+"""What rich itself writes: colours and cursor movements."""
 
 
 class Terminal(io.StringIO):
@@ -24,41 +23,60 @@ class Terminal(io.StringIO):
 
 
 def terminal(monkeypatch):
-    """Both streams, wide enough for one line. (In a fixture pytest would replace them again.)"""
-    both = Terminal()
+    """Both output streams, wide enough for one line. (Pytest would replace those of a fixture.)"""
+    stream = Terminal()
     for name, value in (("COLUMNS", "200"), ("TERM", "xterm"), ("LINES", "50")):
         monkeypatch.setenv(name, value)
     monkeypatch.delenv("NO_COLOR", raising=False)
-    monkeypatch.setattr(sys, "stdout", both)
-    monkeypatch.setattr(sys, "stderr", both)
-    return both
+    monkeypatch.setattr(sys, "stdout", stream)
+    monkeypatch.setattr(sys, "stderr", stream)
+    return stream
 
 
-def plain(both):
-    text = OURS.sub("", both.getvalue()).replace("\r", "").replace("\n", "")
+def plain(stream):
+    text = RICH_CODES.sub("", stream.getvalue()).replace("\r", "").replace("\n", "")
     assert text.isprintable()
     return text
 
 
-def test_tables_titles_captions_and_texts(monkeypatch):
-    both = terminal(monkeypatch)
+def test_escapes_tables_titles_captions_and_texts(monkeypatch):
+    stream = terminal(monkeypatch)
     table = Table(HOSTILE, title=HOSTILE, caption=HOSTILE)
     table.add_row(HOSTILE)
     output().print(table)
     prose().print(HOSTILE)
-    assert plain(both).count(ESCAPED) == 5
+    assert plain(stream).count(ESCAPED) == 5
 
 
-def test_progress_of_trainings(monkeypatch):
-    both = terminal(monkeypatch)
+def test_escapes_the_progress_of_trainings(monkeypatch):
+    stream = terminal(monkeypatch)
     with show_progress() as report:
         report(HOSTILE, TrainingProgress(1, 2, 3.0, {"success": 0.5, "return": 1.0}))
-    assert ESCAPED in plain(both)
+    assert ESCAPED in plain(stream)
 
 
-def test_progress_of_scenarios(monkeypatch):
-    both = terminal(monkeypatch)
-    monkeypatch.setattr(console, "VISIBLE_AFTER_S", 0.0)
+def test_shows_the_phases_of_jobs(monkeypatch):
+    stream = terminal(monkeypatch)
+    with show_progress(2) as report:
+        report("one", TrainingProgress(1_000, 2_000, 3.0, {}))
+        report("one", "evaluating")
+        report("other", "evaluating")
+        report("other", "done")
+    shown = plain(stream)
+    assert "1,000/2,000" in shown
+    assert "evaluating" in shown
+    assert "all jobs" in shown
+
+
+def test_phases_of_jobs_are_lines_without_a_terminal(capsys):
+    with show_progress(2) as report:
+        report("one", "evaluating")
+        report("one", "done")
+    assert capsys.readouterr().err == "one evaluating\none done (1 of 2 jobs)\n"
+
+
+def test_escapes_the_progress_of_scenarios(monkeypatch):
+    stream = terminal(monkeypatch)
     with count_scenarios(HOSTILE, 2) as count:
         count(1)
-    assert ESCAPED in plain(both)
+    assert ESCAPED in plain(stream)

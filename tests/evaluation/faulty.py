@@ -1,4 +1,4 @@
-"""A platform that fails on purpose; in a module of its own, for processes to import."""
+"""A platform that fails on purpose, in its own module so that processes can import it."""
 
 import os
 import time
@@ -12,11 +12,11 @@ from skystack.platforms.own import Skystack
 from skystack.platforms.protocol import Platform, Report
 
 DIES, LOSES, BREAKS, NONSENSE, LEAVES = 1, 4, 5, 6, 7
-"""The scenarios in which it does what, unless it hangs."""
+"""The scenarios in which it fails, unless it hangs."""
 
 
 class Faulty(Skystack):
-    """Ours, but for some of the scenarios that it is given, told by their start."""
+    """Our simulator, failing in some scenarios, which it recognises by their starting latitudes."""
 
     def __init__(self, starts: tuple[float, ...], hangs: tuple[int, ...]) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Recordings made by hand: nothing is flown, so that every value in a table is known."""
+"""Hand-made recordings: no scenario is flown, so every value in a table is known."""
 
 import numpy as np
 
@@ -7,12 +7,12 @@ from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import Traffic
 from skystack.tasks.contract import AircraftStatus
 
-UNSEEN = {"next_fix": 1, "turn_radius_nm": 0.0, "pending_turn": 0, "turn_deg": 0.0}
+NOT_IN_TABLES = {"next_fix": 1, "turn_radius_nm": 0.0, "pending_turn": 0, "turn_deg": 0.0}
 
 
 def traffic(shape, **columns):
-    """Traffic of a shape in the units of the tables; level at FL300, heading 0, unless given."""
-    usual = {
+    """Traffic of a shape, in the units of the tables; by default level at FL300, heading 0."""
+    defaults = {
         "position_nm": np.zeros((*shape, 2)),
         "heading_deg": 0.0,
         "level_ticks": 300.0,
@@ -25,7 +25,7 @@ def traffic(shape, **columns):
         "kind": 0,
         "active": True,
     }
-    given = usual | UNSEEN | columns
+    given = defaults | NOT_IN_TABLES | columns
     for name in ("level_ticks", "cleared_level_ticks"):
         given[name] = np.asarray(given[name], dtype=float) * TICKS_PER_FL
     given["flown_heading_deg"] = given["cleared_heading_deg"]
@@ -34,19 +34,20 @@ def traffic(shape, **columns):
 
 
 def _filled(name, value, shape):
-    whole = (*shape, 2) if name == "position_nm" else shape
-    array = np.array(np.broadcast_to(value, whole))
+    full_shape = (*shape, 2) if name == "position_nm" else shape
+    array = np.array(np.broadcast_to(value, full_shape))
     return array.astype(np.float32) if array.dtype == float else array
 
 
 def recording(number, ran, aircraft=2, *, start=None, later=None, **fields):
-    """Scenarios `[scenarios, cycles]`; `start` and `later` are columns of the traffic."""
+    """`ran` is `[scenarios, cycles]`; `start` and `later` are columns of the traffic."""
     ran = np.asarray(ran, dtype=bool)
     scenarios, cycles = ran.shape
-    nothing = np.zeros((scenarios, cycles, aircraft), dtype=bool)
-    usual = {
+    never = np.zeros((scenarios, cycles, aircraft), dtype=bool)
+    defaults = {
         "exit_level_ticks": np.full((scenarios, aircraft), 300.0 * TICKS_PER_FL, dtype=np.float32),
-        "status": AircraftStatus(entered=nothing, exited=nothing, excursion=nothing),
+        "start_status": AircraftStatus(*[np.zeros((scenarios, aircraft), dtype=bool)] * 3),
+        "status": AircraftStatus(entered=never, exited=never, excursion=never),
         "action": np.zeros(ran.shape, dtype=np.int32),
         "instructions": np.zeros(ran.shape, dtype=np.int32),
         "reward": np.zeros(ran.shape, dtype=np.float32),
@@ -57,13 +58,13 @@ def recording(number, ran, aircraft=2, *, start=None, later=None, **fields):
         start=traffic((scenarios, aircraft), **(start or {})),
         traffic=traffic((scenarios, cycles, aircraft), **(later or {})),
         ran=ran,
-        **usual | fields,
+        **defaults | fields,
     )
 
 
 def metrics(scenarios, **given):
-    """At the end of each scenario: all successful, unless given."""
-    usual = {
+    """Metrics at the end of each scenario; by default all are successful."""
+    defaults = {
         "success": True,
         "correct_exit": True,
         "excursion": False,
@@ -75,5 +76,5 @@ def metrics(scenarios, **given):
     }
     return {
         name: np.full(scenarios, given.get(name, value), dtype=np.asarray(value).dtype)
-        for name, value in usual.items()
+        for name, value in defaults.items()
     }

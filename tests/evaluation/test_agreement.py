@@ -1,4 +1,4 @@
-"""When two evaluations issued the same clearances: order, aircraft, values, nearly the cycle."""
+"""Two evaluations have the same clearances: order, aircraft, values and nearly the cycle."""
 
 import pyarrow as pa
 import pytest
@@ -13,7 +13,7 @@ def table(rows):
     return pa.table({name: [row[i] for row in rows] for i, name in enumerate(names)})
 
 
-def changed(row, **fields):
+def with_row_changed(row, **fields):
     names = ("scenario", "cycle", "callsign", "kind", "value")
     return [
         tuple((dict(zip(names, entry, strict=True)) | fields).values()) if i == row else entry
@@ -25,11 +25,11 @@ def changed(row, **fields):
     ("other", "same"),
     [
         (ISSUED, [True, True, True]),
-        (changed(0, cycle=6), [True, True, True]),
-        (changed(0, cycle=7), [False, True, True]),
-        (changed(0, value=36), [False, True, True]),
-        (changed(1, callsign="AC1"), [False, True, True]),
-        (changed(2, kind="heading"), [True, True, False]),
+        (with_row_changed(0, cycle=6), [True, True, True]),
+        (with_row_changed(0, cycle=7), [False, True, True]),
+        (with_row_changed(0, value=36), [False, True, True]),
+        (with_row_changed(1, callsign="AC1"), [False, True, True]),
+        (with_row_changed(2, kind="heading"), [True, True, False]),
         (ISSUED[:2], [True, True, False]),
         ([ISSUED[1], ISSUED[0], ISSUED[2]], [False, True, True]),
         ([*ISSUED, (1, 3, "AC1", "heading", 10)], [True, False, True]),

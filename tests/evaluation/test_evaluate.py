@@ -1,4 +1,4 @@
-"""What is judged, on which task, under which name; nothing but a row of nobody is flown."""
+"""Requests for an evaluation: the task, the conditions, the names, and what is refused."""
 
 import math
 import threading
@@ -30,29 +30,29 @@ TASK = policy_task(LATERAL)
 FACTS = Facts(**facts(LATERAL))
 
 
-def described(**changes):
-    """The lateral policy, with other metadata."""
+def with_metadata(**changes):
+    """The lateral policy with changed metadata."""
     return replace(LATERAL, description=msgspec.structs.replace(LATERAL.description, **changes))
 
 
 def agent(**changes):
-    return Agent("theirs", act=lambda seen: 0, **changes)
+    return Agent("theirs", act=lambda observation: 0, **changes)
 
 
-def test_a_policy_is_evaluated_on_the_task_it_was_trained_for():
+def test_a_policy_is_evaluated_on_its_training_task():
     vertical = policy_task(find_policy("vertical"))
     kinds = {action.kind for action in vertical.actions[1:]}
     assert (vertical.name, kinds) == ("vertical", {"level"})
     assert TASK.settings == load_experiment("lateral").task
 
 
-def test_another_sector_and_other_cycles_change_nothing_else():
+def test_sector_and_cycles_change_no_other_setting():
     elsewhere = policy_task(LATERAL, "merge", 432)
     assert elsewhere.sector.name == "merge"
     assert elsewhere.settings == msgspec.structs.replace(TASK.settings, sector="merge", cycles=432)
     assert policy_task(LATERAL, cycles=299).cycles == 299
-    of_agent = agent_task(agent(), "lateral", "merge", 432)
-    assert of_agent.settings == elsewhere.settings
+    agents_task = agent_task(agent(), "lateral", "merge", 432)
+    assert agents_task.settings == elsewhere.settings
 
 
 @pytest.mark.parametrize(
@@ -64,17 +64,17 @@ def test_another_sector_and_other_cycles_change_nothing_else():
         ({"actions": ("none",)}, "its observation or actions differ from those of its task"),
     ],
 )
-def test_what_was_trained_for_another_task_is_refused(changes, message):
+def test_rejects_policies_trained_for_another_task(changes, message):
     with pytest.raises(InputError, match=f"policy lateral-s0.* {message}"):
-        policy_task(described(**changes))
+        policy_task(with_metadata(**changes))
     with pytest.raises(InputError, match=f"theirs.* {message}"):
         agent_task(agent(facts=msgspec.structs.replace(FACTS, **changes)), None)
 
 
-def test_an_agent_is_for_the_experiment_that_is_named_or_that_it_names():
+def test_an_agent_flies_the_given_or_its_own_experiment():
     assert agent_task(agent(facts=FACTS), None).settings == TASK.settings
-    own = Experiment("mine", task=NavigationSettings(cycles=123))
-    assert agent_task(agent(), own).settings.cycles == 123
+    mine = Experiment("mine", task=NavigationSettings(cycles=123))
+    assert agent_task(agent(), mine).settings.cycles == 123
     vertical = msgspec.structs.replace(FACTS, experiment="vertical", task_name="vertical")
     with pytest.raises(InputError, match=r"theirs.*differ from those of its task"):
         agent_task(agent(facts=vertical), None)
@@ -86,23 +86,23 @@ def test_an_agent_is_for_the_experiment_that_is_named_or_that_it_names():
 
 
 @pytest.mark.parametrize(
-    ("has", "shown"),
+    ("shapes", "described"),
     [
         ({"observations": 7}, "7 observed values and . actions"),
         ({"actions": 4}, ". observed values and 4 actions"),
         ({"observations": 8, "actions": 6}, "8 observed values and 6 actions"),
     ],
 )
-def test_an_agent_of_other_shapes_is_refused(has, shown):
-    with pytest.raises(InputError, match=rf"theirs has {shown} .allowed for lateral: 8, 5"):
-        agent_task(agent(**has), "lateral")
+def test_rejects_an_agent_of_other_shapes(shapes, described):
+    with pytest.raises(InputError, match=rf"theirs has {described} .allowed for lateral: 8, 5"):
+        agent_task(agent(**shapes), "lateral")
     assert agent_task(agent(observations=8, actions=5), "lateral").settings == TASK.settings
 
 
 @pytest.mark.parametrize(
-    ("policy", "conditions", "named", "message"),
+    ("policy", "conditions", "options", "message"),
     [
-        (LATERAL, Conditions(), {"experiment": "lateral"}, "lateral carries its own experiment"),
+        (LATERAL, Conditions(), {"experiment": "lateral"}, "lateral already names its experiment"),
         (LATERAL, Conditions(platform="bluebrd"), {}, "unknown platform 'bluebrd'; did you mean"),
         (LATERAL, Conditions(cycles=20), {}, "task.cycles is 20, but the shortest route"),
         (
@@ -113,12 +113,12 @@ def test_an_agent_of_other_shapes_is_refused(has, shown):
         ),
     ],
 )
-def test_invalid_requests_are_refused_before_anything_is_flown(policy, conditions, named, message):
+def test_rejects_invalid_requests_before_flying(policy, conditions, options, message):
     with pytest.raises(InputError, match=message):
-        evaluate(policy, conditions, **named)
+        evaluate(policy, conditions, **options)
 
 
-def test_what_cannot_be_sent_to_other_processes_is_refused(tmp_path):
+def test_rejects_an_agent_that_cannot_be_pickled(tmp_path):
     pytest.importorskip("bluesky")
     here = Agent("here", act=threading.Lock().acquire)
     out = tmp_path / "evaluation"
@@ -130,36 +130,37 @@ def test_what_cannot_be_sent_to_other_processes_is_refused(tmp_path):
 def test_the_folder_of_an_evaluation_is_named_after_the_policy():
     out = Path("out")
     assert evaluation_folder(out, "lateral", 3, True) == out / "lateral-s3-skystack-stacked"
-    there = evaluation_folder(out, "own", 0, False, "bluesky")
-    assert there == out / "own-s0-bluesky-plain"
+    other = evaluation_folder(out, "own", 0, False, "bluesky")
+    assert other == out / "own-s0-bluesky-plain"
 
 
-def test_nobody_is_judged_plain_and_routes_that_take_too_long_are_noted(tmp_path):
-    """Of types that fly at Mach 0.4: each leg is reckoned at their speed."""
+def test_no_op_is_unstacked_and_long_routes_are_noted(tmp_path):
+    """Because one type flies at Mach 0.4, and routes are timed at the lowest speed."""
     slow = AircraftType("AT76", mach=(0.4, 0.4, 0.4))
     settings = NavigationSettings(fleet=(AircraftType(), slow), cycles=98)
     experiment = Experiment("slow", task=settings)
-    judged = evaluate_no_op(experiment, Conditions(seed=5, episodes=2, greedy=True), tmp_path)
-    row = {name: judged.row[name] for name in ("experiment", "seed", "platform", "stacking")}
+    result = evaluate_no_op(experiment, Conditions(seed=5, episodes=2, greedy=True), tmp_path)
+    row = {name: result.row[name] for name in ("experiment", "seed", "platform", "stacking")}
     assert row == {
-        "experiment": "do-nothing",
+        "experiment": "do-nothing-lateral",
         "seed": 0,
         "platform": "skystack",
         "stacking": False,
     }
-    assert [path.name for path in tmp_path.iterdir()] == ["do-nothing-s0-skystack-plain"]
-    assert judged.failed == {}
-    assert judged.row["wall_s"] > 0.0
-    (note,) = judged.notes
+    assert [path.name for path in tmp_path.iterdir()] == ["do-nothing-lateral-s0-skystack-plain"]
+    assert result.failed == {}
+    assert result.row["wall_s"] > 0.0
+    (note,) = result.notes
     assert note.startswith("10 of 10 routes take more than 98 cycles: ")
 
 
-def test_the_usual_conditions():
-    """As the command line's: a thousand scenarios, stacked, the most probable action, ours."""
-    usual = Conditions()
-    assert (usual.seed, usual.episodes, usual.stacking, usual.greedy) == (0, 1000, True, True)
-    assert (usual.platform, usual.time_limit_s) == ("skystack", 120.0)
-    assert (usual.sector, usual.cycles) == (None, None)
+def test_default_conditions():
+    """As on the command line: 1,000 scenarios, stacked, greedy, in our simulator."""
+    defaults = Conditions()
+    assert (defaults.seed, defaults.episodes) == (0, 1000)
+    assert (defaults.stacking, defaults.greedy) == (True, True)
+    assert (defaults.platform, defaults.time_limit_s) == ("skystack", 120.0)
+    assert (defaults.sector, defaults.cycles) == (None, None)
 
 
 @pytest.mark.parametrize(
@@ -170,7 +171,7 @@ def test_the_usual_conditions():
         *(("cycles", value) for value in (0, 10_001, 1.5)),
     ],
 )
-def test_conditions_out_of_range_are_refused(name, value):
+def test_rejects_conditions_out_of_range(name, value):
     """As on the command line. Seeds beyond 32 bits would repeat the scenarios of smaller ones."""
     with pytest.raises(InputError, match=rf"^{name} is .* \(allowed: whole numbers from "):
         evaluate(lambda _: 0, Conditions(**{"episodes": 1, name: value}), experiment="vertical")
@@ -187,19 +188,19 @@ def test_conditions_out_of_range_are_refused(name, value):
         ),
     ],
 )
-def test_conditions_of_a_wrong_type_are_refused(name, value, allowed):
+def test_rejects_conditions_of_a_wrong_type(name, value, allowed):
     with pytest.raises(InputError, match=rf"^{name} is .* \(allowed: {allowed}\)$"):
         evaluate(lambda _: 0, Conditions(**{"episodes": 1, name: value}), experiment="vertical")
 
 
 def test_paths_may_be_str_or_path(tmp_path):
-    """Names, files and folders may be given in either form."""
-    own = Path(__file__).parents[2] / "examples" / "own-sector"
+    """Experiments, sectors and output folders."""
+    example = Path(__file__).parents[2] / "examples" / "own-sector"
     for kind in (str, Path):
-        conditions = Conditions(episodes=1, sector=kind(own / "valley.json"))
-        out, experiment = kind(tmp_path / kind.__name__), kind(own / "valley.toml")
-        judged = evaluate(lambda _: 0, conditions, out, experiment=experiment, name="nobody")
-        assert judged.episodes.num_rows == 1
+        conditions = Conditions(episodes=1, sector=kind(example / "valley.json"))
+        out, experiment = kind(tmp_path / kind.__name__), kind(example / "valley.toml")
+        result = evaluate(lambda _: 0, conditions, out, experiment=experiment, name="nobody")
+        assert result.episodes.num_rows == 1
         (folder,) = Path(out).iterdir()
         assert folder.name == "nobody-s0-skystack-stacked"
     with pytest.raises(InputError, match="unknown sector 'nowhere'"):
@@ -207,8 +208,19 @@ def test_paths_may_be_str_or_path(tmp_path):
 
 
 def test_conditions_may_be_numpy_scalars():
-    given = Conditions(
+    conditions = Conditions(
         np.int64(3), np.int32(1), np.bool_(False), np.True_, "skystack", np.float32(1)
     )
-    judged = evaluate(lambda _: 0, given, experiment="vertical")
-    assert (judged.row["stacking"], judged.episodes.num_rows) == (False, 1)
+    result = evaluate(lambda _: 0, conditions, experiment="vertical")
+    assert (result.row["stacking"], result.episodes.num_rows) == (False, 1)
+
+
+def test_the_papers_numbers_are_only_for_its_sector_and_task():
+    policy = find_policy("lateral")
+    plain = Conditions(episodes=2, stacking=False)
+    assert evaluate(policy, plain).row["paper"]["clearances_mean"] == 14.5
+    for other in ({"sector": "merge"}, {"cycles": 299}):
+        assert evaluate(policy, plain._replace(**other)).row["paper"] is None
+    dearer = load_experiment("lateral", ["task.reward.burst=2.0"])
+    own = evaluate(lambda observation: 0, plain, experiment=dearer, name="lateral")
+    assert own.row["paper"] is None

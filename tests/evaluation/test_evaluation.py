@@ -1,4 +1,4 @@
-"""Evaluation: the scenarios, the tables, the rows; judged against what is known of the sector."""
+"""Evaluation: its scenarios, tables and rows, against what is known about the sector."""
 
 import json
 
@@ -37,26 +37,26 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def judged(folder):
+def evaluated(folder):
     return evaluate(find_policy("lateral"), Conditions(episodes=EPISODES), folder)
 
 
 @pytest.fixture(scope="module")
-def tables(judged, folder):
-    where = evaluation_folder(folder, "lateral", judged.row["seed"], stacking=True)
-    return {name: pq.read_table(where / f"{name}.parquet") for name in TABLES}
+def tables(evaluated, folder):
+    subfolder = evaluation_folder(folder, "lateral", evaluated.row["seed"], stacking=True)
+    return {name: pq.read_table(subfolder / f"{name}.parquet") for name in TABLES}
 
 
 def column(table, name):
     return np.array(table[name].to_pylist())
 
 
-def test_an_answer_outside_the_action_table_is_named():
-    """Inside a compiled program, where an index beyond an array raises nothing."""
+def test_reports_an_action_outside_the_table():
+    """Also in a compiled program, where an index outside an array raises no error."""
     task = build_task(NavigationSettings(cycles=4))
-    wild = Controller(lambda weights, observation, key: jnp.full((), 99, dtype=jnp.int32))
+    invalid = Controller(lambda weights, observation, key: jnp.full((), 99, dtype=jnp.int32))
     with pytest.raises(InputError, match=r"^scenario 0, cycle 0: action is 99 \(allowed: .* to 4"):
-        fly(task, wild, 0, 2, stacking=True)
+        fly(task, invalid, 0, 2, stacking=True)
 
 
 def test_scenarios_depend_on_seed_and_number_only():
@@ -71,30 +71,30 @@ def test_training_and_evaluation_never_share_a_key():
     def words(key):
         return tuple(np.asarray(jax.random.key_data(key)).tolist())
 
-    judged = {words(scenario_key(seed, number)) for seed in range(5) for number in range(50)}
+    evaluated = {words(scenario_key(seed, number)) for seed in range(5) for number in range(50)}
     trained = {words(training_key(seed)) for seed in range(50)}
-    assert (len(judged), len(trained)) == (250, 50)
-    assert not judged & trained
+    assert (len(evaluated), len(trained)) == (250, 50)
+    assert not evaluated & trained
 
 
-def test_doing_nothing_succeeds_where_both_routes_are_straight():
-    """Known of the sector: HERON-SWIFT and SWIFT-HERON need no instruction, all others one."""
+def test_no_op_succeeds_where_both_routes_are_straight():
+    """HERON-SWIFT and SWIFT-HERON need no instruction, every other route needs one."""
     experiment = load_experiment("lateral")
     flight = fly(build_task(experiment.task), NO_OP_CONTROLLER, 0, 300, False)
     routes = build_task(experiment.task).simulator.sector.routes
     straight = np.array([{"HERON", "SWIFT"} == {route[0], route[-1]} for route in routes])
     expected = straight[flight.start.route].all(axis=1)
     assert expected.sum() > 0
-    # What the task says of a scenario is what it said in its last cycle.
+    # The metrics of a scenario are those of its last cycle.
     np.testing.assert_array_equal(flight.metrics["cycles"], flight.ran.sum(axis=1))
     assert not flight.reward[~flight.ran].any()
     result = evaluate_no_op(experiment, Conditions(episodes=300), None)
     np.testing.assert_array_equal(column(result.episodes, "success"), expected)
     assert result.row["clearances_mean"] == result.row["instructions_mean"] == 0.0
-    assert result.row["experiment"] == "do-nothing"
+    assert result.row["experiment"] == "do-nothing-lateral"
 
 
-def test_tables_tell_one_story(tables, judged):
+def test_tables_are_consistent(tables, evaluated):
     episodes, clearances = tables["episodes"], tables["clearances"]
     assert episodes.num_rows == EPISODES
     counts = np.bincount(column(clearances, "scenario"), minlength=EPISODES)
@@ -103,8 +103,8 @@ def test_tables_tell_one_story(tables, judged):
         column(clearances, "scenario"), column(clearances, "instructions"), minlength=EPISODES
     )
     np.testing.assert_array_equal(stacked, column(episodes, "instructions"))
-    assert judged.row["clearances_mean"] == pytest.approx(counts.mean())
-    assert judged.row["success_rate"] == pytest.approx(column(episodes, "success").mean())
+    assert evaluated.row["clearances_mean"] == pytest.approx(counts.mean())
+    assert evaluated.row["success_rate"] == pytest.approx(column(episodes, "success").mean())
 
 
 def test_trajectories_have_a_row_per_aircraft_and_cycle(tables):
@@ -121,8 +121,8 @@ def test_trajectories_have_a_row_per_aircraft_and_cycle(tables):
     assert last[0]["cycle"] == cycles[0]
 
 
-def test_a_clearance_is_seen_in_the_next_row_and_flown_after_it(tables):
-    """Section 10 of the design: row k+1 shows it as cleared, row k+2 the aircraft moving on it."""
+def test_a_clearance_is_shown_one_row_later_and_flown_after_it(tables):
+    """Issued in cycle k, it is cleared in row k+1, and the aircraft flies it from row k+2."""
     rows = {
         (row["scenario"], row["callsign"], row["cycle"]): row
         for row in tables["trajectories"].to_pylist()
@@ -130,35 +130,35 @@ def test_a_clearance_is_seen_in_the_next_row_and_flown_after_it(tables):
     }
     checked = 0
     for clearance in tables["clearances"].to_pylist():
-        where, cycle = (clearance["scenario"], clearance["callsign"]), clearance["cycle"]
-        if clearance["scenario"] >= 10 or (*where, cycle + 2) not in rows:
+        aircraft, cycle = (clearance["scenario"], clearance["callsign"]), clearance["cycle"]
+        if clearance["scenario"] >= 10 or (*aircraft, cycle + 2) not in rows:
             continue
-        row = rows[*where, cycle + 1]
+        row = rows[*aircraft, cycle + 1]
         assert row["cleared_heading_deg"] == clearance["value"] % 360
         turn = (clearance["value"] - row["heading_deg"] + 180) % 360 - 180
         if abs(turn) > 15 and row["status"] != "exited":
             assert (turn > 0) == (clearance["direction"] == "right")
-        way = f"turn {clearance['direction']}" if clearance["direction"] else "fly"
-        said = f"{clearance['callsign']} {way} heading {clearance['value'] or 360:03d}"
-        assert clearance["text"] == said
+        verb = f"turn {clearance['direction']}" if clearance["direction"] else "fly"
+        text = f"{clearance['callsign']} {verb} heading {clearance['value'] or 360:03d}"
+        assert clearance["text"] == text
         checked += 1
     assert checked > 10
 
 
-def test_tables_carry_their_sector(tables):
+def test_tables_contain_their_sector(tables):
     sector = json.loads(tables["trajectories"].schema.metadata[b"sector"])
     assert sector["name"] == "x-plus"
     assert len(sector["area"]) == 14
     assert len(sector["routes"]) == 10
 
 
-def test_plain_flight_issues_every_instruction_by_itself():
+def test_without_stacking_each_clearance_is_one_instruction():
     plain = evaluate(find_policy("lateral"), Conditions(episodes=EPISODES, stacking=False), None)
     assert plain.row["clearances_mean"] == plain.row["instructions_mean"]
     assert plain.row["paper"] == {"clearances_mean": 14.5, "clearances_std": 6.6}
 
 
-def test_sampling_differs_from_greedy_and_repeats():
+def test_sampling_is_reproducible_and_differs_from_greedy():
     sampled = Conditions(episodes=20, greedy=False)
     first, second = (evaluate(find_policy("lateral"), sampled, None) for _ in range(2))
     greedy = evaluate(find_policy("lateral"), Conditions(episodes=20), None)
@@ -166,11 +166,11 @@ def test_sampling_differs_from_greedy_and_repeats():
     assert not first.episodes.equals(greedy.episodes)
 
 
-def test_rows_of_several_seeds_are_put_together(judged):
+def test_aggregates_rows_of_several_seeds(evaluated):
     other = evaluate(find_policy("lateral"), Conditions(seed=1, episodes=EPISODES), None)
-    row = aggregate([judged.row, other.row], [judged.episodes, other.episodes])
+    row = aggregate([evaluated.row, other.row], [evaluated.episodes, other.episodes])
     assert (row["seeds"], row["episodes"]) == (2, 2 * EPISODES)
-    both = (judged.row["clearances_mean"] + other.row["clearances_mean"]) / 2
+    both = (evaluated.row["clearances_mean"] + other.row["clearances_mean"]) / 2
     assert row["clearances_mean"] == pytest.approx(both)
 
 
@@ -184,7 +184,7 @@ def test_the_papers_numbers():
     assert paper_row("lateral-large", True) is None
 
 
-def test_a_policy_for_another_version_of_its_task_is_refused():
+def test_rejects_a_policy_for_another_task_version():
     import msgspec
 
     policy = find_policy("lateral")
@@ -193,8 +193,8 @@ def test_a_policy_for_another_version_of_its_task_is_refused():
         policy_task(Policy(newer, policy.actor, policy.normaliser))
 
 
-def test_the_shipped_vertical_policy_says_one_thing_where_one_is_needed():
-    """And nothing where the entry level is the exit level; unstacked, one per ten levels."""
+def test_the_vertical_policy_issues_at_most_one_clearance():
+    """None if the entry level is the exit level. Without stacking, one per ten levels."""
     policy = find_policy("vertical")
     stacked, plain = (
         make_tables(policy_task(policy), fly(policy_task(policy), controller, 0, 300, stacking))
@@ -211,15 +211,15 @@ def test_the_shipped_vertical_policy_says_one_thing_where_one_is_needed():
     assert first["text"] == f"AC1 {first['direction']} FL{first['value']}"
 
 
-def test_the_tables_say_of_which_type_each_aircraft_is(tmp_path):
-    """Types and levels come from the experiment; a slow one flies its own table's airspeed."""
+def test_tables_contain_the_type_of_each_aircraft(tmp_path):
+    """Types and levels come from the experiment; the slow type flies at its own Mach number."""
     slow = '{type="AT76", mach=[0.4,0.4,0.4]}'
     changes = [f"task.fleet=[{{}},{slow}]", "task.level_fl=[280,300]", "task.cycles=98"]
     experiment = load_experiment("lateral", changes)
     evaluate_no_op(experiment, Conditions(episodes=20), tmp_path)
-    (where,) = tmp_path.iterdir()
-    aircraft = pq.read_table(where / "aircraft.parquet").to_pylist()
-    rows = pq.read_table(where / "trajectories.parquet").to_pylist()
+    (folder,) = tmp_path.iterdir()
+    aircraft = pq.read_table(folder / "aircraft.parquet").to_pylist()
+    rows = pq.read_table(folder / "trajectories.parquet").to_pylist()
     types = {(one["scenario"], one["callsign"]): one["type"] for one in aircraft}
     assert set(types.values()) == {"B753", "AT76"}
     assert {one["entry_fl"] for one in aircraft} == {280, 300}

@@ -1,4 +1,4 @@
-"""Scenarios flown through the platform protocol: as in one program, and when a platform fails."""
+"""Scenarios flown through the platform protocol: the same results as ours, and failures."""
 
 from functools import partial
 
@@ -16,7 +16,7 @@ from skystack.evaluation.tables import make_tables
 from skystack.policies.shipped import find_policy
 from skystack.tasks.registry import build_task
 from skystack.tasks.settings import NavigationSettings
-from tests.waiting import HANGS_S
+from tests.waiting import TIMEOUT_S
 
 from .faulty import (
     BREAKS,
@@ -32,7 +32,7 @@ from .faulty import (
 )
 
 
-def nobody():
+def no_op():
     return NO_OP_CONTROLLER
 
 
@@ -40,18 +40,18 @@ SHORT = build_task(NavigationSettings(cycles=12))
 
 
 def test_our_simulator_flies_the_same_through_the_protocol(tmp_path):
-    """Another loop, in other processes, cycle by cycle: the same clearances and metrics."""
+    """In another loop, in other processes: the same clearances, cycles and metrics."""
     policy = find_policy("lateral-tuned")
     task = policy_task(policy)
     controller = partial(network_controller, policy.actor, policy.normaliser, True)
     job = PlatformRollout(task, controller, True, 0, open_own)
-    heard = []
+    finished = []
     failed = {}
     elsewhere = concatenate(
-        list(fly_on_platform(job, 8, tmp_path, failed, on_scenario=heard.append))
+        list(fly_on_platform(job, 8, tmp_path, failed, on_scenario=finished.append))
     )
     here = fly(task, controller(), 0, 8, True)
-    assert (failed, heard) == ({}, list(range(1, 9)))
+    assert (failed, finished) == ({}, list(range(1, 9)))
     ours, theirs = make_tables(task, here), make_tables(task, elsewhere)
     assert all(same_clearances(ours.clearances, theirs.clearances, range(8), cycles=0))
     assert ours.episodes["success"].equals(theirs.episodes["success"])
@@ -63,9 +63,11 @@ def test_our_simulator_flies_the_same_through_the_protocol(tmp_path):
         np.testing.assert_allclose(ours.trajectories[name], theirs.trajectories[name], atol=1e-5)
 
 
-def test_what_fails_is_named_and_the_others_are_finished(tmp_path):
+def test_reports_failed_scenarios_and_finishes_the_others(tmp_path):
     failed = {}
-    flown = concatenate(list(fly_on_platform(faulty(9), 9, tmp_path, failed, time_limit_s=HANGS_S)))
+    flown = concatenate(
+        list(fly_on_platform(faulty(9), 9, tmp_path, failed, time_limit_s=TIMEOUT_S))
+    )
     assert flown.number.tolist() == [0, 2, 3, 8]
     assert failed == {
         DIES: "the simulator's process died (exit code 7)",
@@ -78,15 +80,15 @@ def test_what_fails_is_named_and_the_others_are_finished(tmp_path):
     assert numbers.to_pylist() == [0, 2, 3, 8]
 
 
-def test_a_simulator_that_hangs_is_given_up(tmp_path):
-    """All scenarios hang: no time limit could be too short for one on a busy machine."""
+def test_abandons_a_simulator_that_hangs(tmp_path):
+    """All scenarios hang: a healthy one might exceed a short time limit on a busy machine."""
     with pytest.raises(PlatformError, match="no scenario was finished: scenario 0 took more than"):
         list(fly_on_platform(faulty(2, hangs=(0, 1)), 2, tmp_path, {}, time_limit_s=1.0))
 
 
 def faulty(scenarios, hangs=()):
     starts = tuple(start[0] for start in starting_latitudes(scenarios))
-    return PlatformRollout(SHORT, nobody, False, 0, partial(open_faulty, starts, hangs))
+    return PlatformRollout(SHORT, no_op, False, 0, partial(open_faulty, starts, hangs))
 
 
 def starting_latitudes(count):
@@ -96,20 +98,20 @@ def starting_latitudes(count):
 
 
 @pytest.mark.parametrize(
-    ("opened", "why"),
+    ("opener", "message"),
     [
         (open_nothing, "it does not start"),
         (open_badly, "did not start: ImportError: no such library"),
         (open_and_die, "its process died, or took too long, while starting"),
     ],
 )
-def test_a_platform_that_does_not_start_is_an_error(tmp_path, opened, why):
-    with pytest.raises(PlatformError, match=f"no scenario was finished: scenario 0 {why}"):
-        list(fly_on_platform(PlatformRollout(SHORT, nobody, False, 0, opened), 2, tmp_path, {}))
+def test_a_platform_that_does_not_start_is_an_error(tmp_path, opener, message):
+    with pytest.raises(PlatformError, match=f"no scenario was finished: scenario 0 {message}"):
+        list(fly_on_platform(PlatformRollout(SHORT, no_op, False, 0, opener), 2, tmp_path, {}))
 
 
 @pytest.mark.parametrize("platform", ["bluebird", "bluesky"])
-def test_other_simulators_are_judged_by_the_same_tables(platform, tmp_path):
+def test_other_simulators_give_the_same_tables(platform, tmp_path):
     pytest.importorskip({"bluebird": "bluebird_dt", "bluesky": "bluesky"}[platform])
     policy, episodes = find_policy("lateral-tuned"), 4
     ours = evaluate(policy, Conditions(episodes=episodes), tmp_path)
@@ -127,8 +129,8 @@ def test_other_simulators_are_judged_by_the_same_tables(platform, tmp_path):
         assert all(same_clearances(ours.clearances, theirs.clearances, range(episodes)))
 
 
-def test_vertical_control_is_judged_in_bluebird_as_in_ours(tmp_path):
-    """Own navigation and levels: other instructions through the same protocol."""
+def test_vertical_control_is_the_same_in_bluebird(tmp_path):
+    """Own navigation and level clearances, through the same protocol."""
     pytest.importorskip("bluebird_dt")
     policy = find_policy("vertical")
     ours = evaluate(policy, Conditions(episodes=4), None)

@@ -1,4 +1,4 @@
-"""Untrusted tables, whose few bytes may claim gigabytes, and scenarios read back."""
+"""Stored tables: untrusted files, where a few bytes may claim gigabytes, and flown scenarios."""
 
 import os
 
@@ -36,26 +36,26 @@ from .recordings import recording
 
 
 def repeated(text, rows):
-    """A column of one text, written as a dictionary: the file holds the text once."""
+    """A dictionary-encoded column of one text, which the file contains once."""
     return pa.DictionaryArray.from_arrays(pa.array([0] * rows, pa.int32()), [text])
 
 
-def written(folder, **columns):
+def write_columns(folder, **columns):
     path = folder / "table.parquet"
     pq.write_table(pa.table(columns), path, store_schema=False)
     return path
 
 
-def test_a_text_that_stands_in_every_row_is_refused_before_it_is_unpacked(tmp_path):
-    path = written(tmp_path, text=repeated("x" * 100_000, 200_000))  # 20 GB
+def test_rejects_a_huge_repeated_text_before_decoding(tmp_path):
+    path = write_columns(tmp_path, text=repeated("x" * 100_000, 200_000))  # 20 GB
     assert path.stat().st_size < 10_000
     with pytest.raises(InputError, match=r"'text' holds too much text \(allowed: 100000000 bytes"):
         read_table(path, ("text",))
 
 
 @pytest.mark.parametrize("rows", [columns.MOST_KEPT_ROWS, columns.MOST_KEPT_ROWS + 1])
-def test_more_rows_than_are_read_at_once_are_refused(rows, tmp_path):
-    path = written(tmp_path, cycle=pa.array([1]).take(pa.array([0] * rows)))
+def test_limits_the_rows_that_are_read_at_once(rows, tmp_path):
+    path = write_columns(tmp_path, cycle=pa.array([1]).take(pa.array([0] * rows)))
     if rows == columns.MOST_KEPT_ROWS:
         assert read_table(path, ("cycle",)).num_rows == rows
         return
@@ -63,16 +63,16 @@ def test_more_rows_than_are_read_at_once_are_refused(rows, tmp_path):
         read_table(path, ("cycle",))
 
 
-def test_of_a_large_table_what_is_asked_for_is_read(tmp_path):
+def test_reads_requested_rows_of_a_large_table(tmp_path):
     rows = columns.MOST_KEPT_ROWS + 10
     numbers = pa.array(range(rows))
-    path = written(tmp_path, scenario=numbers, cycle=numbers)
+    path = write_columns(tmp_path, scenario=numbers, cycle=numbers)
     found = read_table(path, ("cycle",), [("scenario", "in", [3, rows - 1])])
     assert found["cycle"].to_pylist() == [3, rows - 1]
 
 
-def test_more_bytes_than_allowed_are_refused_by_the_head(tmp_path, monkeypatch):
-    path = written(tmp_path, cycle=range(100))
+def test_rejects_too_many_bytes_by_the_metadata(tmp_path, monkeypatch):
+    path = write_columns(tmp_path, cycle=range(100))
     assert read_table(path, ("cycle",)).num_rows == 100
     monkeypatch.setattr(stored, "MOST_GROUP_BYTES", 800)
     with pytest.raises(InputError, match=r"is too large: 100 rows to .*, \d+ bytes in a row group"):
@@ -80,8 +80,8 @@ def test_more_bytes_than_allowed_are_refused_by_the_head(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def many(tmp_path, monkeypatch):
-    """A table of scenarios 0 to 99, 7 rows each, in row groups of 10 rows."""
+def table_path(tmp_path, monkeypatch):
+    """A table of scenarios 0 to 99 with 7 rows each, in row groups of 10 rows."""
     monkeypatch.setattr(writing, "GROUP_ROWS", 10)
     path = tmp_path / "many.parquet"
     rows = range(700)
@@ -93,30 +93,30 @@ def many(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     "numbers", [[0], [42], [99], [3, 4], [0, 50, 99], [100], [], list(range(100))]
 )
-def test_only_row_groups_with_requested_scenarios_are_read(numbers, many):
-    """And of them all, by brute force over the rows of each group."""
-    file = pq.ParquetFile(many)
+def test_only_row_groups_with_requested_scenarios_are_read(numbers, table_path):
+    """And all of them, by brute force over the rows of each group."""
+    file = pq.ParquetFile(table_path)
     groups = range(file.num_row_groups)
-    held = [set(file.read_row_group(each)["scenario"].to_pylist()) for each in groups]
-    expected = [each for each in groups if held[each] & set(numbers)]
-    ways = [[("scenario", "in", numbers)]]
-    ways += [[("cycle", "=", 2), ("scenario", "=", number)] for number in numbers[:1]]
-    for way in ways[: len(numbers) + 1] if len(numbers) < 2 else ways[:1]:
-        assert stored._groups(many, file.metadata, way) == expected
+    contents = [set(file.read_row_group(each)["scenario"].to_pylist()) for each in groups]
+    expected = [each for each in groups if contents[each] & set(numbers)]
+    choices = [[("scenario", "in", numbers)]]
+    choices += [[("cycle", "=", 2), ("scenario", "=", number)] for number in numbers[:1]]
+    for filters in choices[: len(numbers) + 1] if len(numbers) < 2 else choices[:1]:
+        assert stored._groups(table_path, file.metadata, filters) == expected
     assert len(expected) <= 2 * len(numbers)
-    table = read_table(many, ("scenario", "cycle"), ways[0])
+    table = read_table(table_path, ("scenario", "cycle"), choices[0])
     assert table["scenario"].to_pylist() == [n for n in numbers if n < 100 for _ in range(7)]
 
 
-def test_the_row_limit_counts_only_requested_scenarios(many, monkeypatch):
+def test_the_row_limit_counts_only_requested_scenarios(table_path, monkeypatch):
     monkeypatch.setattr(stored, "MOST_ROWS", 20)
-    assert read_table(many, ("cycle",), [("scenario", "=", 60)]).num_rows == 7
+    assert read_table(table_path, ("cycle",), [("scenario", "=", 60)]).num_rows == 7
     with pytest.raises(InputError, match=r"is too large: 700 rows to .* 20 rows"):
-        read_table(many, ("cycle",))
+        read_table(table_path, ("cycle",))
 
 
 @pytest.mark.parametrize("index", ["[]", "[[0, 5]]", "[[0, -1]]", "[[0, 1e99]]", "{", '"x"'])
-def test_an_index_of_another_table_is_damage(index, tmp_path):
+def test_rejects_an_invalid_index_of_scenarios(index, tmp_path):
     path = tmp_path / "table.parquet"
     table = pa.table({"scenario": [0, 1, 2, 3]}).replace_schema_metadata({"scenarios": index})
     pq.write_table(table, path, row_group_size=2)
@@ -124,29 +124,31 @@ def test_an_index_of_another_table_is_damage(index, tmp_path):
         read_table(path, ("scenario",), [("scenario", "=", 3)])
 
 
-def test_a_table_without_an_index_is_read_as_a_whole(tmp_path):
+def test_reads_all_of_a_table_without_an_index(tmp_path):
     path = tmp_path / "table.parquet"
     pq.write_table(pa.table({"scenario": [3, 1, 2, 3]}), path, row_group_size=2)
     assert read_table(path, ("scenario",), [("scenario", "=", 3)]).num_rows == 2
 
 
 @pytest.mark.parametrize("kind", [pa.float16(), pa.timestamp("s"), pa.bool_()])
-def test_other_kinds_of_numbers_are_refused_where_there_are_any(kind, tmp_path):
-    path = written(tmp_path, lat=pa.nulls(3, kind).fill_null(pa.scalar(0).cast(kind)))
+def test_rejects_other_number_types_unless_empty(kind, tmp_path):
+    path = write_columns(tmp_path, lat=pa.nulls(3, kind).fill_null(pa.scalar(0).cast(kind)))
     with pytest.raises(InputError, match=r"column 'lat' holds .* \(allowed: numbers\)"):
         read_table(path, ("lat",))
-    assert read_table(written(tmp_path, lat=pa.array([], kind)), ("lat",)).num_rows == 0
+    assert read_table(write_columns(tmp_path, lat=pa.array([], kind)), ("lat",)).num_rows == 0
 
 
-def test_one_aircrafts_rows(tmp_path):
-    signs = pa.array(["AC1", "AC2", "AC1"]).dictionary_encode()
-    table = read_table(written(tmp_path, callsign=signs, cycle=[0, 0, 1]), ("callsign", "cycle"))
+def test_selects_the_rows_of_one_aircraft(tmp_path):
+    callsigns = pa.array(["AC1", "AC2", "AC1"]).dictionary_encode()
+    table = read_table(
+        write_columns(tmp_path, callsign=callsigns, cycle=[0, 0, 1]), ("callsign", "cycle")
+    )
     assert rows_of("AC1", table)["cycle"].to_pylist() == [0, 1]
 
 
 @pytest.mark.parametrize("encoded", [True, False])
-def test_the_old_name_of_an_excursion_is_replaced(encoded, tmp_path):
-    """In tables of older versions; all other values and the metadata stay."""
+def test_replaces_the_old_name_of_an_excursion(encoded, tmp_path):
+    """In tables of older versions. All other values and the metadata stay unchanged."""
     status = pa.array(["in_sector", "strayed", "excursion", "exited"])
     path = tmp_path / "table.parquet"
     table = pa.table(
@@ -160,26 +162,26 @@ def test_the_old_name_of_an_excursion_is_replaced(encoded, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("field", "at", "place", "limits"),
+    ("field", "point", "where", "limits"),
     [
         ("fixes", (1e300, 0.0), r"fixes\.EGL\.lat", "allowed: number from -"),
         ("origin", (0.0, 400.0), r"origin\.lon", "allowed: number from -360 to 360"),
     ],
 )
-def test_a_sector_in_metadata_lies_on_the_earth(field, at, place, limits, tmp_path):
+def test_rejects_a_sector_with_impossible_coordinates(field, point, where, limits, tmp_path):
     sector = msgspec.to_builtins(x_plus())
-    sector[field] = sector[field] | {"EGL": at} if field == "fixes" else at
+    sector[field] = sector[field] | {"EGL": point} if field == "fixes" else point
     path = tmp_path / "table.parquet"
     table = pa.table({"cycle": [0]})
     pq.write_table(table.replace_schema_metadata({"sector": msgspec.json.encode(sector)}), path)
-    named = f"the sector in its metadata: {place} is .*{limits}"
-    with pytest.raises(InputError, match=named):
+    message = f"the sector in its metadata: {where} is .*{limits}"
+    with pytest.raises(InputError, match=message):
         sector_of(path, read_table(path, ("cycle",)))
 
 
-@pytest.mark.parametrize("east", [0.0, 179.7])  # there, on both sides of the antimeridian
-def test_a_sector_in_metadata_is_the_one_that_was_flown_in(east, tmp_path):
-    """Written as of an evaluation and read back: area, fixes, levels and separation standards."""
+@pytest.mark.parametrize("east", [0.0, 179.7])  # and across the antimeridian
+def test_reads_back_the_sector_that_was_written(east, tmp_path):
+    """Area, fixes, levels and separation standards."""
     entry = {
         "name": "three miles",
         "levels_fl": [200, 400],
@@ -203,19 +205,19 @@ def test_a_sector_in_metadata_is_the_one_that_was_flown_in(east, tmp_path):
     assert (sector.separation_nm, sector.separation_fl) == (3.0, 20)
 
 
-def test_a_text_that_is_a_structure_is_refused(tmp_path):
-    path = written(tmp_path, callsign=pa.array([{"inner": "AC1"}]))
+def test_rejects_a_structure_in_a_text_column(tmp_path):
+    path = write_columns(tmp_path, callsign=pa.array([{"inner": "AC1"}]))
     with pytest.raises(InputError, match="damaged: cannot be read as a Parquet table"):
         read_table(path, ("callsign",))
 
 
-KINDS = (AircraftType(), AircraftType("AT76", mach=(0.4, 0.4, 0.4)))
-TASK = build_task(NavigationSettings(fleet=KINDS, aircraft=2))
+FLEET = (AircraftType(), AircraftType("AT76", mach=(0.4, 0.4, 0.4)))
+TASK = build_task(NavigationSettings(fleet=FLEET, aircraft=2))
 
 
 @pytest.fixture
 def folder(tmp_path):
-    """Scenarios 4 and 9, as BlueSky flies them: in 9, AC2 is turned in cycles 0 and 2."""
+    """Tables of scenarios 4 and 9, flown by BlueSky. In 9, AC2 is turned in cycles 0 and 2."""
     flown = recording(
         [4, 9],
         np.ones((2, 3)),
@@ -232,13 +234,13 @@ def folder(tmp_path):
         instructions=np.array([[9, 0, 0], [1, 0, 1]], dtype=np.int32),
     )
     tables = make_tables(TASK, flown, lambda kind: flown_type("bluesky", kind))
-    with growing_tables(tmp_path, TABLES, table_metadata(TASK.sector, "table", KINDS)) as append:
+    with growing_tables(tmp_path, TABLES, table_metadata(TASK.sector, "table", FLEET)) as append:
         append(vars(tables))
     return tmp_path
 
 
-def test_a_stored_scenario_is_the_one_that_was_flown(folder):
-    """Not its neighbour; of the types that were asked for, not those flown in their place."""
+def test_reads_the_requested_scenario_as_it_was_flown(folder):
+    """Scenario 9, not 4, with the requested aircraft types, not those that BlueSky substituted."""
     routes = TASK.sector.routes
     found = stored_scenario(folder, 9)
     assert found.aircraft == (
@@ -249,12 +251,12 @@ def test_a_stored_scenario_is_the_one_that_was_flown(folder):
         ScheduledClearance(0, "AC2", 340),
         ScheduledClearance(2, "AC2", 330),
     )
-    assert (found.cycles, found.performance, found.fleet) == (3, "table", KINDS)
+    assert (found.cycles, found.performance, found.fleet) == (3, "table", FLEET)
     assert found.sector == TASK.sector
 
 
-def replaced(folder, name, number=9, /, **values):
-    """One table with columns of the rows of a scenario replaced."""
+def replace_values(folder, name, number=9, /, **values):
+    """Replace columns in the rows of one scenario in one table."""
     path = folder / f"{name}.parquet"
     table = pq.read_table(path)
     rows = table.to_pylist()
@@ -266,7 +268,7 @@ def replaced(folder, name, number=9, /, **values):
 
 
 @pytest.mark.parametrize(
-    ("values", "shown"),
+    ("values", "row"),
     [
         ({"cycle": 3}, "3, AC2, heading, 340"),
         ({"value": 361}, "0, AC2, heading, 361"),
@@ -275,30 +277,30 @@ def replaced(folder, name, number=9, /, **values):
         ({"callsign": "AC3"}, "0, AC3, heading, 340"),
     ],
 )
-def test_an_impossible_clearance_is_refused(folder, values, shown):
-    replaced(folder, "clearances", 4, cycle=77, value=999)  # another scenario's do not matter
-    replaced(folder, "clearances", **values)
-    with pytest.raises(InputError, match=f"clearances.parquet: not a clearance .*: {shown}"):
+def test_rejects_an_impossible_clearance(folder, values, row):
+    replace_values(folder, "clearances", 4, cycle=77, value=999)  # not read
+    replace_values(folder, "clearances", **values)
+    with pytest.raises(InputError, match=f"clearances.parquet: not a clearance .*: {row}"):
         stored_scenario(folder, 9)
 
 
 @pytest.mark.parametrize(
-    ("values", "given"),
+    ("values", "clearance"),
     [
         ({"cycle": 2, "value": 360}, ScheduledClearance(2, "AC2", 360)),
         ({"cycle": 0, "kind": "level", "value": 600}, ScheduledClearance(0, "AC2", fl=600)),
     ],
 )
-def test_the_last_cycle_and_the_greatest_values_can_be_given(folder, values, given):
-    replaced(folder, "clearances", **values)
-    assert stored_scenario(folder, 9).clearances == (given, given)
+def test_accepts_the_last_cycle_and_the_greatest_values(folder, values, clearance):
+    replace_values(folder, "clearances", **values)
+    assert stored_scenario(folder, 9).clearances == (clearance, clearance)
 
 
 @pytest.mark.parametrize("cycles", [0, 1, MOST_STORED_CYCLES, MOST_STORED_CYCLES + 1])
-def test_a_scenario_has_some_cycles_and_not_too_many(folder, cycles):
-    replaced(folder, "episodes", cycles=cycles)
+def test_limits_the_cycles_of_a_scenario(folder, cycles):
+    replace_values(folder, "episodes", cycles=cycles)
     pq.write_table(pq.read_table(folder / "clearances.parquet")[:0], folder / "clearances.parquet")
-    replaced(folder, "episodes", clearances=0)
+    replace_values(folder, "episodes", clearances=0)
     if 1 <= cycles <= MOST_STORED_CYCLES:
         assert stored_scenario(folder, 9).cycles == cycles
         return
@@ -306,27 +308,27 @@ def test_a_scenario_has_some_cycles_and_not_too_many(folder, cycles):
         stored_scenario(folder, 9)
 
 
-def test_tables_that_do_not_agree_are_refused(folder):
+def test_rejects_inconsistent_tables(folder):
     with pytest.raises(InputError, match="has no scenario 5"):
         stored_scenario(folder, 5)
-    replaced(folder, "episodes", 4, scenario=9)
+    replace_values(folder, "episodes", 4, scenario=9)
     with pytest.raises(InputError, match="its tables do not agree on scenario 9"):
         stored_scenario(folder, 9)
-    replaced(folder, "episodes", clearances=1)  # clearances.parquet holds two
+    replace_values(folder, "episodes", clearances=1)  # clearances.parquet has two
     with pytest.raises(InputError, match="its tables do not agree on scenario 9"):
         stored_scenario(folder, 9)
-    replaced(folder, "episodes", scenario=4)
+    replace_values(folder, "episodes", scenario=4)
     with pytest.raises(InputError, match="do not agree"):
         stored_scenario(folder, 9)
 
 
-def test_other_aircraft_than_those_that_flew_are_refused(folder):
-    replaced(folder, "aircraft", callsign="AC1")
+def test_rejects_aircraft_that_differ_from_the_trajectories(folder):
+    replace_values(folder, "aircraft", callsign="AC1")
     with pytest.raises(InputError, match="its tables do not agree on scenario 9"):
         stored_scenario(folder, 9)
 
 
-def test_a_missing_table_is_named(folder):
+def test_names_a_missing_table(folder):
     (folder / "aircraft.parquet").unlink()
     with pytest.raises(InputError, match=r"aircraft\.parquet: missing \(evaluation writes it\)"):
         stored_scenario(folder, 9)
@@ -344,7 +346,7 @@ def test_a_missing_table_is_named(folder):
         ({"sector": None}, "has no sector in its metadata"),
     ],
 )
-def test_invalid_metadata_is_refused(folder, metadata, message):
+def test_rejects_invalid_metadata(folder, metadata, message):
     path = folder / "trajectories.parquet"
     table = pq.read_table(path)
     known = {key.decode(): value for key, value in table.schema.metadata.items()} | metadata
@@ -354,7 +356,7 @@ def test_invalid_metadata_is_refused(folder, metadata, message):
         stored_scenario(folder, 9)
 
 
-def test_tables_without_performance_and_fleet_are_of_the_usual_ones(folder):
+def test_performance_and_fleet_have_defaults(folder):
     path = folder / "trajectories.parquet"
     table = pq.read_table(path)
     only = {"sector": table.schema.metadata[b"sector"]}
@@ -364,22 +366,22 @@ def test_tables_without_performance_and_fleet_are_of_the_usual_ones(folder):
     assert [one.type for one in found.aircraft] == ["B753", "B753"]
 
 
-def who(*callsigns, route="HERON CRANE"):
+def aircraft_rows(*callsigns, route="HERON CRANE"):
     return [{"callsign": callsign, "route": route} for callsign in callsigns]
 
 
-def test_aircraft_of_a_table_are_different_and_fly_between_known_fixes(tmp_path):
+def test_checks_number_callsigns_and_routes_of_aircraft(tmp_path):
     path, sector = tmp_path / "aircraft.parquet", x_plus()
-    check_who(path, sector, who(*(f"A{number}" for number in range(200))))
+    check_who(path, sector, aircraft_rows(*(f"A{number}" for number in range(200))))
     with pytest.raises(InputError, match=r"aircraft.parquet: has 201 aircraft .allowed: 200"):
-        check_who(path, sector, who(*(f"A{number}" for number in range(201))))
+        check_who(path, sector, aircraft_rows(*(f"A{number}" for number in range(201))))
     with pytest.raises(InputError, match="parquet: A2 appears twice in one scenario"):
-        check_who(path, sector, who("A1", "A2", "A2"))
+        check_who(path, sector, aircraft_rows("A1", "A2", "A2"))
     with pytest.raises(InputError, match="the route of A1 has an unknown fix 'CRAN'"):
-        check_who(path, sector, who("A1", route="HERON CRAN"))
+        check_who(path, sector, aircraft_rows("A1", route="HERON CRAN"))
 
 
-def test_tables_beside_a_table_are_read_from_its_metadata(tmp_path):
+def test_reads_embedded_tables_from_the_metadata(tmp_path):
     path = tmp_path / "table.parquet"
     one = {"callsign": "AC1", "type": "B753", "route": "A B", "entry_fl": 300.5, "exit_fl": 220}
     write_table(path, pa.table({"cycle": [0]}), x_plus(), "table", embedded={"aircraft": [one]})
@@ -396,21 +398,21 @@ def test_tables_beside_a_table_are_read_from_its_metadata(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("columns_of_it", "message"),
+    ("names", "message"),
     [
         (["cycle"], r"has no column 'lat' \(found: cycle\)"),
         (["lat", "cycle", "lat"], r"has 'lat' twice \(found: lat, cycle, lat\)"),
     ],
 )
-def test_every_column_is_there_once(tmp_path, columns_of_it, message):
+def test_each_column_must_appear_exactly_once(tmp_path, names, message):
     path = tmp_path / "table.parquet"
-    pq.write_table(pa.table([[1.0]] * len(columns_of_it), names=columns_of_it), path)
+    pq.write_table(pa.table([[1.0]] * len(names), names=names), path)
     with pytest.raises(InputError, match=message):
         read_table(path, ("lat",))
 
 
-def test_more_rows_than_allowed_are_refused_by_the_head(tmp_path, monkeypatch):
-    path = written(tmp_path, cycle=range(100))
+def test_limits_the_rows_of_a_filtered_table(tmp_path, monkeypatch):
+    path = write_columns(tmp_path, cycle=range(100))
     monkeypatch.setattr(stored, "MOST_ROWS", 100)
     assert read_table(path, ("cycle",), [("cycle", "=", 7)])["cycle"].to_pylist() == [7]
     monkeypatch.setattr(stored, "MOST_ROWS", 99)
@@ -418,8 +420,8 @@ def test_more_rows_than_allowed_are_refused_by_the_head(tmp_path, monkeypatch):
         read_table(path, ("cycle",), [("cycle", "=", 7)])
 
 
-def test_a_row_group_of_the_most_bytes_is_read(tmp_path, monkeypatch):
-    path = written(tmp_path, cycle=range(100))
+def test_limits_the_bytes_of_a_row_group(tmp_path, monkeypatch):
+    path = write_columns(tmp_path, cycle=range(100))
     size = pq.read_metadata(path).row_group(0).total_byte_size
     monkeypatch.setattr(stored, "MOST_GROUP_BYTES", size)
     assert read_table(path, ("cycle",)).num_rows == 100
@@ -428,14 +430,14 @@ def test_a_row_group_of_the_most_bytes_is_read(tmp_path, monkeypatch):
         read_table(path, ("cycle",))
 
 
-def test_a_table_without_any_row_group_is_empty(tmp_path):
+def test_reads_a_table_without_row_groups(tmp_path):
     path = tmp_path / "table.parquet"
     pq.ParquetWriter(path, pa.schema({"cycle": pa.int32()})).close()
     assert pq.read_metadata(path).num_row_groups == 0
     assert read_table(path, ("cycle",)).num_rows == 0
 
 
-def test_a_folder_whose_name_is_not_utf_8(tmp_path):
+def test_reads_from_a_folder_whose_name_is_not_utf_8(tmp_path):
     folder = tmp_path / os.fsdecode(b"\xff")
     folder.mkdir()
     write_table(folder / "t.parquet", pa.table({"scenario": [1]}), x_plus(), "table")

@@ -1,4 +1,4 @@
-"""Rows of the comparison from episodes made by hand, and the paper's figures beside them."""
+"""Rows of the comparison, from hand-made episodes, and the paper's figures."""
 
 import math
 import statistics
@@ -18,6 +18,8 @@ EPISODES = {
     "few_clearances": [True, False, False, False, False],
     "loss_of_separation": [True, False, True, False, True],
     "min_separation_nm": [3.0, 7.5, math.inf, 4.5, math.inf],
+    "exits": [2, 1, 2, 0, 1],
+    "exit_offset_nm": [1.0, 4.0, 2.0, None, 8.0],
 }
 
 
@@ -25,8 +27,8 @@ def row_of(episodes, name="lateral", stacking=True):
     return summarise(name, "lateral", 3, "bluesky", stacking, False, 12.5, pa.table(episodes))
 
 
-def test_a_row_has_the_figures_of_its_episodes():
-    """The spread is that of these scenarios, not an estimate of others'."""
+def test_a_row_summarises_its_episodes():
+    """The standard deviation is that of these scenarios, without Bessel's correction."""
     row = row_of(EPISODES)
     assert row == {
         "seed": 3,
@@ -47,20 +49,23 @@ def test_a_row_has_the_figures_of_its_episodes():
         "loss_of_separation_count": 3,
         "min_separation_nm_min": 3.0,
         "min_separation_nm_mean": 5.0,
-        "paper": {"clearances_mean": 7.2, "clearances_std": 3.5},
+        "exit_offset_nm_mean": pytest.approx(3.0),  # (2 * 1 + 4 + 2 * 2 + 8) / 6
+        "paper": None,
         "wall_s": 12.5,
     }
 
 
-def test_a_row_without_any_distance_has_none():
+def test_separation_is_none_if_all_distances_are_infinite():
     row = row_of(EPISODES | {"min_separation_nm": [math.inf] * 5})
     assert (row["min_separation_nm_min"], row["min_separation_nm_mean"]) == (None, None)
 
 
-def test_a_row_of_all_seeds_has_the_figures_of_all_their_episodes():
-    """Of trainings with different numbers of episodes: no mean of means."""
+def test_aggregate_pools_the_episodes_of_all_seeds():
+    """The numbers of episodes differ, so that a mean of means would be wrong."""
     few = {name: values[:2] for name, values in EPISODES.items()}
-    rows = [row_of(EPISODES, stacking=False), row_of(few, stacking=False) | {"wall_s": 2.0}]
+    paper = {"clearances_mean": 14.5, "clearances_std": 6.6}
+    rows = [row_of(each, stacking=False) | {"paper": paper} for each in (EPISODES, few)]
+    rows[1] |= {"wall_s": 2.0}
     row = aggregate(rows, [pa.table(EPISODES), pa.table(few)])
     both = EPISODES["clearances"] + few["clearances"]
     assert "seed" not in row
@@ -70,9 +75,11 @@ def test_a_row_of_all_seeds_has_the_figures_of_all_their_episodes():
     assert row["success_rate"] == pytest.approx(6 / 7)
     assert row["loss_of_separation_count"] == 4
     assert row["min_separation_nm_mean"] == pytest.approx(25.5 / 5)
-    described = ("experiment", "platform", "stacking", "greedy")
-    assert [row[name] for name in described] == ["lateral", "bluesky", False, False]
-    assert row["paper"] == {"clearances_mean": 14.5, "clearances_std": 6.6}
+    names = ("experiment", "platform", "stacking", "greedy")
+    assert [row[name] for name in names] == ["lateral", "bluesky", False, False]
+    assert row["paper"] == paper
+    # (2 * 1 + 4 + 2 * 2 + 8 + 2 * 1 + 4) / 9
+    assert row["exit_offset_nm_mean"] == pytest.approx(24.0 / 9)
 
 
 REPORTED = {
@@ -83,17 +90,17 @@ REPORTED = {
     ("avoidance", True): (81.2, 13.2),
     ("avoidance-large", False): (126.3, 12.3),
 }
-"""As in the paper's section "Results and Discussion"."""
+"""Section "Results and Discussion" of the paper."""
 NAMES = ["lateral-undamped", "lateral", "lateral-large", "lateral-best", "vertical", "avoidance"]
 
 
 @pytest.mark.parametrize("stacking", [False, True])
 @pytest.mark.parametrize("name", [*NAMES, "avoidance-large"])
-def test_the_paper_s_figures_stand_beside_the_rows_that_it_reports(name, stacking):
+def test_only_rows_reported_in_the_paper_have_its_figures(name, stacking):
     mean, std = REPORTED.get((name, stacking), (None, None))
     expected = None if mean is None else {"clearances_mean": mean, "clearances_std": std}
     assert paper_row(name, stacking) == paper_row(f"{name}-tuned", stacking) == expected
 
 
-def test_the_paper_s_figures_are_of_a_hundred_scenarios():
+def test_the_paper_evaluates_100_scenarios():
     assert SCENARIOS == 100

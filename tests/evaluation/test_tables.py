@@ -1,4 +1,4 @@
-"""Tables of recordings made by hand: every value is known without flying anything."""
+"""Tables of hand-made recordings: every value is known without flying."""
 
 from dataclasses import replace
 
@@ -19,8 +19,8 @@ from skystack.tasks.settings import NavigationSettings, RewardSettings
 
 from .recordings import metrics, recording
 
-KINDS = (AircraftType(), AircraftType("AT76"))
-SETTINGS = NavigationSettings(fleet=KINDS)
+FLEET = (AircraftType(), AircraftType("AT76"))
+SETTINGS = NavigationSettings(fleet=FLEET)
 TURNS = build_task(SETTINGS)
 """Actions: none, AC1 left, AC1 right, AC2 left, AC2 right."""
 LEVELS = replace(TURNS, table=level_changes(2, (200, 400)))
@@ -28,9 +28,9 @@ LEVELS = replace(TURNS, table=level_changes(2, (200, 400)))
 AC1_RIGHT, AC2_LEFT, AC2_RIGHT, AC2_DOWN = 2, 3, 4, 3
 
 
-def counted(clearances, stacked=1):
-    """Actions of scenarios in which AC1 and AC2 are given so many clearances, and how many each
-    was compiled from."""
+def actions_of(clearances, stacked=1):
+    """Actions that issue these numbers of clearances to AC1 and AC2, each compiled from `stacked`
+    instructions."""
     cycles = 70
     action = np.zeros((len(clearances), cycles), dtype=np.int32)
     for scenario, (first, second) in enumerate(clearances):
@@ -38,10 +38,10 @@ def counted(clearances, stacked=1):
     return {"action": action, "instructions": np.where(action > 0, stacked, 0).astype(np.int32)}
 
 
-def test_fewer_than_thirty_clearances_for_each_aircraft_are_few():
-    """Of clearances, not of the instructions that they were compiled from."""
+def test_few_clearances_are_fewer_than_30_per_aircraft():
+    """The instructions that they were compiled from do not count."""
     clearances = [(29, 29), (30, 0), (0, 30), (3, 2)]
-    flown = recording([0, 1, 2, 3], np.ones((4, 70)), **counted(clearances, stacked=20))
+    flown = recording([0, 1, 2, 3], np.ones((4, 70)), **actions_of(clearances, stacked=20))
     episodes = make_tables(TURNS, flown).episodes
     assert episodes["few_clearances"].to_pylist() == [True, False, False, True]
     assert episodes["success"].to_pylist() == [True, False, False, True]
@@ -49,17 +49,17 @@ def test_fewer_than_thirty_clearances_for_each_aircraft_are_few():
     assert episodes["instructions"].to_pylist() == [1160, 600, 600, 100]
 
 
-def test_many_clearances_are_no_failure_where_the_task_does_not_count_them():
+def test_many_clearances_may_succeed_without_the_count_criterion():
     reward = RewardSettings(count_criterion=False)
     task = build_task(msgspec.structs.replace(SETTINGS, reward=reward))
-    flown = recording([0], np.ones((1, 70)), **counted([(40, 0)]))
+    flown = recording([0], np.ones((1, 70)), **actions_of([(40, 0)]))
     episodes = make_tables(task, flown).episodes
     assert episodes["few_clearances"].to_pylist() == [False]
     assert episodes["success"].to_pylist() == [True]
 
 
 def test_success_is_a_correct_exit_without_an_excursion():
-    """Of the four cases one; what the task made of its own count of instructions is not asked."""
+    """One case of four; the task's own success metric, which counts instructions, is ignored."""
     ends = metrics(4, correct_exit=[1, 1, 0, 0], excursion=[0, 1, 0, 1], success=False)
     flown = recording(range(4), np.ones((4, 2)), metrics=ends)
     episodes = make_tables(TURNS, flown).episodes
@@ -68,7 +68,7 @@ def test_success_is_a_correct_exit_without_an_excursion():
     assert episodes["success"].to_pylist() == [True, False, False, False]
 
 
-def test_a_distance_of_the_standard_itself_is_no_loss():
+def test_a_separation_equal_to_the_standard_is_no_loss():
     below = TURNS.sector.loss_below_nm
     assert 4.999 < below < 5.0
     least = np.array([5.0, below, np.nextafter(below, 0.0), 0.0, np.inf])
@@ -78,7 +78,7 @@ def test_a_distance_of_the_standard_itself_is_no_loss():
     assert episodes["min_separation_nm"].to_pylist() == least.tolist()
 
 
-def test_an_episode_sums_its_own_cycles():
+def test_an_episode_sums_its_own_cycles_and_rewards():
     reward = np.array([[1.0, 2.0, 0.5], [-1.0, 0.0, 0.0]], dtype=np.float32)
     flown = recording([4, 9], [[True, True, True], [True, False, False]], reward=reward)
     episodes = make_tables(TURNS, flown).episodes
@@ -87,16 +87,16 @@ def test_an_episode_sums_its_own_cycles():
     assert episodes["return"].to_pylist() == [3.5, -1.0]
 
 
-def test_an_aircraft_is_described_as_it_started():
-    """Numbers of scenarios, not their places: a platform may have failed on those between."""
+def test_aircraft_are_described_as_they_started():
+    """With scenario numbers, not indices: a platform may have failed in those between."""
     start = {
         "route": [[3, 0], [1, 2]],
         "kind": [[1, 0], [0, 1]],
         "level_ticks": [[280.0, 300.0], [310.0, 320.0]],
         "own_navigation": [[True, False], [False, False]],
     }
-    leave = np.array([[200.0, 210.0], [220.0, 230.0]], dtype=np.float32) * TICKS_PER_FL
-    flown = recording([4, 9], np.ones((2, 1)), start=start, exit_level_ticks=leave)
+    exit_level_ticks = np.array([[200.0, 210.0], [220.0, 230.0]], dtype=np.float32) * TICKS_PER_FL
+    flown = recording([4, 9], np.ones((2, 1)), start=start, exit_level_ticks=exit_level_ticks)
     rows = make_tables(TURNS, flown, flown_as=lambda kind: f"{kind}/X").aircraft.to_pylist()
     routes = [" ".join(route) for route in TURNS.sector.routes]
     names = ("scenario", "callsign", "type", "route", "entry_fl", "exit_fl", "own_navigation")
@@ -108,19 +108,19 @@ def test_an_aircraft_is_described_as_it_started():
     ]
 
 
-def each(scenarios, cycles, values):
-    """The same in every scenario and for both aircraft: one value a cycle."""
+def per_cycle(scenarios, cycles, values):
+    """One value per cycle, the same for both aircraft of every scenario."""
     return np.broadcast_to(np.array(values)[None, :, None], (scenarios, cycles, 2))
 
 
-def test_a_trajectory_has_the_rows_up_to_the_end_of_its_scenario():
+def test_a_trajectory_ends_with_its_scenario():
     later = {
         "heading_deg": [[[10.0, 20.0], [11.0, 21.0]], [[12.0, 22.0], [13.0, 23.0]]],
-        "cleared_heading_deg": each(2, 2, [90.0, 100.0]),
-        "level_ticks": each(2, 2, [301.0, 302.0]),
-        "cleared_level_ticks": each(2, 2, [310.0, 320.0]),
-        "ground_speed_kt": each(2, 2, [410.0, 420.0]),
-        "vertical_speed_ft_min": each(2, 2, [1000.0, -500.0]),
+        "cleared_heading_deg": per_cycle(2, 2, [90.0, 100.0]),
+        "level_ticks": per_cycle(2, 2, [301.0, 302.0]),
+        "cleared_level_ticks": per_cycle(2, 2, [310.0, 320.0]),
+        "ground_speed_kt": per_cycle(2, 2, [410.0, 420.0]),
+        "vertical_speed_ft_min": per_cycle(2, 2, [1000.0, -500.0]),
     }
     flown = recording([4, 9], [[True, True], [True, False]], later=later)
     rows = make_tables(TURNS, flown).trajectories.to_pylist()
@@ -141,11 +141,13 @@ def test_a_trajectory_has_the_rows_up_to_the_end_of_its_scenario():
     assert [tuple(row[name] for name in names) for row in rows[1:6:2]] == second
 
 
-def test_positions_are_kept_to_a_centimetre():
+def test_positions_are_rounded_to_a_centimetre():
     """1e-7 degrees; on the equator, a mile east is 1852 / a radians of longitude."""
-    place = np.zeros((1, 1, 2, 2))
-    place[..., 0] = 40.0
-    rows = make_tables(TURNS, recording([0], [[True]], later={"position_nm": place})).trajectories
+    position_nm = np.zeros((1, 1, 2, 2))
+    position_nm[..., 0] = 40.0
+    rows = make_tables(
+        TURNS, recording([0], [[True]], later={"position_nm": position_nm})
+    ).trajectories
     assert TURNS.sector.origin == (0.0, 0.0)
     degrees = np.degrees(40.0 * 1852.0 / 6378137.0)
     assert rows["lon"].to_pylist() == [0.0, 0.0, *[round(degrees, 7)] * 2]
@@ -158,26 +160,28 @@ def test_positions_are_kept_to_a_centimetre():
         (False, False, False, "before_entry"),
         (True, False, False, "in_sector"),
         (True, True, False, "excursion"),
-        (False, True, False, "excursion"),  # never entered, at the end
+        (False, True, False, "excursion"),  # never entered
         (True, False, True, "exited"),
-        (True, True, True, "exited"),  # came back and crossed its exit
+        (True, True, True, "exited"),  # returned and crossed its exit
     ],
 )
 def test_the_status_of_an_aircraft(entered, excursion, exited, status):
-    def of_second(value):
+    def of_second_aircraft(value):
         return np.array([[[False, False], [False, value]]])
 
     flags = AircraftStatus(
-        entered=of_second(entered), exited=of_second(exited), excursion=of_second(excursion)
+        entered=of_second_aircraft(entered),
+        exited=of_second_aircraft(exited),
+        excursion=of_second_aircraft(excursion),
     )
     flown = recording([0], [[True, True]], status=flags)
     rows = make_tables(TURNS, flown).trajectories
     assert rows["status"].to_pylist() == ["before_entry"] * 5 + [status]
 
 
-def turned(adoption):
-    """AC2 of scenario 9 is cleared in cycle 1, while it turns: 200 at issue, 90 after the cycle,
-    200 again after the next. The two others hold still."""
+def clearances_while_turning(adoption):
+    """AC2 of scenario 9 is cleared in cycle 1, while turning: its heading is 200 at issue, 90 after
+    the cycle and 200 after the next. The other clearances do not turn."""
     heading = np.zeros((2, 3, 2))
     heading[1, :, 1] = [200.0, 90.0, 200.0]
     cleared = np.zeros((2, 3, 2))
@@ -194,9 +198,9 @@ def turned(adoption):
 
 
 @pytest.mark.parametrize(("adoption", "direction"), [(SKYSTACK, "right"), (BLUESKY, "left")])
-def test_a_turn_has_the_direction_from_the_heading_when_it_was_adopted(adoption, direction):
-    """Ours adopts after the cycle (from 090 to 120), BlueSky at once (from 200 to 120)."""
-    assert turned(adoption)[-1] == {
+def test_a_turn_is_relative_to_the_heading_at_adoption(adoption, direction):
+    """Our simulator adopts after the cycle (090 to 120), BlueSky at once (200 to 120)."""
+    assert clearances_while_turning(adoption)[-1] == {
         "scenario": 9,
         "cycle": 1,
         "transmission": 0,
@@ -209,8 +213,8 @@ def test_a_turn_has_the_direction_from_the_heading_when_it_was_adopted(adoption,
     }
 
 
-def test_clearances_stand_in_the_order_in_which_they_were_issued():
-    rows = turned(SKYSTACK)
+def test_clearances_are_in_the_order_of_issue():
+    rows = clearances_while_turning(SKYSTACK)
     names = ("scenario", "cycle", "transmission", "callsign", "value", "direction", "instructions")
     assert [tuple(row[name] for name in names) for row in rows[:2]] == [
         (4, 0, 0, "AC1", 0, None, 1),
@@ -220,8 +224,8 @@ def test_clearances_stand_in_the_order_in_which_they_were_issued():
 
 
 @pytest.mark.parametrize(("adoption", "direction"), [(SKYSTACK, "climb"), (BLUESKY, "descend")])
-def test_a_level_has_the_direction_from_the_level_when_it_was_adopted(adoption, direction):
-    """Cleared to FL250 while it descends from FL260, through FL240, before it climbs."""
+def test_a_level_change_is_relative_to_the_level_at_adoption(adoption, direction):
+    """Cleared to FL250, AC2 is at FL260 at issue, at FL240 after the cycle, then at FL260."""
     flown = recording(
         [5],
         [[True, True]],
@@ -244,8 +248,8 @@ def test_a_level_has_the_direction_from_the_level_when_it_was_adopted(adoption, 
     }
 
 
-def test_tables_are_written_with_what_they_were_flown_in(tmp_path):
-    """Each as a file of its own, in a folder that need not be there, with sector and fleet."""
+def test_writes_tables_with_sector_performance_and_fleet(tmp_path):
+    """Each in its own file, in a new folder."""
     folder, flown = tmp_path / "new" / "folder", recording([4], [[True]])
     tables = make_tables(TURNS, flown)
     tabulate(TURNS, iter([flown]), folder)

@@ -1,4 +1,4 @@
-"""Tables that are written while scenarios are flown: the same however they are divided."""
+"""Tables are written while scenarios are flown, and do not depend on the size of the blocks."""
 
 from functools import partial
 
@@ -34,16 +34,16 @@ def task():
 
 
 @pytest.fixture(scope="module")
-def flying(task):
-    """Flies blocks of scenarios of the evaluation seed; compiled once for a size of blocks."""
+def fly_blocks(task):
+    """A function that flies scenarios of a seed in blocks; compiled once per size of block."""
     policy = find_policy("lateral-best")
     controller = network_controller(policy.actor, policy.normaliser, greedy=True)
     return partial(prepare(task, controller.decide, stacking=True), controller.weights)
 
 
 @pytest.fixture(scope="module")
-def flown(flying):
-    return concatenate(list(flying(0, SCENARIOS)))
+def flown(fly_blocks):
+    return concatenate(list(fly_blocks(0, SCENARIOS)))
 
 
 def blocks_of(flown, scenarios):
@@ -52,7 +52,7 @@ def blocks_of(flown, scenarios):
 
 @pytest.mark.parametrize("size", [1, 7])
 def test_tables_do_not_depend_on_the_blocks(size, task, flown, tmp_path, monkeypatch):
-    """Byte for byte; and they hold what is made of all scenarios at once."""
+    """Byte for byte, and they equal the tables of all scenarios at once."""
     monkeypatch.setattr(writing, "GROUP_ROWS", 1000)
     expected = make_tables(task, flown)
     for name, scenarios in (("whole", SCENARIOS), ("parts", size)):
@@ -65,15 +65,15 @@ def test_tables_do_not_depend_on_the_blocks(size, task, flown, tmp_path, monkeyp
         assert parts.read_bytes() == whole.read_bytes()
 
 
-def test_without_a_folder_the_same_is_kept(task, flown, tmp_path):
-    alone, written = (
+def test_without_a_folder_the_result_is_the_same(task, flown, tmp_path):
+    in_memory, written = (
         tabulate(task, blocks_of(flown, 8), folder) for folder in (None, tmp_path / "tables")
     )
-    assert alone.episodes.equals(written.episodes)
-    assert alone.clearances.equals(written.clearances)
+    assert in_memory.episodes.equals(written.episodes)
+    assert in_memory.clearances.equals(written.clearances)
 
 
-def test_long_scenarios_are_flown_fewer_at_a_time():
+def test_long_scenarios_are_flown_in_smaller_blocks():
     long = build_task(NavigationSettings(cycles=10_000))
     sizes = [len(numbers) for numbers in rollout.blocks(long, 100)]
     assert sizes == [30, 30, 30, 10]
@@ -83,20 +83,22 @@ def test_long_scenarios_are_flown_fewer_at_a_time():
     ]
 
 
-def test_an_evaluation_in_blocks_equals_one_of_all_at_once(flying, tmp_path, monkeypatch):
-    """The row, what is kept and the files, byte for byte; flown in one block and in two."""
-    monkeypatch.setattr(evaluate, "prepare", lambda *_: lambda _, *about: flying(*about))
-    policy, heard, found = find_policy("lateral-best"), [], []
+def test_an_evaluation_does_not_depend_on_its_blocks(fly_blocks, tmp_path, monkeypatch):
+    """The row, the results in memory and the files, byte for byte, in one block and in two."""
+    monkeypatch.setattr(
+        evaluate, "prepare", lambda *_: lambda _, *arguments: fly_blocks(*arguments)
+    )
+    policy, finished, found = find_policy("lateral-best"), [], []
     for most in (SCENARIOS, SCENARIOS // 2):
         monkeypatch.setattr(rollout, "SCENARIOS_AT_ONCE", most)
         conditions, out = Conditions(episodes=SCENARIOS), tmp_path / str(most)
-        evaluated = evaluate.evaluate(policy, conditions, out, heard.append)
+        evaluated = evaluate.evaluate(policy, conditions, out, finished.append)
         folder = evaluation_folder(out, "lateral-best", evaluated.row["seed"], stacking=True)
         files = {path.name: path.read_bytes() for path in folder.iterdir()}
         found.append(
             (evaluated.row | {"wall_s": 0.0}, evaluated.episodes, evaluated.clearances, files)
         )
-    assert heard == [SCENARIOS, SCENARIOS // 2, SCENARIOS]
+    assert finished == [0, SCENARIOS, 0, SCENARIOS // 2, SCENARIOS]
     assert found[0] == found[1]
     assert files.keys() == {LOCK, *(f"{name}.parquet" for name in TABLES)}
 
@@ -132,8 +134,8 @@ def test_without_instructions_the_clearances_table_is_empty(tmp_path):
     np.testing.assert_array_equal(kept.episodes["scenario"], [0, 1, 2])
 
 
-def test_tables_that_were_written_together_carry_the_same_digest(tmp_path):
-    """The digest depends on the evaluation, not on the size of its blocks."""
+def test_tables_of_one_evaluation_have_the_same_digest(tmp_path):
+    """It depends on the evaluation, not on the size of its blocks."""
     task = build_task(NavigationSettings("lateral"))
     found = []
     for name, seed, size in (("one", 0, 3), ("parts", 0, 2), ("other", 1, 3)):

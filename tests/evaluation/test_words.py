@@ -1,13 +1,14 @@
-"""Directions in the tables of evaluations, against the rows that follow them."""
+"""Tables of evaluations against flights: directions of clearances, status, separation, fleet."""
 
 import msgspec
 import numpy as np
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
 from skystack.evaluation.evaluate import Conditions, evaluate, evaluation_folder, policy_task
 from skystack.evaluation.followed import STATUS, follow
-from skystack.evaluation.rollout import fly, network_controller
+from skystack.evaluation.rollout import NO_OP_CONTROLLER, fly, network_controller
 from skystack.evaluation.stored import stored_scenario
 from skystack.evaluation.tables import make_tables
 from skystack.evaluation.tabulate import tabulate
@@ -16,55 +17,56 @@ from skystack.platforms.own import Skystack
 from skystack.policies.shipped import find_policy
 from skystack.simulator.fleet import AircraftType
 from skystack.tasks.registry import build_task
+from skystack.tasks.settings import NavigationSettings
 
-WAYS = {"left": -1, "right": 1, "descend": -1, "climb": 1, None: 0}
+SIGNS = {"left": -1, "right": 1, "descend": -1, "climb": 1, None: 0}
 
 
-def compared(folder, column, delay):
-    """Counts clearances whose direction is that of the rows, and of those where issue misleads."""
+def count_directions(folder, column, delay):
+    """Check directions against the rows; count them, and those that would differ from issue."""
     rows = pq.read_table(folder / "trajectories.parquet").to_pylist()
     state = {(row["scenario"], row["callsign"], row["cycle"]): row for row in rows}
-    right, misleading = 0, 0
-    for given in pq.read_table(folder / "clearances.parquet").to_pylist():
-        number, callsign, cycle = (given[name] for name in ("scenario", "callsign", "cycle"))
+    checked, reversed_since_issue = 0, 0
+    for clearance in pq.read_table(folder / "clearances.parquet").to_pylist():
+        number, callsign, cycle = (clearance[name] for name in ("scenario", "callsign", "cycle"))
         issue, before, after = (
             state.get((number, callsign, row)) for row in (cycle, cycle + delay, cycle + delay + 1)
         )
         if after is None or after["status"] == "exited":
             continue
-        way = after[column] - before[column]
-        at_issue = given["value"] - issue[column]
+        change = after[column] - before[column]
+        at_issue = clearance["value"] - issue[column]
         if column == "heading_deg":
-            way, at_issue = ((each + 180.0) % 360.0 - 180.0 for each in (way, at_issue))
-        assert WAYS[given["direction"]] == np.sign(way), given
-        phrase = {None: ("fly", "maintain")}.get(given["direction"], (given["direction"],))
-        assert any(word in given["text"] for word in phrase)
-        right += 1
-        misleading += np.sign(way) != np.sign(at_issue)
-    return right, misleading
+            change, at_issue = ((each + 180.0) % 360.0 - 180.0 for each in (change, at_issue))
+        assert SIGNS[clearance["direction"]] == np.sign(change), clearance
+        words = {None: ("fly", "maintain")}.get(clearance["direction"], (clearance["direction"],))
+        assert any(word in clearance["text"] for word in words)
+        checked += 1
+        reversed_since_issue += np.sign(change) != np.sign(at_issue)
+    return checked, reversed_since_issue
 
 
 @pytest.mark.parametrize(
     ("policy", "column"), [("lateral-undamped", "heading_deg"), ("vertical", "fl")]
 )
-def test_directions_in_our_tables_are_flown(policy, column, tmp_path):
+def test_directions_in_our_tables_match_the_flight(policy, column, tmp_path):
     evaluate(find_policy(policy), Conditions(episodes=40, stacking=False), tmp_path)
     folder = evaluation_folder(tmp_path, policy, 0, False)
-    right, misleading = compared(folder, column, 1)
-    assert right > 200
-    assert misleading > 0 or column == "fl"  # this policy turns no climb round
+    checked, reversed_since_issue = count_directions(folder, column, 1)
+    assert checked > 200
+    assert reversed_since_issue > 0 or column == "fl"  # this policy reverses no climb
 
 
-def test_directions_in_bluesky_s_tables_are_flown(tmp_path):
+def test_directions_in_bluesky_tables_match_the_flight(tmp_path):
     pytest.importorskip("bluesky")
     conditions = Conditions(episodes=3, stacking=False, platform="bluesky")
     evaluate(find_policy("lateral-undamped"), conditions, tmp_path)
     folder = evaluation_folder(tmp_path, "lateral-undamped", 0, False, "bluesky")
-    assert compared(folder, "heading_deg", 0)[0] > 30
+    assert count_directions(folder, "heading_deg", 0)[0] > 30
 
 
-def test_a_flight_is_followed_as_an_evaluation_is(tmp_path):
-    """Stored scenarios flown again: the status of every row and the least distance."""
+def test_follow_gives_the_status_and_separation_of_the_tables(tmp_path):
+    """For stored scenarios that are flown again."""
     evaluate(find_policy("lateral-best"), Conditions(episodes=4), tmp_path)
     folder = evaluation_folder(tmp_path, "lateral-best", 0, True)
     episodes = pq.read_table(folder / "episodes.parquet").to_pylist()
@@ -73,13 +75,26 @@ def test_a_flight_is_followed_as_an_evaluation_is(tmp_path):
         only = [("scenario", "=", row["scenario"])]
         table = pq.read_table(folder / "trajectories.parquet", filters=only)
         stored = stored_scenario(folder, row["scenario"])
-        seen = follow(stored, fly_scenario(Skystack(), stored).reports)
-        assert [STATUS[each] for each in seen.status.reshape(-1)] == table["status"].to_pylist()
-        assert seen.min_separation_nm == pytest.approx(row["min_separation_nm"], abs=1e-3)
-        assert (seen.losses > 0) == row["loss_of_separation"]
+        followed = follow(stored, fly_scenario(Skystack(), stored).reports)
+        assert [STATUS[each] for each in followed.status.reshape(-1)] == table["status"].to_pylist()
+        assert followed.min_separation_nm == pytest.approx(row["min_separation_nm"], abs=1e-3)
+        assert (followed.losses > 0) == row["loss_of_separation"]
 
 
-def test_an_evaluation_s_fleet_goes_along_in_its_tables(tmp_path):
+def test_an_aircraft_that_starts_inside_is_in_the_sector_at_once(tmp_path):
+    settings = msgspec.structs.replace(NavigationSettings(), disc_nm=30.0, cycles=98)
+    task = build_task(settings)
+    tabulate(task, iter([fly(task, NO_OP_CONTROLLER, 0, 7, True)]), tmp_path)
+    rows = pq.read_table(tmp_path / "trajectories.parquet", filters=[("cycle", "=", 0)])
+    assert set(rows["status"].to_pylist()) == {"before_entry", "in_sector"}
+    for number in (3, 4, 6):
+        stored = stored_scenario(tmp_path, number)
+        followed = follow(stored, fly_scenario(Skystack(), stored).reports)
+        at_start = rows.filter(pc.equal(rows["scenario"], number))["status"].to_pylist()
+        assert [STATUS[each] for each in followed.status[0]] == at_start
+
+
+def test_a_stored_scenario_flies_with_the_fleet_of_its_tables(tmp_path):
     policy = find_policy("lateral-best")
     slow = AircraftType("AT76", 1.0, (160.0,) * 3, (170.0,) * 3, (0.44,) * 3, 1200.0)
     settings = policy_task(policy).settings

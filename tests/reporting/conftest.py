@@ -1,6 +1,7 @@
-"""Run folders as evaluation writes them, with flights from a crude controller of our own."""
+"""Run folders in the format of `skystack reproduce`, with flights of a crude controller."""
 
 import json
+import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -23,12 +24,12 @@ PAPER = {
     ("lateral", True): (7.2, 3.5),
     ("lateral-large", False): (6.3, 3.0),
 }
-UNTRAINED = {"do-nothing"}
+UNTRAINED = {"do-nothing-lateral"}
 
 
 @dataclass
-class Flown:
-    """Columns of the four tables, filled row by row."""
+class TableRows:
+    """The rows of the four tables of an evaluation."""
 
     episodes: list = field(default_factory=list)
     aircraft: list = field(default_factory=list)
@@ -40,28 +41,28 @@ def turn_to(heading, wanted):
     return (wanted - heading + 180.0) % 360.0 - 180.0
 
 
-def wanted_turns(experiment, stacking, error_deg, cleared_before):
-    """How many instructions of 10 degrees the crude controller gives at once, with sign."""
+def wanted_turns(experiment, stacking, error_deg, instructed_before):
+    """The number of 10-degree instructions that the controller issues at once, with sign."""
     if experiment in UNTRAINED:
         return 0
     if experiment == "lateral-undamped":
         return int(np.sign(error_deg)) if abs(error_deg) > 2.0 else 0
     slack = 16.0 if experiment == "lateral-best" else 9.0
-    if abs(error_deg) < (6.0 if cleared_before else slack):
+    if abs(error_deg) < (6.0 if instructed_before else slack):
         return 0
     turns = round(error_deg / 10.0)
     return turns if stacking or experiment == "lateral-large" else int(np.sign(turns))
 
 
-def fly_one(experiment, stacking, sector, scenario, number, callsign, flown):
+def fly_one(experiment, stacking, sector, scenario, number, callsign, rows):
     rng = np.random.default_rng([scenario, number])
     route = sector.routes[int(rng.integers(len(sector.routes)))]
     fixes = np.array([sector.fixes_nm[name] for name in route])
     position = fixes[0] + rng.uniform(-3.0, 3.0, size=2)
     heading = cleared = float(round(sector.first_heading_deg(route)))
-    target, issued, instructions, told_before = 1, 0, 0, False
+    target, issued, instructions, instructed_before = 1, 0, 0, False
     entered = exited = excursion = False
-    level = (300.0, 465.9, 0.0)
+    constants = (300.0, 465.9, 0.0)  # cleared level, ground speed, vertical speed
     area = MatplotlibPath(sector.area_nm)
     for cycle in range(CYCLES + 1):
         inside = bool(area.contains_point(position))
@@ -70,7 +71,7 @@ def fly_one(experiment, stacking, sector, scenario, number, callsign, flown):
         status = "exited" if exited else "excursion" if excursion else "in_sector"
         status = status if entered else "before_entry"
         lat, lon = sector.plane.to_degrees(position)
-        flown.trajectories.append(
+        rows.trajectories.append(
             (
                 scenario,
                 cycle,
@@ -81,7 +82,7 @@ def fly_one(experiment, stacking, sector, scenario, number, callsign, flown):
                 300.0,
                 heading,
                 cleared,
-                *level,
+                *constants,
                 status,
             )
         )
@@ -90,15 +91,15 @@ def fly_one(experiment, stacking, sector, scenario, number, callsign, flown):
         aim = fixes[min(target, len(fixes) - 1)]
         aim = aim + rng.normal(0.0, 2.0, size=2) * (experiment == "lateral-undamped")
         bearing = np.degrees(np.arctan2(*(aim - position)))
-        turns = wanted_turns(experiment, stacking, turn_to(cleared, bearing), told_before)
+        turns = wanted_turns(experiment, stacking, turn_to(cleared, bearing), instructed_before)
         if experiment == "lateral-undamped" and cycle % 2 == number % 2:
-            turns = 0  # the policy addresses one aircraft a cycle
-        told_before = turns != 0
+            turns = 0  # the policy addresses one aircraft per cycle
+        instructed_before = turns != 0
         if turns:
             cleared = round(cleared + 10.0 * turns) % 360
             side = "right" if turn_to(heading, cleared) >= 0.0 else "left"
             text = f"{callsign}, turn {side} heading {cleared:03d}"
-            flown.clearances.append(
+            rows.clearances.append(
                 (scenario, cycle, issued, callsign, "heading", cleared, side, abs(turns), text)
             )
             issued, instructions = issued + 1, instructions + abs(turns)
@@ -106,11 +107,11 @@ def fly_one(experiment, stacking, sector, scenario, number, callsign, flown):
         position = position + NM_PER_CYCLE * np.array(
             [np.sin(np.radians(heading)), np.cos(np.radians(heading))]
         )
-        legs = np.linalg.norm(fixes - position, axis=1)
-        if target < len(fixes) and legs[target] < (6.0 if target < len(fixes) - 2 else 2.5):
+        distance_nm = np.linalg.norm(fixes - position, axis=1)
+        if target < len(fixes) and distance_nm[target] < (6.0 if target < len(fixes) - 2 else 2.5):
             target += 1
         exited = target == len(fixes)
-    flown.aircraft.append((scenario, callsign, "B753", " ".join(route), 300, 300))
+    rows.aircraft.append((scenario, callsign, "B753", " ".join(route), 300, 300))
     return issued, instructions, exited, excursion, cycle
 
 
@@ -126,7 +127,7 @@ TEXT = {"callsign", "type", "route", "status", "kind", "direction", "text"}
 
 
 def as_table(name, rows) -> pa.Table:
-    """Rows as a table; without rows the columns have their types all the same."""
+    """Rows as a table, whose columns have the correct types even without rows."""
     columns = COLUMNS[name].split()
     values = zip(*rows, strict=True) if rows else [[] for _ in columns]
     return pa.table(
@@ -143,19 +144,33 @@ def missing_type(column):
 
 def write_evaluation(folder: Path, experiment, stacking, scenarios, callsigns) -> pa.Table:
     sector: Sector = x_plus()
-    flown = Flown()
+    rows = TableRows()
     for scenario in range(scenarios):
         results = [
-            fly_one(experiment, stacking, sector, scenario, number, callsign, flown)
+            fly_one(experiment, stacking, sector, scenario, number, callsign, rows)
             for number, callsign in enumerate(callsigns)
         ]
         issued, instructions, exited, excursion, cycles = zip(*results, strict=True)
-        right, stray = all(exited), any(excursion)
-        outcome = (right and not stray, right, stray, True, 12.5, False, max(cycles))
-        flown.episodes.append((scenario, sum(issued), sum(instructions), *outcome))
+        last = {row[3]: row for row in rows.trajectories if row[0] == scenario}
+        rows.trajectories += [
+            (scenario, cycle, 6 * cycle, *row[3:])
+            for row in last.values()
+            for cycle in range(row[1] + 1, max(cycles) + 1)
+        ]
+        all_exited, any_excursion = all(exited), any(excursion)
+        outcome = (
+            all_exited and not any_excursion,
+            all_exited,
+            any_excursion,
+            True,
+            12.5,
+            False,
+            max(cycles),
+        )
+        rows.episodes.append((scenario, sum(issued), sum(instructions), *outcome))
     folder.mkdir(parents=True)
     metadata = {b"sector": msgspec.json.encode(sector)}
-    tables = {name: as_table(name, rows) for name, rows in vars(flown).items()}
+    tables = {name: as_table(name, values) for name, values in vars(rows).items()}
     for name, table in tables.items():
         pq.write_table(table.replace_schema_metadata(metadata), folder / f"{name}.parquet")
     return tables["episodes"]
@@ -224,14 +239,14 @@ def write_run(
         ("lateral-undamped", False),
         ("lateral", False),
         ("lateral", True),
-        ("do-nothing", False),
+        ("do-nothing-lateral", False),
     ),
     seeds=(0, 1),
     scenarios=4,
     updates=12,
     callsigns=("AC1", "AC2"),
 ) -> Path:
-    """A run folder like that of `skystack reproduce`, rows in an order of their own."""
+    """Write a run folder like that of `skystack reproduce`, with rows in reverse order."""
     results = {"rows": [], "rows_by_seed": [], "train": [], "wall_s": 245.0}
     results |= {"machine": "a test machine", "version": "0.1.0", "quick": True}
     results["command"] = "skystack reproduce lateral --quick"
@@ -265,27 +280,55 @@ def write_run(
     return folder
 
 
+def change_row(run: Path, experiment, stacking=True, /, **changes) -> None:
+    """Change a row in `results.json`, but not the one of a single seed."""
+    path = run / "results.json"
+    results = json.loads(path.read_text())
+    (row,) = (
+        each
+        for each in results["rows"]
+        if (each["experiment"], each["stacking"]) == (experiment, stacking)
+    )
+    row |= changes
+    path.write_text(json.dumps(results))
+
+
+def add_copy(run: Path, experiment, of="lateral", task="lateral") -> None:
+    """Add a stacked row of another experiment with the flights of the given one's first seed."""
+    path = run / "results.json"
+    results = json.loads(path.read_text())
+    row = next(
+        each for each in results["rows"] if each["experiment"] == of and each["stacking"] is True
+    )
+    results["rows"].append(row | {"experiment": experiment, "task": task, "seeds": 1})
+    path.write_text(json.dumps(results))
+    folder = run / "evaluation"
+    shutil.copytree(
+        folder / f"{of}-s0-skystack-stacked", folder / f"{experiment}-s0-skystack-stacked"
+    )
+
+
 @pytest.fixture
 def run(tmp_path) -> Path:
-    """A small run of its own for each test."""
+    """A small run folder, new for each test."""
     return write_run(tmp_path / "run", rows=[("lateral", True)], seeds=(0,), scenarios=2)
 
 
 @pytest.fixture(scope="session")
 def evil_callsign() -> str:
-    """Were it not escaped, a browser would obey it."""
+    """A browser would execute this if it were not escaped."""
     return "<img src=x onerror=alert(1)>"
 
 
 @pytest.fixture(scope="session")
 def written(tmp_path_factory, evil_callsign) -> Path:
-    """A larger run, to look at only; its callsigns are out to break pages."""
+    """A larger run, shared and read-only; its callsigns contain markup."""
     folder = tmp_path_factory.mktemp("reported") / "run"
     return write_run(folder, callsigns=(evil_callsign, "$AC_2$"))
 
 
 @pytest.fixture(scope="session")
 def reported(written) -> Path:
-    """That run with its report."""
+    """The same run with its report."""
     write_report(written)
     return written

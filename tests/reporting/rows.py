@@ -1,4 +1,4 @@
-"""Rows and results by hand, with a value of its own in each column."""
+"""Rows, results and trainings made by hand, with a different value in each column."""
 
 from skystack.reporting.results import Paper, Results, Row, Training
 

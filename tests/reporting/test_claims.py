@@ -1,4 +1,4 @@
-"""The paper's own figures pass its claims; figures that contradict them do not."""
+"""Claims: the paper's own figures support them, contradicting figures do not."""
 
 import json
 
@@ -12,6 +12,7 @@ from skystack.reporting.claims import (
     CHANGED,
     MISSED,
     REPRODUCED,
+    UNDECIDED,
     Claim,
     check_claims,
     claims_table,
@@ -40,7 +41,7 @@ PAPER = {
 
 def row(experiment, stacking, figures):
     values = dict.fromkeys(MEASURES, 1.0) | figures
-    # Wide intervals and other interquartile means: what is judged is the mean.
+    # Wide intervals and different interquartile means: only the mean should count.
     statistics = {
         name: Statistics(
             Estimate(value, 0.5 * value, 2.0 * value), Estimate(3.0 * value, 0.0, 9.0 * value)
@@ -65,7 +66,7 @@ def row(experiment, stacking, figures):
     )
 
 
-def judged(folder, figures, **more):
+def claims_of(folder, figures, **more):
     results = Results(
         rows=[row(*name, values) for name, values in figures.items()],
         rows_by_seed=[],
@@ -80,8 +81,10 @@ def judged(folder, figures, **more):
     return {claim.words: claim for claim in check_claims(Run(folder, results, None))}
 
 
-def test_the_papers_own_figures_are_reproduced(tmp_path):
-    found = judged(tmp_path, {name: dict(values) for name, values in PAPER.items()} | LARGE_EQUAL)
+def test_paper_figures_support_all_claims(tmp_path):
+    found = claims_of(
+        tmp_path, {name: dict(values) for name, values in PAPER.items()} | LARGE_EQUAL
+    )
     verdicts = {words: claim.verdict for words, claim in found.items()}
     assert len(verdicts) == 13
     assert set(verdicts.values()) == {REPRODUCED}, verdicts
@@ -129,28 +132,99 @@ CLAIMS = [
 """All claims in the order of the paper: words, the paper's numbers, part of the criterion."""
 
 
-def test_all_claims_stand_in_the_papers_order_beside_its_figures(tmp_path):
+def all_claims(folder, changed=None):
+    """All claims, from the paper's figures and these."""
     vertical = {("vertical", way): {} for way in (False, True)}
-    fly_climbs(tmp_path, [15], [1])
+    write_climbs(folder, [15], [1])
     gap = Difference(Estimate(0.9, -0.1, 1.9), Estimate(0.5, 0.0, 1.0))
     names = RowName("lateral", True), RowName("lateral-large", False)
     last = {"success": 0.9, "correct_exit": 0.99, "excursion": 0.01, "few_instructions": 0.5}
-    found = trained(
-        tmp_path,
-        PAPER | vertical,
+    return claims_after(
+        folder,
+        PAPER | vertical | (changed or {}),
         comparisons=[Comparison(*names, {"clearances": gap})],
         lateral=[[last]],
         lateral_large=[[last]],
     )
-    for claim, (words, figures, asked) in zip(found.values(), CLAIMS, strict=True):
+
+
+def test_claims_are_in_the_papers_order_with_its_figures(tmp_path):
+    found = all_claims(tmp_path)
+    for claim, (words, figures, criterion) in zip(found.values(), CLAIMS, strict=True):
         assert claim.words == words
         assert claim.paper.startswith(figures)
-        assert asked in claim.asked
+        assert criterion in claim.asked
     families = [claim.family for claim in found.values()]
     assert families == ["lateral"] * 11 + ["vertical"] + ["avoidance"] * 5
 
 
-def test_the_table_of_claims():
+ABOUT = {
+    ("lateral-undamped", False): {0, 4, 6},
+    ("lateral-undamped", True): {6},
+    ("lateral", False): {1, 4, 5, 9, 10},
+    ("lateral", True): {2, 5, 7, 8},
+    ("lateral-large", False): {3, 7, 8, 9, 10},
+    ("vertical", False): {11},
+    ("vertical", True): {11},
+    ("avoidance", True): {12, 14, 15, 16},
+    ("avoidance-large", False): {13, 15, 16},
+}
+"""The places in `CLAIMS` of the claims that a row is involved in."""
+
+
+@pytest.mark.parametrize("name", ABOUT)
+def test_claims_about_untrained_policies_are_undecided(tmp_path, name):
+    """The others are not affected."""
+    before = all_claims(tmp_path)
+    after = all_claims(tmp_path, {name: PAPER.get(name, {}) | {"success": 0.29}})
+    assert list(before) == list(after) == [words for words, *_ in CLAIMS]
+    for place, words in enumerate(before):
+        if place in ABOUT[name]:
+            assert after[words].verdict == UNDECIDED, words
+            assert after[words].found.endswith(" (not trained)")
+        else:
+            assert after[words] == before[words]
+
+
+@pytest.mark.parametrize("idle", ["do-nothing-lateral", "do-nothing"])
+def test_trained_means_clearly_better_than_doing_nothing(tmp_path, idle):
+    """All scenarios succeed, which is 29 points, or exactly 30, above doing nothing."""
+    words = "clearances per scenario, damped and stacked"
+
+    def claim(success_rate):
+        idling = {(idle, False): {"clearances": 0.0, "success": success_rate}}
+        return claims_of(tmp_path, PAPER | idling)[words]
+
+    assert claim(0.71).verdict == UNDECIDED
+    assert claim(0.70).verdict == REPRODUCED
+    assert claim(0.71).found == "as stated: 7.2 [3.6, 14.4] (not trained)"
+    assert claim(0.70).found == "as stated: 7.2 [3.6, 14.4]"
+
+
+@pytest.mark.parametrize(
+    ("stated", "tuned", "verdict"),
+    [
+        # Each with the clearances, of which 7.2 support the claim, and the success rate.
+        ((7.2, 0.2), (7.2, 0.9), CHANGED),
+        ((7.2, 0.2), (20.0, 0.9), UNDECIDED),
+        ((7.2, 0.2), (7.2, 0.2), UNDECIDED),
+        ((20.0, 0.2), (20.0, 0.2), UNDECIDED),
+        ((20.0, 0.9), (7.2, 0.9), CHANGED),
+        ((20.0, 0.9), (7.2, 0.2), MISSED),
+        ((20.0, 0.9), (20.0, 0.9), MISSED),
+        ((7.2, 0.9), (7.2, 0.2), REPRODUCED),
+        ((7.2, 0.9), (20.0, 0.9), REPRODUCED),
+    ],
+)
+def test_verdict_if_the_stated_or_tuned_row_is_not_trained(tmp_path, stated, tuned, verdict):
+    rows = {("lateral", True): rates(*stated), ("lateral-tuned", True): rates(*tuned)}
+    claim = claims_of(tmp_path, rows)["clearances per scenario, damped and stacked"]
+    assert claim.verdict == verdict
+    for part, (_, success_rate) in zip(claim.found.split("; "), (stated, tuned), strict=True):
+        assert part.endswith(" (not trained)") == (success_rate < 0.3)
+
+
+def test_claims_table_has_one_line_per_claim():
     claim = Claim("family", "words", "paper", "asked", "found", "verdict")
     table = claims_table([claim, claim])
     assert table.header == ("claim", "paper", "criterion", "measured", "verdict")
@@ -158,7 +232,7 @@ def test_the_table_of_claims():
 
 
 LARGE_EQUAL = {("lateral-large", False): {"clearances": 7.2}}
-"""No more than 37 actions: the paper calls 7.2 and 6.3 the same."""
+"""No fewer than with 5 actions; the paper considers 7.2 and 6.3 equal."""
 
 
 @pytest.mark.parametrize(
@@ -201,8 +275,8 @@ LARGE_EQUAL = {("lateral-large", False): {"clearances": 7.2}}
 )
 def test_contrary_figures_are_not_reproduced(tmp_path, words, changed):
     figures = {name: dict(values) for name, values in PAPER.items()} | LARGE_EQUAL
-    assert judged(tmp_path, figures)[words].verdict == REPRODUCED
-    assert judged(tmp_path, figures | changed)[words].verdict == MISSED
+    assert claims_of(tmp_path, figures)[words].verdict == REPRODUCED
+    assert claims_of(tmp_path, figures | changed)[words].verdict == MISSED
 
 
 COUNTS = {
@@ -218,15 +292,15 @@ COUNTS = {
     "clearances per scenario, avoidance, stacked": ("avoidance", True, 81.2, 13.2),
     "instructions per scenario, avoidance, 37 actions": ("avoidance-large", False, 126.3, 12.3),
 }
-"""As the paper prints them: of which row, mean, standard deviation."""
+"""The paper's figures by claim: experiment, stacking, mean, standard deviation."""
 
 
 @pytest.mark.parametrize("words", COUNTS)
-def test_a_count_is_reproduced_up_to_the_papers_standard_deviation(tmp_path, words):
+def test_counts_may_differ_by_the_papers_standard_deviation(tmp_path, words):
     experiment, stacking, mean, spread = COUNTS[words]
 
     def claim(clearances):
-        return judged(tmp_path, {(experiment, stacking): {"clearances": clearances}})[words]
+        return claims_of(tmp_path, {(experiment, stacking): {"clearances": clearances}})[words]
 
     assert claim(mean).paper == f"{mean} ± {spread}"
     for side in (-1.0, 1.0):
@@ -235,8 +309,8 @@ def test_a_count_is_reproduced_up_to_the_papers_standard_deviation(tmp_path, wor
 
 
 def lateral(undamped=None, undamped_stacked=None, plain=None, stacked=None, large=None):
-    """Rows of lateral navigation, those that figures are given for."""
-    names = [(f"lateral{way}", stacking) for way, stacking in LATERAL]
+    """The rows of lateral navigation for which figures are given."""
+    names = [(f"lateral{suffix}", stacking) for suffix, stacking in LATERAL]
     each = zip(names, (undamped, undamped_stacked, plain, stacked, large), strict=True)
     return {name: values for name, values in each if values is not None}
 
@@ -255,10 +329,10 @@ LATERAL = [("-undamped", False), ("-undamped", True), ("", False), ("", True), (
     ],
 )
 def test_damping_cuts_instructions_by_82_to_92_percent(tmp_path, instructions, verdict, cut):
-    """Of instructions: how many clearances they make is another matter."""
+    """Only instructions count, not the clearances that are compiled from them."""
     undamped = {"instructions": 100.0, "clearances": 1000.0}
     plain = {"instructions": instructions, "clearances": 1.0}
-    found = judged(tmp_path, lateral(undamped=undamped, plain=plain))
+    found = claims_of(tmp_path, lateral(undamped=undamped, plain=plain))
     claim = found["damping reduces instructions by about 87 %"]
     assert (claim.verdict, claim.found) == (verdict, f"as stated: {cut}")
 
@@ -274,35 +348,35 @@ def rates(clearances, success):
         ((20.0, 0.9), (12.1, 0.95), MISSED, "40 %, success +5.0 points"),
         ((20.0, 0.99), (5.0, 0.98), REPRODUCED, "75 %, success -1.0 points"),
         ((20.0, 0.99), (5.0, 0.978), MISSED, "75 %, success -1.2 points"),
-        ((0.0, 0.0), (0.0, 0.0), MISSED, "0 %, success +0.0 points"),
+        ((0.0, 1.0), (0.0, 1.0), MISSED, "0 %, success +0.0 points"),
     ],
 )
-def test_stacking_cuts_clearances_by_40_percent_and_costs_no_success(
+def test_stacking_cuts_clearances_by_40_percent_at_equal_success(
     tmp_path, plain, stacked, verdict, figures
 ):
-    """Rates that differ by a point are equal; a policy that never acts cuts nothing."""
-    found = judged(tmp_path, lateral(plain=rates(*plain), stacked=rates(*stacked)))
+    """Success rates within one point are equal. A policy that never acts cuts nothing."""
+    found = claims_of(tmp_path, lateral(plain=rates(*plain), stacked=rates(*stacked)))
     claim = found["stacking roughly halves the clearances at equal success"]
     assert (claim.verdict, claim.found) == (verdict, f"as stated: {figures}")
 
 
-def test_every_row_is_compared_with_itself_stacked(tmp_path):
+def test_compares_each_row_with_its_stacked_counterpart(tmp_path):
     figures = lateral(plain=rates(20.0, 1.0), stacked=rates(19.0, 1.0))
     figures[("lateral-tuned", False)] = rates(10.0, 1.0)
     figures[("lateral-tuned", True)] = rates(4.0, 1.0)
-    claim = judged(tmp_path, figures)["stacking roughly halves the clearances at equal success"]
+    claim = claims_of(tmp_path, figures)["stacking roughly halves the clearances at equal success"]
     assert claim.verdict == CHANGED
     assert claim.found == ("as stated: 5 %, success +0.0 points; tuned: 60 %, success +0.0 points")
     figures[("lateral", True)] = rates(10.0, 1.0)
     figures[("lateral-tuned", True)] = rates(10.0, 1.0)
-    claim = judged(tmp_path, figures)["stacking roughly halves the clearances at equal success"]
-    assert claim.verdict == REPRODUCED  # where it holds as stated, a change is not needed
+    claim = claims_of(tmp_path, figures)["stacking roughly halves the clearances at equal success"]
+    assert claim.verdict == REPRODUCED  # it holds with the stated settings
 
 
 @pytest.mark.parametrize(("clearances", "verdict"), [(80.1, REPRODUCED), (80.0, MISSED)])
-def test_stacking_takes_less_than_20_percent_of_undamped_behaviour(tmp_path, clearances, verdict):
+def test_stacking_cuts_undamped_clearances_by_less_than_20(tmp_path, clearances, verdict):
     rows = lateral(undamped=rates(100.0, 1.0), undamped_stacked=rates(clearances, 1.0))
-    claim = judged(tmp_path, rows)["undamped behaviour cannot be stacked"]
+    claim = claims_of(tmp_path, rows)["undamped behaviour cannot be stacked"]
     assert claim.verdict == verdict
     assert claim.found.startswith("100.0 [50.0, 200.0] to 80.")
     assert claim.found.endswith(": 20 %")
@@ -317,8 +391,8 @@ def test_stacking_takes_less_than_20_percent_of_undamped_behaviour(tmp_path, cle
         ((6.9, 0.5), (7.0, 0.9), MISSED),
     ],
 )
-def test_five_actions_need_no_more_and_succeed_no_less(tmp_path, stacked, large, verdict):
-    found = judged(tmp_path, lateral(stacked=rates(*stacked), large=rates(*large)))
+def test_5_actions_need_no_more_clearances_and_equal_success(tmp_path, stacked, large, verdict):
+    found = claims_of(tmp_path, lateral(stacked=rates(*stacked), large=rates(*large)))
     claim = found["5 actions with stacking perform as well as 37 actions"]
     assert claim.verdict == verdict
     (ours, half, twice), (theirs, low, high) = (
@@ -333,44 +407,44 @@ def test_five_actions_need_no_more_and_succeed_no_less(tmp_path, stacked, large,
 @pytest.mark.parametrize(
     ("lost", "verdict"), [(0.01, REPRODUCED), (0.0101, MISSED), (0.002, REPRODUCED)]
 )
-def test_separation_may_be_lost_once_in_100(tmp_path, lost, verdict):
-    """By the stacked row, and by its mean."""
+def test_separation_may_be_lost_in_1_of_100_scenarios(tmp_path, lost, verdict):
+    """The mean of the stacked row counts."""
     rows = {
         ("avoidance", False): {"loss_of_separation": 0.0 if verdict == MISSED else 1.0},
         ("avoidance", True): {"loss_of_separation": lost},
     }
-    claim = judged(tmp_path, rows)["separation is lost in 1 of 100 scenarios"]
+    claim = claims_of(tmp_path, rows)["separation is lost in 1 of 100 scenarios"]
     assert claim.verdict == verdict
     assert claim.found.startswith(f"as stated: {100.0 * lost:.1f} % [")
 
 
-def test_less_than_with_37_actions_is_not_as_often(tmp_path):
-    """Equal figures are no gain; the first one is that of the stacked row."""
+def test_avoidance_must_be_strictly_better_than_37_actions(tmp_path):
+    """Equal figures do not suffice. The first figure is that of the stacked row."""
     rows = {
         ("avoidance", True): {"loss_of_separation": 0.04, "clearances": 20.0},
         ("avoidance-large", False): {"loss_of_separation": 0.04, "clearances": 20.0},
     }
     lost = "with stacking, separation is lost less often than with 37 actions"
     fewer = "with stacking, there are fewer clearances than with 37 actions"
-    found = judged(tmp_path, rows)
+    found = claims_of(tmp_path, rows)
     assert (found[lost].verdict, found[fewer].verdict) == (MISSED, MISSED)
     rows[("avoidance", True)] = {"loss_of_separation": 0.03, "clearances": 19.0}
-    found = judged(tmp_path, rows)
+    found = claims_of(tmp_path, rows)
     assert (found[lost].verdict, found[fewer].verdict) == (REPRODUCED, REPRODUCED)
     assert found[lost].found == "as stated: 3.0 % [1.5, 6.0] against 4.0 % [2.0, 8.0]"
     assert found[fewer].found == "as stated: 19.0 [9.5, 38.0] against 20.0 [10.0, 40.0]"
 
 
-def test_what_holds_with_changed_values_only_says_so(tmp_path):
+def test_verdict_states_if_only_changed_settings_reproduce(tmp_path):
     figures = {name: dict(values) for name, values in PAPER.items()}
     figures[("lateral", False)] = {"clearances": 40.0, "instructions": 40.0}
     figures[("lateral-tuned", False)] = {"clearances": 14.0, "instructions": 14.0}
-    found = judged(tmp_path, figures)
+    found = claims_of(tmp_path, figures)
     assert found["damping reduces instructions by about 87 %"].verdict == CHANGED
     assert found["instructions per scenario, damped"].verdict == CHANGED
 
 
-def test_the_difference_of_the_papers_figures_is_judged_by_its_interval(tmp_path):
+def test_significance_is_decided_by_the_confidence_interval(tmp_path):
     """Welch: t = 0.9 / sqrt((3.5^2 + 3.0^2) / 100) = 1.95 with 193 degrees of freedom."""
     words = "the difference between 6.3 and 7.2 is not significant"
 
@@ -383,7 +457,7 @@ def test_the_difference_of_the_papers_figures_is_judged_by_its_interval(tmp_path
             Comparison(RowName("lateral", False), large, {"clearances": other}),
             Comparison(stacked, large, {"clearances": gap, "success": other}),
         ]
-        return judged(tmp_path, PAPER, comparisons=compared)[words]
+        return claims_of(tmp_path, PAPER, comparisons=compared)[words]
 
     assert "p = 0.052" in claim(-0.1, 1.9).paper
     assert claim(-0.1, 1.9).verdict == REPRODUCED
@@ -392,8 +466,8 @@ def test_the_difference_of_the_papers_figures_is_judged_by_its_interval(tmp_path
     assert claim(0.1, 1.7).verdict == claim(-1.7, -0.1).verdict == MISSED
 
 
-def trained(folder, figures=PAPER, comparisons=(), **curves):
-    """Trainings by name; each a list of its updates' fields, a million steps apart."""
+def claims_after(folder, figures=PAPER, comparisons=(), **curves):
+    """Claims after trainings, each given as fields of its updates, a million steps apart."""
     train = []
     for name, seeds in curves.items():
         experiment = name.replace("_", "-")
@@ -406,7 +480,7 @@ def trained(folder, figures=PAPER, comparisons=(), **curves):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text("".join(json.dumps(line) + "\n" for line in lines))
             train.append(Training(experiment, seed, 1, 1.0, 1.0))
-    return judged(folder, figures, train=train, comparisons=list(comparisons))
+    return claims_of(folder, figures, train=train, comparisons=list(comparisons))
 
 
 def success(*values):
@@ -429,17 +503,19 @@ SOON, LATE, NEVER = success(0.1, 0.8, 0.9), success(0.1, 0.79, 0.8), success(0.1
         ([LATE], [NEVER, SOON, NEVER], REPRODUCED, "3.00 million against never"),
     ],
 )
-def test_the_sooner_one_converges_faster(tmp_path, small, large, verdict, figures):
-    """By the median of the seeds; 80 % is enough, and to be last at it is not to be first."""
-    claim = trained(tmp_path, lateral=small, lateral_large=large)[FASTER]
+def test_converging_faster_means_80_percent_in_fewer_steps(
+    tmp_path, small, large, verdict, figures
+):
+    """The median over seeds counts. Exactly 80 % is enough, a tie is not."""
+    claim = claims_after(tmp_path, lateral=small, lateral_large=large)[FASTER]
     assert (claim.verdict, claim.found) == (verdict, figures)
 
 
-def test_success_in_training_is_that_of_scenarios_not_of_updates(tmp_path):
-    """Forty updates have a running mean of three: (1 + 1 + 9) scenarios with 9 successes."""
+def test_training_success_is_averaged_over_scenarios(tmp_path):
+    """Of forty updates, the running mean covers three: (1 + 1 + 9) scenarios, 9 successes."""
     few = [{"success": 0.0, "episodes": 1.0}] * 20
     curve = [*few, *[{"success": 1.0, "episodes": 9.0}] * 20]
-    claim = trained(tmp_path, lateral=[curve], lateral_large=[NEVER])[FASTER]
+    claim = claims_after(tmp_path, lateral=[curve], lateral_large=[NEVER])[FASTER]
     assert claim.found == "20.00 million against never"
 
 
@@ -448,43 +524,43 @@ SHARES = "at the end of training: correct exit {}, no excursion {}, few instruct
 
 
 @pytest.mark.parametrize(
-    ("exits", "strays", "few", "verdict"),
+    ("exits", "excursion", "few", "verdict"),
     [
         (0.99, 0.01, 0.30, REPRODUCED),
         (0.90, 0.05, 0.88, REPRODUCED),
-        (0.90, 0.05, 0.89, MISSED),  # a point less is equal
+        (0.90, 0.05, 0.89, MISSED),  # one point less is equal
         (0.90, 0.05, 0.93, MISSED),
         (0.95, 0.10, 0.93, MISSED),
         (0.95, 0.10, 0.80, REPRODUCED),
     ],
 )
-def test_the_count_is_met_less_often_than_both_other_criteria(
-    tmp_path, exits, strays, few, verdict
+def test_count_criterion_is_met_less_often_than_the_others(
+    tmp_path, exits, excursion, few, verdict
 ):
-    """At the end of training; what it was before does not count."""
-    last = {"correct_exit": exits, "excursion": strays, "few_instructions": few}
+    """Only the end of training counts."""
+    last = {"correct_exit": exits, "excursion": excursion, "few_instructions": few}
     first = {name: 1.0 - value for name, value in last.items()}
     updates = [fields | {"success": 0.0} for fields in (first, last)]
-    claim = trained(tmp_path, lateral=[SOON], lateral_large=[updates, updates])[COUNT]
-    rounded = [f"{100.0 * value:.0f} %" for value in (exits, 1.0 - strays, few)]
+    claim = claims_after(tmp_path, lateral=[SOON], lateral_large=[updates, updates])[COUNT]
+    rounded = [f"{100.0 * value:.0f} %" for value in (exits, 1.0 - excursion, few)]
     assert claim.verdict == verdict
     assert claim.found == SHARES.format(*rounded)
 
 
 @pytest.mark.parametrize("unknown", ["correct_exit", "excursion", "few_instructions"])
-def test_nothing_is_said_where_a_criterion_is_not_known(tmp_path, unknown):
+def test_no_count_claim_if_a_criterion_is_unknown(tmp_path, unknown):
     known = {"correct_exit": 0.9, "excursion": 0.1, "few_instructions": 0.5, "success": 0.0}
     large = [[known], [{name: value for name, value in known.items() if name != unknown}]]
-    assert COUNT in trained(tmp_path, lateral=[SOON], lateral_large=large)
-    assert COUNT not in trained(tmp_path, lateral=[SOON], lateral_large=large[1:])
+    assert COUNT in claims_after(tmp_path, lateral=[SOON], lateral_large=large)
+    assert COUNT not in claims_after(tmp_path, lateral=[SOON], lateral_large=large[1:])
 
 
 CLIMBS = {"entry_fl": [100, 250, 140, 150, 100], "exit_fl": [250, 100, 280, 0, 260]}
-"""In levels: 150, -150, 140, -150, 160."""
+"""Level changes of 150, -150, 140, -150 and 160 flight levels."""
 
 
-def fly_climbs(folder, plain, stacked):
-    """Clearances of the first scenarios, numbered from 7."""
+def write_climbs(folder, plain, stacked):
+    """Write the clearances of the first scenarios, which are numbered from 7."""
     for way, clearances in (("plain", plain), ("stacked", stacked)):
         where = folder / "evaluation" / f"vertical-s0-skystack-{way}"
         where.mkdir(parents=True, exist_ok=True)
@@ -504,14 +580,14 @@ def fly_climbs(folder, plain, stacked):
     ],
 )
 def test_climbs_of_150_levels_become_one_clearance(tmp_path, plain, stacked, verdict, figures):
-    """Each of them, and descents; what other climbs take says nothing."""
-    fly_climbs(tmp_path, plain, stacked)
+    """Each climb and descent of 150 levels counts, others are ignored."""
+    write_climbs(tmp_path, plain, stacked)
     rows = {("vertical", way): {} for way in (False, True)}
-    claim = judged(tmp_path, rows)["a burst of fifteen instructions becomes one clearance"]
+    claim = claims_of(tmp_path, rows)["a burst of fifteen instructions becomes one clearance"]
     assert (claim.verdict, claim.found) == (verdict, figures)
 
 
-def test_a_run_without_statistics_has_no_claims(tmp_path):
+def test_no_claims_without_statistics(tmp_path):
     plain = row("lateral", False, {})
     bare = {name: getattr(plain, name) for name in plain.__struct_fields__} | {"statistics": {}}
     results = Results(

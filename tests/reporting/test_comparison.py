@@ -1,4 +1,4 @@
-"""Runs side by side: what the page, the terminal and programs are told."""
+"""Comparisons of runs: as a page, as tables for the terminal, and as JSON."""
 
 import io
 import json
@@ -21,7 +21,7 @@ from tests.reporting.test_trainings import write_training
 
 @pytest.fixture
 def runs(tmp_path, written):
-    """A reproduction, one training with other settings, one of another family."""
+    """A reproduction, a training with other settings, and one of another family."""
     return read_runs(
         [
             written,
@@ -31,7 +31,7 @@ def runs(tmp_path, written):
     )
 
 
-def test_the_page_shows_curves_trainings_rows_and_settings_by_family(runs, tmp_path):
+def test_page_shows_curves_trainings_rows_and_settings(runs, tmp_path):
     path = tmp_path / "comparison.html"
     write_comparison(runs, path)
     html = path.read_text()
@@ -44,24 +44,24 @@ def test_the_page_shows_curves_trainings_rows_and_settings_by_family(runs, tmp_p
     assert all(address.startswith("data:image/svg+xml;base64,") for address in page.addresses)
     assert "http" not in html
     assert str(tmp_path.parent) not in html
-    # One training has nothing to differ from.
+    # A family with one training has no settings that differ.
     assert page.text.count("Settings that differ") == 1
 
 
-def test_the_same_settings_are_said_to_be_the_same(tmp_path):
+def test_page_states_that_settings_are_the_same(tmp_path):
     folders = [write_training(tmp_path / name) for name in "ab"]
     write_comparison(read_runs(folders), tmp_path / "page.html")
     assert "the configurations are the same" in Page((tmp_path / "page.html").read_text()).text
 
 
-def test_programs_are_told_the_same(runs):
+def test_json_contains_trainings_rows_and_settings(runs):
     found = json.loads(json.dumps(comparison_json(runs)))
     assert [each["seed"] for each in found["train"]] == [0, 1, 0, 1, 7, 1]
     assert {(each["run"], each["experiment"], each["stacking"]) for each in found["rows"]} == {
         ("run", "lateral-undamped", False),
         ("run", "lateral", False),
         ("run", "lateral", True),
-        ("run", "do-nothing", False),
+        ("run", "do-nothing-lateral", False),
     }
     assert found["settings"]["lateral"]["ppo.gamma"] == {
         "run, lateral-undamped": 0.99,
@@ -71,7 +71,7 @@ def test_programs_are_told_the_same(runs):
     assert found["settings"]["vertical"] == {}
 
 
-def test_tables_for_the_terminal(runs):
+def test_terminal_tables(runs):
     trainings, rows, settings = comparison_tables(runs)
     assert trainings.rows[-2] == (
         "<b>changed",
@@ -86,12 +86,12 @@ def test_tables_for_the_terminal(runs):
     assert rows.rows[2][:3] == ("damped and stacked", "run", "7.2 ± 3.5")
     lines = {row[0]: row[1:] for row in settings.rows}
     assert lines["ppo.gamma"] == ("0.99", "0.99", "0.9")
-    written = io.StringIO()
-    Console(file=written, width=300).print(settings.as_rich())
-    assert "ppo.gamma" in written.getvalue()
+    output = io.StringIO()
+    Console(file=output, width=300).print(settings.as_rich())
+    assert "ppo.gamma" in output.getvalue()
 
 
-def test_long_values_are_cut_in_the_terminal_and_absent_ones_a_dash(tmp_path):
+def test_terminal_truncates_long_values_and_dashes_absent_ones(tmp_path):
     folders = [
         write_training(tmp_path / "a", "lateral"),
         write_training(tmp_path / "b", "lateral-best"),
@@ -103,27 +103,27 @@ def test_long_values_are_cut_in_the_terminal_and_absent_ones_a_dash(tmp_path):
     assert lines["pretraining.steps"][0] == NOTHING
 
 
-def test_a_page_that_cannot_be_written_is_an_error(tmp_path):
+def test_unwritable_page_is_an_error(tmp_path):
     with pytest.raises(InputError, match="cannot be written"):
         write_comparison(Runs([], []), tmp_path / "no" / "comparison.html")
 
 
-def test_a_comparison_is_written_as_html_only(tmp_path, capsys):
+def test_comparison_must_be_html(tmp_path, capsys):
     runs = [str(write_training(tmp_path / name)) for name in "ab"]
     assert main(["report", *runs, "-o", str(tmp_path / "page.pdf")]) == 2
     assert "page.pdf (allowed: .html)" in capsys.readouterr().err
     assert not (tmp_path / "page.pdf").exists()
 
 
-def test_a_run_folder_name_that_is_not_utf_8_is_escaped(tmp_path):
-    """On Linux a name is bytes; those that are not UTF-8 are shown escaped."""
+def test_escapes_folder_names_that_are_not_utf_8(tmp_path):
+    """On Linux, names are bytes, which need not be UTF-8."""
     runs = read_runs([write_training(tmp_path / name) for name in ("n\udcff", "m")])
     write_comparison(runs, tmp_path / "page.html")
     assert "n\\udcff" in (tmp_path / "page.html").read_text()
 
 
 def learned(curve, experiment="lateral", seed=0, **settings):
-    """A training of 101 updates; success rises by a point with each, to 100 %."""
+    """A training of 101 updates, in which success rises by one point each, to 100 %."""
     updates = [
         Update(
             steps=20_000 * n,
@@ -140,8 +140,8 @@ def learned(curve, experiment="lateral", seed=0, **settings):
 
 
 @pytest.fixture
-def by_hand():
-    """Two runs; vertical control was trained only, avoidance was judged only."""
+def two_runs():
+    """Two runs, made by hand. Vertical control was only trained, avoidance only evaluated."""
     trainings = [
         learned("a, lateral", seed=1, gamma=0.9, batch=0, greedy=False, layers=["x", 2]),
         learned("a, lateral", seed=2, gamma=0.9, batch=0, greedy=False, layers=["x", 2]),
@@ -152,9 +152,9 @@ def by_hand():
     return Runs(trainings, rows)
 
 
-def test_figures_of_a_training_are_where_the_thick_line_ends(by_hand):
-    """A mean of the last three of five: success of 98, 99 and 100 %, instructions 102 to 100."""
-    trainings, *_ = comparison_tables(by_hand)
+def test_training_figures_are_the_ends_of_running_means(two_runs):
+    """The last three updates are in the window: 98 to 100 % success, 102 to 100 instructions."""
+    trainings, *_ = comparison_tables(two_runs)
     assert trainings.header == (
         *("run", "experiment", "seed"),
         *("steps", "time", "success", "instructions"),
@@ -168,16 +168,16 @@ def test_figures_of_a_training_are_where_the_thick_line_ends(by_hand):
     )
 
 
-def test_every_row_stands_beside_its_run(by_hand):
-    _, rows, _ = comparison_tables(by_hand)
+def test_each_row_names_its_run(two_runs):
+    _, rows, _ = comparison_tables(two_runs)
     assert [line[:2] for line in rows.rows] == [
         ("damped and stacked", "a"),
         ("avoidance, stacked", "b"),
     ]
 
 
-def test_settings_stand_by_curve_with_absent_ones_as_a_dash(by_hand):
-    *_, settings = comparison_tables(by_hand)
+def test_settings_have_one_column_per_curve(two_runs):
+    *_, settings = comparison_tables(two_runs)
     assert settings.header == ("setting", "a, lateral", "a, lateral-best")
     assert settings.rows == (
         ("gamma", "0.9", "0.8"),
@@ -185,10 +185,10 @@ def test_settings_stand_by_curve_with_absent_ones_as_a_dash(by_hand):
         ("greedy", "false", NOTHING),
         ("layers", "x, 2", NOTHING),
     )
-    assert list(comparison_json(by_hand)["settings"]) == ["lateral", "vertical", "avoidance"]
+    assert list(comparison_json(two_runs)["settings"]) == ["lateral", "vertical", "avoidance"]
 
 
-def test_a_family_has_its_own_trainings_rows_and_curves(by_hand, tmp_path, monkeypatch):
+def test_each_family_has_its_own_trainings_rows_and_curves(two_runs, tmp_path, monkeypatch):
     drawn = []
 
     def draw(curves):
@@ -196,7 +196,7 @@ def test_a_family_has_its_own_trainings_rows_and_curves(by_hand, tmp_path, monke
         return Figure((1.0, 1.0))
 
     monkeypatch.setattr(comparison, "overlaid_curves", draw)
-    write_comparison(by_hand, tmp_path / "page.html")
+    write_comparison(two_runs, tmp_path / "page.html")
     assert drawn == [{"a, lateral": 2, "a, lateral-best": 1}, {"b": 1}]
     _, *sections = (tmp_path / "page.html").read_text().split("<h2>")
     lateral, vertical, avoidance = (Page(section).text for section in sections)
@@ -209,7 +209,7 @@ def test_a_family_has_its_own_trainings_rows_and_curves(by_hand, tmp_path, monke
         assert not any(name in text for name in others)
 
 
-def test_values_in_the_terminal_have_at_most_40_characters():
+def test_terminal_values_have_at_most_40_characters():
     names = ["word " * 7 + "12345", "word " * 7 + "123456"]
     runs = Runs([learned(name, text=name) for name in names], [])
     _, settings = comparison_tables(runs)

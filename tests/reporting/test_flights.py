@@ -1,4 +1,4 @@
-"""Reading the Parquet tables, and what belongs together in them."""
+"""Reading an evaluation's Parquet tables, and grouping clearances into bursts."""
 
 import numpy as np
 import pyarrow as pa
@@ -31,7 +31,7 @@ def track(*clearances):
     return Track("AC1", np.zeros((2, 2)), np.zeros((3, 2)), level, level, 300, None, clearances)
 
 
-def test_a_scenario_is_what_the_tables_say(run):
+def test_scenario_agrees_with_the_tables(run):
     folder = run / FOLDER
     scenario = read_scenario(folder, 1)
     assert scenario.sector == x_plus()
@@ -43,7 +43,7 @@ def test_a_scenario_is_what_the_tables_say(run):
     np.testing.assert_allclose(scenario.tracks[1].position_nm[0], start)
 
 
-def test_a_track_ends_with_its_exit(run):
+def test_track_ends_at_the_exit(run):
     path = run / FOLDER / "trajectories.parquet"
     table = pq.read_table(path)
     cycle = table["cycle"].to_numpy()
@@ -57,13 +57,13 @@ def test_a_track_ends_with_its_exit(run):
         assert one.excursion_cycle == 4
 
 
-def test_outcomes_are_the_first_ones(run):
+def test_reads_the_outcomes_of_the_first_scenarios(run):
     outcomes = read_outcomes(run / FOLDER, 1)
     assert outcomes.scenario.tolist() == [0]
     assert outcomes.success.dtype == bool
 
 
-def test_bursts_end_with_a_pause_or_another_direction():
+def test_bursts_end_at_a_gap_or_another_direction():
     clearances = [
         clearance(1, "right", value=350),
         clearance(2, "right", value=0),
@@ -77,24 +77,24 @@ def test_bursts_end_with_a_pause_or_another_direction():
     assert [[one.cycle for one in burst] for burst in bursts] == [[1, 2, 4], [7], [8, 9, 10]]
 
 
-def test_a_turn_that_is_taken_back_is_no_burst():
-    """Both are right turns for the aircraft, which has not come round yet."""
+def test_reversed_turn_ends_a_burst():
+    """All are right turns for the aircraft, which has not reached these headings yet."""
     there_and_back = [clearance(1, value=90), clearance(2, value=80), clearance(3, value=90)]
     bursts = track(*there_and_back).bursts
     assert [[one.cycle for one in burst] for burst in bursts] == [[1], [2, 3]]
 
 
-def test_levels_make_bursts_too():
+def test_groups_level_clearances_into_bursts():
     climb = [clearance(n, "climb", "level", 200 + 10 * n) for n in range(4)]
     descent = [clearance(4 + n, "descend", "level", 230 - 10 * n) for n in range(1, 3)]
     assert [len(burst) for burst in track(*climb, *descent).bursts] == [4, 2]
 
 
 @given(st.lists(st.tuples(st.integers(0, 300), st.sampled_from(["left", "right"]))))
-def test_bursts_keep_every_clearance_in_order(cycles):
-    given_ = tuple(clearance(*one) for one in sorted(cycles))
-    bursts = track(*given_).bursts
-    assert tuple(one for burst in bursts for one in burst) == given_
+def test_bursts_keep_every_clearance_in_order(issued):
+    clearances = tuple(clearance(*one) for one in sorted(issued))
+    bursts = track(*clearances).bursts
+    assert tuple(one for burst in bursts for one in burst) == clearances
     assert all(len({one.direction for one in burst}) == 1 for burst in bursts)
 
 
@@ -105,17 +105,17 @@ def test_bursts_keep_every_clearance_in_order(cycles):
         (clearance(0, "climb", "level", 340), "climb FL340"),
     ],
 )
-def test_short_texts(one, short):
+def test_short_text_of_a_clearance(one, short):
     assert one.short == short
 
 
 @pytest.mark.parametrize("name", ["episodes", "aircraft", "trajectories", "clearances"])
-@pytest.mark.parametrize("damage", ["missing", "cut", "other columns"])
-def test_missing_and_damaged_tables_are_named_in_one_line(run, name, damage):
+@pytest.mark.parametrize("damage", ["missing", "truncated", "other columns"])
+def test_names_missing_and_damaged_tables_in_one_line(run, name, damage):
     path = run / FOLDER / f"{name}.parquet"
     if damage == "missing":
         path.unlink()
-    elif damage == "cut":
+    elif damage == "truncated":
         path.write_bytes(path.read_bytes()[:-100])
     else:
         pq.write_table(pa.table({"scenario": [0]}), path)
@@ -125,19 +125,19 @@ def test_missing_and_damaged_tables_are_named_in_one_line(run, name, damage):
 
 
 @pytest.mark.parametrize("metadata", [None, {b"sector": b"{}"}])
-def test_a_table_without_its_sector_is_refused(run, metadata):
+def test_rejects_a_table_without_a_sector(run, metadata):
     path = run / FOLDER / "trajectories.parquet"
     pq.write_table(pq.read_table(path).replace_schema_metadata(metadata), path)
     with pytest.raises(InputError, match=r"trajectories\.parquet.*sector"):
         read_scenario(run / FOLDER, 0)
 
 
-def test_a_scenario_that_was_not_flown_is_refused(run):
+def test_rejects_an_unknown_scenario(run):
     with pytest.raises(InputError, match="no scenario 17"):
         read_scenario(run / FOLDER, 17)
 
 
-def flown(callsign, *positions_nm, fl=300.0):
+def level_track(callsign, *positions_nm, fl=300.0):
     path = np.array(positions_nm, dtype=float)
     level = np.full(len(path), fl)
     return Track(callsign, path[:0], path, level, level, 300, None, ())
@@ -148,27 +148,27 @@ def least_separation(*tracks):
 
 
 def test_least_separation_is_found_between_radar_positions():
-    # They pass 3 NM beside each other, half-way through the second cycle.
-    east = flown("AC1", (-1.5, 0.0), (-0.5, 0.0), (0.5, 0.0), (1.5, 0.0))
-    west = flown("AC2", (1.5, 3.0), (0.5, 3.0), (-0.5, 3.0), (-1.5, 3.0))
+    # They pass each other at 3 NM, half-way through the second cycle.
+    east = level_track("AC1", (-1.5, 0.0), (-0.5, 0.0), (0.5, 0.0), (1.5, 0.0))
+    west = level_track("AC2", (1.5, 3.0), (0.5, 3.0), (-0.5, 3.0), (-1.5, 3.0))
     nearest = least_separation(east, west)
     assert nearest.distance_nm == pytest.approx(3.0)
     np.testing.assert_allclose(nearest.position_nm, [[0.0, 0.0], [0.0, 3.0]], atol=1e-12)
 
 
 def test_least_separation_ends_when_one_aircraft_has_exited():
-    short = flown("AC1", (0.0, 0.0), (1.0, 0.0))
-    long = flown("AC2", (9.0, 0.0), (8.0, 0.0), (1.0, 0.0))
+    short = level_track("AC1", (0.0, 0.0), (1.0, 0.0))
+    long = level_track("AC2", (9.0, 0.0), (8.0, 0.0), (1.0, 0.0))
     assert least_separation(short, long).distance_nm == pytest.approx(7.0)
 
 
-def test_aircraft_a_thousand_feet_apart_have_no_least_separation():
-    low, high = flown("AC1", (0.0, 0.0)), flown("AC2", (1.0, 0.0), fl=310.0)
+def test_no_least_separation_of_aircraft_1000_ft_apart():
+    low, high = level_track("AC1", (0.0, 0.0)), level_track("AC2", (1.0, 0.0), fl=310.0)
     assert least_separation(low, high) is None
     assert least_separation(low) is None
 
 
-def test_starts_are_routes_and_climbs(run):
+def test_starts_contain_routes_and_level_changes(run):
     rows = pq.read_table(run / FOLDER / "aircraft.parquet").to_pylist()
     (start,) = read_starts(run / FOLDER, [1])
     assert [" ".join(route) for route in start.routes] == [
@@ -179,7 +179,7 @@ def test_starts_are_routes_and_climbs(run):
         read_starts(run / FOLDER, [7])
 
 
-def test_routes_are_reciprocal_when_one_is_the_other_reversed():
+def test_routes_are_reciprocal_if_one_is_the_other_reversed():
     there, back, aside = ("A", "B", "C"), ("C", "B", "A"), ("A", "B", "D")
     assert Start((there, back), (0, 0)).reciprocal
     assert Start((there, aside, back), (0, 0, 0)).reciprocal

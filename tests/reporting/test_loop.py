@@ -1,17 +1,17 @@
-"""The loop of policy and simulator."""
+"""The diagram of policy and simulator."""
 
 from skystack.reporting.loop import loop
 from skystack.reporting.style import house_style, settle
 
 
-def test_what_acts_and_what_is_passed_on_are_named():
+def test_diagram_names_components_and_signals():
     with house_style():
         figure = loop()
         settle(figure)
     (axes,) = figure.axes
-    said = " ".join(text.get_text().replace("\n", " ") for text in axes.texts)
+    all_text = " ".join(text.get_text().replace("\n", " ") for text in axes.texts)
     for word in ("Policy", "Online action-stacking", "Simulator", "clearance", "reward"):
-        assert word in said
+        assert word in all_text
     frame = axes.get_window_extent()
     boxes = [text.get_window_extent() for text in axes.texts if text.get_text()]
     assert all(frame.count_contains(box.corners()) == 4 for box in boxes)

@@ -1,4 +1,4 @@
-"""Maps of the sector: what is named, how wide, which routes, and lines beside each other."""
+"""Maps of the sector: names, widths, routes, and lines drawn side by side."""
 
 from dataclasses import replace
 from itertools import combinations
@@ -15,24 +15,24 @@ from skystack.reporting.maps import along, beside, route_maps, sector_map
 from skystack.reporting.style import as_png, house_style
 
 
-def named(axes):
+def texts_of(axes):
     return [text.get_text() for text in axes.texts if text.get_text()]
 
 
 @pytest.mark.parametrize("half_width_nm", [8.0, 10.0])
-def test_the_sector_has_its_fixes_levels_and_width(half_width_nm):
+def test_sector_map_names_fixes_levels_and_width(half_width_nm):
     sector = XPlus(half_width_nm=half_width_nm).sector()
     with house_style():
         (axes,) = sector_map(sector).axes
     assert axes.get_title(loc="left") == "X-Plus sector, FL200 to FL400"
-    assert sorted(set(sector.fixes) & set(named(axes))) == sorted(sector.fixes)
-    assert f"{2.0 * half_width_nm:.0f} NM" in named(axes)
+    assert sorted(set(sector.fixes) & set(texts_of(axes))) == sorted(sector.fixes)
+    assert f"{2.0 * half_width_nm:.0f} NM" in texts_of(axes)
     assert axes.get_aspect() == 1.0
     assert "NM" in axes.get_xlabel()
 
 
-def test_lengths_on_the_map_are_true_ones_where_edges_bend():
-    """Far north, over 7 degrees of latitude; the exit edge by pyproj."""
+def test_lengths_are_true_where_edges_are_curved():
+    """Far north, over 7 degrees of latitude. The length of the exit edge is from pyproj."""
     ring = [[11.0, 59.0], [19.0, 58.0], [19.0, 64.0], [11.0, 66.0]]
     fixes = {
         "S": {"lat": 58.0, "lon": 13.0},
@@ -48,25 +48,25 @@ def test_lengths_on_the_map_are_true_ones_where_edges_bend():
     with house_style():
         (axes,) = sector_map(sector).axes
     width_nm = WGS84.inv(19.0, 64.0, 11.0, 66.0)[2] / METRES_PER_NM
-    assert f"{width_nm:.0f} NM" in named(axes)
+    assert f"{width_nm:.0f} NM" in texts_of(axes)
     (bar,) = (line for line in axes.lines if line.get_marker() == "|")
     ends = sector.plane.to_degrees(bar.get_xydata())
     length_nm = geodesic_leg(*(tuple(map(float, end)) for end in ends))[1]
     assert length_nm == pytest.approx(20.0, rel=1e-3)
 
 
-def test_names_on_the_maps_hide_neither_each_other_nor_stand_outside():
+def test_names_do_not_overlap_and_stay_inside():
     with house_style():
         figures = [sector_map(x_plus()), route_maps(x_plus())]
     for axes in (axes for figure in figures for axes in figure.axes):
-        shown = [text for text in axes.texts if text.get_text()]
-        boxes = [text.get_window_extent() for text in shown]
+        texts = [text for text in axes.texts if text.get_text()]
+        boxes = [text.get_window_extent() for text in texts]
         assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
         frame = axes.get_window_extent()
         assert all(frame.count_contains(box.corners()) == 4 for box in boxes)
 
 
-def test_every_route_is_in_the_panel_of_its_first_fix_with_a_dash_pattern_of_its_own():
+def test_routes_are_grouped_by_first_fix_with_distinct_dashes():
     sector = x_plus()
     with house_style():
         panels = route_maps(sector).axes
@@ -76,13 +76,13 @@ def test_every_route_is_in_the_panel_of_its_first_fix_with_a_dash_pattern_of_its
         routes = [tuple(line.get_label().split(" \N{EN DASH} ")) for line in lines]
         assert {f"From {route[0]}" for route in routes} == {axes.get_title(loc="left")}
         assert len({str(line._unscaled_dash_pattern) for line in lines}) == len(lines)
-        assert set(sector.fixes) <= set(named(axes))
+        assert set(sector.fixes) <= set(texts_of(axes))
         seen += routes
     assert sorted(seen) == sorted(sector.routes)
 
 
 @given(st.floats(-80.0, 80.0), st.floats(-3.0, 3.0))
-def test_a_line_beside_another_keeps_its_distance_round_a_corner(turn_deg, offset_nm):
+def test_parallel_line_keeps_its_distance_around_a_corner(turn_deg, offset_nm):
     radians = np.radians(turn_deg)
     corner = np.array([0.0, 10.0])
     path = np.array(
@@ -95,7 +95,7 @@ def test_a_line_beside_another_keeps_its_distance_round_a_corner(turn_deg, offse
         np.testing.assert_allclose((near - start) @ right, offset_nm, atol=1e-9)
 
 
-def test_points_along_a_line_are_near_to_each_other_and_keep_its_corners():
+def test_points_along_a_line_are_dense_and_include_corners():
     path = np.array([[0.0, 0.0], [7.3, 0.0], [7.3, 0.4]])
     points = along(path)
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -104,7 +104,7 @@ def test_points_along_a_line_are_near_to_each_other_and_keep_its_corners():
     assert all((points == corner).all(axis=1).any() for corner in path)
 
 
-def test_a_name_that_the_font_cannot_show_is_drawn_without_a_warning():
-    """A warning would fail this test, and appear on the user's terminal."""
+def test_draws_names_with_missing_glyphs_without_warnings():
+    """A warning would fail this test, and appear in the user's terminal."""
     with house_style():
         assert as_png(sector_map(replace(x_plus(), name="空域"))).startswith(b"\x89PNG")

@@ -1,4 +1,4 @@
-"""Levels over time: what was flown, cleared and told, and where it was to end."""
+"""Vertical profiles: flown levels, cleared levels, clearances and exit levels over time."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from skystack.reporting.style import house_style
 
 
 def climb():
-    told = IssuedClearance(2, 12, "level", 150, "climb", 5, "AC1 climb FL150")
+    clearance = IssuedClearance(2, 12, "level", 150, "climb", 5, "AC1 climb FL150")
     track = Track(
         callsign="AC1",
         route_nm=np.zeros((0, 2)),
@@ -18,12 +18,12 @@ def climb():
         cleared_fl=np.array([100.0, 100.0, 100.0, 150.0, 150.0, 150.0]),
         exit_fl=160,
         excursion_cycle=None,
-        clearances=(told,),
+        clearances=(clearance,),
     )
     return FlownScenario(x_plus(), 0, 1, (track,))
 
 
-def test_a_climb_is_drawn_as_it_was_told_and_flown():
+def test_draws_a_climb_as_cleared_and_flown():
     with house_style():
         axes = profile("Stacked", climb()).axes[0]
     lines = {line.get_label(): line for line in axes.lines}
@@ -36,7 +36,7 @@ def test_a_climb_is_drawn_as_it_was_told_and_flown():
     assert "climb FL150: 5 instructions" in [text.get_text() for text in axes.texts]
 
 
-def test_flights_of_one_scenario_share_their_axes():
+def test_profiles_of_one_scenario_share_their_axes():
     with house_style():
         first, second = profiles([("Plain", climb()), ("Stacked", climb())]).axes
     assert first.get_xlim() == second.get_xlim()

@@ -32,7 +32,7 @@ def change(path, **values):
     path.write_text(json.dumps(json.loads(path.read_text()) | values))
 
 
-def test_unknown_experiments_follow_by_name(run):
+def test_unknown_experiments_come_last_sorted_by_name(run):
     stored = json.loads((run / "results.json").read_text())["rows"][0]
     others = [stored | {"experiment": name} for name in ("zebra", "antelope")]
     change(run / "results.json", rows=[*others, stored, stored | {"platform": "bluebird"}])
@@ -41,8 +41,10 @@ def test_unknown_experiments_follow_by_name(run):
     assert names[2:] == ["antelope, stacked", "zebra, stacked"]
 
 
-def test_the_first_seed_is_the_lowest_of_the_very_row():
-    """Not of the other way, nor of another simulator; 0 where no training is behind it."""
+def test_evaluation_folders_have_the_seeds_of_the_row():
+    """In ascending order, the lowest first. Seeds of unstacked rows and other simulators do not
+    count; the only folder has seed 0 if nothing was trained.
+    """
     several = [
         row(seed=7),
         row(seed=5),
@@ -52,17 +54,20 @@ def test_the_first_seed_is_the_lowest_of_the_very_row():
         row(seed=None),
     ]
     run = Run(Path("folder"), results(rows_by_seed=several), None)
-    wanted = (several[0], several[2], several[3], row(experiment="do-nothing"))
-    found = [run.evaluation(one).relative_to("folder/evaluation") for one in wanted]
+    expected = (several[0], several[2], several[3], row(experiment="do-nothing"))
+    found = [run.evaluation(one).relative_to("folder/evaluation") for one in expected]
     assert [folder.name for folder in found] == [
         "lateral-s5-skystack-stacked",
         "lateral-s4-skystack-plain",
         "lateral-s3-bluebird-stacked",
         "do-nothing-s0-skystack-stacked",
     ]
+    every = [folder.name for folder in run.evaluations(several[0])]
+    assert every == ["lateral-s5-skystack-stacked", "lateral-s7-skystack-stacked"]
+    assert run.evaluations(expected[3]) == [run.evaluation(expected[3])]
 
 
-def test_a_row_is_found_by_experiment_and_way():
+def test_finds_a_row_by_experiment_and_stacking():
     both = [row(), row(stacking=False), row(experiment="vertical", stacking=False)]
     run = results(rows=both)
     assert run.row("lateral", True) is both[0]
@@ -77,15 +82,17 @@ def test_a_row_is_found_by_experiment_and_way():
         ("vertical-mine", "vertical"),
         ("avoidance-large", "avoidance"),
         ("do-nothing", "lateral"),
+        ("do-nothing-lateral", "lateral"),
+        ("lateral-best-shipped", "lateral"),
         ("my-vertical", "other"),
         ("verticals", "other"),
     ],
 )
-def test_without_a_task_the_family_is_the_first_word_if_that_is_a_task(experiment, family):
+def test_family_defaults_to_the_first_word_if_it_is_a_task(experiment, family):
     assert row(experiment=experiment).family == family_of(experiment, None) == family
 
 
-def test_a_family_is_the_task_that_a_row_states():
+def test_family_is_the_task_of_the_row():
     assert row(experiment="lateral-mine", task="holding").family == "holding"
     assert family_title("holding") == "Holding"
     assert family_order(["zebra", "vertical", "lateral", "holding"]) == [
@@ -93,7 +100,7 @@ def test_a_family_is_the_task_that_a_row_states():
     ]
 
 
-def test_families_hold_their_rows_in_order_and_their_trained_experiments():
+def test_families_have_sorted_rows_and_trained_experiments():
     names = ["avoidance", "vertical", "do-nothing", "lateral-large", "lateral"]
     rows = [row(experiment=name) for name in names]
     trained = [training(name) for name in ("zebra", "avoidance", "lateral-large", "lateral")]
@@ -113,7 +120,7 @@ def test_families_hold_their_rows_in_order_and_their_trained_experiments():
     assert results().experiments_of("vertical") == []
 
 
-def test_names_of_a_row():
+def test_row_names():
     own, other = row(), row(stacking=False, platform="bluesky", experiment="mine")
     assert (own.policy, own.name, own.title, own.slug) == (
         "damped and stacked",
@@ -122,14 +129,102 @@ def test_names_of_a_row():
         "lateral-stacked",
     )
     assert (other.policy, other.name, other.title, other.slug) == (
-        "mine, plain",
-        "mine, plain (bluesky)",
-        "Mine, plain (bluesky)",
+        "mine, unstacked",
+        "mine, unstacked (bluesky)",
+        "Mine, unstacked (bluesky)",
         "mine-bluesky-plain",
     )
+    assert row(experiment="mine").name == "mine, stacked"
 
 
-def test_the_bound_is_known_of_lateral_navigation_only():
+@pytest.mark.parametrize(
+    ("experiment", "task", "name"),
+    [
+        ("do-nothing", None, "do nothing"),  # old files
+        ("do-nothing", "vertical", "vertical, do nothing"),
+        ("do-nothing-lateral", "lateral", "do nothing"),
+        ("do-nothing-vertical", "vertical", "vertical, do nothing"),
+        ("do-nothing-avoidance", "avoidance", "avoidance, do nothing"),
+        ("do-nothing-holding", "holding", "do-nothing-holding, unstacked"),
+    ],
+)
+def test_doing_nothing_is_named_after_its_task(experiment, task, name):
+    idle = row(experiment=experiment, task=task, stacking=False)
+    assert idle.is_no_op
+    assert not idle.is_shipped
+    assert idle.name == name
+
+
+@pytest.mark.parametrize("experiment", ["lateral", "nothing", "do-nothings", "lateral-do-nothing"])
+def test_other_names_are_those_of_policies(experiment):
+    assert not row(experiment=experiment).is_no_op
+
+
+def test_shipped_policies_are_named_as_such():
+    shipped = [row(experiment=f"{name}-shipped") for name in ("lateral", "lateral-best", "mine")]
+    assert [each.name for each in shipped] == [
+        "damped and stacked, shipped",
+        "ours, stacked, shipped",
+        "mine-shipped, stacked",
+    ]
+    assert all(each.is_shipped and not each.is_no_op for each in shipped)
+    assert not row(experiment="shipped").is_shipped
+    assert not row(experiment="lateral-shipped-later").is_shipped
+
+
+def test_exit_offsets_are_absent_from_old_files(run):
+    stored = json.loads((run / "results.json").read_text())["rows"][0]
+    assert read_run(run).results.rows[0].exit_offset_nm_mean is None
+    change(run / "results.json", rows=[stored | {"exit_offset_nm_mean": 2.5}])
+    assert read_run(run).results.rows[0].exit_offset_nm_mean == 2.5
+
+
+def idle(success_rate, experiment="do-nothing-lateral", task="lateral"):
+    return row(experiment=experiment, task=task, stacking=False, success_rate=success_rate)
+
+
+@pytest.mark.parametrize(
+    ("others", "success_rate", "trained"),
+    [
+        ([], 0.3, True),
+        ([], 0.299, False),
+        ([idle(0.2)], 0.5, True),
+        ([idle(0.2)], 0.499, False),
+        ([idle(0.2, "do-nothing", None)], 0.5, True),
+        ([idle(0.2, "do-nothing", None)], 0.499, False),
+        ([idle(None)], 0.3, True),
+        ([idle(None)], 0.299, False),
+        ([idle(0.9, "do-nothing-vertical", "vertical")], 0.3, True),  # of another family
+        ([idle(0.9, "lateral-best")], 0.3, True),  # a policy
+        ([idle(0.8)], 1.0, False),
+        ([], None, False),
+    ],
+)
+def test_trained_means_30_points_above_doing_nothing(others, success_rate, trained):
+    """Where doing nothing was not evaluated, or its success is unknown, 30 % suffice."""
+    one = row(success_rate=success_rate)
+    assert results(rows=[one, *others]).is_trained(one) == trained
+
+
+@pytest.mark.parametrize("failing", range(71))
+def test_exactly_30_points_suffice_at_each_percentage(failing):
+    """In binary, 0.27 + 0.3 exceeds 0.57."""
+    least, less = (row(success_rate=(10 * failing + more) / 1000) for more in (300, 299))
+    run = results(rows=[least, idle(failing / 100)])
+    assert run.is_trained(least)
+    assert not run.is_trained(less)
+
+
+def test_draws_trained_policies_and_doing_nothing():
+    """In the given order. Doing nothing is drawn whether it succeeds or not."""
+    high, low = row(success_rate=0.9), row(stacking=False, success_rate=0.4)
+    run = results(rows=[low, idle(0.2), high])
+    assert run.drawn(run.rows) == [idle(0.2), high]
+    assert run.drawn([low]) == []
+    assert results(rows=[low]).drawn([low]) == [low]
+
+
+def test_bound_applies_to_lateral_navigation_only():
     bound = Bound(1.6, 100)
     run = Run(Path(), results(), bound)
     assert run.bound_of("lateral") is bound
@@ -137,7 +232,7 @@ def test_the_bound_is_known_of_lateral_navigation_only():
 
 
 def test_rows_are_sorted_by_policy_then_simulator_then_name():
-    wanted = [
+    expected = [
         row(experiment="lateral", stacking=False),
         row(),
         row(platform="bluebird"),
@@ -150,21 +245,27 @@ def test_rows_are_sorted_by_policy_then_simulator_then_name():
         row(experiment="antelope"),
         row(experiment="zebra", stacking=False),
     ]
-    assert in_order(wanted[::-1]) == wanted
+    assert in_order(expected[::-1]) == expected
 
 
 def test_readable_names_are_distinct():
     assert len(set(READABLE_NAMES.values())) == len(READABLE_NAMES)
 
 
-def test_every_experiment_has_a_name_for_each_way():
-    """Which says that it is stacked where it is."""
-    assert {experiment for experiment, _ in READABLE_NAMES} == {*experiment_names(), "do-nothing"}
+def test_experiments_have_plain_and_stacked_names():
+    """Only the stacked name ends in "stacked". Shipped policies are stacked, doing nothing not."""
+    others = {experiment for experiment, _ in READABLE_NAMES} - {*experiment_names()}
+    assert {name for name in READABLE_NAMES if name[0] in others} == {
+        ("lateral-shipped", True),
+        ("lateral-best-shipped", True),
+        ("do-nothing-lateral", False),
+        ("do-nothing-vertical", False),
+        ("do-nothing-avoidance", False),
+    }
     for experiment in experiment_names():
         plain, stacked = (READABLE_NAMES[experiment, way] for way in (False, True))
         assert stacked.split()[-1] == "stacked"
         assert plain.split()[-1] != "stacked"
-    assert ("do-nothing", True) not in READABLE_NAMES
 
 
 ONE = Estimate(1.0, 0.0, 2.0)
@@ -178,7 +279,7 @@ NAME = RowName("lateral", True)
         *(NAME, Difference(ONE, ONE), Comparison(NAME, NAME, {}), Statistics(ONE, ONE)),
     ],
 )
-def test_what_was_read_stays_as_it_is(record):
+def test_records_are_immutable(record):
     with pytest.raises(AttributeError, match="immutable"):
         setattr(record, record.__struct_fields__[0], None)
 
@@ -189,58 +290,67 @@ def test_bound_is_optional(run):
     assert read_run(run).bound is None
 
 
-def test_updates_have_null_where_nothing_ended(run):
-    whole = read_run(run)
-    updates = whole.updates(whole.results.train[0])
+def test_success_is_none_if_no_scenario_ended(run):
+    loaded = read_run(run)
+    updates = loaded.updates(loaded.results.train[0])
     assert (updates[0].steps, updates[0].success) == (8192, None)
     assert 0.0 <= updates[-1].success <= 1.0
 
 
 @pytest.mark.parametrize("name", ["results.json", "train/lateral-s0/metrics.jsonl"])
 @pytest.mark.parametrize("content", [None, "", "{", '{"rows": 3, "steps": "many"}'])
-def test_missing_and_damaged_files_are_named_in_one_line(run, name, content):
+def test_names_missing_and_damaged_files_in_one_line(run, name, content):
     path = run / name
     path.unlink() if content is None else path.write_text(content)
 
     def read():
-        whole = read_run(run)
-        whole.updates(whole.results.train[0])
+        loaded = read_run(run)
+        loaded.updates(loaded.results.train[0])
 
     with pytest.raises(InputError, match=path.name) as error:
         read()
     assert "\n" not in str(error.value)
 
 
-def test_a_damaged_line_is_named_by_its_number(run):
+def test_names_the_number_of_a_damaged_line(run):
     path = run / "train" / "lateral-s0" / "metrics.jsonl"
     lines = path.read_text().splitlines()
     path.write_text("\n".join([*lines[:2], "{", *lines[2:]]))
-    whole = read_run(run)
+    loaded = read_run(run)
     with pytest.raises(InputError, match=r"metrics\.jsonl: line 3: damaged"):
-        whole.updates(whole.results.train[0])
+        loaded.updates(loaded.results.train[0])
 
 
 @pytest.mark.parametrize(("end", "kept"), [("", 1), ("\n", 1), ('\n{"upd', 1), ("\nx", 1)])
-def test_a_last_line_that_was_half_written_does_not_count(end, kept, run):
-    """As while a training goes on, or after it was killed."""
+def test_ignores_an_incomplete_last_line(end, kept, run):
+    """As during a training, or after it was killed."""
     path = run / "train" / "lateral-s0" / "metrics.jsonl"
     first = path.read_text().splitlines()[0]
     path.write_text(first + end)
     assert len(read_updates(path.parent)) == kept
 
 
-def test_everything_is_sorted_as_it_is_read(run):
-    """Rows, also those of simulators and of seeds, and trainings."""
+def test_sorts_rows_and_trainings_on_reading(run):
+    """Including the rows of simulators and of single seeds."""
     stored = json.loads((run / "results.json").read_text())
     one, train = stored["rows"][0], stored["train"][0]
     ways = [one | {"stacking": way, "platform": on} for way in (True, False) for on in SIMULATORS]
     seeds = [one | {"stacking": way, "seed": seed} for seed in (10, 2) for way in (True, False)]
     trained = [train | {"experiment": name, "seed": seed} for seed in (10, 2) for name in TRAINED]
-    nobody = one | {"experiment": "do-nothing", "stacking": False}
-    rows = [nobody, one, one | {"experiment": "lateral-undamped", "stacking": False}]
+    do_nothing = one | {"experiment": "do-nothing", "stacking": False}
+    shipped = one | {"experiment": "lateral-shipped"}
+    climbs = one | {"experiment": "vertical"}
+    rows = [climbs, do_nothing, shipped, one]
+    rows += [one | {"experiment": "lateral-undamped", "stacking": False}]
     change(run / "results.json", rows=rows, platforms=ways[::-1], rows_by_seed=seeds, train=trained)
     found = read_run(run).results
-    assert [each.name for each in found.rows] == ["undamped", "damped and stacked", "do nothing"]
+    assert [each.name for each in found.rows] == [
+        "undamped",
+        "damped and stacked",
+        "damped and stacked, shipped",
+        "do nothing",
+        "vertical, stacked",
+    ]
     assert [(each.stacking, each.platform) for each in found.platforms] == [
         (False, "skystack"),
         (False, "bluebird"),
@@ -269,7 +379,7 @@ SIMULATORS, TRAINED = ("skystack", "bluebird", "bluesky"), ("mine", "vertical", 
 
 
 @pytest.mark.parametrize("name", ["../elsewhere", "a/b", "..", "", "a\n", ".hidden"])
-def test_a_name_cannot_lead_out_of_the_folder(run, name):
+def test_names_cannot_lead_out_of_the_run_folder(run, name):
     row = json.loads((run / "results.json").read_text())["rows"][0]
     change(run / "results.json", rows=[row | {"experiment": name}])
     with pytest.raises(InputError, match=r"results\.json: damaged"):
@@ -277,12 +387,12 @@ def test_a_name_cannot_lead_out_of_the_folder(run, name):
 
 
 @pytest.mark.parametrize("table", ["rows", "rows_by_seed", "train", "platforms"])
-def test_what_stands_twice_is_refused(table, run):
+def test_rejects_duplicates(table, run):
     path = run / "results.json"
     stored = json.loads(path.read_text())
     stored["platforms"] = [stored["rows"][0] | {"platform": name} for name in SIMULATORS]
     path.write_text(json.dumps(stored))
-    read_run(run)  # in several simulators it is not twice
+    read_run(run)  # rows of different simulators are not duplicates
     stored[table].insert(1, stored[table][0])
     path.write_text(json.dumps(stored))
     with pytest.raises(InputError, match=rf"{table}: .* occurs twice \(allowed: once\)"):

@@ -1,4 +1,4 @@
-"""Colours, settings and files of figures."""
+"""The colours, settings and files of figures."""
 
 import xml.etree.ElementTree as ET
 
@@ -22,7 +22,7 @@ def draw(folder):
         return save(figure, folder / "a.name")
 
 
-def test_the_callers_settings_stay_and_do_not_matter(tmp_path):
+def test_caller_settings_are_neither_used_nor_changed(tmp_path):
     (tmp_path / "other").mkdir()
     first = [path.read_bytes() for path in draw(tmp_path)]
     with mpl.rc_context({"lines.linewidth": 9.0, "font.size": 30.0}):
@@ -32,12 +32,12 @@ def test_the_callers_settings_stay_and_do_not_matter(tmp_path):
     assert first == second
 
 
-def test_names_with_dots_keep_them(tmp_path):
+def test_file_names_may_contain_dots(tmp_path):
     assert [path.name for path in draw(tmp_path)] == ["a.name.png", "a.name.svg"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.name.png", "a.name.svg"]
 
 
-def test_a_drawing_follows_the_page_into_the_dark(tmp_path):
+def test_svg_follows_the_colour_scheme_of_the_page(tmp_path):
     svg = follow_the_page(draw(tmp_path)[1].read_text())
     ET.fromstring(svg)
     assert f"stroke: var(--c5,{BLUE})" in svg
@@ -45,11 +45,11 @@ def test_a_drawing_follows_the_page_into_the_dark(tmp_path):
     assert svg.count("prefers-color-scheme:dark") == 1
 
 
-def test_shortened_outlines_keep_their_scale(tmp_path):
+def test_rounded_outlines_keep_their_scale(tmp_path):
     svg = draw(tmp_path)[1].read_text()
     outlines = [node.get("d", "") for node in ET.fromstring(svg).iter()]
     numbers = [word for outline in outlines for word in outline.split() if "." in word]
     assert numbers
     assert all(len(number.partition(".")[2]) <= 2 for number in numbers)
-    # Glyphs are drawn in 64ths of a point: their transformation must not be rounded.
+    # Glyphs are drawn in 64ths of a point, so their scale must not be rounded.
     assert "scale(0.015625)" in svg

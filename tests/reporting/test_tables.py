@@ -1,4 +1,4 @@
-"""Cells and layouts of the tables."""
+"""The cells and layouts of tables."""
 
 import io
 
@@ -8,9 +8,11 @@ from rich.console import Console
 
 from skystack.evaluation.statistics import Estimate
 from skystack.reporting.results import (
+    READABLE_NAMES,
     Bound,
     Comparison,
     Difference,
+    Paper,
     RowName,
     Statistics,
     in_order,
@@ -18,22 +20,24 @@ from skystack.reporting.results import (
 from skystack.reporting.tables import (
     NOTHING,
     Table,
+    brief,
     by_seed,
     comparison,
-    comparison_of,
     comparisons,
     duration,
     estimates,
+    interval,
+    one_row,
+    percent_interval,
     platforms,
-    platforms_of,
     seeds_side_by_side,
     trainings,
 )
 from tests.reporting.rows import results, row, training
 
 
-def test_a_row_beside_the_paper():
-    table = comparison([row()])
+def test_comparison_with_the_paper():
+    table = comparison([row(exit_offset_nm_mean=2.34)])
     assert dict(zip(table.header, table.rows[0], strict=True)) == {
         "row": "damped and stacked",
         "paper": "7.2 ± 3.5",
@@ -43,25 +47,133 @@ def test_a_row_beside_the_paper():
         "correct exit": "100.0 %",
         "excursion": "1.2 %",
         "few clearances": "\N{EN DASH}",
+        "exit offset, NM": "2.3",
         "losses of separation": "2 of 3000",
         "seeds": "3",
     }
 
 
-def test_rows_fresh_from_evaluation():
-    rows = [row(), row(stacking=False), row(experiment="lateral-undamped")]
-    fresh = [msgspec.to_builtins(one) | {"greedy": True} for one in rows]
-    assert comparison_of(fresh) == comparison([rows[2], rows[1], rows[0]])
+def test_comparison_hides_the_counts_of_untrained_policies():
+    """Their rates remain. Doing nothing is never called untrained."""
+    trained, untrained = row(), row(stacking=False, exit_offset_nm_mean=1.5)
+    idle = row(experiment="do-nothing-lateral", stacking=False, clearances_mean=0.0)
+    table = comparison([trained, untrained, idle], is_trained=lambda one: one is trained)
+    assert table.rows[0] == comparison([trained]).rows[0]
+    assert table.rows[2] == comparison([idle]).rows[0]
+    assert cells_by_name(table, 1) == {
+        "row": "damped",
+        "paper": "7.2 ± 3.5",
+        "clearances": "not trained",
+        "instructions": NOTHING,
+        "success": "98.8 %",
+        "correct exit": "100.0 %",
+        "excursion": "1.2 %",
+        "few clearances": NOTHING,
+        "exit offset, NM": "1.5",
+        "losses of separation": "2 of 3000",
+        "seeds": "3",
+    }
 
 
-def test_the_bound_is_the_last_line():
+def test_brief_table_has_the_main_figures():
+    one, other = row(exit_offset_nm_mean=2.34), row(experiment="mine", task="lateral", paper=None)
+    table = brief([one, other], Bound(1.62, 100))
+    assert table.header == ("row", "paper", "clearances", "success", "exit offset")
+    assert table.rows == (
+        ("damped and stacked", "7.2 ± 3.5", "7.2 ± 3.5", "98.8 %", "2.3"),
+        ("mine, stacked", NOTHING, "7.2 ± 3.5", "98.8 %", NOTHING),
+        ("fewest possible", NOTHING, "1.6", NOTHING, NOTHING),
+    )
+
+
+def test_brief_table_omits_the_paper_if_it_has_no_value():
+    table = brief([row(paper=None), row(paper=None, stacking=False)], Bound(1.62, 100))
+    assert table.header == ("row", "clearances", "success", "exit offset")
+    assert table.rows[-1] == ("fewest possible", "1.6", NOTHING, NOTHING)
+
+
+def test_brief_table_shows_lost_separation_for_avoidance_only():
+    """As the share of scenarios; names do not repeat the family."""
+    figures = {"task": "avoidance", "paper": None}
+    rows = [
+        row(experiment="avoidance", stacking=False, **figures, loss_of_separation_count=75),
+        row(experiment="avoidance", **figures, loss_of_separation_count=0),
+        row(experiment="avoidance-best", **figures, loss_of_separation_count=0, episodes=0),
+        row(experiment="do-nothing-avoidance", stacking=False, **figures),
+    ]
+    table = brief(rows)
+    assert table.header == ("row", "clearances", "success", "exit offset", "separation lost")
+    assert [(line[0], line[-1]) for line in table.rows] == [
+        ("avoidance", "2.5 %"),
+        ("stacked", "0.0 %"),
+        ("ours, stacked", "0.0 %"),
+        ("do nothing", "0.1 %"),
+    ]
+    vertical = brief([row(experiment="vertical", **figures | {"task": "vertical"})])
+    assert vertical.header == ("row", "clearances", "success", "exit offset")
+    assert vertical.rows[0][0] == "stacked"
+
+
+def test_brief_table_hides_the_counts_of_untrained_policies():
+    idle = row(experiment="do-nothing-lateral", stacking=False)
+    table = brief([row(), idle], is_trained=lambda one: False)
+    assert [cells_by_name(table, number)["clearances"] for number in (0, 1)] == [
+        "not trained",
+        "7.2 ± 3.5",
+    ]
+    assert cells_by_name(table)["success"] == "98.8 %"
+
+
+@pytest.mark.parametrize("family", ["lateral", "vertical"])
+def test_brief_tables_of_one_aircraft_fit_80_columns(family):
+    """With the longest names, and counts as large as the paper's."""
+    figures = {"paper": Paper(126.3, 12.3), "clearances_mean": 126.3, "clearances_std": 12.3}
+    figures |= {"success_rate": 1.0, "exit_offset_nm_mean": 10.0, "task": family}
+    rows = [
+        row(experiment=name, stacking=way, **figures)
+        for name, way in READABLE_NAMES
+        if family in name
+    ]
+    console = Console(file=io.StringIO(), width=80)
+    console.print(brief(rows, Bound(1.6, 1)).as_rich())
+    headers = [line for line in console.file.getvalue().splitlines() if line.startswith("row")]
+    assert len(headers) == 1
+
+
+def test_one_row_of_an_evaluation_has_one_line_per_measure():
+    fresh = msgspec.to_builtins(row(exit_offset_nm_mean=2.34, few_clearances_rate=0.5))
+    table = one_row(fresh | {"greedy": True, "metrics": {"more": 1.0}})
+    assert table.header == ("measure", "value")
+    assert table.rows == (
+        ("clearances per scenario", "7.2 ± 3.5"),
+        ("clearances in the paper", "7.2 ± 3.5"),
+        ("instructions per scenario", "14.5"),
+        ("success", "98.8 %"),
+        ("correct exit", "100.0 %"),
+        ("excursion", "1.2 %"),
+        ("few clearances", "50.0 %"),
+        ("exit offset, NM", "2.3"),
+        ("scenarios with a loss of separation", "2 of 3000"),
+    )
+
+
+def test_one_row_shows_only_known_values():
+    """No line for the paper without its value; a dash where nothing could be measured."""
+    table = one_row(msgspec.to_builtins(row(paper=None, instructions_mean=None)))
+    lines = dict(table.rows)
+    assert "clearances in the paper" not in lines
+    assert lines["exit offset, NM"] == lines["instructions per scenario"] == NOTHING
+    assert lines["few clearances"] == NOTHING
+
+
+def test_bound_is_the_last_line():
     table = comparison([row(paper=None)], Bound(1.62, 100))
     assert table.rows[0][1] == "\N{EN DASH}"
     assert table.rows[-1][:3] == ("fewest possible", "\N{EN DASH}", "1.6")
     assert len(table.rows[-1]) == len(table.header)
 
 
-def test_seeds_have_lines_of_their_own():
+def test_each_seed_has_its_own_line():
     several = [row(seed=seed, seeds=1) for seed in (0, 1, None)]
     table = by_seed(results(rows_by_seed=several))
     assert [cells[:2] for cells in table.rows] == [
@@ -71,8 +183,8 @@ def test_seeds_have_lines_of_their_own():
     ]
 
 
-def test_seeds_stand_side_by_side_in_the_order_of_their_numbers():
-    """A row's own, and only those: not of other ways, nor of the same way in another order."""
+def test_seeds_are_side_by_side_in_numerical_order():
+    """Each line contains only the seeds of its own row."""
     several = [
         row(seed=10, clearances_mean=7.0, success_rate=0.9),
         row(seed=2, clearances_mean=8.0, success_rate=0.8),
@@ -91,33 +203,34 @@ def test_seeds_stand_side_by_side_in_the_order_of_their_numbers():
     )
 
 
-def test_every_column_has_its_own_value():
+def test_each_column_shows_its_own_value():
     rates = {"success_rate": 0.1, "correct_exit_rate": 0.2, "excursion_rate": 0.3}
     counts = {"clearances_mean": 5.0, "clearances_std": None, "instructions_mean": 6.0}
-    one = row(**rates, **counts, few_clearances_rate=0.4, loss_of_separation_count=7, seeds=8)
-    measured = ("5.0", "6.0", "10.0 %", "20.0 %", "30.0 %", "40.0 %", "7 of 3000")
+    others = {"few_clearances_rate": 0.4, "exit_offset_nm_mean": 9.0}
+    one = row(**rates, **counts, **others, loss_of_separation_count=7, seeds=8)
+    measured = ("5.0", "6.0", "10.0 %", "20.0 %", "30.0 %", "40.0 %", "9.0", "7 of 3000")
     assert comparison([one]).rows == (("damped and stacked", "7.2 ± 3.5", *measured, "8"),)
     found = by_seed(results(rows_by_seed=[one])).rows
     assert found == (("damped and stacked", NOTHING, *measured),)
 
 
-def test_trainings():
+def test_trainings_table():
     assert trainings(results(train=[training("lateral")])).rows == (
         ("lateral", "0", "2,007,040", "1 min 02 s", "32,372"),
     )
 
 
-def named(table, number=0):
-    """The cells of a line by the names of their columns."""
+def cells_by_name(table, number=0):
+    """The cells of a line by column name."""
     return dict(zip(table.header, table.rows[number], strict=True))
 
 
-def test_cells_stand_under_their_names():
+def test_cells_are_in_the_columns_of_their_names():
     rates = {"success_rate": 0.1, "correct_exit_rate": 0.2, "excursion_rate": 0.3}
     counts = {"clearances_mean": 5.0, "clearances_std": None, "instructions_mean": 6.0}
-    times = {"wall_s": 9.0, "same_clearances_rate": 0.5}
+    times = {"wall_s": 9.0, "same_clearances_rate": 0.5, "exit_offset_nm_mean": 9.0}
     one = row(seed=4, few_clearances_rate=0.4, seeds=8, **rates, **counts, **times)
-    assert named(by_seed(results(rows_by_seed=[one]))) == {
+    assert cells_by_name(by_seed(results(rows_by_seed=[one]))) == {
         "row": "damped and stacked",
         "seed": "4",
         "clearances": "5.0",
@@ -126,9 +239,10 @@ def test_cells_stand_under_their_names():
         "correct exit": "20.0 %",
         "excursion": "30.0 %",
         "few clearances": "40.0 %",
+        "exit offset, NM": "9.0",
         "losses of separation": "2 of 3000",
     }
-    assert named(platforms([one])) == {
+    assert cells_by_name(platforms([one])) == {
         "row": "damped and stacked",
         "paper": "7.2 ± 3.5",
         "simulator": "skystack",
@@ -139,7 +253,7 @@ def test_cells_stand_under_their_names():
         "same clearances": "50.0 %",
         "wall time": "9 s",
     }
-    assert named(trainings(results(train=[training("lateral", 6)]))) == {
+    assert cells_by_name(trainings(results(train=[training("lateral", 6)]))) == {
         "experiment": "lateral",
         "seed": "6",
         "steps": "2,007,040",
@@ -147,8 +261,8 @@ def test_cells_stand_under_their_names():
         "steps per second": "32,372",
     }
     assert estimates([row_with_statistics("lateral", True)]).header == (
-        *("row", "clearances", "interquartile mean"),
-        *("success", "interquartile mean", "losses of separation"),
+        *("row", "clearances", "clearances, interquartile"),
+        *("success", "success, interquartile", "losses of separation"),
     )
     assert comparisons(results()).header == (
         *("rows", "difference in clearances", "first has fewer"),
@@ -166,14 +280,32 @@ def test_rows_without_statistics_have_no_estimates():
     assert [line[0] for line in estimates(rows).rows] == ["vertical, stacked"]
 
 
-def test_rows_of_several_simulators_fresh_from_evaluation():
-    rows = [row(platform="bluesky"), row()]
-    fresh = [msgspec.to_builtins(one) | {"greedy": True} for one in rows]
-    assert platforms_of(fresh) == platforms([rows[1], rows[0]])
+def test_interquartile_means_are_shown_only_with_several_seeds():
+    """Of one seed, they would repeat the means. One row with several seeds is enough."""
+    one, several = (row_with_statistics("lateral", True, seeds) for seeds in (1, 2))
+    assert estimates([one]) == Table(
+        ("row", "clearances", "success", "losses of separation"),
+        (("damped and stacked", "7.2 [6.9, 7.5]", "98.0 % [97.0, 99.0]", "0.5 % [0.0, 1.0]"),),
+    )
+    both = estimates([one, several])
+    assert both.header == estimates([several]).header
+    assert both.rows == estimates([several]).rows * 2
+    assert estimates([row()]) == Table((), ())
 
 
-def test_markdown_is_a_table_of_its_cells():
-    """The first column to the left, the others to the right."""
+def test_intervals_without_width_are_not_shown():
+    """Rounded as shown: an interval that looks like its value is none."""
+    assert interval(Estimate(7.2, 7.2, 7.2)) == "7.2"
+    assert interval(Estimate(7.2, 7.16, 7.24)) == "7.2"
+    assert interval(Estimate(7.2, 7.2, 7.3)) == "7.2 [7.2, 7.3]"
+    assert interval(Estimate(7.2, 7.1, 7.2)) == "7.2 [7.1, 7.2]"
+    assert percent_interval(Estimate(1.0, 1.0, 1.0)) == "100.0 %"
+    assert percent_interval(Estimate(0.5, 0.5, 0.501)) == "50.0 % [50.0, 50.1]"
+    assert percent_interval(Estimate(0.5, 0.499, 0.5)) == "50.0 % [49.9, 50.0]"
+    assert percent_interval(Estimate(0.5, 0.496, 0.504), 0) == "50 %"
+
+
+def test_markdown_aligns_names_left_and_numbers_right():
     table = Table(("name", "a", "second"), (("x", "1234", "5"), ("a|b", "6", "78")))
     assert table.as_markdown() == (
         "| name |    a | second |\n"
@@ -183,7 +315,7 @@ def test_markdown_is_a_table_of_its_cells():
     )
 
 
-def test_markdown_is_aligned():
+def test_markdown_lines_have_equal_width():
     lines = comparison([row(), row(stacking=False)]).as_markdown().splitlines()
     assert len({len(line) for line in lines}) == 1
     assert lines[1].startswith("|---")
@@ -191,7 +323,7 @@ def test_markdown_is_aligned():
     assert lines[3].startswith("| damped ")
 
 
-def test_names_are_taken_literally():
+def test_names_are_not_interpreted_as_markup():
     table = comparison([row(experiment="[red]a|b")])
     assert table.as_markdown().splitlines()[2].startswith(r"| [red]a\|b, stacked |")
     console = Console(file=io.StringIO(), width=200)
@@ -199,44 +331,44 @@ def test_names_are_taken_literally():
     assert "[red]a|b, stacked" in console.file.getvalue()
 
 
-def test_a_table_is_folded_only_where_it_must_be():
-    """Names 4 wide, a gap of 3 behind each column: 7 + 8 + 8 are 23 characters."""
+def test_table_is_folded_only_if_it_is_too_wide():
+    """Columns of 4, 5 and 5 characters, each with a gap of 3: 7 + 8 + 8 = 23."""
     table = Table(("name", "first", "other"), (("abcd", "11111", "22222"),))
     for width, parts in ((23, 1), (22, 2), (15, 2), (14, 2)):
-        written = io.StringIO()
-        Console(file=written, width=width).print(table.as_rich())
-        assert written.getvalue().count("abcd") == parts, width
+        output = io.StringIO()
+        Console(file=output, width=width).print(table.as_rich())
+        assert output.getvalue().count("abcd") == parts, width
 
 
-def test_in_the_terminal_names_are_to_the_left_and_figures_to_the_right():
+def test_terminal_aligns_names_left_and_numbers_right():
     table = Table(("name", "first", "other"), (("ab", "1", "2"), ("abcdef", "12345", "67890")))
-    written = io.StringIO()
-    Console(file=written, width=80).print(table.as_rich())
-    lines = [line.rstrip() for line in written.getvalue().splitlines()]
+    output = io.StringIO()
+    Console(file=output, width=80).print(table.as_rich())
+    lines = [line.rstrip() for line in output.getvalue().splitlines()]
     assert lines[0].split() == ["name", "first", "other"]
     assert lines[2:4] == ["ab           1       2", "abcdef   12345   67890"]
 
 
-def test_the_terminal_shows_every_cell():
+def test_terminal_shows_every_cell():
     table = comparison([row()])
     console = Console(file=io.StringIO(), width=200)
     console.print(table.as_rich())
-    shown = console.file.getvalue()
-    assert all(cell in shown for cell in table.rows[0])
-    assert all(word in shown for name in table.header for word in name.split())
+    printed = console.file.getvalue()
+    assert all(cell in printed for cell in table.rows[0])
+    assert all(word in printed for name in table.header for word in name.split())
 
 
 @pytest.mark.parametrize("width", [40, 80, 100, 120, 200])
-def test_a_narrow_terminal_folds_the_table_and_cuts_nothing(width):
+def test_narrow_terminal_folds_the_table_and_keeps_all_cells(width):
     table = comparison([row(), row(stacking=False)])
     console = Console(file=io.StringIO(), width=width)
     console.print(table.as_rich())
     lines = console.file.getvalue().splitlines()
     assert all(len(line) <= width for line in lines)
     for name, *cells in table.rows:
-        shown = [line for line in lines if line.startswith(f"{name}   ")]
-        assert sum(line.count(cell) for cell in set(cells) for line in shown) >= len(set(cells))
-        assert all(any(cell in line for line in shown) for cell in cells)
+        printed = [line for line in lines if line.startswith(f"{name}   ")]
+        assert sum(line.count(cell) for cell in set(cells) for line in printed) >= len(set(cells))
+        assert all(any(cell in line for line in printed) for cell in cells)
     headers = [line for line in lines if line.startswith("row")]
     assert (len(headers) > 1) == (width < 130)
 
@@ -259,7 +391,7 @@ def test_durations(seconds, text):
     assert duration(seconds) == text
 
 
-def test_simulators_stand_together_ours_first():
+def test_rows_of_one_policy_are_adjacent_and_ours_first():
     theirs = {"wall_s": 75.0, "same_clearances_rate": 0.95, "episodes": 100}
     table = platforms(
         in_order(
@@ -288,7 +420,7 @@ def test_simulators_stand_together_ours_first():
     )
 
 
-def test_estimates_and_comparisons_carry_their_intervals():
+def test_estimates_and_comparisons_show_intervals():
     less = Difference(Estimate(-2.0, -3.0, -1.0), Estimate(0.8, 0.6, 1.0))
     lower = Difference(Estimate(-0.02, -0.03, 0.01), Estimate(0.9, 0.7, 1.0))
     names = RowName("lateral", True), RowName("lateral-large", False)
@@ -315,9 +447,9 @@ def test_estimates_and_comparisons_carry_their_intervals():
     )
 
 
-def row_with_statistics(experiment, stacking):
+def row_with_statistics(experiment, stacking, seeds=2):
     clearances = Statistics(Estimate(7.2, 6.9, 7.5), Estimate(7.1, 7.0, 7.3))
     success = Statistics(Estimate(0.98, 0.97, 0.99), Estimate(0.99, 0.98, 1.0))
     lost = Statistics(Estimate(0.005, 0.0, 0.01), Estimate(0.0, 0.0, 0.0))
     measures = {"clearances": clearances, "success": success, "loss_of_separation": lost}
-    return row(experiment=experiment, stacking=stacking, seeds=1, statistics=measures)
+    return row(experiment=experiment, stacking=stacking, seeds=seeds, statistics=measures)

@@ -1,4 +1,4 @@
-"""What lies in run folders is found, and what does not is named."""
+"""Reading run folders: trainings and rows are found, missing and damaged files are named."""
 
 import json
 
@@ -26,12 +26,12 @@ def write_training(folder, experiment="lateral", *changes, seed=None):
     return folder
 
 
-def test_a_training_is_summed_up(tmp_path):
-    done = write_training(tmp_path / "done", "vertical", seed=3)
-    broken_off = write_training(tmp_path / "broken-off")
-    first, second = read_runs([done, broken_off]).trainings
+def test_summarises_a_training(tmp_path):
+    finished = write_training(tmp_path / "finished", "vertical", seed=3)
+    interrupted = write_training(tmp_path / "interrupted")
+    first, second = read_runs([finished, interrupted]).trainings
     assert first.summary == {
-        "run": "done",
+        "run": "finished",
         "experiment": "vertical",
         "seed": 3,
         "steps": 768,
@@ -39,11 +39,11 @@ def test_a_training_is_summed_up(tmp_path):
         "success": pytest.approx(0.75),
         "instructions": pytest.approx(12.0),
     }
-    assert (first.family, first.curve) == ("vertical", "done")
+    assert (first.family, first.curve) == ("vertical", "finished")
     assert (second.experiment, second.seed) == ("lateral", None)
 
 
-def test_a_reproduction_is_its_trainings_and_rows(written, tmp_path):
+def test_reads_the_trainings_and_rows_of_a_reproduction(written, tmp_path):
     alone = write_training(tmp_path / "alone")
     runs = read_runs([written, alone])
     found = [(each.run, each.experiment, each.seed) for each in runs.trainings]
@@ -65,9 +65,9 @@ def test_a_reproduction_is_its_trainings_and_rows(written, tmp_path):
     ]
 
 
-def test_equal_rows_of_several_runs_stand_together(tmp_path):
-    """In the order of the tables, and in that of the folders among equals; seeds as in the run,
-    also where a policy file says something else; one experiment needs no name of its own."""
+def test_equal_rows_of_several_runs_are_adjacent(tmp_path):
+    """Rows are in the order of the tables, equal rows in that of the folders. Seeds are those of
+    the run, even if a policy file differs. The name of a single experiment is omitted."""
     folders = []
     for name, seed in (("b", 4), ("a", 5)):
         folder = tmp_path / name
@@ -90,7 +90,7 @@ def test_equal_rows_of_several_runs_stand_together(tmp_path):
     ]
 
 
-def test_names_are_as_short_as_they_can_be(tmp_path):
+def test_names_are_as_short_as_possible(tmp_path):
     paths = [tmp_path / "a" / "s0", tmp_path / "b" / "s0", tmp_path / "b" / "s1"]
     assert short_names(paths) == ["a/s0", "b/s0", "s1"]
     assert short_names([tmp_path / "a", tmp_path / "b" / "a"]) == [f"{tmp_path.name}/a", "b/a"]
@@ -98,7 +98,7 @@ def test_names_are_as_short_as_they_can_be(tmp_path):
         short_names([tmp_path / "a", tmp_path / "b" / ".." / "a"])
 
 
-def test_settings_that_differ_are_told_by_key(tmp_path):
+def test_lists_differing_settings_by_key(tmp_path):
     folders = [
         write_training(tmp_path / "a"),
         write_training(tmp_path / "b", "lateral", "ppo.gamma=0.9", "pretraining.steps=512"),
@@ -131,7 +131,7 @@ def test_settings_that_differ_are_told_by_key(tmp_path):
         ("results.json", b"{}", "results.json: damaged"),
     ],
 )
-def test_what_is_missing_or_damaged_is_named(tmp_path, name, contents, message):
+def test_names_missing_and_damaged_files(tmp_path, name, contents, message):
     folder = write_training(tmp_path / "run", seed=0)
     if contents is None:
         (folder / name).unlink()

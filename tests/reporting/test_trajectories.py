@@ -1,4 +1,4 @@
-"""Pictures of a scenario from above."""
+"""Plan views of a scenario."""
 
 import dataclasses
 
@@ -18,7 +18,7 @@ from skystack.reporting.trajectories import (
 
 
 def scenario_of(count, every=10, aircraft=2):
-    """Straight flights to the north-east, with clearances to alternate sides."""
+    """Straight flights to the north-east, with clearances to alternating sides."""
     sector = x_plus()
     route = np.array([sector.fixes_nm[name] for name in sector.routes[0]])
     path = np.linspace([-20.0, -20.0], [40.0, 40.0], 60)
@@ -39,17 +39,20 @@ def texts_of(figure):
 
 
 @pytest.mark.parametrize(("count", "text"), [(0, "0 clearances"), (1, "1 clearance")])
-def test_counts_in_words(count, text):
+def test_text_for_the_number_of_clearances(count, text):
     assert clearances_text(count) == text
 
 
-def test_bursts_in_words():
+def test_text_for_a_burst():
     one = IssuedClearance(0, 0, "heading", 285, "right", 1, "")
     assert burst_text([one]) == "right 285"
-    assert burst_text([one._replace(value=275), one]) == "2 \N{MULTIPLICATION SIGN} right to 285"
+    assert burst_text([one._replace(value=275), one]) == "2 clearances to 285"
+    assert burst_text([one] * 6 + [one._replace(value=5)]) == "7 clearances to 005"
+    climb = one._replace(kind="level", direction="climb", value=340)
+    assert burst_text([climb._replace(value=330), climb]) == "2 clearances to FL340"
 
 
-def test_a_picture_says_what_was_cleared_where():
+def test_picture_shows_clearances_callsigns_and_fixes():
     with house_style():
         figure = picture("Damped", scenario_of(2))
     axes = figure.axes[0]
@@ -60,7 +63,7 @@ def test_a_picture_says_what_was_cleared_where():
     assert axes.get_aspect() == 1.0
 
 
-def test_a_crowded_picture_has_marks_but_no_texts():
+def test_crowded_picture_has_marks_but_no_texts():
     scenario = scenario_of(MOST_TEXTS, every=1)
     with house_style():
         figure = picture("Undamped", scenario)
@@ -69,7 +72,7 @@ def test_a_crowded_picture_has_marks_but_no_texts():
     assert len(marks) == len(scenario.tracks)
 
 
-def test_leaving_the_sector_is_marked_and_explained():
+def test_excursions_are_marked_and_in_the_legend():
     scenario = scenario_of(1)
     excursion = dataclasses.replace(scenario.tracks[0], excursion_cycle=5)
     with house_style():
@@ -83,17 +86,17 @@ def test_panels_share_their_limits():
     panels = [(name, scenario_of(1)) for name in ("a", "b", "c")]
     with house_style():
         figure = pictures(panels)
-    shown = [axes for axes in figure.axes if axes.axison]
-    assert len(shown) == 3
-    assert len({(axes.get_xlim(), axes.get_ylim()) for axes in shown}) == 1
+    panel_axes = [axes for axes in figure.axes if axes.axison]
+    assert len(panel_axes) == 3
+    assert len({(axes.get_xlim(), axes.get_ylim()) for axes in panel_axes}) == 1
 
 
-def test_the_least_separation_is_a_line_with_its_length():
+def test_minimum_separation_is_a_line_with_its_length():
     scenario = scenario_of(0)
     with house_style():
         plain = picture("Damped", scenario)
         marked = picture("Damped", scenario, separation=True)
-    # The second aircraft flies one mile east and one mile north of the first.
+    # The second aircraft is 1 NM east and 1 NM north of the first.
     assert "1.4 NM" in texts_of(marked)
     assert "1.4 NM" not in texts_of(plain)
     lines = [line.get_xydata() for line in marked.axes[0].lines if line.get_marker() == "s"]

@@ -1,4 +1,4 @@
-"""Trainings and evaluations of a reproduction: gone on with, and not repeated."""
+"""Trainings and evaluations of a reproduction are resumed, and cached when finished."""
 
 import json
 
@@ -9,8 +9,16 @@ from skystack.errors import InputError
 from skystack.learning.experiment import load_experiment
 from skystack.learning.run import train_experiment
 from skystack.reproduction import jobs
-from skystack.reproduction.jobs import flown_once, no_op_once, trained_once
-from skystack.reproduction.plan import Plan
+from skystack.reproduction.jobs import (
+    Job,
+    flown_once,
+    jobs_of,
+    longest_first,
+    no_op_once,
+    run_job,
+    trained_once,
+)
+from skystack.reproduction.plan import Plan, plan_first_look
 
 SMALL = ("ppo.total_steps=1024", "ppo.environments=8", "ppo.steps=32", "ppo.minibatch=64")
 
@@ -25,7 +33,7 @@ def plan(experiment, tmp_path):
     return Plan((experiment,), 1, 3, tmp_path, False, "command")
 
 
-def nothing(progress):
+def ignore(progress):
     pass
 
 
@@ -33,54 +41,54 @@ def fail(progress):
     raise AssertionError("trained again")
 
 
-def test_an_interrupted_training_is_gone_on_with_and_then_kept(plan, experiment, tmp_path):
-    whole = train_experiment(experiment, 1, tmp_path / "whole")
-    heard = []
+def test_resumes_an_interrupted_training_then_caches_it(plan, experiment, tmp_path):
+    uninterrupted = train_experiment(experiment, 1, tmp_path / "uninterrupted")
+    reported = []
 
     def interrupt(progress):
-        heard.append(progress.steps)
-        if len(heard) == 2:
+        reported.append(progress.steps)
+        if len(reported) == 2:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         trained_once(plan, experiment, 1, interrupt)
-    policy, summary, kept = trained_once(
-        plan, experiment, 1, lambda progress: heard.append(progress.steps)
+    policy, summary, cached = trained_once(
+        plan, experiment, 1, lambda progress: reported.append(progress.steps)
     )
-    assert heard[:2] == [256, 512]
-    assert heard[-1] == 1024
-    assert len(heard) <= 5
-    assert not kept
+    assert reported[:2] == [256, 512]
+    assert reported[-1] == 1024
+    assert len(reported) <= 5
+    assert not cached
     assert summary["steps"] == 1024
-    for (ours, _), (theirs, _) in zip(policy.actor, whole.policy.actor, strict=True):
+    for (ours, _), (theirs, _) in zip(policy.actor, uninterrupted.policy.actor, strict=True):
         np.testing.assert_array_equal(ours, theirs)
-    again, same, kept = trained_once(plan, experiment, 1, fail)
-    assert kept
+    again, same, cached = trained_once(plan, experiment, 1, fail)
+    assert cached
     assert same == summary
     assert again.description.sha256 == policy.description.sha256
 
 
-def test_another_configuration_in_the_same_folder_is_trained_anew(plan, experiment):
-    first, _, _ = trained_once(plan, experiment, 1, nothing)
+def test_retrains_for_another_configuration(plan, experiment):
+    first, _, _ = trained_once(plan, experiment, 1, ignore)
     other = load_experiment("lateral", (*SMALL, "task.reward.damping=1.0"))
-    second, _, kept = trained_once(plan, other, 1, nothing)
-    assert not kept
+    second, _, cached = trained_once(plan, other, 1, ignore)
+    assert not cached
     assert second.description.sha256 != first.description.sha256
 
 
-def test_a_checkpoint_that_is_no_use_is_trained_over(plan, experiment):
-    trained_once(plan, experiment, 1, nothing)
+def test_retrains_over_a_damaged_checkpoint(plan, experiment):
+    trained_once(plan, experiment, 1, ignore)
     folder = plan.training("lateral-s1")
     (folder / "training.json").unlink()
     (folder / "checkpoint" / "learner.safetensors").write_bytes(b"no checkpoint")
-    _, summary, kept = trained_once(plan, experiment, 1, nothing)
-    assert not kept
+    _, summary, cached = trained_once(plan, experiment, 1, ignore)
+    assert not cached
     assert summary["steps"] == 1024
 
 
-def test_a_full_disk_does_not_begin_a_training_anew(plan, experiment, monkeypatch):
-    """Only what cannot be gone on with is thrown away."""
-    trained_once(plan, experiment, 1, nothing)
+def test_full_disk_does_not_restart_a_training(plan, experiment, monkeypatch):
+    """Only a checkpoint that cannot be resumed is discarded."""
+    trained_once(plan, experiment, 1, ignore)
     folder = plan.training("lateral-s1")
     (folder / "training.json").unlink()
     resumed = []
@@ -91,31 +99,58 @@ def test_a_full_disk_does_not_begin_a_training_anew(plan, experiment, monkeypatc
 
     monkeypatch.setattr(jobs, "train_experiment", full)
     with pytest.raises(InputError, match="No space left"):
-        trained_once(plan, experiment, 1, nothing)
+        trained_once(plan, experiment, 1, ignore)
     assert resumed == [True]
 
 
-def test_evaluations_are_kept_until_policy_scenarios_or_tables_change(plan, experiment):
-    policy, _, _ = trained_once(plan, experiment, 1, nothing)
-    first, kept = flown_once(plan, policy, stacking=True)
-    assert not kept
-    second, kept = flown_once(plan, policy, stacking=True)
-    assert kept
+def test_evaluations_are_cached_until_tables_or_episodes_change(plan, experiment):
+    policy, _, _ = trained_once(plan, experiment, 1, ignore)
+    first, cached = flown_once(plan, policy, stacking=True)
+    assert not cached
+    second, cached = flown_once(plan, policy, stacking=True)
+    assert cached
     assert second.row == first.row
     assert second.episodes == first.episodes
     table = plan.evaluation / "lateral-s1-skystack-stacked" / "trajectories.parquet"
     table.write_bytes(table.read_bytes()[:-1])
     assert not flown_once(plan, policy, stacking=True)[1]
     more = Plan(**vars(plan) | {"episodes": 4})
-    found, kept = flown_once(more, policy, stacking=True)
-    assert not kept
+    found, cached = flown_once(more, policy, stacking=True)
+    assert not cached
     assert found.row["episodes"] == found.episodes.num_rows == 4
 
 
-def test_nobody_is_flown_once(plan, experiment):
-    first, kept = no_op_once(plan, experiment)
-    assert not kept
+def test_jobs_of_a_first_look_include_shipped_policies_and_doing_nothing(tmp_path):
+    plan = plan_first_look(2, 3, tmp_path, "command")
+    jobs = jobs_of(plan)
+    assert [job.name for job in jobs] == [
+        *("lateral-s0", "lateral-best-s0", "lateral-s1", "lateral-best-s1"),
+        *("lateral-shipped", "lateral-best-shipped", "do-nothing-lateral"),
+    ]
+    assert [each.ppo.total_steps for each in plan.experiments] == [2_000_000, 4_000_000]
+    assert [job.kind for job in longest_first(jobs)[:4]] == ["train"] * 4
+    assert longest_first(jobs)[0].experiment.name == "lateral-best"
+
+
+def test_shipped_policy_is_evaluated_stacked_under_its_own_name(plan, experiment):
+    job = Job(plan, experiment, 0, "shipped")
+    messages = []
+    result = run_job(job, messages.append)
+    (flown,) = result.flown
+    assert (result.train, result.kept) == (None, ())
+    assert (flown.row["experiment"], flown.row["stacking"]) == ("lateral-shipped", True)
+    assert flown.row["success_rate"] == 1.0
+    assert [folder.name for folder in job.folders] == [
+        path.name for path in plan.evaluation.iterdir()
+    ]
+    assert messages == [("lateral-shipped", "evaluating"), ("lateral-shipped", "done")]
+    assert run_job(job, messages.append).kept == ("evaluation lateral-shipped",)
+
+
+def test_no_op_evaluation_is_cached(plan, experiment):
+    first, cached = no_op_once(plan, experiment)
+    assert not cached
     assert first.row["clearances_mean"] == 0.0
     assert no_op_once(plan, experiment)[1]
-    record = plan.evaluation / "do-nothing-s0-skystack-plain" / "row.json"
+    record = plan.evaluation / "do-nothing-lateral-s0-skystack-plain" / "row.json"
     assert json.loads(record.read_text())["result"] == first.row

@@ -1,4 +1,4 @@
-"""Workers end with the process that began them, even when that is killed."""
+"""Worker processes: they end with their parent, and their temporary files are deleted."""
 
 import signal
 import subprocess
@@ -13,7 +13,7 @@ from skystack.learning.experiment import load_experiment
 from skystack.reproduction.jobs import Job
 from skystack.reproduction.plan import Plan
 from skystack.reproduction.processes import _cleanup_on_failure, _listen
-from tests.waiting import HANGS_S, wait_until
+from tests.waiting import TIMEOUT_S, wait_until
 
 PARENT = """
 import multiprocessing
@@ -24,7 +24,7 @@ if __name__ == "__main__":
     worker.start()
     worker.join()
 """
-HOLDER = """
+LOCK_HOLDER = """
 import sys
 from pathlib import Path
 from filelock import FileLock
@@ -37,7 +37,7 @@ sys.stdin.read()
 
 
 def wait():
-    """What a worker does here."""
+    """The work of a worker: print its process number and wait."""
     import os
 
     from skystack.reproduction.processes import _end_with_parent
@@ -45,7 +45,7 @@ def wait():
     _end_with_parent()
     sys.stdout.write(f"{os.getpid()}\n")
     sys.stdout.flush()
-    time.sleep(10 * HANGS_S)
+    time.sleep(10 * TIMEOUT_S)
 
 
 @pytest.mark.skipif(not Path("/proc").exists(), reason="reads /proc")
@@ -58,13 +58,13 @@ def test_a_worker_ends_when_its_parent_is_killed():
     wait_until(lambda: not worker.exists())
 
 
-def test_temporary_files_of_stopped_workers_are_deleted_unless_the_folder_is_locked(tmp_path):
+def test_deletes_temporary_files_except_in_locked_folders(tmp_path):
     lateral = load_experiment("lateral")
     plan = Plan((lateral,), 2, 3, tmp_path, True, "")
     ours, theirs = (Job(plan, lateral, seed) for seed in range(2))
-    half = [".policy.json.abc.aside", "checkpoint/.learner.safetensors.abc.aside"]
+    temporary_files = [".policy.json.abc.aside", "checkpoint/.learner.safetensors.abc.aside"]
     for job in (ours, theirs):
-        for path in (job.folders[0] / name for name in half):
+        for path in (job.folders[0] / name for name in temporary_files):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text("half")
     with (
@@ -79,24 +79,26 @@ def test_temporary_files_of_stopped_workers_are_deleted_unless_the_folder_is_loc
 
 @contextmanager
 def locked_elsewhere(folder):
-    """Another process holds the folder's lock and deletes nothing."""
-    with subprocess.Popen([sys.executable, "-c", HOLDER, folder], stdin=-1, stdout=-1) as other:
+    """The folder is locked by another process, which deletes nothing."""
+    with subprocess.Popen(
+        [sys.executable, "-c", LOCK_HOLDER, folder], stdin=-1, stdout=-1
+    ) as other:
         assert other.stdout.readline() == b"1\n"
         yield
         other.stdin.close()
 
 
 @pytest.mark.parametrize("error", [EOFError, BrokenPipeError, ConnectionResetError])
-def test_listening_ends_quietly_when_the_queue_has_gone(error):
+def test_listener_ends_quietly_when_the_queue_is_gone(error):
     class Messages:
         def __init__(self):
-            self.left = [("lateral-s0", 1)]
+            self.remaining = [("lateral-s0", 1)]
 
         def get(self):
-            if self.left:
-                return self.left.pop()
+            if self.remaining:
+                return self.remaining.pop()
             raise error
 
-    heard = []
-    _listen(Messages(), lambda *message: heard.append(message))
-    assert heard == [("lateral-s0", 1)]
+    reported = []
+    _listen(Messages(), lambda *message: reported.append(message))
+    assert reported == [("lateral-s0", 1)]

@@ -1,4 +1,4 @@
-"""`reproduce` in other simulators: rows for both ways of flying, written into the results."""
+"""`reproduce` on other platforms: plain and stacked rows are added to the results."""
 
 import json
 import shutil
@@ -11,7 +11,7 @@ from skystack.reproduction.plan import plan_families
 from skystack.reproduction.run import run_platforms
 
 
-def test_the_first_seed_flies_in_the_other_simulators(tmp_path):
+def test_first_seed_is_flown_on_other_platforms(tmp_path):
     pytest.importorskip("bluebird_dt")
     plan = plan_families(["lateral"], 1, 3, tmp_path, False, "command", ["bluebird", "bluebird"])
     best = plan.experiments[-1]

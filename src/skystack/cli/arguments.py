@@ -58,6 +58,8 @@ class Commands(NamedTuple):
 def parse(arguments: list[str]) -> argparse.Namespace:
     """The options of a command line; `options.run` is the verb's function. Raises InputError."""
     parser, known = build_parser()
+    if not arguments:
+        arguments = ["--help"]
     # argparse would list all verbs but not suggest the nearest one.
     verb = next((word for word in arguments if not word.startswith("-")), None)
     if verb is not None and verb not in known:
@@ -142,7 +144,7 @@ def build_parser() -> Commands:
     )
     _cycles(sub, "300", 300)
 
-    sub = verb("replay", "replay flights as on a radar: page, picture or film", verbs.replay)
+    sub = verb("replay", "replay flights on a radar display: page, picture or film", verbs.replay)
     _replay_arguments(sub)
 
     sub = verb("simulate", "fly a scenario file", verbs.simulate)
@@ -178,7 +180,9 @@ def build_parser() -> Commands:
     sub.add_argument(
         "--peers", action="store_true", help="also measure other programs that are installed"
     )
-    sub.add_argument("--quick", action="store_true", help="measure few figures once, as a check")
+    sub.add_argument(
+        "--quick", action="store_true", help="measure only a few figures, once, as a check"
+    )
     return Commands(parser, parsers)
 
 
@@ -187,7 +191,7 @@ def _reproduce_arguments(sub: argparse.ArgumentParser) -> None:
         "families",
         nargs="*",
         metavar="FAMILY",
-        help="lateral, vertical, avoidance or all (default: lateral --quick)",
+        help="lateral, vertical, avoidance or all (default: two of lateral)",
     )
     sub.add_argument(
         "--seeds",
@@ -203,7 +207,7 @@ def _reproduce_arguments(sub: argparse.ArgumentParser) -> None:
         help="scenarios per evaluation (default 1000, with --quick 200)",
     )
     sub.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/FAMILY)")
-    sub.add_argument("--quick", action="store_true", help="short trainings, as a check")
+    sub.add_argument("--quick", action="store_true", help="short training runs, as a check")
     sub.add_argument(
         "--platform",
         action="append",
@@ -290,7 +294,9 @@ def _evaluate_arguments(sub: argparse.ArgumentParser) -> None:
     how.add_argument(
         "--greedy", action="store_true", help="take the most probable action (default)"
     )
-    how.add_argument("--sample", action="store_true", help="draw actions by their probability")
+    how.add_argument(
+        "--sample", action="store_true", help="sample actions from the policy's probabilities"
+    )
     sub.add_argument(
         "--out",
         type=Path,
@@ -311,7 +317,7 @@ def _cycles(
         type=_cycle_limit,
         default=value,
         metavar="N",
-        help=f"longest scenario in radar cycles (default: {default})",
+        help=f"maximum number of radar cycles per scenario (default: {default})",
     )
 
 
@@ -331,7 +337,7 @@ def _replay_arguments(sub: argparse.ArgumentParser) -> None:
         type=Path,
         default=Path("replay.html"),
         metavar="FILE",
-        help="page .html (default replay.html), picture .png or .svg, or film .gif",
+        help="page .html (default replay.html), picture .png or .svg, film .gif or .mp4",
     )
     sub.add_argument(
         "--scenarios",

@@ -25,7 +25,7 @@ def catalogue() -> dict[str, Any]:
     experiments = [load_experiment(name) for name in experiment_names()]
     return {
         "experiments": {each.name: each.description for each in experiments},
-        "tasks": list(tasks()),
+        "tasks": {name: kind.description for name, kind in tasks().items()},
         "sectors": sector_names(),
         "performance": list(PERFORMANCE),
         "features": {name: each.meaning for name, each in FEATURES.items()},

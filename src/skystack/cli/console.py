@@ -11,7 +11,16 @@ from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskID, TextColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    SpinnerColumn,
+    Task,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+)
 from rich.text import Text
 
 from skystack.errors import printable
@@ -20,8 +29,8 @@ from skystack.learning.run import TrainingProgress
 
 PLAIN_EVERY_S = 10.0
 """The interval of progress lines, printed instead of a bar when there is no terminal."""
-VISIBLE_AFTER_S = 2.0
-"""Work that takes less time shows no progress."""
+DONE = "done"
+"""The last phase of a job."""
 
 
 class PlainConsole(Console):
@@ -57,69 +66,91 @@ class _Description(ProgressColumn):
 
 
 @contextmanager
-def show_progress() -> Iterator[Callable[[str, TrainingProgress], None]]:
-    """Show the progress of named trainings: steps, speed, time left, return and success."""
+def show_progress(jobs: int = 1) -> Iterator[Callable[[str, TrainingProgress | str], None]]:
+    """Show the progress of named jobs: the steps, speed, time left, return and success of their
+    trainings, or the phase that they are in; with several jobs also how many are done."""
     console = prose()
     if not console.is_terminal:
-        yield _PlainProgress(console).report
+        yield _PlainProgress(console, jobs).report
         return
     columns = (
         _Description(),
         BarColumn(bar_width=12),
-        TextColumn("{task.completed:,.0f}/{task.total:,.0f}"),
+        TextColumn("{task.fields[steps]}"),
         TextColumn("{task.fields[speed]}"),
         TextColumn("{task.fields[score]}"),
     )
     with Progress(*columns, console=console) as bars:
         tasks: dict[str, TaskID] = {}
+        blank: dict[str, Any] = {"steps": "", "speed": "", "score": ""}
+        whole = bars.add_task("all jobs", total=jobs, visible=jobs > 1, **blank)
 
-        def report(name: str, step: TrainingProgress) -> None:
+        def report(name: str, step: TrainingProgress | str) -> None:
             if name not in tasks:
-                tasks[name] = bars.add_task(name, total=step.total_steps, speed="", score="")
-            bars.update(tasks[name], completed=step.steps, speed=_speed(step), score=_score(step))
+                tasks[name] = bars.add_task(name, total=None, **blank)
+            if isinstance(step, str):
+                bars.update(tasks[name], speed=step)
+                if step == DONE:
+                    bars.update(tasks[name], total=1, completed=1, visible=False)
+                    bars.advance(whole)
+                return
+            bars.update(
+                tasks[name],
+                total=step.total_steps,
+                completed=step.steps,
+                steps=f"{step.steps:,}/{step.total_steps:,}",
+                speed=_speed(step),
+                score=_score(step),
+            )
 
         yield report
 
 
 @contextmanager
 def count_scenarios(name: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Show the number of finished scenarios, the speed and the time left, if it takes long."""
+    """Show that scenarios are flown, and if it takes long how many, the speed and the time left."""
     started = time.monotonic()
-    last_shown = started
+    next_due = started
 
     def line(done: int) -> str:
+        if not done:
+            return f"{name}: compiling, then flying {total:,} scenarios ..."
         rate = done / max(time.monotonic() - started, 1e-9)
-        return f"{done}/{total} scenarios {rate:.2f}/s, {(total - done) / rate:.0f} s left"
+        left_s = (total - done) / rate
+        return f"{name}: {done:,}/{total:,} scenarios {rate:.2f}/s, {left_s:.0f} s left"
 
     console = prose()
     if console.is_terminal:
-        with Progress(_Description(), BarColumn(), console=console) as bars:
+        columns = (SpinnerColumn(), _Description(), BarColumn(bar_width=12), TimeElapsedColumn())
+        with Progress(*columns, console=console, transient=True) as bars:
             task = bars.add_task(name, total=total, visible=False)
             yield lambda done: bars.update(
-                task,
-                completed=done,
-                description=f"{name} {line(done)}",
-                visible=time.monotonic() - started >= VISIBLE_AFTER_S,
+                task, completed=done, description=line(done), visible=done < total
             )
         return
 
     def report(done: int) -> None:
-        nonlocal last_shown
-        if time.monotonic() - last_shown >= PLAIN_EVERY_S:
-            last_shown = time.monotonic()
-            _print_plain(console, f"{name} {line(done)}")
+        nonlocal next_due
+        if time.monotonic() >= next_due:
+            next_due = time.monotonic() + PLAIN_EVERY_S
+            _print_plain(console, line(done))
 
     yield report
 
 
 class _PlainProgress:
-    """Prints the progress of trainings as lines for a log file."""
+    """Prints the progress of jobs as lines for a log file."""
 
-    def __init__(self, console: Console) -> None:
-        self._console = console
+    def __init__(self, console: Console, jobs: int) -> None:
+        self._console, self._jobs, self._finished = console, jobs, 0
         self._shown: dict[str, float] = {}
 
-    def report(self, name: str, step: TrainingProgress) -> None:
+    def report(self, name: str, step: TrainingProgress | str) -> None:
+        if isinstance(step, str):
+            self._finished += step == DONE
+            count = f" ({self._finished} of {self._jobs} jobs)" if step == DONE else ""
+            _print_plain(self._console, f"{name} {step}{count}")
+            return
         now = time.monotonic()
         due = now - self._shown.get(name, -PLAIN_EVERY_S) >= PLAIN_EVERY_S
         if due or step.steps >= step.total_steps:
@@ -134,7 +165,7 @@ def _print_plain(console: Console, line: str) -> None:
 
 def _speed(step: TrainingProgress) -> str:
     if math.isnan(step.steps_per_s):
-        return "compiled"
+        return "compiled"  # the first update has no speed
     left = (step.total_steps - step.steps) / step.steps_per_s
     return f"{step.steps_per_s:,.0f} steps/s, {left:.0f} s left"
 

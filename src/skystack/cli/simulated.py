@@ -10,7 +10,7 @@ def losses_line(summary: dict[str, Any]) -> str:
     count, least_nm = summary["losses_of_separation"], summary["min_separation_nm"]
     if least_nm is None:
         return "losses of separation: none (all aircraft always had vertical separation)"
-    return f"losses of separation: {count or 'none'} (least distance {least_nm:.2f} NM)"
+    return f"losses of separation: {count or 'none'} (minimum separation {least_nm:.2f} NM)"
 
 
 def headline(summary: dict[str, Any]) -> str:

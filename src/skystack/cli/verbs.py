@@ -2,7 +2,10 @@
 
 import argparse
 import json
+import os
 import shlex
+import shutil
+import sys
 import time
 from collections.abc import Mapping
 from contextlib import nullcontext
@@ -37,19 +40,22 @@ def reproduce(options: argparse.Namespace) -> int:
 
 
 def _plan(options: argparse.Namespace) -> Any:
-    from skystack.reproduction.plan import QUICK_EPISODES, plan_families
+    from skystack.reproduction.plan import QUICK_EPISODES, plan_families, plan_first_look
 
-    quick = options.quick or not options.families
-    families = options.families or ["lateral"]
-    default = Path("runs") / ("-".join(families) + ("-quick" if quick else ""))
-    out = options.out or default
+    quick, families = options.quick, options.families
+    if quick and not families:
+        families = ["lateral"]
+    name = "-".join([*families, *["quick"] * quick]) or "first-look"
+    out = options.out or Path("runs") / name
+    seeds, platforms = options.seeds, options.platforms
     episodes = options.episodes or (QUICK_EPISODES if quick else 1000)
     words = ["skystack", "reproduce", *families]
-    words += ["--seeds", str(options.seeds), "--episodes", str(episodes)]
+    words += ["--seeds", str(seeds), "--episodes", str(episodes)]
     words += ["--engine ray"] * (options.engine == "ray")
-    words += ["--quick"] * quick + [f"--platform {name}" for name in options.platforms]
+    words += ["--quick"] * quick + [f"--platform {name}" for name in platforms]
     command = " ".join(words)
-    seeds, platforms = options.seeds, options.platforms
+    if not families:
+        return plan_first_look(seeds, episodes, out, command, platforms)
     return plan_families(families, seeds, episodes, out, quick, command, platforms)
 
 
@@ -58,13 +64,17 @@ def _reproduce(plan: Any, engine: Any, as_json: bool) -> int:
     from skystack.compilation.programs import compile_for_one_core, kept_programs
     from skystack.platforms.registry import platform_notes
     from skystack.reporting.report import write_report
+    from skystack.reproduction.jobs import jobs_of
+    from skystack.reproduction.plan import describe_plan
     from skystack.reproduction.run import run_plan, run_platforms
 
+    say(describe_plan(plan))
     compile_for_one_core()
-    with kept_programs(), show_progress() as report:
+    with kept_programs(), show_progress(len(jobs_of(plan))) as report:
         results = run_plan(plan, report, engine)
     if results["kept"]:
-        say(f"{len(results['kept'])} finished pieces reused from an earlier run")
+        count = len(results["kept"])
+        say(f"reused {count} cached result{'s' * (count != 1)} of an earlier run")
     say("writing figures and report ...")
     path = write_report(plan.out)
     failed: list[str] = []
@@ -73,27 +83,54 @@ def _reproduce(plan: Any, engine: Any, as_json: bool) -> int:
             say(line)
         failed = run_platforms(plan, results, count_scenarios)
         write_report(plan.out)
-    _show_results(results, as_json)
+    _show_results(plan.out, results, as_json)
     say(f"{results['wall_s']:.0f} s; report: {path}")
+    for page in sorted(plan.out.glob("replay-*.html")):
+        say(f"replay of one scenario: {page}")
+    if (flown := _best_flown(plan)) is not None:
+        say(f"to replay all of them: {_program()} replay {flown} -o replay.html")
     for line in failed:
         complain(line, FAILED)
     return FAILED if failed else DONE
 
 
-def _show_results(results: Mapping[str, Any], as_json: bool) -> None:
-    """Print the contents of a `results.json`."""
-    from skystack.cli.console import output
-    from skystack.reporting.tables import comparison_of, platforms_of
+def _best_flown(plan: Any) -> Path | None:
+    """The evaluation to look at first: stacked, of the last policy in the order of the tables."""
+    from skystack.reporting.results import read_run
 
-    platform_rows = results.get("platforms", [])
+    run = read_run(plan.out)
+    rows = [row for row in run.results.rows if row.stacking and not row.is_shipped]
+    return run.evaluation(rows[-1]) if rows else None
+
+
+def _program() -> str:
+    """The words that start skystack in this shell."""
+    if shutil.which("skystack"):
+        return "skystack"
+    return f"{shlex.quote(os.path.relpath(sys.executable))} -m skystack"
+
+
+def _show_results(folder: Path, results: Mapping[str, Any], as_json: bool) -> None:
+    """Print the results of a run folder: a table for each family and the result in a sentence."""
+    from skystack.cli.console import output
+    from skystack.reporting.headline import headline
+    from skystack.reporting.results import family_title, read_run
+    from skystack.reporting.tables import brief, platforms
+
     if as_json:
         keys = ["rows", "rows_by_seed", "comparisons", "train", "wall_s"]
-        keys += ["platforms"] * bool(platform_rows)
+        keys += ["platforms"] * bool(results.get("platforms"))
         print_json({key: results[key] for key in keys if key in results})
-    else:
-        output().print(comparison_of(results["rows"]).as_rich())
-        if platform_rows:
-            output().print(platforms_of(platform_rows).as_rich())
+        return
+    run = read_run(folder)
+    for family, rows in run.results.families.items():
+        print_line(family_title(family))
+        output().print(brief(rows, run.bound_of(family), run.results.is_trained).as_rich())
+    print_line("Exit offset: mean distance from the exit fix when leaving, in NM.")
+    if run.results.platforms:
+        output().print(platforms(run.results.platforms).as_rich())
+    for sentence in headline(run):
+        print_line(sentence)
 
 
 def _engine(options: argparse.Namespace) -> Any:
@@ -153,6 +190,7 @@ def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
         words += [word for change in options.changes for word in ("--set", change)]
         raise KeyboardInterrupt(f"interrupted; to resume: {shlex.join(words)}") from None
     say(f"{trained.wall_s:.0f} s; policy: {out / 'policy.json'}")
+    say(f"to evaluate it, stacked, on held-out scenarios: {_program()} evaluate {out}")
     if options.json:
         summary = [trained.summary]
         print_json({"rows": [], "rows_by_seed": [], "train": summary, "wall_s": trained.wall_s})
@@ -163,9 +201,9 @@ def evaluate(options: argparse.Namespace) -> int:
     from skystack.agents.find import find_agent
     from skystack.cli.console import count_scenarios, output
     from skystack.compilation.programs import compile_for_one_core, kept_programs
-    from skystack.evaluation.evaluate import Conditions, evaluate
+    from skystack.evaluation.evaluate import Conditions, evaluate, evaluation_folder
     from skystack.evaluation.summary import aggregate
-    from skystack.reporting.tables import comparison_of
+    from skystack.reporting.tables import one_row
 
     started = time.monotonic()
     conditions = Conditions(
@@ -180,7 +218,8 @@ def evaluate(options: argparse.Namespace) -> int:
     )
     policy = find_agent(options.policy)
     compile_for_one_core()
-    counting = count_scenarios(options.platform, options.episodes)
+    way = "stacked" if options.stacking else "unstacked"
+    counting = count_scenarios(f"{options.policy}, {way}", options.episodes)
     with kept_programs(), counting as on_scenario:
         evaluated = evaluate(
             policy, conditions, options.out, on_scenario, experiment=options.experiment
@@ -193,7 +232,13 @@ def evaluate(options: argparse.Namespace) -> int:
         result = {"rows": rows, "rows_by_seed": [evaluated.row], "train": [], "wall_s": wall_s}
         print_json(result | ({"failed": evaluated.failed} if evaluated.failed else {}))
     else:
-        output().print(comparison_of(rows).as_rich())
+        output().print(one_row(rows[0]).as_rich())
+    if options.out is not None:
+        row = evaluated.row
+        folder = evaluation_folder(
+            options.out, row["experiment"], row["seed"], row["stacking"], row["platform"]
+        )
+        say(f"written: {folder}; to see the flights: {_program()} replay {folder} -o replay.html")
     for number, reason in evaluated.failed.items():
         complain(f"{options.platform}: scenario {number} {reason}", FAILED)
     return FAILED if evaluated.failed else DONE
@@ -209,7 +254,7 @@ def report(options: argparse.Namespace) -> int:
     if options.output:
         raise InputError(f"report: -o is for comparisons; the report of {first} is written into it")
     path = write_report(first)
-    _show_results(json.loads((first / "results.json").read_bytes()), options.json)
+    _show_results(first, json.loads((first / "results.json").read_bytes()), options.json)
     say(f"report: {path}")
     return DONE
 

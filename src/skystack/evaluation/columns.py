@@ -1,4 +1,4 @@
-"""What the columns of tables may hold, checked when a table is read: tables are untrusted."""
+"""Allowed types and values of table columns, checked on reading, because tables are untrusted."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -25,9 +25,9 @@ TEXT = {"callsign", "type", "route", "status", "kind", "direction", "text"}
 TRUTH = {"success", "correct_exit", "excursion", "few_clearances", "loss_of_separation"}
 TRUTH |= {"own_navigation"}
 WHOLE = {"scenario", "cycle", "cycles", "time_s", "clearances", "instructions", "transmission"}
-WHOLE |= {"value", "exit_fl"}
+WHOLE |= {"value", "exit_fl", "exits"}
 """Counts, identifying numbers and cleared values, which are not negative."""
-MAY_BE_NULL = {"direction"}
+MAY_BE_NULL = {"direction", "exit_offset_nm"}
 MAY_BE_INFINITE = {"min_separation_nm"}
 
 
@@ -71,7 +71,7 @@ def _check_column(name: str, column: pa.ChunkedArray) -> None:
     if wanted in (_WHOLE, _NUMBER):
         greatest = GREATEST_DEGREES.get(name, GREATEST)
         lowest = 0.0 if wanted is _WHOLE else -greatest
-        _check_range(name, column.to_numpy(), lowest, greatest)
+        _check_range(name, column.drop_null().to_numpy(), lowest, greatest)
 
 
 def _text_bytes(column: pa.ChunkedArray) -> int:
@@ -85,8 +85,10 @@ def _text_bytes(column: pa.ChunkedArray) -> int:
 def _check_range(name: str, values: np.ndarray, lowest: float, greatest: float) -> None:
     known = values[values != np.inf] if name in MAY_BE_INFINITE else values
     if not np.all((known >= lowest) & (known <= greatest)):  # true of NaN too
-        allowed = f"{lowest:g} to {greatest:g}"
-        raise InputError(f"column {name!r} holds a non-finite or too large number ({allowed})")
+        raise InputError(
+            f"column {name!r} contains a value out of range "
+            f"(allowed: finite numbers from {lowest:g} to {greatest:g})"
+        )
 
 
 def _kind_of(name: str) -> _Kind:

@@ -15,6 +15,7 @@ from skystack.agents.agent import Agent, agent_of
 from skystack.airspace.sectors import AnySector, named_or_read
 from skystack.errors import MOST_NUMBER, InputError, checked_whole
 from skystack.evaluation.hosted import HostedController, fly_hosted
+from skystack.evaluation.paper import paper_row
 from skystack.evaluation.platform_rollout import PlatformRollout, fly_on_platform
 from skystack.evaluation.rollout import (
     NO_OP_CONTROLLER,
@@ -23,7 +24,7 @@ from skystack.evaluation.rollout import (
     network_controller,
     prepare,
 )
-from skystack.evaluation.summary import NO_OP_NAME, RowValues, summarise
+from skystack.evaluation.summary import RowValues, no_op_name, summarise, trained_name
 from skystack.evaluation.tabulate import tabulate
 from skystack.io.files import AnyPath, make_folder, scratch_folder
 from skystack.io.locks import no_empty_folders
@@ -48,13 +49,22 @@ from skystack.policies.facts import Facts
 from skystack.simulator.limits import MOST_CYCLES
 from skystack.tasks.contract import TrafficTask
 from skystack.tasks.registry import build_traffic_task, check_cycles
+from skystack.tasks.settings import TaskSettings
 
 AnyExperiment = AnyPath | Experiment
 """The name of an experiment, its file (.toml) or the experiment itself."""
 
 
 class Conditions(NamedTuple):
-    """The conditions of an evaluation."""
+    """The conditions of an evaluation.
+
+    Example:
+
+        >>> import skystack
+        >>> conditions = skystack.Conditions(episodes=50, stacking=False)
+        >>> conditions.platform  # what is not given has its default
+        'skystack'
+    """
 
     seed: int = 0
     """The seed of the scenarios."""
@@ -95,22 +105,16 @@ def policy_task(
     described = policy.description
     where = f"policy {described.experiment}-s{described.seed}"
     experiment: Experiment = experiment_from(described.config, where)
-    task = _task(experiment, sector, cycles)
+    task = build_traffic_task(_settings(experiment, sector, cycles))
     _check_trained_for(task, described, where)
     return task
 
 
-def agent_task(
-    agent: Agent,
-    experiment: AnyExperiment | None,
-    sector: AnySector | None = None,
-    cycles: int | None = None,
-) -> TrafficTask:
-    """The task that an agent is evaluated on: that of its experiment.
+def agent_experiment(agent: Agent, experiment: AnyExperiment | None) -> Experiment:
+    """The experiment that an agent is evaluated on.
 
-    The sector and the number of cycles can be replaced. An export of our own policies names its
-    experiment; all other agents need one. Raises InputError if the experiment is missing, or if the
-    agent's observation or actions differ from those of the task.
+    An export of our own policies names its experiment; all other agents need one. Raises InputError
+    if it is missing.
     """
     facts = agent.facts
     if experiment is None and facts is not None and facts.experiment in experiment_names():
@@ -121,9 +125,22 @@ def agent_task(
             f"{agent.name} needs an experiment: {reason} (allowed: --experiment NAME or FILE.toml; "
             "in Python experiment=...)"
         )
-    if not isinstance(experiment, Experiment):
-        experiment = load_experiment(experiment)
-    task = _task(experiment, sector, cycles)
+    return experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
+
+
+def agent_task(
+    agent: Agent,
+    experiment: AnyExperiment | None,
+    sector: AnySector | None = None,
+    cycles: int | None = None,
+) -> TrafficTask:
+    """The task that an agent is evaluated on: that of its experiment.
+
+    The sector and the number of cycles can be replaced. Raises InputError if the experiment is
+    missing, or if the agent's observation or actions differ from those of the task.
+    """
+    facts, experiment = agent.facts, agent_experiment(agent, experiment)
+    task = build_traffic_task(_settings(experiment, sector, cycles))
     if facts is not None:
         _check_trained_for(task, facts, agent.name)
     observations, actions = len(task.observation_names), len(task.action_names)
@@ -134,13 +151,21 @@ def agent_task(
     return task
 
 
-def _task(experiment: Experiment, sector: AnySector | None, cycles: int | None) -> TrafficTask:
+def _settings(experiment: Experiment, sector: AnySector | None, cycles: int | None) -> TaskSettings:
     settings = experiment.task
     if sector is not None:
         settings = msgspec.structs.replace(settings, sector=named_or_read(sector))
     if cycles is not None:
         settings = msgspec.structs.replace(settings, cycles=cycles)
-    return build_traffic_task(settings)
+    return settings
+
+
+def _paper(name: str, settings: TaskSettings, stacking: bool) -> dict[str, float] | None:
+    """The paper's numbers for a row; None where the sector or the task is another one."""
+    experiment = trained_name(name)
+    if experiment in experiment_names() and load_experiment(experiment).task == settings:
+        return paper_row(experiment, stacking)
+    return None
 
 
 def _check_trained_for(task: TrafficTask, described: PolicyDescription | Facts, where: str) -> None:
@@ -194,9 +219,17 @@ def evaluate(
     needs the `experiment` that it was made for, unless it names one.
 
     `name` is used for the row and the folder. `on_scenario` is called with the number of finished
-    scenarios. Raises InputError for invalid conditions, an unavailable platform, an experiment that
-    does not fit, and a policy that fails or returns an invalid action; PlatformError if no scenario
-    is finished.
+    scenarios, and with 0 before compilation and flight begin. Raises InputError for invalid
+    conditions, an unavailable platform, an experiment that does not fit, and a policy that fails or
+    returns an invalid action; PlatformError if no scenario is finished.
+
+    Example:
+
+        >>> import skystack
+        >>> policy = skystack.find_policy("lateral-best")
+        >>> result = skystack.evaluate(policy, skystack.Conditions(episodes=2))
+        >>> result.row["success_rate"]
+        1.0
     """
     check_platform(conditions.platform)
     conditions = _checked(conditions)
@@ -204,6 +237,7 @@ def evaluate(
     if isinstance(policy, Policy):
         return _evaluate_own(policy, conditions, out, on_scenario, experiment, name)
     agent = agent_of(policy, name)
+    experiment = agent_experiment(agent, experiment)
     task = agent_task(agent, experiment, conditions.sector, conditions.cycles)
     if not conditions.greedy and not agent.logits:
         raise InputError(
@@ -211,7 +245,9 @@ def evaluate(
         )
     controller = partial(HostedController, agent, conditions.greedy)
     row_name, seed = as_name(name or agent.name), agent.facts.seed if agent.facts else 0
-    return _evaluate(row_name, seed, task, controller, conditions, out, on_scenario)
+    settings = _settings(experiment, conditions.sector, conditions.cycles)
+    paper = _paper(row_name, settings, conditions.stacking)
+    return _evaluate(row_name, seed, task, controller, conditions, out, on_scenario, paper)
 
 
 def _evaluate_own(
@@ -225,19 +261,25 @@ def _evaluate_own(
     described, task = policy.description, policy_task(policy, conditions.sector, conditions.cycles)
     if experiment is not None:
         raise InputError(
-            f"{described.experiment} carries its own experiment (allowed: --experiment only "
+            f"{described.experiment} already names its experiment (allowed: --experiment only "
             "with policies of other libraries)"
         )
     controller = partial(network_controller, policy.actor, policy.normaliser, conditions.greedy)
     row_name = as_name(name) if name else described.experiment
-    return _evaluate(row_name, described.seed, task, controller, conditions, out, on_scenario)
+    trained: Experiment = experiment_from(described.config, row_name)
+    settings = _settings(trained, conditions.sector, conditions.cycles)
+    paper = _paper(row_name, settings, conditions.stacking)
+    return _evaluate(
+        row_name, described.seed, task, controller, conditions, out, on_scenario, paper
+    )
 
 
 def evaluate_no_op(experiment: Experiment, conditions: Conditions, out: Path | None) -> Evaluation:
     """Evaluate the same scenarios without any instructions."""
     task = build_traffic_task(experiment.task)
     plain = conditions._replace(stacking=False)
-    return _evaluate(NO_OP_NAME, 0, task, lambda: NO_OP_CONTROLLER, plain, out, lambda done: None)
+    name = no_op_name(task.name)
+    return _evaluate(name, 0, task, lambda: NO_OP_CONTROLLER, plain, out, lambda done: None)
 
 
 def evaluation_folder(
@@ -257,6 +299,7 @@ def _evaluate(
     conditions: Conditions,
     out: Path | None,
     on_scenario: Callable[[int], None],
+    paper: dict[str, float] | None = None,
 ) -> Evaluation:
     """Fly the scenarios, make the tables, write them if a folder is given, and compute the row."""
     cycles_note = check_cycles(task)
@@ -266,13 +309,19 @@ def _evaluate(
     if platform == OWN:
         recordings = _fly_here(task, controller(), conditions, on_scenario)
     else:
-        recordings = _fly_on_platform(task, controller, conditions, out, failed, on_scenario)
-    with closing(recordings):
+        recordings = _fly_on_platform(task, controller, conditions, failed, on_scenario)
+    with ExitStack() as stack:
+        if out is not None:
+            stack.enter_context(no_empty_folders(out))
+            make_folder(out)  # fails early, before the flights
+        stack.enter_context(closing(recordings))
+        on_scenario(0)
         flown_as, adoption = partial(flown_type, platform), adoption_of(platform)
         episodes, clearances, wall_s = tabulate(task, recordings, folder, flown_as, adoption)
     row = summarise(
         name, task.name, trained_seed, platform, stacking, conditions.greedy, wall_s, episodes
     )
+    row["paper"] = paper
     climbs = any(action.kind == "level" for action in task.actions)
     notes = platform_notes(platform, task.simulator.performance.types, climbs)
     notes += [] if cycles_note is None else [cycles_note]
@@ -302,7 +351,6 @@ def _fly_on_platform(
     task: TrafficTask,
     controller: Callable[[], Controller | HostedController],
     conditions: Conditions,
-    out: Path | None,
     failed: dict[int, str],
     on_scenario: Callable[[int], None],
 ) -> Generator[Recording, None, None]:
@@ -316,11 +364,7 @@ def _fly_on_platform(
     )
     _check_sent(job)
     limit_s = conditions.time_limit_s
-    with ExitStack() as stack:
-        if out is not None:
-            stack.enter_context(no_empty_folders(out))
-            make_folder(out)  # fails early, before the long flights
-        scratch = stack.enter_context(scratch_folder("skystack-"))
+    with scratch_folder("skystack-") as scratch:
         yield from fly_on_platform(job, conditions.episodes, scratch, failed, limit_s, on_scenario)
 
 

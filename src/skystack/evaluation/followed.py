@@ -28,7 +28,7 @@ class Followed(NamedTuple):
     losses: int
     """The number of losses of separation: consecutive cycles of a pair are one loss."""
     min_separation_nm: float
-    """The least distance without vertical separation; infinite if all pairs always had it."""
+    """The minimum distance without vertical separation; infinite if all pairs always had it."""
 
 
 def follow(scenario: Scenario, reports: Sequence[Report]) -> Followed:

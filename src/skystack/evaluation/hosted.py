@@ -19,6 +19,7 @@ from skystack.agents.queries import query_actions, query_scores
 from skystack.evaluation.rollout import (
     Recording,
     blocks,
+    initial_fields,
     keep,
     query_keys,
     recording_of,
@@ -149,8 +150,7 @@ class _Rollout:
         """Fly scenarios until all have ended; a scenario that has ended does not change."""
         keys = scenario_keys(seed, numbers)
         state, query_keys = self._reset(keys), self._query_keys(keys)
-        initial = self._task.traffic(state), self._task.exit_level_ticks(state)
-        start, exit_level_ticks = jax.device_get(_scenarios_first(initial))
+        start = jax.device_get(_scenarios_first(initial_fields(self._task, state)))
         over, rows = np.zeros(len(numbers), dtype=bool), list[Any]()
         while not over.all():
             moment = Moment(numbers, len(rows), query_keys[:, len(rows)])
@@ -158,7 +158,7 @@ class _Rollout:
             state, ended, row = self._advance(instructed, stack, over)
             over = np.asarray(ended)
             rows.append(jax.device_get(row))
-        return recording_of(numbers, start, exit_level_ticks, rows, self._task.cycles)
+        return recording_of(numbers, start, rows, self._task.cycles)
 
 
 def _scenarios_first(tree: Any) -> Any:

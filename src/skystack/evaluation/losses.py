@@ -73,7 +73,7 @@ def _squared_nm2(plane: MercatorPlane, separation_fl: int) -> Any:
 def _distances_nm(
     sector: Sector, paths: Sequence[FlightPath]
 ) -> Iterator[tuple[int, Float[np.ndarray, "pairs cycles"]]]:
-    """Blocks of cycles: the first cycle, and the least distance of each pair in each cycle.
+    """Blocks of cycles: the first cycle, and the minimum distance of each pair in each cycle.
 
     NaN if the path of one of the two has ended.
     """

@@ -62,13 +62,14 @@ class Pilot:
 
         self._reset, self._end_cycle = jax.jit(self._task.reset), jax.jit(end_cycle)
         self._exit_levels = jax.jit(self._task.exit_level_ticks)
+        self._status = jax.jit(self._task.status)
         self._compile()
 
     def _compile(self) -> None:
         """Compile everything before anything is timed."""
         key = scenario_key(self._job.seed, 0)
         state = jax.device_get(self._reset(key))
-        self._exit_levels(state)
+        self._exit_levels(state), self._status(state)
         instructed, stack = self._decide(state, key, 0, 0)
         self._end_cycle(instructed, stack, jax.tree.map(jnp.asarray, self._task.traffic(state)))
 
@@ -95,6 +96,10 @@ class Pilot:
         task, plane = self._task, self._task.sector.plane
         start = traffic_of(report, task.traffic(state), plane)
         state = task.with_traffic(state, start)
+        initial = jax.tree.map(
+            lambda values: np.asarray(values)[None],
+            (start, self._exit_levels(state), self._status(state)),
+        )
         rows: list[tuple[Any, ...]] = []
         for cycle, key in enumerate(query_keys(task, scenario_key(self._job.seed, number))):
             instructed, stack = self._decide(state, key, number, cycle)
@@ -106,11 +111,8 @@ class Pilot:
             rows.append(jax.tree.map(lambda values: np.asarray(values)[None], row))
             if outcome.ended:
                 break
-        start, exit_level_ticks = jax.tree.map(
-            lambda values: np.asarray(values)[None], (start, self._exit_levels(state))
-        )
         numbers = np.array([number], dtype=np.int32)
-        return recording_of(numbers, start, exit_level_ticks, rows, task.cycles)
+        return recording_of(numbers, initial, rows, task.cycles)
 
     def _issue(self, instructed: Traffic, stack: Stack) -> None:
         action = self._task.actions[int(stack.action)]

@@ -78,6 +78,8 @@ class Recording(NamedTuple):
     """The traffic at cycle 0, `[scenarios, aircraft]`."""
     exit_level_ticks: Float[np.ndarray, "scenarios aircraft"]
     """The levels at which the aircraft must exit, in ticks."""
+    start_status: AircraftStatus
+    """The status at cycle 0, `[scenarios, aircraft]`."""
     traffic: Traffic
     """The traffic after each cycle."""
     status: AircraftStatus
@@ -181,12 +183,13 @@ def parts_of(recording: Recording, scenarios: int) -> Iterator[Recording]:
 
 def recording_of(
     number: Int[np.ndarray, " scenarios"],
-    start: Traffic,
-    exit_level_ticks: Float[np.ndarray, "scenarios aircraft"],
+    start: tuple[Any, ...],
     rows: Sequence[tuple[Any, ...]],
     cycles: int,
 ) -> Recording:
-    """A recording of full length from the rows of `keep`, one per cycle, `[scenarios, ...]`.
+    """A recording of full length from `initial_fields` and the rows of `keep`, one per cycle.
+
+    All arrays are `[scenarios, ...]`.
 
     If cycles are missing at the end, the last row is repeated, without instructions or reward.
     """
@@ -194,7 +197,7 @@ def recording_of(
     columns = jax.tree.map(
         lambda *values: np.stack([*values, *values[-1:] * missing], axis=1), *rows
     )
-    recording = Recording(number, start, exit_level_ticks, *columns)
+    recording = Recording(number, *start, *columns)
     ran = recording.ran & (np.arange(cycles) < len(rows))
     last = ran.sum(axis=1) - 1
     return recording._replace(
@@ -212,6 +215,11 @@ def query_keys(task: TrafficTask, key: PRNGKeyArray) -> Key[Array, " cycles"]:
     return jax.random.split(jax.random.fold_in(key, _POLICY), task.cycles)
 
 
+def initial_fields(task: TrafficTask, state: TaskState) -> tuple[Any, ...]:
+    """The fields of a `Recording` at cycle 0, in order."""
+    return task.traffic(state), task.exit_level_ticks(state), task.status(state)
+
+
 def keep(
     task: TrafficTask,
     stack: Stack,
@@ -219,7 +227,10 @@ def keep(
     outcome: Outcome,
     over: Bool[Array, "*batch"],
 ) -> tuple[Any, ...]:
-    """A cycle's fields of a `Recording`, in order. `over`: the scenario had ended before."""
+    """The fields of one cycle of a `Recording`, in order.
+
+    `over`: the scenario ended in an earlier cycle.
+    """
     return (
         task.traffic(state),
         task.status(state),
@@ -254,6 +265,6 @@ def _fly_one(
 
     over = jnp.zeros((), dtype=bool)
     _, columns = jax.lax.scan(cycle, (start, over), query_keys(task, key))
-    recording = Recording(number, task.traffic(start), task.exit_level_ticks(start), *columns)  # type: ignore[arg-type]
+    recording = Recording(number, *initial_fields(task, start), *columns)  # type: ignore[arg-type]
     last = jnp.sum(recording.ran) - 1
     return recording._replace(metrics=jax.tree.map(lambda values: values[last], recording.metrics))

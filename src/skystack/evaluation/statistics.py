@@ -1,9 +1,9 @@
-"""Statistics of the results: means over trainings and scenarios, with bootstrap intervals.
+"""Statistics of the results: means over training runs and scenarios, with bootstrap intervals.
 
-A figure is based on two samples: several trainings, and the scenarios that all of them fly. The
+A result is based on two samples: several training runs, and the scenarios that all of them fly. The
 bootstrap draws both with replacement. The drawn scenarios are the same for all rows, because all
-rows fly the same scenarios. Trainings are drawn separately for each row (the strata). Intervals are
-percentiles of the bootstrap distribution. For interquartile means and the probability of
+rows fly the same scenarios. Training runs are drawn separately for each row (the strata). Intervals
+are percentiles of the bootstrap distribution. For interquartile means and the probability of
 improvement see Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical
 Precipice" (2021).
 """
@@ -32,7 +32,7 @@ MOST_AT_ONCE = 20_000_000
 """The number of draws (resamples times scenarios) processed at once, to bound the memory."""
 CONFIDENCE = 0.95
 QUARTER = 0.25
-"""The share of trainings that an interquartile mean omits at each end."""
+"""The share of training runs that an interquartile mean omits at each end."""
 
 Trainings = Float[np.ndarray, "*draws trainings"]
 Others = Float[np.ndarray, "*draws others"]
@@ -40,7 +40,7 @@ Statistic = Float[np.ndarray, "*draws"] | np.float64
 
 
 class Estimate(NamedTuple):
-    """A figure and its 95 % interval."""
+    """A value and its 95 % interval."""
 
     value: float
     low: float
@@ -48,24 +48,24 @@ class Estimate(NamedTuple):
 
 
 def scores(episodes: Sequence[pa.Table], measure: str) -> Float[np.ndarray, "trainings scenarios"]:
-    """A measure for several trainings that flew the same scenarios."""
+    """A measure for several training runs that flew the same scenarios."""
     return np.stack([table[measure].to_numpy().astype(np.float64) for table in episodes])
 
 
 def mean(each: Trainings) -> Statistic:
-    """The mean over trainings."""
+    """The mean over training runs."""
     result: Statistic = each.mean(axis=-1)
     return result
 
 
 def interquartile_mean(each: Trainings) -> Statistic:
-    """The mean over trainings without the lowest and highest quarter, each rounded down."""
+    """The mean over training runs without the lowest and highest quarter, each rounded down."""
     trimmed: Statistic = trim_mean(each, QUARTER, axis=-1)
     return trimmed
 
 
 def probability_less(first: Trainings, second: Others) -> Statistic:
-    """The probability that a training of `first` has a lower value than one of `second`.
+    """The probability that a training run of `first` has a lower value than one of `second`.
 
     Ties count half.
     """
@@ -96,7 +96,7 @@ class Bootstrap:
         return (slice(at, at + most) for at in range(0, self.resamples, most))
 
     def means(self, values: Float[np.ndarray, "trainings scenarios"]) -> Trainings:
-        """Means over the drawn scenarios for the drawn trainings, one row per resample."""
+        """Means over the drawn scenarios for the drawn training runs, one row per resample."""
         columns, count = values.T.astype(np.float32), np.float32(self.scenarios)
         counts = self._counts
         parts = [(counts[part].astype(np.float32) / count) @ columns for part in self._slices()]

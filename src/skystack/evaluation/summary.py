@@ -6,12 +6,29 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from skystack.evaluation.paper import paper_row
-
 RowValues = dict[str, Any]
 
-NO_OP_NAME = "do-nothing"
-"""The experiment name in rows without a policy, which issue no instructions."""
+_NO_OP, _SHIPPED = "do-nothing", "-shipped"
+
+
+def no_op_name(task: str) -> str:
+    """The experiment name in a task's row without a policy, which issues no instructions."""
+    return f"{_NO_OP}-{task}"
+
+
+def is_no_op(experiment: str) -> bool:
+    """Whether an experiment name is that of a row without a policy; old files state no task."""
+    return experiment == _NO_OP or experiment.startswith(f"{_NO_OP}-")
+
+
+def shipped_name(experiment: str) -> str:
+    """The experiment name in the row of a shipped policy, beside one that was trained here."""
+    return experiment + _SHIPPED
+
+
+def trained_name(experiment: str) -> str:
+    """The experiment of a row, also of one with a shipped policy."""
+    return experiment.removesuffix(_SHIPPED)
 
 
 def summarise(
@@ -24,8 +41,8 @@ def summarise(
     wall_s: float,
     episodes: pa.Table,
 ) -> RowValues:
-    """The row of one policy. `wall_s` is the time that its scenarios took."""
-    row = _row(experiment, task, 1, platform, stacking, greedy, episodes)
+    """The row of one policy, without the paper's numbers. `wall_s` is the time of its flights."""
+    row = _row(experiment, task, 1, platform, stacking, greedy, episodes, None)
     return {"seed": seed, **row, "wall_s": wall_s}
 
 
@@ -40,6 +57,7 @@ def aggregate(rows: Sequence[RowValues], episodes: Sequence[pa.Table]) -> RowVal
         first["stacking"],
         first["greedy"],
         pa.concat_tables(episodes),
+        first["paper"],
     )
     return row | {"wall_s": sum(each["wall_s"] for each in rows)}
 
@@ -52,11 +70,14 @@ def _row(
     stacking: bool,
     greedy: bool,
     episodes: pa.Table,
+    paper: dict[str, float] | None,
 ) -> RowValues:
     column = {name: episodes[name].to_numpy() for name in episodes.column_names}
     others = {name: float(np.mean(column[name])) for name in column if name not in _REPORTED}
     separation = column["min_separation_nm"]
     finite = separation[np.isfinite(separation)]
+    exits = column["exits"]
+    offset_nm = np.nan_to_num(column["exit_offset_nm"].astype(np.float64))
     return {
         "experiment": experiment,
         "task": task,
@@ -75,7 +96,8 @@ def _row(
         "loss_of_separation_count": int(np.sum(column["loss_of_separation"])),
         "min_separation_nm_min": float(np.min(finite)) if finite.size else None,
         "min_separation_nm_mean": float(np.mean(finite)) if finite.size else None,
-        "paper": paper_row(experiment, stacking),
+        "exit_offset_nm_mean": float(np.average(offset_nm, weights=exits)) if exits.any() else None,
+        "paper": paper,
         **({"metrics": others} if others else {}),
     }
 
@@ -83,5 +105,6 @@ def _row(
 _REPORTED = {
     *("scenario", "clearances", "instructions", "return", "success", "correct_exit", "excursion"),
     *("few_clearances", "min_separation_nm", "loss_of_separation", "cycles"),
+    *("exits", "exit_offset_nm"),
 }
 """Columns with fields of their own; the means of the others are in `metrics`."""

@@ -9,6 +9,7 @@ import pyarrow as pa
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
+from skystack.evaluation.exit_offset import exit_offsets_nm
 from skystack.evaluation.followed import STATUS, status_of
 from skystack.evaluation.rollout import Recording
 from skystack.platforms.adoption import SKYSTACK, Adoption, in_words
@@ -49,10 +50,15 @@ def make_tables(
 def episode_table(task: TrafficTask, recording: Recording) -> pa.Table:
     """One row per scenario. The limit on instructions is applied to clearances here.
 
-    The task's other metrics follow as additional columns.
+    `exits` counts the aircraft that left through their exit, at any level, and `exit_offset_nm` is
+    their mean distance from the exit fix. The task's other metrics follow as additional columns.
     """
     metrics = recording.metrics
     issued = clearances_by_aircraft(task, recording)
+    offsets_nm = exit_offsets_nm(task.sector, recording)
+    exits = np.isfinite(offsets_nm).sum(axis=1)
+    with np.errstate(invalid="ignore"):
+        mean_offset_nm = np.nansum(offsets_nm, axis=1) / exits
     columns = {
         "scenario": recording.number,
         "clearances": issued.sum(axis=1).astype(np.int32),
@@ -65,6 +71,8 @@ def episode_table(task: TrafficTask, recording: Recording) -> pa.Table:
         "min_separation_nm": metrics["min_separation_nm"],
         "loss_of_separation": metrics["min_separation_nm"] < task.sector.loss_below_nm,
         "cycles": recording.ran.sum(axis=1).astype(np.int32),
+        "exits": exits.astype(np.int32),
+        "exit_offset_nm": _null_for_nan(mean_offset_nm),
     }
     others = {name: metrics[name] for name in sorted(metrics) if name not in columns}
     return pa.table(columns | others)
@@ -94,8 +102,13 @@ def _aircraft_table(
             "entry_fl": _flight_levels(recording.start.level_ticks).reshape(-1),
             "exit_fl": _flight_levels(recording.exit_level_ticks).reshape(-1),
             "own_navigation": np.asarray(recording.start.own_navigation).reshape(-1),
+            "exit_offset_nm": _null_for_nan(exit_offsets_nm(task.sector, recording).reshape(-1)),
         }
     )
+
+
+def _null_for_nan(values: Float[np.ndarray, " rows"]) -> pa.Array:
+    return pa.array(values.astype(np.float32), from_pandas=True)
 
 
 def _trajectory_table(task: TrafficTask, recording: Recording) -> pa.Table:
@@ -131,9 +144,9 @@ def _rounded(name: str, values: Float[np.ndarray, " rows"]) -> np.ndarray:
 
 
 def _status(recording: Recording) -> Int[np.ndarray, "scenarios rows aircraft"]:
-    """Index in STATUS. At the start no aircraft has entered."""
-    status = status_of(*recording.status)
-    return np.concatenate([np.zeros_like(status[:, :1]), status], axis=1)
+    """Index in STATUS; row 0 is the start."""
+    start, later = status_of(*recording.start_status), status_of(*recording.status)
+    return np.concatenate([start[:, None], later], axis=1)
 
 
 def clearance_table(

@@ -1,5 +1,8 @@
 """The claims of the paper, each checked against the results of a run.
 
+Only trained policies can support or refute a claim: those that succeed clearly more often than
+doing nothing does (`Results.is_trained`). A policy that hardly acts would satisfy some of them.
+
 A claim is tested first on the rows with the settings that the paper states, then on the rows that
 change some of them (`-tuned`). Each function below contains the criteria of its claims.
 """
@@ -16,9 +19,11 @@ from skystack.evaluation.statistics import Estimate
 from skystack.evaluation.stored import read_table
 from skystack.reporting.learning_curves import LEARNED, at_the_end, steps_until
 from skystack.reporting.results import Row, RowName, Run, Update
-from skystack.reporting.tables import Table, interval, percent_interval
+from skystack.reporting.tables import NOTHING, Table, interval, percent_interval
 
 REPRODUCED, CHANGED, MISSED = "reproduced", "reproduced with a change", "not reproduced"
+UNDECIDED = "cannot be judged"
+"""The verdict if the first finding is about an untrained policy and no other one holds."""
 EQUAL = 0.01
 """Rates that differ by no more than this count as equal."""
 ROUNDING = 1e-9
@@ -32,6 +37,8 @@ class Found(NamedTuple):
 
     holds: bool
     figures: str
+    judged: bool
+    """Whether all policies involved are trained."""
 
 
 class Claim(NamedTuple):
@@ -80,6 +87,7 @@ def _count(
         Found(
             _within(row.clearances_mean, mean - spread, mean + spread),
             f"{_settings(row)}: {_clearances(row)}",
+            run.results.is_trained(row),
         )
         for row in _variants(run, experiment, stacking)
         if row.clearances_mean is not None
@@ -95,7 +103,8 @@ def _damping(run: Run) -> Iterator[Claim]:
     found = []
     for row in _variants(run, "lateral", False):
         cut = _reduction(undamped, row, "instructions")
-        found.append(Found(_within(cut, 0.82, 0.92), f"{_settings(row)}: {_rate(cut)}"))
+        figures, judged = f"{_settings(row)}: {_rate(cut)}", _trained(run, undamped, row)
+        found.append(Found(_within(cut, 0.82, 0.92), figures, judged))
     words = "damping reduces instructions by about 87 %"
     yield from _claim("lateral", words, "113.0 to 14.5", "reduction of 82 to 92 %", found)
 
@@ -106,7 +115,8 @@ def _stacking(run: Run) -> Iterator[Claim]:
         cut = _reduction(plain, stacked, "clearances")
         gained = _value(stacked, "success") - _value(plain, "success")
         figures = f"{_settings(stacked)}: {_rate(cut)}, success {100.0 * gained:+.1f} points"
-        found.append(Found(not _below(cut, 0.4) and not _below(gained, -EQUAL), figures))
+        holds = not _below(cut, 0.4) and not _below(gained, -EQUAL)
+        found.append(Found(holds, figures, _trained(run, plain, stacked)))
     words = "stacking roughly halves the clearances at equal success"
     criterion = "reduction of 40 % or more, success at most 1 point lower"
     yield from _claim("lateral", words, "14.5 to 7.2", criterion, found)
@@ -114,9 +124,9 @@ def _stacking(run: Run) -> Iterator[Claim]:
     for plain, stacked in _plain_and_stacked(run, "lateral-undamped"):
         cut = _reduction(plain, stacked, "clearances")
         figures = f"{_clearances(plain)} to {_clearances(stacked)}: {_rate(cut)}"
-        found.append(Found(_below(cut, 0.2), figures))
+        found.append(Found(_below(cut, 0.2), figures, _trained(run, plain, stacked)))
     words = "undamped behaviour cannot be stacked"
-    yield from _claim("lateral", words, NO_FIGURE, "reduction of less than 20 %", found)
+    yield from _claim("lateral", words, NOTHING, "reduction of less than 20 %", found)
 
 
 def _large(run: Run) -> Iterator[Claim]:
@@ -129,7 +139,8 @@ def _large(run: Run) -> Iterator[Claim]:
         worse = _below(_value(row, "success"), _value(large, "success") - EQUAL)
         rates = f"success {_value(row, 'success'):.3f} against {_value(large, 'success'):.3f}"
         counts = f"{_settings(row)}: {_clearances(row)} against {_clearances(large)}"
-        found.append(Found(not more and not worse, f"{counts}, {rates}"))
+        judged = _trained(run, row, large)
+        found.append(Found(not more and not worse, f"{counts}, {rates}", judged))
     words = "5 actions with stacking perform as well as 37 actions"
     criterion = "no more clearances, success at most 1 point lower"
     yield from _claim("lateral", words, "7.2 against 6.3", criterion, found)
@@ -147,7 +158,8 @@ def _significance(run: Run) -> Iterator[Claim]:
         gap = _difference(run, row, "lateral-large")
         if gap is not None:
             holds = gap.low <= 0.0 <= gap.high
-            found.append(Found(holds, f"{_settings(row)}: {interval(gap)}"))
+            judged = _trained(run, row, run.results.row("lateral-large", False))
+            found.append(Found(holds, f"{_settings(row)}: {interval(gap)}", judged))
     yield from _claim(
         "lateral",
         "the difference between 6.3 and 7.2 is not significant",
@@ -161,13 +173,15 @@ def _learning(run: Run) -> Iterator[Claim]:
     small, large = _curves(run, "lateral"), _curves(run, "lateral-large")
     if not small or not large:
         return
+    rows = (run.results.row(name, False) for name in ("lateral", "lateral-large"))
+    judged = _trained(run, *rows)
     steps = [median(map(_converged, seeds)) for seeds in (small, large)]
     yield from _claim(
         "lateral",
         "the small action space converges faster",
         "earlier and more reliable success",
         f"{_rate(LEARNED)} success after fewer steps, median over seeds",
-        [Found(steps[0] < steps[1], " against ".join(map(_million, steps)))],
+        [Found(steps[0] < steps[1], " against ".join(map(_million, steps)), judged)],
     )
     fields = ("correct_exit", "excursion", "few_instructions")
     exits, inside, few = (_final_rate(large, field) for field in fields)
@@ -180,9 +194,9 @@ def _learning(run: Run) -> Iterator[Claim]:
     yield from _claim(
         "lateral",
         "the count criterion limits the success of 37 actions",
-        NO_FIGURE,
+        NOTHING,
         "the count criterion is met less often than the other two",
-        [Found(_below(few, min(exits, inside) - EQUAL), figures)],
+        [Found(_below(few, min(exits, inside) - EQUAL), figures, judged)],
     )
 
 
@@ -196,9 +210,8 @@ def _vertical(run: Run) -> Iterator[Claim]:
     figures = f"{len(before)} climbs and descents: {before.mean():.1f} to {after.mean():.2f}"
     holds = bool(np.all(after == 1))
     words = "a burst of fifteen instructions becomes one clearance"
-    yield from _claim(
-        "vertical", words, "15 to 1", "one clearance in every case", [Found(holds, figures)]
-    )
+    found = [Found(holds, figures, _trained(run, plain, stacked))]
+    yield from _claim("vertical", words, "15 to 1", "one clearance in every case", found)
 
 
 def _avoidance(run: Run) -> Iterator[Claim]:
@@ -209,7 +222,11 @@ def _avoidance(run: Run) -> Iterator[Claim]:
     rows = _variants(run, "avoidance", True)
     lost = [(row, row.statistics["loss_of_separation"].mean) for row in rows]
     found = [
-        Found(not _below(0.01, rate.value), f"{_settings(row)}: {percent_interval(rate)}")
+        Found(
+            not _below(0.01, rate.value),
+            f"{_settings(row)}: {percent_interval(rate)}",
+            _trained(run, row),
+        )
         for row, rate in lost
     ]
     words = "separation is lost in 1 of 100 scenarios"
@@ -222,6 +239,7 @@ def _avoidance(run: Run) -> Iterator[Claim]:
         Found(
             _below(rate.value, theirs.value),
             f"{_settings(row)}: {percent_interval(rate)} against {percent_interval(theirs)}",
+            _trained(run, row, large),
         )
         for row, rate in lost
     ]
@@ -231,6 +249,7 @@ def _avoidance(run: Run) -> Iterator[Claim]:
         Found(
             _below(_value(row, "clearances"), _value(large, "clearances")),
             f"{_settings(row)}: {_clearances(row)} against {_clearances(large)}",
+            _trained(run, row, large),
         )
         for row in rows
     ]
@@ -238,7 +257,7 @@ def _avoidance(run: Run) -> Iterator[Claim]:
     yield from _claim("avoidance", words, "81.2 against 126.3", "lower mean", found)
 
 
-NO_FIGURE = "\N{EN DASH}"
+NOT_TRAINED = " (not trained)"
 
 
 def _claim(
@@ -246,10 +265,21 @@ def _claim(
 ) -> Iterator[Claim]:
     """The verdict on a claim. The first finding is for the paper's settings."""
     if found:
-        holding = [each.holds for each in found]
-        verdict = REPRODUCED if holding[0] else CHANGED if any(holding) else MISSED
-        figures = "; ".join(each.figures for each in found)
-        yield Claim(family, words, paper, criterion, figures, verdict)
+        figures = "; ".join(each.figures + ("" if each.judged else NOT_TRAINED) for each in found)
+        yield Claim(family, words, paper, criterion, figures, _verdict(found))
+
+
+def _verdict(found: Sequence[Found]) -> str:
+    holding = [each.judged and each.holds for each in found]
+    if holding[0]:
+        return REPRODUCED
+    if any(holding):
+        return CHANGED
+    return MISSED if found[0].judged else UNDECIDED
+
+
+def _trained(run: Run, *rows: Row | None) -> bool:
+    return all(row is not None and run.results.is_trained(row) for row in rows)
 
 
 def _variants(run: Run, experiment: str, stacking: bool) -> list[Row]:
@@ -286,7 +316,7 @@ def _reduction(before: Row, after: Row, measure: str) -> float:
 
 
 def _settings(row: Row) -> str:
-    """Whether the row keeps the paper's settings."""
+    """ "tuned" or "as stated": whether the row changes the paper's settings."""
     return "tuned" if row.experiment.endswith("-tuned") else "as stated"
 
 

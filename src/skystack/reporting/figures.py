@@ -4,13 +4,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 from matplotlib.figure import Figure
 
-from skystack.evaluation.summary import NO_OP_NAME
 from skystack.io.files import make_folder
 from skystack.reporting.flights import FlownScenario, read_outcomes, read_scenario, read_sector
 from skystack.reporting.histograms import (
-    SCENARIOS,
     Nearest,
     Panel,
     histogram,
@@ -34,6 +33,8 @@ OVERVIEW = {
         "lateral-tuned-plain",
         "lateral-tuned-stacked",
         "lateral-best-stacked",
+        "do-nothing-lateral-plain",
+        "do-nothing-plain",  # in old files
     ),
     "vertical": ("vertical-plain", "vertical-stacked"),
     "avoidance": (
@@ -45,6 +46,8 @@ OVERVIEW = {
     ),
 }
 """The rows in the combined picture of a family; other families show all rows."""
+HISTOGRAMS = {"lateral": {*OVERVIEW["lateral"], "lateral-large-plain", "lateral-best-plain"}}
+"""The rows in the combined histograms, where these are not all."""
 
 
 def write_figures(run: Path) -> list[Path]:
@@ -65,8 +68,9 @@ def _figures(run: Run) -> Iterator[tuple[str, Figure]]:
         yield "sector", sector_map(sector)
         yield "routes", route_maps(sector)
     for family, rows in run.results.families.items():
-        yield from _pictures(run, family, rows)
-        yield from _histograms(run, family, rows)
+        drawn = run.results.drawn(rows)
+        yield from _pictures(run, family, drawn)
+        yield from _histograms(run, family, drawn)
         yield from _curves(run, family)
 
 
@@ -96,24 +100,29 @@ def _histograms(run: Run, family: str, rows: Sequence[Row]) -> Iterator[tuple[st
     panels = {row.slug: _panel(run, row) for row in rows}
     for slug, panel in panels.items():
         yield f"histogram-{slug}", histogram(panel)
-    # The no-op row is all zeros: its one tall bar would dwarf the others.
-    acting = [row for row in rows if row.experiment != NO_OP_NAME]
+    # Doing nothing has no clearances, and a shipped policy repeats the row of its experiment.
+    acting = [row for row in rows if not row.is_no_op and not row.is_shipped]
     if acting:
-        yield f"histograms-{family}", histograms([panels[row.slug] for row in acting])
+        chosen = HISTOGRAMS.get(family, {row.slug for row in acting})
+        rows_shown = [row for row in acting if row.slug in chosen] or acting
+        yield f"histograms-{family}", histograms([panels[row.slug] for row in rows_shown])
     if acting and family == "avoidance":
         yield f"separations-{family}", separations([_nearest(run, row) for row in acting])
 
 
 def _nearest(run: Run, row: Row) -> Nearest:
-    folder = run.evaluation(row)
-    outcomes, sector = read_outcomes(folder, SCENARIOS), read_sector(folder)
-    lost = int(outcomes.loss_of_separation.sum())
-    return Nearest(row.title, outcomes.min_separation_nm, lost, sector.separation_nm)
+    outcomes = [read_outcomes(folder) for folder in run.evaluations(row)]
+    sector = read_sector(run.evaluation(row))
+    lost = sum(int(each.loss_of_separation.sum()) for each in outcomes)
+    separation_nm = np.concatenate([each.min_separation_nm for each in outcomes])
+    return Nearest(row.title, separation_nm, lost, sector.separation_nm)
 
 
 def _panel(run: Run, row: Row) -> Panel:
-    outcomes = read_outcomes(run.evaluation(row), SCENARIOS)
-    return Panel(row.title, outcomes.clearances, row.paper.clearances_mean if row.paper else None)
+    counts = [read_outcomes(folder).clearances for folder in run.evaluations(row)]
+    return Panel(
+        row.title, np.concatenate(counts), row.paper.clearances_mean if row.paper else None
+    )
 
 
 def _curves(run: Run, family: str) -> Iterator[tuple[str, Figure]]:

@@ -1,8 +1,8 @@
-"""Histograms of the clearances and of the minimum separation per scenario."""
+"""Histograms of the clearances and of the minimum separation per scenario, all seeds together."""
 
 from collections.abc import Sequence
 from math import ceil
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -12,9 +12,9 @@ from matplotlib.ticker import MaxNLocator
 
 from skystack.reporting.style import BLUE, FAINT, INK, MUTED, PAPER, grid_of_axes
 
-SCENARIOS = 100
-"""The number of scenarios in the paper's histograms."""
-MOST_BINS = 80
+MOST_BINS = 40
+COLUMNS = 2
+SHARE_BEYOND = 0.005
 SEPARATION_BIN_NM, SEPARATION_MOST_NM = 2.5, 60.0
 
 
@@ -29,23 +29,26 @@ class Panel(NamedTuple):
 def histogram(panel: Panel) -> Figure:
     """Plot the clearances per scenario of one row."""
     figure, (axes,) = grid_of_axes(1, 1, (5.0, 3.1))
-    _draw(axes, panel, bin_edges([panel]))
-    # There is no room for it next to the title, where `histograms` puts it.
-    axes.set_xlabel("\n".join(filter(None, ["clearances per scenario", _dashed(panel)])))
-    axes.set_ylabel("scenarios")
+    _draw(axes, panel)
+    axes.set_xlabel("clearances per scenario")
+    axes.set_ylabel("% of scenarios")
     return figure
 
 
 def histograms(panels: Sequence[Panel]) -> Figure:
-    """Plot all rows below each other on the same axes."""
-    size_in = (7.2, 1.05 * len(panels) + 0.5)
-    figure, axes = grid_of_axes(len(panels), 1, size_in, sharex=True, sharey=True)
-    edges = bin_edges(panels)
-    for ax, panel in zip(axes, panels, strict=True):
-        _draw(ax, panel, edges)
-        ax.set_title(_dashed(panel), loc="right", color=MUTED, fontsize=8.0, fontweight="normal")
-    figure.supylabel("scenarios", color=MUTED, fontsize=8.5)
-    axes[-1].set_xlabel("clearances per scenario")
+    """Plot all rows, two beside each other, each on its own axes.
+
+    On common axes, the bars of a row with few clearances would be too narrow to read, and those of
+    the others too low.
+    """
+    rows = -(-len(panels) // COLUMNS)
+    figure, axes = grid_of_axes(rows, COLUMNS, (7.2, 1.75 * rows + 0.4))
+    for ax, panel in zip(axes, panels, strict=False):
+        _draw(ax, panel)
+    for empty in axes[len(panels) :]:
+        empty.set_axis_off()
+    figure.supylabel("% of scenarios", color=MUTED, fontsize=8.5)
+    figure.supxlabel("clearances per scenario", color=MUTED, fontsize=8.5)
     return figure
 
 
@@ -82,28 +85,52 @@ def separations(panels: Sequence[Nearest]) -> Figure:
     return figure
 
 
-def bin_edges(panels: Sequence[Panel]) -> Float[np.ndarray, " edges"]:
-    """Edges midway between integers, for the values of all panels and the paper's means."""
-    most = max(
-        max(int(panel.clearances.max(initial=0)), ceil(panel.paper_mean or 0.0)) for panel in panels
-    )
+def bin_edges(panel: Panel) -> Float[np.ndarray, " edges"]:
+    """Edges midway between integers, for nearly all values of a panel and the paper's mean.
+
+    The rest, at most `SHARE_BEYOND`, are counted in the last bin: a few outliers would make all
+    others narrow.
+    """
+    usual = 0
+    if panel.clearances.size:  # not interpolated: that would leave out the largest of 100 values
+        usual = int(np.quantile(panel.clearances, 1.0 - SHARE_BEYOND, method="inverted_cdf"))
+    most = max(usual, ceil(panel.paper_mean or 0.0))
     width = most // MOST_BINS + 1
     return np.arange(0, max(most, 4) + width + 1, width) - 0.5
 
 
-def _draw(axes: Axes, panel: Panel, edges: Float[np.ndarray, " edges"]) -> None:
+def _draw(axes: Axes, panel: Panel) -> None:
+    edges = bin_edges(panel)
     mean, std = panel.clearances.mean(), panel.clearances.std()
-    axes.hist(panel.clearances, bins=list(edges), color=BLUE, edgecolor=PAPER, linewidth=0.6)
+    share = np.full(len(panel.clearances), 100.0 / max(len(panel.clearances), 1))
+    bars: dict[str, Any] = {"color": BLUE, "edgecolor": PAPER, "linewidth": 0.6}
+    drawn = np.minimum(panel.clearances, edges[-1] - 0.5)
+    axes.hist(drawn, bins=list(edges), weights=share, **bars)
     axes.set_title(f"{panel.title}: {mean:.1f} ± {std:.1f}")
     axes.set_xlim(edges[0] - 0.4, edges[-1])
+    axes.set_ylim(top=1.3 * axes.get_ylim()[1])  # for the note
     axes.yaxis.set_major_locator(MaxNLocator(nbins=3, integer=True))
-    axes.xaxis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10], integer=True))
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=8, steps=[1, 2, 5, 10], integer=True))
     axes.grid(axis="y", color=FAINT, linewidth=0.5)
     axes.set_axisbelow(True)
+    axes.text(
+        *(0.99, 0.99, _note(panel)),
+        transform=axes.transAxes,
+        ha="right",
+        va="top",
+        color=MUTED,
+        fontsize=7.5,
+    )
     if panel.paper_mean is not None:
-        axes.axvline(panel.paper_mean, color=INK, linewidth=1.2, linestyle=(0, (4, 2)))
+        axes.axvline(panel.paper_mean, ymax=0.84, color=INK, linewidth=1.2, linestyle=(0, (4, 2)))
 
 
-def _dashed(panel: Panel) -> str:
-    """The meaning of the dashed line; empty if there is none."""
-    return "" if panel.paper_mean is None else f"dashed: the paper's mean, {panel.paper_mean:.1f}"
+def _note(panel: Panel) -> str:
+    """The number of scenarios, and the meaning of the dashed line if there is one."""
+    count = f"{len(panel.clearances):,} scenarios"
+    beyond = int((panel.clearances > bin_edges(panel)[-1]).sum())
+    if beyond:
+        count += f", {beyond} beyond"
+    if panel.paper_mean is None:
+        return count
+    return f"{count}; dashed: paper, {panel.paper_mean:.1f}"

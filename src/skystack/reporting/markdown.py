@@ -20,7 +20,7 @@ def _parts(run: Run) -> Iterator[str]:
     yield f"`{command}`; {machine}; skystack {version}\n"
     for family, rows in results.families.items():
         yield f"## {family_title(family)}\n"
-        yield tables.comparison(rows, run.bound_of(family)).as_markdown()
+        yield tables.comparison(rows, run.bound_of(family), results.is_trained).as_markdown()
         for table in (
             tables.estimates(rows),
             tables.seeds_side_by_side(results, rows),

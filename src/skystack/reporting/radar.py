@@ -1,4 +1,7 @@
-"""Drawing of aircraft on a radar, shared by films, stills and rendered environments."""
+"""Drawing of aircraft on a radar, shared by films, stills and rendered environments.
+
+The symbols are those of the replay page: a square, filled and crossed if separation is lost.
+"""
 
 from typing import Any, NamedTuple
 
@@ -8,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 
+from skystack.airspace.sector import Sector
 from skystack.reporting.style import INK, PAPER, SERIES
 
 AHEAD_MIN = 2.0
@@ -19,7 +23,15 @@ LABEL_PT = 9.0
 ROUTE: dict[str, Any] = {"linewidth": 7.0, "alpha": 0.13, "zorder": 2.5}
 TRAIL: dict[str, Any] = {"linewidth": 1.4, "alpha": 0.8, "zorder": 4}
 AHEAD: dict[str, Any] = {"color": INK, "linewidth": 1.2, "zorder": 8.5}
-RING: dict[str, Any] = {"lw": 0.9, "alpha": 0.7, "zorder": 8.5}
+RING: dict[str, Any] = {"lw": 2.2, "zorder": 8.5}
+SQUARE: dict[str, Any] = {"marker": "s", "linewidths": 1.6, "zorder": 9}
+SQUARE_PT, LOSS_PT = 6.0, 9.0
+"""The size of the symbol, usually and in a loss of separation."""
+CROSS: dict[str, Any] = {"marker": "x", "linewidths": 1.4, "zorder": 9.5}
+CROSS_PT = 6.0
+DASHED = (0, (3, 2.5))
+"""The line on the cleared heading."""
+SCALE_BARS_NM = (100, 50, 20, 10, 5, 2, 1)
 LABEL: dict[str, Any] = {"fontsize": 9.0, "fontweight": "bold"}
 HALO = withStroke(linewidth=2.2, foreground=PAPER)
 
@@ -62,15 +74,19 @@ def draw_route(axes: Axes, route_nm: Float[np.ndarray, "points 2"], colour: str)
 def draw_aircraft(axes: Axes, blip: Blip, colour: str, ring_nm: float = 0.0) -> None:
     """Draw an aircraft as a square with its callsign and level.
 
-    A solid line ends at its position in two minutes. A dotted line of the same length shows the
-    cleared heading. A ring of true radius `ring_nm` is drawn unless it is 0.
+    A solid line ends at its position in two minutes. A dashed line of the same length shows the
+    cleared heading. With `ring_nm`, separation is lost: the square is filled and crossed, and a
+    ring of that true radius is drawn.
     """
     here = (float(blip.position_nm[0]), float(blip.position_nm[1]))
-    for line, style in zip(lines_ahead(blip), (":", "-"), strict=True):
+    for line, style in zip(lines_ahead(blip), (DASHED, "-"), strict=True):
         axes.plot(*line.T, linestyle=style, **AHEAD)
-    axes.plot(*here, "s", color=colour, mec=PAPER, markersize=7.5, zorder=9)
     if ring_nm:
+        axes.scatter(*here, s=LOSS_PT**2, facecolors=colour, edgecolors=colour, **SQUARE)
+        axes.scatter(*here, s=CROSS_PT**2, c=PAPER, **CROSS)
         axes.add_patch(Circle(here, ring_nm * blip.scale, fill=False, ec=colour, **RING))
+    else:
+        axes.scatter(*here, s=SQUARE_PT**2, facecolors=PAPER, edgecolors=colour, **SQUARE)
     label = place_of_label(blip)
     axes.annotate(
         label.text,
@@ -83,6 +99,26 @@ def draw_aircraft(axes: Axes, blip: Blip, colour: str, ring_nm: float = 0.0) -> 
         path_effects=[HALO],
         zorder=10,  # above the names of fixes
         **LABEL,
+    )
+
+
+def draw_scale_bar(axes: Axes, sector: Sector) -> None:
+    """Draw a bar of a round number of NM at the lower left, true in the middle of the map."""
+    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+    scale = float(sector.plane.scale(np.array([(south + north) / 2.0]))[0])
+    width = east - west
+    nm = next((each for each in SCALE_BARS_NM if each * scale <= width / 4.0), SCALE_BARS_NM[-1])
+    start, level = west + 0.02 * width, south + 0.02 * (north - south)
+    end = start + nm * scale
+    axes.plot([start, end], [level, level], color=INK, lw=1.2, marker="|", ms=6.0, zorder=5)
+    axes.annotate(
+        f"{nm} NM",
+        (end, level),
+        xytext=(6.0, 0.0),
+        textcoords="offset points",
+        va="center",
+        fontsize=8.0,
+        color=INK,
     )
 
 

@@ -1,6 +1,6 @@
 """`report.html`: a self-contained report on a run, with its tables, figures and claims."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,12 +13,21 @@ from skystack.reporting.figures import (
     write_figures,
 )
 from skystack.reporting.flights import FlownScenario, IssuedClearance, read_scenario
-from skystack.reporting.histograms import SCENARIOS
+from skystack.reporting.headline import headline
 from skystack.reporting.markdown import as_markdown
 from skystack.reporting.page import Picture, picture_of, render
-from skystack.reporting.results import BOUND_FAMILY, Bound, Row, Run, family_title, read_run
+from skystack.reporting.replay.page import write_replay
+from skystack.reporting.results import (
+    BOUND_FAMILY,
+    TRAINED_MARGIN,
+    Bound,
+    Row,
+    Run,
+    family_title,
+    read_run,
+)
 from skystack.reporting.trajectories import clearances_text
-from skystack.reporting.typical import kind_of_scenario, typical_scenario
+from skystack.reporting.typical import CANDIDATES, kind_of_scenario, typical_scenario
 
 SETTING = {
     "loop": "Policy, online action-stacking and simulator, and the data they exchange",
@@ -32,6 +41,8 @@ class RowSection(NamedTuple):
     """The section of the report on one row."""
 
     title: str
+    is_open: bool
+    """Whether it is unfolded at first: the rows of the overview are."""
     flights: Picture
     histogram: Picture
     clearances: str
@@ -44,6 +55,7 @@ class FamilySection(NamedTuple):
 
     name: str
     title: str
+    brief: tables.Table
     comparison: tables.Table
     estimates: tables.Table
     claims: tables.Table
@@ -52,6 +64,8 @@ class FamilySection(NamedTuple):
     """The number of the scenario that is drawn."""
     kind: str | None
     """What the scenario has in common with the paper's, in words; None if nothing."""
+    replay: str | None
+    """The file with the replay of the scenario, if there is one."""
     sections: tuple[RowSection, ...]
     histograms: Picture | None
     separations: Picture | None
@@ -65,43 +79,75 @@ class Tile(NamedTuple):
 
     name: str
     value: str
-    paper: str | None
+    notes: tuple[str, ...]
 
 
 def write_report(run: Path) -> Path:
-    """Write `figures/`, `results.md` and `report.html`; return the path of the report.
+    """Write `figures/`, `results.md`, replays and `report.html`; return the path of the report.
 
     Raises InputError that names a missing or damaged file.
     """
     drawn = {path.stem for path in write_figures(run)}
     contents, path = read_run(run), run / "report.html"
     atomic_write(run / "results.md", as_markdown(contents).encode())
-    atomic_write(path, _page(contents, drawn))
+    replays = {
+        family: _write_replay(contents, family, rows)
+        for family, rows in contents.results.families.items()
+    }
+    atomic_write(path, _page(contents, drawn, replays))
     return path
 
 
-def _page(run: Run, drawn: set[str]) -> bytes:
+def _write_replay(run: Run, family: str, rows: Sequence[Row]) -> str | None:
+    """Write the replay of a family's scenario, one policy without and with stacking, if flown.
+
+    Returns the name of the file in the run folder.
+    """
+    flown = [row for row in run.results.drawn(rows) if not row.is_no_op and not row.is_shipped]
+    stacked = [row for row in flown if row.stacking]
+    if not stacked:
+        return None
+    last = stacked[-1]
+    plain = [row for row in flown if (row.experiment, row.stacking) == (last.experiment, False)]
+    name = f"replay-{family}.html"
+    shown = [run.evaluation(row) for row in (*plain, last)]
+    write_replay(shown, run.folder / name, only=typical_scenario(run, rows))
+    return name
+
+
+def _page(run: Run, drawn: set[str], replays: Mapping[str, str | None]) -> bytes:
     results, claims = run.results, check_claims(run)
     return render(
         "report.html.jinja",
         results=results,
+        headline=list(headline(run)),
         tiles=_tiles(run),
         setting={name: _picture(run, name, SETTING[name]) for name in SETTING if name in drawn},
-        families=[_family(run, drawn, claims, *family) for family in results.families.items()],
+        families=[
+            _family(run, drawn, claims, *family)._replace(replay=replays[family[0]])
+            for family in results.families.items()
+        ],
         platforms=tables.platforms(results.platforms),
         comparisons=tables.comparisons(results),
         flown_in={row.platform for row in results.platforms},
-        by_seed=tables.by_seed(results),
+        several_seeds=_several_seeds(results.rows),
+        by_seed=tables.by_seed(results) if _several_seeds(results.rows) else None,
+        margin=f"{100.0 * TRAINED_MARGIN:.0f}",
         trainings=tables.trainings(results),
         took=tables.duration(results.wall_s),
-        histogram_scenarios=SCENARIOS,
+        candidates=CANDIDATES,
     )
+
+
+def _several_seeds(rows: Sequence[Row]) -> bool:
+    """Whether a row covers several seeds; otherwise results by seed would repeat the rows."""
+    return any(row.seeds > 1 for row in rows)
 
 
 def _family(
     run: Run, drawn: set[str], claims: Sequence[Claim], family: str, rows: list[Row]
 ) -> FamilySection:
-    scenario = typical_scenario(run, rows)
+    scenario, drawn_rows = typical_scenario(run, rows), run.results.drawn(rows)
     bound = run.bound_of(family)
 
     def if_drawn(name: str, words: str) -> Picture | None:
@@ -110,13 +156,15 @@ def _family(
     return FamilySection(
         name=family,
         title=family_title(family),
-        comparison=tables.comparison(rows, bound),
+        brief=tables.brief(rows, bound, run.results.is_trained),
+        comparison=tables.comparison(rows, bound, run.results.is_trained),
         estimates=tables.estimates(rows),
         claims=claims_table([claim for claim in claims if claim.family == family]),
         bound=bound,
         scenario=scenario,
         kind=kind_of_scenario(run, rows, scenario),
-        sections=tuple(_section(run, row, scenario) for row in rows),
+        replay=None,
+        sections=tuple(_section(run, row, scenario) for row in drawn_rows),
         histograms=if_drawn(f"histograms-{family}", "Clearances per scenario, all rows"),
         separations=if_drawn(f"separations-{family}", "Minimum separation per scenario"),
         convergence=if_drawn(
@@ -132,20 +180,28 @@ def _family(
 
 def _tiles(run: Run) -> list[Tile]:
     """A tile for each row of the combined pictures, and one for the fewest possible clearances."""
-    overview = {slug for slugs in OVERVIEW.values() for slug in slugs}
+    overview = _overview()
     tiles = [
         Tile(
             row.title,
             tables.decimal(row.clearances_mean),
-            tables.decimal(row.paper.clearances_mean) if row.paper else None,
+            (
+                f"{tables.percent(row.success_rate)} success",
+                *([f"paper {tables.decimal(row.paper.clearances_mean)}"] if row.paper else []),
+            ),
         )
         for row in run.results.rows
-        if row.slug in overview
+        if row.slug in overview and not row.is_no_op and run.results.is_trained(row)
     ]
     if run.bound is not None and BOUND_FAMILY in run.results.families:
         value = tables.decimal(run.bound.clearances_mean)
-        tiles.append(Tile("Fewest possible, lateral", value, None))
+        tiles.append(Tile("Fewest possible, lateral", value, ("10-degree turns",)))
     return tiles
+
+
+def _overview() -> set[str]:
+    """The rows of the combined pictures."""
+    return {slug for slugs in OVERVIEW.values() for slug in slugs}
 
 
 def _section(run: Run, row: Row, number: int) -> RowSection:
@@ -153,6 +209,7 @@ def _section(run: Run, row: Row, number: int) -> RowSection:
     issued = [clearance for track in scenario.tracks for clearance in track.clearances]
     return RowSection(
         title=row.title,
+        is_open=row.slug in _overview() or row.family not in OVERVIEW,
         flights=_picture(run, f"trajectory-{row.slug}", _alternative_text(scenario)),
         histogram=_picture(
             run, f"histogram-{row.slug}", f"Histogram of clearances per scenario: {row.name}"

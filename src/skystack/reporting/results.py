@@ -10,7 +10,7 @@ import msgspec
 
 from skystack.errors import InputError, error_context
 from skystack.evaluation.statistics import Estimate
-from skystack.evaluation.summary import NO_OP_NAME
+from skystack.evaluation.summary import is_no_op, no_op_name, trained_name
 from skystack.io.files import MOST_BYTES, read_whole
 from skystack.io.json_file import decode
 from skystack.io.names import Name
@@ -35,9 +35,12 @@ READABLE_NAMES = {
     ("lateral-tuned", True): "tuned and stacked",
     ("lateral-best", False): "ours, unstacked",
     ("lateral-best", True): "ours, stacked",
-    ("do-nothing", False): "do nothing",
+    ("lateral-shipped", True): "damped and stacked, shipped",
+    ("lateral-best-shipped", True): "ours, stacked, shipped",
+    ("do-nothing-lateral", False): "do nothing",
     ("vertical", False): "vertical",
     ("vertical", True): "vertical, stacked",
+    ("do-nothing-vertical", False): "vertical, do nothing",
     ("avoidance", False): "avoidance",
     ("avoidance", True): "avoidance, stacked",
     ("avoidance-large", False): "avoidance, 37 actions",
@@ -46,10 +49,15 @@ READABLE_NAMES = {
     ("avoidance-tuned", True): "avoidance, tuned and stacked",
     ("avoidance-best", False): "avoidance, ours, unstacked",
     ("avoidance-best", True): "avoidance, ours, stacked",
+    ("do-nothing-avoidance", False): "avoidance, do nothing",
 }
-"""Names of (experiment, stacking), in the order of tables and figures."""
+"""Display names by (experiment, stacking), in the order of tables and figures."""
 BOUND_FAMILY = "lateral"
 """The family for which the fewest possible clearances are known."""
+TRAINED_MARGIN = 0.3
+"""A policy counts as trained if its success rate exceeds that of doing nothing by this much."""
+ROUNDING = 1e-9
+"""The tolerance for rounding errors: in binary, 0.27 + 0.3 exceeds 0.57."""
 OTHER_FAMILY = "other"
 """The family of unknown experiments in old files, which do not state the task."""
 
@@ -61,7 +69,7 @@ def family_of(experiment: str, task: str | None) -> str:
     """
     if task is not None:
         return task
-    if experiment == NO_OP_NAME:
+    if is_no_op(experiment):
         return BOUND_FAMILY
     word = experiment.partition("-")[0]
     return word if word in tasks() else OTHER_FAMILY
@@ -141,6 +149,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     clearances_mean: Number
     clearances_std: Number
     instructions_mean: Number
+    exit_offset_nm_mean: Number = None
+    """The mean distance from the exit fix at the exit; old files do not state it."""
     success_rate: Number
     correct_exit_rate: Number
     excursion_rate: Number
@@ -160,10 +170,20 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
         return family_of(self.experiment, self.task)
 
     @property
+    def is_no_op(self) -> bool:
+        """Whether no instruction was issued, because there was no policy."""
+        return is_no_op(self.experiment)
+
+    @property
+    def is_shipped(self) -> bool:
+        """Whether the policy ships with skystack and was not trained in this run."""
+        return trained_name(self.experiment) != self.experiment
+
+    @property
     def policy(self) -> str:
         """The readable name of the policy, such as `damped and stacked`."""
-        way = "stacked" if self.stacking else "plain"
-        return READABLE_NAMES.get((self.experiment, self.stacking), f"{self.experiment}, {way}")
+        way = "stacked" if self.stacking else "unstacked"
+        return READABLE_NAMES.get(_display_key(self), f"{self.experiment}, {way}")
 
     @property
     def name(self) -> str:
@@ -217,6 +237,20 @@ class Results(msgspec.Struct, frozen=True, kw_only=True):
         )
         return next(found, None)
 
+    def is_trained(self, row: Row) -> bool:
+        """Whether a row's policy succeeds more often than doing nothing, by `TRAINED_MARGIN`.
+
+        Where doing nothing was not evaluated, it counts as never succeeding.
+        """
+        rates = [each.success_rate for each in self.families[row.family] if each.is_no_op]
+        floor = max((rate for rate in rates if rate is not None), default=0.0)
+        least = floor + TRAINED_MARGIN - ROUNDING
+        return row.success_rate is not None and row.success_rate >= least
+
+    def drawn(self, rows: Iterable[Row]) -> list[Row]:
+        """The rows whose flights and counts are drawn: trained policies, and doing nothing."""
+        return [row for row in rows if row.is_no_op or self.is_trained(row)]
+
     @property
     def families(self) -> dict[str, list[Row]]:
         """The rows by family."""
@@ -237,7 +271,7 @@ class Results(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Bound(msgspec.Struct, frozen=True):
-    """The fewest clearances with which any controller can succeed, as a mean over scenarios."""
+    """The fewest clearances with which turns in steps of 10 degrees can succeed, as a mean."""
 
     clearances_mean: Figure
     scenarios: Count
@@ -272,21 +306,23 @@ class Run:
         """The fewest possible clearances of a family, if known."""
         return self.bound if family == BOUND_FAMILY else None
 
-    def first_seed(self, row: Row) -> int:
-        """The row's lowest seed, whose flights the pictures and histograms show."""
+    def evaluations(self, row: Row) -> list[Path]:
+        """The evaluation folders of a row, one for each seed in ascending order."""
         key = (row.experiment, row.platform, row.stacking)
-        seeds = [
+        seeds = sorted(
             one.seed
             for one in self.results.rows_by_seed
             if (one.experiment, one.platform, one.stacking) == key and one.seed is not None
+        )
+        way = "stacked" if row.stacking else "plain"
+        return [
+            self.folder / "evaluation" / f"{row.experiment}-s{seed}-{row.platform}-{way}"
+            for seed in seeds or [0]
         ]
-        return min(seeds, default=0)
 
     def evaluation(self, row: Row) -> Path:
-        """The evaluation folder of a row's first seed."""
-        way = "stacked" if row.stacking else "plain"
-        name = f"{row.experiment}-s{self.first_seed(row)}-{row.platform}-{way}"
-        return self.folder / "evaluation" / name
+        """The evaluation folder of a row's first seed, whose flights the pictures show."""
+        return self.evaluations(row)[0]
 
     def updates(self, training: Training) -> list[Update]:
         """The learning curve of a training run. Raises InputError for a missing or damaged file."""
@@ -349,10 +385,15 @@ def in_order(rows: Iterable[Row]) -> list[Row]:
 def row_order(row: Row) -> tuple[int, str, bool, int, str]:
     """The sort key of a row."""
     known, simulators = list(READABLE_NAMES), list(SIMULATORS)
-    key = (row.experiment, row.stacking)
+    key = _display_key(row)
     place = known.index(key) if key in known else len(known)
     where = simulators.index(row.platform) if row.platform in simulators else len(simulators)
     return place, row.experiment, row.stacking, where, row.platform
+
+
+def _display_key(row: Row) -> tuple[str, bool]:
+    """The key of a row in `READABLE_NAMES`."""
+    return (no_op_name(row.family) if row.is_no_op else row.experiment), row.stacking
 
 
 def _experiment_order(experiment: str) -> tuple[int, str]:

@@ -1,4 +1,4 @@
-"""The command `sector`: the facts about a sector, and a map of it."""
+"""The output of the verb `sector`: a description of the sector, and a map."""
 
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,7 @@
 """Tables of results for the terminal, for Markdown and for the report."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import msgspec
@@ -13,7 +13,7 @@ from rich.text import Text
 
 from skystack.errors import printable
 from skystack.evaluation.statistics import Estimate
-from skystack.reporting.results import SIMULATORS, Bound, Number, Results, Row, in_order
+from skystack.reporting.results import SIMULATORS, Bound, Number, Results, Row
 
 NOTHING = "\N{EN DASH}"
 
@@ -86,24 +86,70 @@ def _width(column: tuple[str, ...]) -> int:
     return max(map(cell_len, (*column[0].split(), *column[1:]))) + GAP
 
 
-def comparison_of(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """The comparison table for rows as evaluation returns them."""
-    return comparison(in_order(msgspec.convert(rows, list[Row])))
+def _every_row(row: Row) -> bool:
+    return True
 
 
-def comparison(rows: Sequence[Row], bound: Bound | None = None) -> Table:
-    """One line per row, with the paper's clearances; the fewest possible clearances come last."""
+def comparison(
+    rows: Sequence[Row], bound: Bound | None = None, is_trained: Callable[[Row], bool] = _every_row
+) -> Table:
+    """One line per row, with the paper's clearances; the fewest possible clearances come last.
+
+    Clearances and instructions of policies that are not trained are not shown.
+    """
     header = ("row", "paper", *_MEASURED, "seeds")
-    lines = [(row.name, _paper(row), *_measured(row), str(row.seeds)) for row in rows]
+    lines = [
+        (row.name, _paper(row), *_counts(row, is_trained), *_rates(row), str(row.seeds))
+        for row in rows
+    ]
     if bound is not None:
         blank = [NOTHING] * (len(header) - 3)
         lines.append(("fewest possible", NOTHING, f"{bound.clearances_mean:.1f}", *blank))
     return Table(header, tuple(lines))
 
 
-def platforms_of(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """The table of simulators for rows as evaluation returns them."""
-    return platforms(in_order(msgspec.convert(rows, list[Row])))
+def brief(
+    rows: Sequence[Row], bound: Bound | None = None, is_trained: Callable[[Row], bool] = _every_row
+) -> Table:
+    """The main figures of the rows of one family, narrow enough for a terminal of 80 columns."""
+    lines = [
+        {
+            "row": row.name.removeprefix(f"{row.family}, "),
+            "paper": _paper(row),
+            "clearances": _counts(row, is_trained)[0],
+            "success": percent(row.success_rate),
+            "exit offset": decimal(row.exit_offset_nm_mean),
+            "separation lost": percent(row.loss_of_separation_count / max(row.episodes, 1)),
+        }
+        for row in rows
+    ]
+    header = ["row", "paper", "clearances", "success", "exit offset", "separation lost"]
+    if not any(row.paper for row in rows):
+        header.remove("paper")
+    if not any(row.family == "avoidance" for row in rows):
+        header.remove("separation lost")
+    if bound is not None:
+        least = {"row": "fewest possible", "clearances": decimal(bound.clearances_mean)}
+        lines.append(dict.fromkeys(header, NOTHING) | least)
+    return Table(tuple(header), tuple(tuple(line[name] for name in header) for line in lines))
+
+
+def one_row(values: Mapping[str, Any]) -> Table:
+    """One line per measure, for a row as evaluation returns it."""
+    row = msgspec.convert(values, Row)
+    lost = row.loss_of_separation_count
+    lines = [
+        ("clearances per scenario", mean_and_std(row.clearances_mean, row.clearances_std)),
+        *([("clearances in the paper", _paper(row))] if row.paper else []),
+        ("instructions per scenario", decimal(row.instructions_mean)),
+        ("success", percent(row.success_rate)),
+        ("correct exit", percent(row.correct_exit_rate)),
+        ("excursion", percent(row.excursion_rate)),
+        ("few clearances", percent(row.few_clearances_rate)),
+        ("exit offset, NM", decimal(row.exit_offset_nm_mean)),
+        ("scenarios with a loss of separation", f"{lost} of {row.episodes}"),
+    ]
+    return Table(("measure", "value"), tuple(lines))
 
 
 def platforms(rows: Sequence[Row]) -> Table:
@@ -137,25 +183,27 @@ def platforms(rows: Sequence[Row]) -> Table:
 
 
 def estimates(rows: Sequence[Row]) -> Table:
-    """Means and interquartile means over seeds, each with its 95 % interval."""
-    header = (
-        "row",
-        "clearances",
-        "interquartile mean",
-        "success",
-        "interquartile mean",
-        "losses of separation",
-    )
+    """Means over seeds with their 95 % intervals; with several seeds also interquartile means."""
+    several = any(row.seeds > 1 for row in rows)
     lines = []
     for row in rows:
         if not row.statistics:
             continue
         clearances, success = row.statistics["clearances"], row.statistics["success"]
         lost = row.statistics["loss_of_separation"].mean
-        cells = (interval(clearances.mean), interval(clearances.iqm))
-        rates = (percent_interval(each) for each in (success.mean, success.iqm, lost))
-        lines.append((row.name, *cells, *rates))
-    return Table(header, tuple(lines))
+        cells = {
+            "row": row.name,
+            "clearances": interval(clearances.mean),
+            "clearances, interquartile": interval(clearances.iqm),
+            "success": percent_interval(success.mean),
+            "success, interquartile": percent_interval(success.iqm),
+            "losses of separation": percent_interval(lost),
+        }
+        lines.append(
+            {name: cell for name, cell in cells.items() if several or "interquartile" not in name}
+        )
+    header = tuple(lines[0]) if lines else ()
+    return Table(header, tuple(tuple(line.values()) for line in lines))
 
 
 def comparisons(results: Results) -> Table:
@@ -198,7 +246,12 @@ def by_seed(results: Results) -> Table:
     """One line per training run."""
     header = ("row", "seed", *_MEASURED)
     rows = [
-        (row.name, NOTHING if row.seed is None else str(row.seed), *_measured(row))
+        (
+            row.name,
+            NOTHING if row.seed is None else str(row.seed),
+            *_counts(row, _every_row),
+            *_rates(row),
+        )
         for row in results.rows_by_seed
     ]
     return Table(header, tuple(rows))
@@ -255,18 +308,24 @@ _MEASURED = (
     "correct exit",
     "excursion",
     "few clearances",
+    "exit offset, NM",
     "losses of separation",
 )
 
 
-def _measured(row: Row) -> tuple[str, ...]:
+def _counts(row: Row, is_trained: Callable[[Row], bool]) -> tuple[str, ...]:
+    if not row.is_no_op and not is_trained(row):
+        return ("not trained", NOTHING)
+    return mean_and_std(row.clearances_mean, row.clearances_std), decimal(row.instructions_mean)
+
+
+def _rates(row: Row) -> tuple[str, ...]:
     return (
-        mean_and_std(row.clearances_mean, row.clearances_std),
-        decimal(row.instructions_mean),
         percent(row.success_rate),
         percent(row.correct_exit_rate),
         percent(row.excursion_rate),
         percent(row.few_clearances_rate),
+        decimal(row.exit_offset_nm_mean),
         f"{row.loss_of_separation_count} of {row.episodes}",
     )
 
@@ -283,14 +342,18 @@ def mean_and_std(mean: Number, std: Number) -> str:
 
 
 def interval(estimate: Estimate) -> str:
-    """Format as `7.2 [6.9, 7.5]`."""
-    return f"{estimate.value:.1f} [{estimate.low:.1f}, {estimate.high:.1f}]"
+    """Format as `7.2 [6.9, 7.5]`; without an interval if all values are the same."""
+    value, low, high = (f"{each:.1f}" for each in estimate)
+    return value if low == value == high else f"{value} [{low}, {high}]"
 
 
 def percent_interval(estimate: Estimate, places: int = 1) -> str:
-    """Format as `98.3 % [97.5, 99.0]`."""
+    """Format as `98.3 % [97.5, 99.0]`; without an interval if all values are the same.
+
+    A bootstrap of equal values has an interval without width, which would claim too much.
+    """
     value, low, high = (f"{100.0 * each:.{places}f}" for each in estimate)
-    return f"{value} % [{low}, {high}]"
+    return f"{value} %" if low == value == high else f"{value} % [{low}, {high}]"
 
 
 def decimal(value: Number) -> str:

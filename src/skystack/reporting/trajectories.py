@@ -163,11 +163,11 @@ def _write_texts(axes: Axes, scenario: FlownScenario, separation: bool) -> None:
 
 
 def burst_text(burst: Sequence[IssuedClearance]) -> str:
-    """Format as `right 285`, or as `7 × right to 285` for consecutive clearances."""
+    """Format as `right 285`, or as `7 clearances to 285` for consecutive clearances."""
     last = burst[-1]
     if len(burst) == 1:
         return last.short
-    return f"{len(burst)} \N{MULTIPLICATION SIGN} {last.direction} to {last.target}"
+    return f"{clearances_text(len(burst))} to {last.target}"
 
 
 def _is_crowded(scenario: FlownScenario) -> bool:

@@ -1,4 +1,4 @@
-"""A job is one seed of one experiment: trained, then evaluated plain and stacked.
+"""Jobs: train and evaluate one seed, evaluate a shipped policy, or evaluate doing nothing.
 
 The modules `processes` and `cluster` run jobs in parallel.
 """
@@ -6,7 +6,7 @@ The modules `processes` and `cluster` run jobs in parallel.
 import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import pyarrow as pa
 
@@ -22,10 +22,11 @@ from skystack.evaluation.evaluate import (
 )
 from skystack.evaluation.statistics import MEASURES
 from skystack.evaluation.stored import read_table
-from skystack.evaluation.summary import NO_OP_NAME, RowValues
+from skystack.evaluation.summary import RowValues, no_op_name, shipped_name
 from skystack.learning.experiment import Experiment, to_toml
 from skystack.learning.policy import Policy, load_policy
 from skystack.learning.run import TrainingProgress, train_experiment
+from skystack.policies.shipped import find_policy
 from skystack.reproduction.pieces import once
 from skystack.reproduction.plan import Plan
 
@@ -42,36 +43,52 @@ class EvaluatedRow(NamedTuple):
 class JobResult(NamedTuple):
     """The result of a job."""
 
-    train: dict[str, Any]
-    """The summary of the training."""
+    train: dict[str, Any] | None
+    """The summary of the training, if the job trains."""
     flown: tuple[EvaluatedRow, ...]
     """The evaluations."""
     kept: tuple[str, ...]
     """The names of the pieces that an earlier run had finished."""
 
 
-Message = tuple[str, TrainingProgress]
-"""The name of a job, and the progress of its training."""
-OnProgress = Callable[[str, TrainingProgress], None]
+Phase = Literal["evaluating", "done"]
+Message = tuple[str, TrainingProgress | Phase]
+"""The name of a job, and the progress of its training or the phase that begins."""
+OnProgress = Callable[[str, TrainingProgress | Phase], None]
 """Called with the two parts of each message."""
 
 
 class Job(NamedTuple):
-    """An experiment and a seed to train and evaluate; picklable."""
+    """A unit of work of a reproduction, run by one process; picklable."""
 
     plan: Plan
     experiment: Experiment
     seed: int
+    """The training seed; 0 if the job does not train."""
+    kind: Literal["train", "shipped", "no-op"] = "train"
+    """Train the experiment and evaluate the policy without and with stacking; evaluate the policy
+    shipped for the experiment, stacked; or evaluate the experiment's scenarios without
+    instructions."""
 
     @property
     def name(self) -> str:
+        if self.kind == "no-op":
+            return no_op_name(self.experiment.task.name)
+        if self.kind == "shipped":
+            return shipped_name(self.experiment.name)
         return f"{self.experiment.name}-s{self.seed}"
 
     @property
     def folders(self) -> tuple[Path, ...]:
         """All folders that the job writes to."""
+        evaluation = self.plan.evaluation
+        if self.kind == "no-op":
+            return (evaluation_folder(evaluation, self.name, 0, False),)
+        if self.kind == "shipped":
+            seed = find_policy(self.experiment.name).description.seed
+            return (evaluation_folder(evaluation, self.name, seed, True),)
         evaluations = (
-            evaluation_folder(self.plan.evaluation, self.experiment.name, self.seed, stacking)
+            evaluation_folder(evaluation, self.experiment.name, self.seed, stacking)
             for stacking in (False, True)
         )
         return (self.plan.training(self.name), *evaluations)
@@ -79,20 +96,25 @@ class Job(NamedTuple):
 
 def jobs_of(plan: Plan) -> list[Job]:
     """All jobs of a plan, in order."""
+    first_of_task = {each.task.name: each for each in reversed(plan.experiments)}
     return [
-        Job(plan, experiment, seed) for seed in range(plan.seeds) for experiment in plan.experiments
+        *(Job(plan, each, seed) for seed in range(plan.seeds) for each in plan.experiments),
+        *(Job(plan, each, 0, "shipped") for each in plan.experiments if plan.with_shipped),
+        *(Job(plan, each, 0, "no-op") for each in reversed(first_of_task.values())),
     ]
 
 
 def longest_first(jobs: Iterable[Job]) -> list[Job]:
     """The jobs in the order to start them, which keeps all cores busy until the end."""
-    return sorted(jobs, key=lambda job: -job.experiment.ppo.total_steps)
+    return sorted(jobs, key=lambda job: (job.kind != "train", -job.experiment.ppo.total_steps))
 
 
 def run_job(job: Job, put: Callable[[Message], None]) -> JobResult:
-    """Train and evaluate; `put` is called with the progress."""
+    """Run a job; `put` is called with each message."""
     with kept_programs():
-        return _train_and_evaluate(job, put)
+        result = _RUN[job.kind](job, put)
+    put((job.name, "done"))
+    return result
 
 
 def _train_and_evaluate(job: Job, put: Callable[[Message], None]) -> JobResult:
@@ -100,12 +122,28 @@ def _train_and_evaluate(job: Job, put: Callable[[Message], None]) -> JobResult:
     policy, train, cached = trained_once(
         plan, job.experiment, job.seed, lambda progress: put((name, progress))
     )
+    put((name, "evaluating"))
     rows, cached_names = [], [f"training {name}"] * cached
     for stacking in (False, True):
         row, cached = flown_once(plan, policy, stacking)
         rows.append(row)
         cached_names += [f"evaluation {name}, {'stacked' if stacking else 'plain'}"] * cached
     return JobResult(train, tuple(rows), tuple(cached_names))
+
+
+def _evaluate_shipped(job: Job, put: Callable[[Message], None]) -> JobResult:
+    put((job.name, "evaluating"))
+    row, cached = flown_once(job.plan, find_policy(job.experiment.name), True, job.name)
+    return JobResult(None, (row,), (f"evaluation {job.name}",) * cached)
+
+
+def _evaluate_no_op(job: Job, put: Callable[[Message], None]) -> JobResult:
+    put((job.name, "evaluating"))
+    row, cached = no_op_once(job.plan, job.experiment)
+    return JobResult(None, (row,), (f"evaluation {job.name}",) * cached)
+
+
+_RUN = {"train": _train_and_evaluate, "shipped": _evaluate_shipped, "no-op": _evaluate_no_op}
 
 
 def trained_once(
@@ -137,14 +175,20 @@ def trained_once(
     return load_policy(folder), summary, cached
 
 
-def flown_once(plan: Plan, policy: Policy, stacking: bool) -> tuple[EvaluatedRow, bool]:
-    """The evaluation of a policy, and whether it was cached."""
-    described, conditions = policy.description, Conditions(episodes=plan.episodes)
+def flown_once(
+    plan: Plan, policy: Policy, stacking: bool, name: str | None = None
+) -> tuple[EvaluatedRow, bool]:
+    """The evaluation of a policy, and whether it was cached.
+
+    `name` is that of the row; by default that of the policy's experiment.
+    """
+    described = policy.description
+    conditions = Conditions(episodes=plan.episodes, stacking=stacking)
     return _evaluated_once(
         plan,
-        (described.experiment, described.seed, stacking),
+        (name or described.experiment, described.seed, stacking),
         described.sha256,
-        lambda: evaluate(policy, conditions._replace(stacking=stacking), plan.evaluation),
+        lambda: evaluate(policy, conditions, plan.evaluation, name=name),
     )
 
 
@@ -154,7 +198,7 @@ def no_op_once(plan: Plan, experiment: Experiment) -> tuple[EvaluatedRow, bool]:
     config = hashlib.sha256(to_toml(experiment)).hexdigest()
     return _evaluated_once(
         plan,
-        (NO_OP_NAME, 0, False),
+        (no_op_name(experiment.task.name), 0, False),
         config,
         lambda: evaluate_no_op(experiment, conditions, plan.evaluation),
     )
@@ -164,11 +208,16 @@ def _evaluated_once(
     plan: Plan, name: tuple[str, int, bool], what: str, fly: Callable[[], Evaluation]
 ) -> tuple[EvaluatedRow, bool]:
     folder = evaluation_folder(plan.evaluation, *name)
-    key = {"what": what, "episodes": plan.episodes, "version": skystack.__version__}
+    key = {
+        "what": what,
+        "episodes": plan.episodes,
+        "version": skystack.__version__,
+        "columns": list(EPISODES),  # a piece of an older version may lack some
+    }
     files = [f"{table}.parquet" for table in TABLES]
     row, cached = once(folder / "row.json", key, lambda: fly().row, files)
     return EvaluatedRow(row, read_table(folder / "episodes.parquet", EPISODES)), cached
 
 
-EPISODES: Sequence[str] = (*MEASURES, "min_separation_nm")
+EPISODES: Sequence[str] = (*MEASURES, "min_separation_nm", "exits", "exit_offset_nm")
 """The columns of `episodes` from which rows are computed."""

@@ -12,6 +12,8 @@ from skystack.learning.run import CHECKPOINT_EVERY_S
 from skystack.platforms.registry import OWN, check_platform
 from skystack.tasks.registry import tasks
 
+FIRST_LOOK = ("lateral", "lateral-best")
+"""The experiments that are reproduced by default: the paper's, and the best of ours."""
 QUICK_STEPS = 500_000
 QUICK_EPISODES = 200
 PLATFORM_EPISODES = 100
@@ -32,6 +34,8 @@ class Plan:
     command: str
     platforms: tuple[str, ...] = ()
     """Other simulators, in which the policies of the first seed are flown."""
+    with_shipped: bool = False
+    """Also evaluate the policy that is shipped for each experiment."""
     checkpoint_every_s: float = CHECKPOINT_EVERY_S
 
     def training(self, name: str) -> Path:
@@ -52,6 +56,15 @@ def families_of_experiments() -> dict[str, list[str]]:
     return {family: names for family, names in families.items() if names}
 
 
+def plan_first_look(
+    seeds: int, episodes: int, out: Path, command: str, platforms: Sequence[str] = ()
+) -> Plan:
+    """Plan full training runs of `FIRST_LOOK`, compared with the shipped policies."""
+    experiments = tuple(load_experiment(name) for name in FIRST_LOOK)
+    others = _other_platforms(platforms)
+    return Plan(experiments, seeds, episodes, out, False, command, others, with_shipped=True)
+
+
 def plan_families(
     families: Sequence[str],
     seeds: int,
@@ -62,8 +75,7 @@ def plan_families(
     platforms: Sequence[str] = (),
 ) -> Plan:
     """Plan the experiments of some families. Raises InputError for unknown ones or platforms."""
-    for each in platforms:
-        check_platform(each)
+    others = _other_platforms(platforms)
     known = families_of_experiments()
     names: list[str] = []
     for family in families:
@@ -74,8 +86,23 @@ def plan_families(
     experiments = tuple(load_experiment(name) for name in names)
     if quick:
         experiments = tuple(_quick(experiment) for experiment in experiments)
-    others = tuple(dict.fromkeys(name for name in platforms if name != OWN))
     return Plan(experiments, seeds, episodes, out, quick, command, others)
+
+
+def describe_plan(plan: Plan) -> str:
+    """What a plan will do, in one sentence."""
+    steps = ", ".join(f"{each.name} ({each.ppo.total_steps:,} steps)" for each in plan.experiments)
+    seeds = f" with {plan.seeds} seeds each" if plan.seeds > 1 else ""
+    return (
+        f"plan: train {steps}{seeds}; fly {plan.episodes:,} held-out scenarios with each policy, "
+        f"unstacked and stacked; write a report to {plan.out}"
+    )
+
+
+def _other_platforms(platforms: Sequence[str]) -> tuple[str, ...]:
+    for each in platforms:
+        check_platform(each)
+    return tuple(dict.fromkeys(name for name in platforms if name != OWN))
 
 
 def _quick(experiment: Experiment) -> Experiment:

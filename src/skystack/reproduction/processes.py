@@ -46,8 +46,8 @@ def run_in_processes(plan: Plan, report: OnProgress) -> list[JobResult]:
             return [wait_for(futures[job.name]) for job in jobs]
         except BrokenProcessPool:
             raise TrainingError(
-                "a training process was killed, perhaps because memory ran out; finished work is "
-                "kept, and the same command resumes"
+                "a worker process was killed, perhaps because memory ran out; finished work is "
+                "cached: run the same command again to resume"
             ) from None
         except BaseException:
             _stop_workers()

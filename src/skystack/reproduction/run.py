@@ -15,7 +15,7 @@ from skystack.evaluation.statistics import MEASURES, comparison, row_statistics
 from skystack.evaluation.summary import RowValues, aggregate
 from skystack.io.files import atomic_write, make_folder
 from skystack.learning.policy import Policy, load_policy
-from skystack.reproduction.jobs import EvaluatedRow, JobResult, OnProgress, no_op_once
+from skystack.reproduction.jobs import EvaluatedRow, JobResult, OnProgress
 from skystack.reproduction.pieces import once
 from skystack.reproduction.plan import PLATFORM_EPISODES, Plan
 from skystack.reproduction.processes import run_in_processes
@@ -50,17 +50,13 @@ def run_plan(plan: Plan, report: OnProgress, engine: Engine = run_in_processes) 
         for flown in job.flown:
             by_row.setdefault((flown.row["experiment"], flown.row["stacking"]), []).append(flown)
     cached_names = [name for job in jobs for name in job.kept]
-    lateral = [each for each in plan.experiments if each.task.name == "lateral"]
-    if lateral:
-        no_op, cached = no_op_once(plan, lateral[0])
-        by_row[no_op.row["experiment"], False] = [no_op]
-        cached_names += ["evaluation without instructions"] * cached
+    if any(experiment.task.name == "lateral" for experiment in plan.experiments):
         atomic_write(plan.out / "bound.json", fewest_clearances())
     results = {
         "rows": [_row(group) for group in by_row.values()],
         "rows_by_seed": [flown.row for group in by_row.values() for flown in group],
         "comparisons": _comparisons(by_row),
-        "train": [job.train for job in jobs],
+        "train": [job.train for job in jobs if job.train is not None],
         "wall_s": time.monotonic() - started_s,
         "kept": cached_names,
         "machine": machine(),

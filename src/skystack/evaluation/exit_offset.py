@@ -1,0 +1,79 @@
+"""The exit offset: the distance from the exit fix at which an aircraft crosses the exit edge.
+
+The paper counts an exit anywhere on the edge of the sector that has the exit fix. A controller of
+the next sector expects the aircraft at the fix.
+"""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from skystack.airspace.projection import METRES_PER_NM, WGS84
+from skystack.airspace.sector import Sector
+from skystack.evaluation.rollout import Recording
+
+
+def exit_offsets_nm(
+    sector: Sector, recording: Recording
+) -> Float[np.ndarray, "scenarios aircraft"]:
+    """The distance of each aircraft from its exit fix when it crosses the exit edge [NM].
+
+    NaN for an aircraft that does not leave through its exit.
+    """
+    exited = np.asarray(recording.status.exited)
+    offsets = np.full(exited[:, 0].shape, np.nan)
+    scenario, aircraft = np.nonzero(exited.any(axis=1))
+    if len(scenario):
+        cycle = exited.argmax(axis=1)[scenario, aircraft]
+        at = (scenario, cycle, aircraft)
+        before_nm = recording.before("position_nm")[at].astype(np.float64)
+        after_nm = np.asarray(recording.traffic.position_nm)[at].astype(np.float64)
+        route = np.asarray(recording.start.route)[scenario, aircraft]
+        crossing_nm = _crossing_nm(sector, route, before_nm, after_nm)
+        offsets[scenario, aircraft] = _distance_to_exit_fix_nm(sector, route, crossing_nm)
+    return offsets
+
+
+def _crossing_nm(
+    sector: Sector,
+    route: Int[np.ndarray, " exits"],
+    before_nm: Float[np.ndarray, "exits 2"],
+    after_nm: Float[np.ndarray, "exits 2"],
+) -> Float[np.ndarray, "exits 2"]:
+    """Where straight segments cross the exit edges of their routes, in the plane."""
+    edges = sector.route_table.exit_edge_nm.astype(np.float64)[route]
+    start, piece = edges[:, :-1], np.diff(edges, axis=1)
+    flown = (after_nm - before_nm)[:, None]
+    # Fractions of the flown segment and of each piece of the edge, by Cramer's rule.
+    determinant = _cross(flown, piece)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along_flight = _cross(start - before_nm[:, None], piece) / determinant
+        along_edge = _cross(start - before_nm[:, None], flown) / determinant
+    chosen = np.argmin(_outside(along_flight) + _outside(along_edge), axis=1)
+    fraction = np.take_along_axis(along_flight, chosen[:, None], axis=1).clip(0.0, 1.0)
+    crossing: Float[np.ndarray, "exits 2"] = before_nm + fraction * flown[:, 0]
+    return crossing
+
+
+def _outside(fraction: Float[np.ndarray, "exits pieces"]) -> Float[np.ndarray, "exits pieces"]:
+    """How far a fraction is outside [0, 1]; infinite if it is undefined."""
+    beyond = np.maximum(-fraction, fraction - 1.0).clip(0.0)
+    return np.where(np.isnan(beyond), np.inf, beyond)
+
+
+def _cross(
+    first: Float[np.ndarray, "exits pieces 2"], second: Float[np.ndarray, "exits pieces 2"]
+) -> Float[np.ndarray, "exits pieces"]:
+    product: Float[np.ndarray, "exits pieces"] = (
+        first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+    )
+    return product
+
+
+def _distance_to_exit_fix_nm(
+    sector: Sector, route: Int[np.ndarray, " exits"], position_nm: Float[np.ndarray, "exits 2"]
+) -> Float[np.ndarray, " exits"]:
+    """Geodesic distance from positions in the plane to the exit fixes of their routes."""
+    lat, lon = sector.plane.to_degrees(position_nm).T
+    fixes = np.array([sector.fixes[each[-2]] for each in sector.routes])[route]
+    metres = WGS84.inv(lon, lat, fixes[:, 1], fixes[:, 0])[2]
+    return np.asarray(metres) / METRES_PER_NM

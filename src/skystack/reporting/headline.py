@@ -1,0 +1,33 @@
+"""The result of a run in a few sentences."""
+
+from collections.abc import Iterator
+
+from skystack.reporting.results import Row, Run, family_title
+from skystack.reporting.tables import decimal, percent
+
+
+def headline(run: Run) -> Iterator[str]:
+    """What stacking achieved, for the paper's policy and for ours, in each family.
+
+    A policy that is not trained is not mentioned.
+    """
+    for family in run.results.families:
+        plain, stacked = (_row(run, family, way) for way in (False, True))
+        if plain is not None and stacked is not None:
+            yield (
+                f"{family_title(family)}: stacking reduces the clearances per scenario from "
+                f"{decimal(plain.clearances_mean)} to {decimal(stacked.clearances_mean)}, at "
+                f"{percent(stacked.success_rate)} success."
+            )
+        best, bound = _row(run, f"{family}-best", True), run.bound_of(family)
+        if best is not None:
+            least = "" if bound is None else decimal(bound.clearances_mean)
+            yield (
+                f"{best.title}: {decimal(best.clearances_mean)} clearances at "
+                f"{percent(best.success_rate)} success{least and f' (fewest possible: {least})'}."
+            )
+
+
+def _row(run: Run, experiment: str, stacking: bool) -> Row | None:
+    row = run.results.row(experiment, stacking)
+    return row if row is not None and run.results.is_trained(row) else None
