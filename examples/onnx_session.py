@@ -1,12 +1,12 @@
 """Online action-stacking with a policy of another library, here an ONNX session.
 
-Exports a shipped policy as ONNX, then flies one scenario with the session alone: for
-`skystack.stacking.stack`, a policy is any function from an observation to an action. Run it with
+Exports a shipped policy as ONNX, then flies one scenario with an onnxruntime session as the policy:
+for `skystack.stacking.stack`, a policy is any function from an observation to an action. Run
 
     python examples/onnx_session.py
 
-where skystack is installed with the extra [onnx]. It prints the clearances of one scenario and the
-number of instructions in each.
+in an environment where skystack is installed with the extra `[onnx]`. It prints the clearances of
+the scenario and the number of instructions in each.
 """
 
 from pathlib import Path

@@ -35,7 +35,7 @@ from skystack.tasks.registry import register_task
 from skystack.tasks.settings import TaskSettings
 
 PRICE = 0.5
-"""The price of every clearance, so that few are issued."""
+"""The cost of every clearance, so that few are issued."""
 
 
 class HoldingSettings(TaskSettings, frozen=True, forbid_unknown_fields=True):
@@ -50,7 +50,7 @@ class HoldingState(NamedTuple):
     cycles: Float[Array, "*batch"]
     instructions: Float[Array, "*batch"]
     instructed: Float[Array, "*batch"]
-    """1 if an instruction was given since the last cycle."""
+    """1 if an instruction was issued since the last cycle, otherwise 0."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,8 @@ class HoldingTask:
     observation_names = ("turn to the middle", "distance", "turn under way")
     metrics = {  # noqa: RUF012
         "success": Metric("true or false", "near the middle at the end"),
-        "correct_exit": Metric("true or false", "the same: no aircraft should exit"),
-        "excursion": Metric("true or false", "never"),
+        "correct_exit": Metric("true or false", "same as success: no aircraft should exit"),
+        "excursion": Metric("true or false", "always false"),
         "few_instructions": Metric("true or false", "fewer than 30 instructions"),
         "instructions": Metric("count", "instructions so far"),
         "min_separation_nm": Metric("NM", "infinite: there is no other aircraft"),

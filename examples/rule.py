@@ -1,7 +1,7 @@
 """A hand-written rule as a policy, without and with online action-stacking.
 
 The rule turns an aircraft by 10 degrees if it points more than 8 degrees off its next fix, or off
-the fix after that if the next one is near. The observation has the cleared heading, so that
+the fix after that if the next one is near. Observed turns are relative to the cleared heading, so
 stacking compiles all turns of a cycle into one clearance. The task's settings select the features.
 """
 
@@ -20,7 +20,7 @@ SETTINGS = NavigationSettings(features=("theta_f", "theta_sf", "d_f"))
 def rule(observation):
     """Action 1 turns the first aircraft left, 2 right; 3 and 4 the second; 0 issues nothing."""
     for aircraft, (next_fix, fix_after, distance) in enumerate(observation.reshape(-1, 3)):
-        # Observed in [0, 1] are turns of -180 to 180 degrees and distances of 0 to 100 NM.
+        # Turns of -180 to 180 degrees and distances of 0 to 100 NM are scaled to [0, 1].
         turn_deg = 360.0 * (fix_after if 100.0 * distance < 6.0 else next_fix) - 180.0
         if abs(turn_deg) > 8.0:
             return 1 + 2 * aircraft + int(turn_deg > 0.0)
@@ -28,7 +28,7 @@ def rule(observation):
 
 
 def fly(environment, seed):
-    """Fly one scenario to its end: the number of clearances, and the metrics."""
+    """Fly one scenario to its end. Returns the number of clearances and the final `info`."""
     (observation, _), ended, clearances = environment.reset(seed=seed), False, 0
     while not ended:
         observation, _, terminated, truncated, info = environment.step(rule(observation))

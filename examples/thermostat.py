@@ -1,8 +1,9 @@
 """Online action-stacking in your own environment: a thermostat that is set in small steps.
 
-Setting the dial takes no time; heating does. Stacking needs the two as separate methods, four next
-to `reset` and `step`. A rule sends "half a degree more" until the dial is right: eight messages, or
-one when stacked.
+Setting the dial takes no time; heating does. Stacking needs the two as separate methods: in
+addition to `reset` and `step`, the environment has `observe`, `may_stack`, `instruct` and
+`advance`. A rule sends "half a degree warmer" until the dial is right: eight messages, or one when
+stacked.
 """
 
 import gymnasium
