@@ -39,12 +39,14 @@ kind is **bold**. Versions are those of the environment in which this page was w
   in skystack's wheel, and only `skystack.platforms` and `skystack bench` import them. If you pass
   on an environment that contains them, their terms apply.
 - docutils (`[docs]`) is in the public domain except for some parts; the GPL applies to a file for
-  Emacs. hypothesis and pathspec (`[test]`) are used only to test and build.
+  Emacs. hypothesis, pathspec and tqdm (`[test]`) are used only to test and build.
 - atheris (`[fuzzing]`) states no licence in its metadata; the licence file in its wheel is
   Apache-2.0.
 - **Metadata describes Python packages, not everything in their wheels.** For Linux, the wheels of
   shapely contain GEOS (LGPL-2.1), and those of numpy and scipy contain the run-time libraries of
   GCC (GPL with their exception) and libquadmath (LGPL-2.1-or-later), as their licence files state.
+- imageio-ffmpeg (`[film]`) is BSD-2-Clause, but its wheels contain the program ffmpeg, which is
+  GPL-3.0-or-later as built there. skystack runs it as a separate process.
 - torch (`[sb3]`) for Linux with CUDA includes NVIDIA's libraries, under NVIDIA's terms (`nvidia-*`,
   and triton, MIT). The CPU build, listed here, does not.
 

@@ -1,11 +1,11 @@
-"""A replay page in a real browser, as a viewer uses it."""
+"""A replay page in a real browser, operated as by a viewer."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
-from tests.waiting import HANGS_S
+from tests.waiting import TIMEOUT_S
 
 ARGUMENTS = (
     *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
@@ -13,8 +13,8 @@ ARGUMENTS = (
 )
 LAPTOP, PHONE = {"width": 1400, "height": 850}, {"width": 390, "height": 844}
 
-_OF_TESTS = "willReadFrequently"
-"""In what Chromium remarks when tests read the pixels of a canvas."""
+_CANVAS_NOTICE = "willReadFrequently"
+"""Part of Chromium's console message when tests read the pixels of a canvas."""
 _PIXELS = """
 (canvas, wanted) => {
     const {width, height} = canvas;
@@ -31,7 +31,7 @@ _CHANGED = """
     const now = canvas.getContext("2d").getImageData(0, 0, width, height).data;
     let [left, right, top, bottom] = [width, 0, height, 0];
     for (let at = 0; at < now.length; at += 4) {
-        if (Math.abs(now[at] - before[at]) < 24) continue; // lines are smoothed now so, now so
+        if (Math.abs(now[at] - before[at]) < 24) continue; // anti-aliasing varies
         const [x, y] = [(at / 4) % width, Math.floor(at / 4 / width)];
         [left, right] = [Math.min(left, x), Math.max(right, x)];
         [top, bottom] = [Math.min(top, y), Math.max(bottom, y)];
@@ -39,7 +39,7 @@ _CHANGED = """
     return [left, right, top, bottom];
 }
 """
-_PLAYED = """
+_PLAY = """
 () => new Promise(done => {{
     const real = requestAnimationFrame;
     let frame = null, seen = [];
@@ -51,7 +51,7 @@ _PLAYED = """
         document.querySelector(".play").click();
         for (let number = 1; number <= {frames}; ++number) {{
             frame(begun + number * {frame_ms});
-            seen.push({look});
+            seen.push({expression});
         }}
         window.requestAnimationFrame = real;
         real(frame);
@@ -60,13 +60,13 @@ _PLAYED = """
     play();
 }})
 """
-"""The page's own frames, called at times of ours."""
-HANGS_MS = 1000 * HANGS_S
-"""Playwright gives up after 30 s unless told otherwise."""
+"""Calls the page's own frame callback at given times."""
+TIMEOUT_MS = 1000 * TIMEOUT_S
+"""Playwright's default is 30 s."""
 
 
 class Viewer:
-    """What is on the page, and what one can do there."""
+    """What a viewer can see and do on the page."""
 
     def __init__(self, page) -> None:
         self.page = page
@@ -88,8 +88,8 @@ class Viewer:
         return [int(text) for text in self.page.locator(".count strong").all_text_contents()]
 
     @property
-    def said(self) -> list[str]:
-        """The log up to now."""
+    def log(self) -> list[str]:
+        """The log entries up to the current row."""
         return self.page.locator(".log li:not(.to-come) .text").all_text_contents()
 
     @property
@@ -104,24 +104,25 @@ class Viewer:
     def scrub_to(self, row: int) -> None:
         self.page.locator("#scrubber").fill(str(row))
 
-    def until(self, condition: str) -> None:
-        """Until a JavaScript condition holds (the page forbids Playwright's own way to wait)."""
-        look = f"const look = () => ({condition}) ? done() : requestAnimationFrame(look)"
-        self.page.evaluate(f"() => new Promise(done => {{ {look}; look(); }})")
+    def wait_until(self, condition: str) -> None:
+        """Wait for a JavaScript condition; the page's policy blocks Playwright's own waits."""
+        check = f"const check = () => ({condition}) ? done() : requestAnimationFrame(check)"
+        self.page.evaluate(f"() => new Promise(done => {{ {check}; check(); }})")
 
-    def play(self, frames: int, frame_ms: int, look: str) -> list:
-        """Plays so many frames at times that do not depend on the machine.
+    def play(self, frames: int, frame_ms: int, expression: str) -> list:
+        """Play a number of frames at times that do not depend on the machine.
 
-        Returns what a JavaScript expression gives after each.
+        Returns the value of a JavaScript expression after each frame.
         """
-        return self.page.evaluate(_PLAYED.format(frames=frames, frame_ms=frame_ms, look=look))
+        script = _PLAY.format(frames=frames, frame_ms=frame_ms, expression=expression)
+        return self.page.evaluate(script)
 
     def settle(self) -> None:
-        """Until the radar has been drawn."""
+        """Wait until the radar has been drawn."""
         self.page.evaluate("() => new Promise(r => requestAnimationFrame(() => setTimeout(r)))")
 
     def pixels(self, name: str) -> int:
-        """How many of the first radar's pixels have a colour of the theme."""
+        """The number of the first radar's pixels that have a colour of the theme."""
         self.settle()
         style = "getComputedStyle(document.documentElement)"
         text = self.page.evaluate(f"{style}.getPropertyValue('--{name}').trim()")
@@ -129,7 +130,7 @@ class Viewer:
         return self.page.locator("canvas").first.evaluate(_PIXELS, wanted)
 
     def changed_by(self, key: str) -> tuple[float, float, float, float]:
-        """Left, right, top and bottom of what a key changes on the first radar, in its pixels."""
+        """Left, right, top and bottom of the area that a key changes on the first radar [px]."""
         self.settle()
         canvas = self.page.locator("canvas").first
         before = canvas.evaluate_handle(
@@ -145,20 +146,22 @@ class Viewer:
 
 @contextmanager
 def viewing(browser, file: Path, link: str = "", **context) -> Iterator[Viewer]:
-    """Open a page; it must say nothing on the console and ask for nothing but itself."""
+    """Open a page, which must write nothing to the console and request nothing but itself."""
     opened = browser.new_context(**({"viewport": LAPTOP, "color_scheme": "dark"} | context))
     page = opened.new_page()
-    page.set_default_timeout(HANGS_MS)
-    wrong: list[str] = []
-    page.on("console", lambda said: _OF_TESTS in said.text or wrong.append(said.text))
-    page.on("pageerror", lambda error: wrong.append(str(error)))
-    page.on("dialog", lambda dialog: wrong.append(dialog.message))
+    page.set_default_timeout(TIMEOUT_MS)
+    problems: list[str] = []
+    page.on(
+        "console", lambda message: _CANVAS_NOTICE in message.text or problems.append(message.text)
+    )
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    page.on("dialog", lambda dialog: problems.append(dialog.message))
     address = file.as_uri()
     own = (address, "data:")
-    page.on("request", lambda sent: sent.url.startswith(own) or wrong.append(sent.url))
+    page.on("request", lambda request: request.url.startswith(own) or problems.append(request.url))
     try:
         page.goto(f"{address}#{link}")
         yield Viewer(page)
-        assert wrong == []
+        assert problems == []
     finally:
         opened.close()

@@ -1,4 +1,4 @@
-"""What is replayed: an evaluation of a shipped policy, and flights whose course is a formula."""
+"""Recordings: an evaluation of a shipped policy, and flights on calculable paths."""
 
 import json
 import shutil
@@ -10,34 +10,18 @@ from pyproj import Geod
 from skystack.evaluation.evaluate import Conditions, evaluate
 from skystack.evaluation.simulate import simulate_file
 from skystack.policies.shipped import find_policy
-from tests.conftest import NO_BROWSER
 from tests.docs.blocks import ROOT
 from tests.scenarios import NORTHBOUND
 
-from .browser import ARGUMENTS, HANGS_MS
 from .meeting import EVIL, meeting
 
 SCENARIOS = 20
 WGS84 = Geod(ellps="WGS84")
 
 
-@pytest.fixture(scope="module")
-def browser():
-    sync_api = pytest.importorskip("playwright.sync_api")
-    found = shutil.which("chromium") or shutil.which("chromium-browser")
-    if found is None:
-        pytest.skip(NO_BROWSER)
-    with sync_api.sync_playwright() as playwright:
-        started = playwright.chromium.launch(
-            executable_path=found, args=ARGUMENTS, timeout=HANGS_MS
-        )
-        yield started
-        started.close()
-
-
 @pytest.fixture(scope="session")
 def evaluation(tmp_path_factory) -> Path:
-    """The folder of an evaluation; a policy that loses separation now and then."""
+    """The folder of an evaluation, of a policy that sometimes loses separation."""
     out = tmp_path_factory.mktemp("evaluation")
     evaluate(find_policy("avoidance"), Conditions(episodes=SCENARIOS), out)
     (folder,) = out.iterdir()
@@ -46,9 +30,9 @@ def evaluation(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def fly(tmp_path_factory):
-    """From a scenario file's content to what simulate writes."""
+    """A function that simulates the content of a scenario file and returns the output file."""
 
-    def flown(name: str, scenario) -> Path:
+    def simulate(name: str, scenario) -> Path:
         folder = tmp_path_factory.mktemp("simulated")
         for sector in (ROOT / "verification" / "simulator" / "sectors").glob("*.json"):
             shutil.copy(sector, folder)
@@ -56,12 +40,12 @@ def fly(tmp_path_factory):
         simulate_file(folder / "scenario.json", folder / f"{name}.parquet")
         return folder / f"{name}.parquet"
 
-    return flown
+    return simulate
 
 
 @pytest.fixture(scope="session")
 def one_by_one(fly) -> Path:
-    """The meeting; afterwards the second is turned in two clearances."""
+    """The meeting. Afterwards the second aircraft is turned with two clearances."""
     return fly(
         "one &amp; <b>one",
         meeting(
@@ -74,13 +58,13 @@ def one_by_one(fly) -> Path:
 
 @pytest.fixture(scope="session")
 def at_once(fly) -> Path:
-    """The meeting; afterwards the second is turned in one clearance."""
+    """The meeting. Afterwards the second aircraft is turned with one clearance."""
     return fly("at once", meeting({"cycle": 40, "callsign": "AC2", "heading_deg": 290}))
 
 
 @pytest.fixture(scope="session")
 def alone(fly) -> Path:
-    """One aircraft, north of the middle, on its way east."""
+    """One aircraft north of the centre, eastbound."""
     aircraft = {"callsign": "AC1", "route": NORTHBOUND, "lat": 0.2, "lon": 0.0, "fl": 300}
     scenario = {"sector": "x-plus", "performance": "constant", "cycles": 10}
     return fly("alone", scenario | {"aircraft": [aircraft | {"heading_deg": 90}]})
@@ -88,14 +72,16 @@ def alone(fly) -> Path:
 
 @pytest.fixture(scope="session")
 def climbing(fly) -> Path:
-    """They meet 2,000 ft apart, until the first is cleared to the level of the second."""
+    """The meeting at 2,000 ft apart, until the first is cleared to the level of the second."""
     return fly("climbing", meeting({"cycle": 5, "callsign": EVIL, "fl": 320}, levels=(300, 320)))
 
 
 @pytest.fixture(scope="session")
 def converging(fly) -> Path:
-    """Side by side northwards, 21.6 NM apart, one 5 degrees towards the other; separation is lost
-    more than 20 minutes later."""
+    """Two northbound aircraft, 21.6 NM apart, one of which turns 5 degrees towards the other.
+
+    Separation is lost more than 20 minutes later.
+    """
     sides = [(0.0, 0.0), (0.36, 355.0)]
     aircraft = [
         {"callsign": f"AC{n}", "route": NORTHBOUND, "lat": -1.5, "lon": lon, "fl": 300}
@@ -107,7 +93,7 @@ def converging(fly) -> Path:
 
 @pytest.fixture(scope="session")
 def far_north(fly) -> Path:
-    """Two at 65 N, the second 10 NM east of the first by the geodesic; both fly east."""
+    """Two eastbound aircraft at 65 N, the second 10 NM of geodesic east of the first."""
     lon, _, _ = WGS84.fwd(14.0, 65.0, 90.0, 10.0 * 1852.0)
     route = ["SOUTO", "SOUTH", "MIDDL", "NORTH", "NORTO"]
     aircraft = [

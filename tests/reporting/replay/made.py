@@ -1,4 +1,4 @@
-"""A replay made by hand: two aircraft fly straight towards each other and pass 3 NM apart."""
+"""A replay made by hand: two aircraft fly straight towards each other and pass at 3 NM."""
 
 import numpy as np
 
@@ -13,10 +13,10 @@ from skystack.reporting.replay.recording import (
 
 ROWS = 21
 KNOTS = 480.0
-"""0.8 NM a cycle."""
+"""0.8 NM per cycle."""
 
 
-def flown(callsign, start_nm, heading_deg, rows=ROWS):
+def straight_flight(callsign, start_nm, heading_deg, rows=ROWS):
     east, north = np.sin(np.radians(heading_deg)), np.cos(np.radians(heading_deg))
     along = KNOTS / 600.0 * np.arange(rows)
     return RecordedAircraft(
@@ -37,16 +37,16 @@ def flown(callsign, start_nm, heading_deg, rows=ROWS):
 
 
 def replay(title="made", callsigns=("AC1", "AC2"), number=4):
-    """They are 16 NM apart at first and closest after ten cycles."""
-    one = flown(callsigns[0], (-8.0, 0.0), 90.0)
-    other = flown(callsigns[1], (8.0, 3.0), 270.0, rows=ROWS - 3)
-    said = (
+    """The aircraft start 16 NM apart and are closest after ten cycles."""
+    one = straight_flight(callsigns[0], (-8.0, 0.0), 90.0)
+    other = straight_flight(callsigns[1], (8.0, 3.0), 270.0, rows=ROWS - 3)
+    clearances = (
         RecordedClearance(
             0, 2, "heading", 90, "right", 3, f"{callsigns[0]} turn right heading 090"
         ),
         RecordedClearance(1, 12, "heading", 270, None, 1, f"{callsigns[1]} fly heading 270"),
     )
-    # Within 5 NM of each other while 4 NM or less apart along their tracks: rows 7.5 to 12.5.
+    # Closer than 5 NM while less than 4 NM apart along their tracks: rows 7.5 to 12.5.
     losses = (Loss(0, 1, 7, 13, 3.0),)
-    scenario = ReplayScenario(number, ROWS - 1, True, (one, other), said, losses)
+    scenario = ReplayScenario(number, ROWS - 1, True, (one, other), clearances, losses)
     return Replay(title, sector_named("x-plus"), (scenario,))

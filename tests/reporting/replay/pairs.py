@@ -1,6 +1,6 @@
-"""Random pairs of aircraft, and by brute force on the ellipsoid when they lose separation.
+"""Random pairs of aircraft, and their losses of separation by brute force on the ellipsoid.
 
-All numbers lie on the page's own grid, so that storing them changes nothing.
+All numbers lie on the page's own grid, so that storing them does not change them.
 """
 
 import numpy as np
@@ -8,8 +8,8 @@ import numpy as np
 from skystack.reporting.replay.page import PARTS
 from skystack.reporting.replay.recording import RecordedAircraft, Replay, ReplayScenario
 
-AHEAD_S = 600
-FOLLOWED_S = 1200
+LOOKAHEAD_S = 600
+PREDICTED_S = 1200
 STEP_S = 0.1
 USUAL_FT_MIN = 2000.0
 A_M, E2 = 6378137.0, 0.0066943799901413165  # WGS 84
@@ -19,8 +19,10 @@ def on_grid(value, unit):
     return np.rint(np.asarray(value) * PARTS[unit]) / PARTS[unit]
 
 
-def flown(callsign, place_nm, heading, speed, levels=(300.0, 300.0), climb=(0.0, 0.0), status=None):
-    """An aircraft at its first row; what follows says only how fast it climbs elsewhere."""
+def aircraft_at(
+    callsign, place_nm, heading, speed, levels=(300.0, 300.0), climb=(0.0, 0.0), status=None
+):
+    """An aircraft whose rows differ only in the vertical speed, given by `climb`."""
     rows = len(climb)
     fl, cleared = levels
     return RecordedAircraft(
@@ -41,7 +43,7 @@ def flown(callsign, place_nm, heading, speed, levels=(300.0, 300.0), climb=(0.0,
 
 
 def replay_of(sector, pairs):
-    """A scenario for each pair."""
+    """A replay with one scenario per pair."""
     return Replay(
         "pairs",
         sector,
@@ -50,7 +52,7 @@ def replay_of(sector, pairs):
 
 
 def random_pair(random, sector, half_nm):
-    """Two that pass some miles off each other within 15 minutes or so, or follow one another."""
+    """Two aircraft that pass within a few miles in about 15 minutes, or follow one another."""
     middle, heading = random.uniform(-half_nm, half_nm, 2), random.uniform(0.0, 360.0)
     speeds = random.uniform(250.0, 540.0, 2)
     headings = np.array([heading, random.uniform(0.0, 360.0)])
@@ -70,12 +72,13 @@ def random_pair(random, sector, half_nm):
         offset = random.uniform(4.7, 5.6) * unit(random.uniform(0.0, 360.0))
     places = (middle, middle + sector.plane.scale(middle[1:]) * offset)
     return tuple(
-        flown(f"AC{n}", places[n], headings[n], speeds[n], *random_climb(random)) for n in (0, 1)
+        aircraft_at(f"AC{n}", places[n], headings[n], speeds[n], *random_climb(random))
+        for n in (0, 1)
     )
 
 
 def random_climb(random):
-    """Levels, present and other vertical speeds, and whether it has entered or left."""
+    """Level and cleared level, current and other vertical speed, and status."""
     fl = 300.0 + random.choice([0.0, 0.0, 0.0, 5.0, 10.0, random.uniform(-30.0, 30.0)])
     cleared = fl
     if random.random() < 0.5:
@@ -95,8 +98,8 @@ def unit(degrees):
 
 
 class BruteForce:
-    """All pairs flown on in steps of 0.1 s: constant headings and speeds on WGS 84, levels at a
-    constant rate up to the cleared level."""
+    """Flies all pairs in steps of 0.1 s: at constant heading and speed on WGS 84, and at a constant
+    rate to the cleared level."""
 
     def __init__(self, sector, pairs):
         both = [[pair[n] for pair in pairs] for n in (0, 1)]
@@ -118,13 +121,13 @@ class BruteForce:
         self._rate = rate * np.sign(self._cleared - self._fl)
 
     def step(self):
-        """One step, with the radii of the ellipsoid at half of it."""
+        """Fly one step, with the radii of the ellipsoid at its middle."""
         half = self._lat + self._north / meridian_m(self._lat) * (STEP_S / 2.0)
         self._lat = self._lat + self._north / meridian_m(half) * STEP_S
         self._lon = self._lon + self._east / parallel_m(half) * STEP_S
 
     def apart(self, seconds):
-        """Distance [NM] (by the radii at the middle latitude) and difference of levels."""
+        """The distance [NM] (by the radii at the mean latitude) and the level difference [FL]."""
         lat, lon = self._lat.mean(axis=0), np.diff(self._lon, axis=0)[0]
         north, east = np.diff(self._lat, axis=0)[0] * meridian_m(lat), lon * parallel_m(lat)
         moved = self._fl + self._rate * seconds
@@ -146,23 +149,23 @@ def parallel_m(lat):
 
 
 MODEL_NM = 0.01
-"""How far the page's distances may be off: it takes relative motion to be straight for a minute,
-which is within 0.007 NM at 66 N (a sagitta of tan(lat) v^2 / R times 60 s squared / 8)."""
+"""The tolerance of the page's distances: it assumes straight relative motion for a minute, which is
+correct within 0.007 NM at 66 N (a sagitta of tan(lat) v^2 / R times 60 s squared / 8)."""
 TICK_FL = 1.0 / 6000.0
 
 
-def predicted(sector, pairs):
-    """When each pair loses separation [s] and how close it is while vertically close [NM]; of each
-    the earliest and the latest, or least and greatest, that the steps and `MODEL_NM` allow.
+def brute_force_bounds(sector, pairs):
+    """The time at which each pair loses separation [s], and its least distance while not vertically
+    separated [NM]: for both, the lowest and highest values that the steps and `MODEL_NM` allow.
 
-    Between two steps distances and levels change by no more than from the step before, but for
-    turning points, where they change by less than `MODEL_NM` and a rate of climb just ends.
+    Between two steps, distances and levels change by no more than in the previous step, except at
+    turning points, where distances change by less than `MODEL_NM` and climbs end.
     """
     brute = BruteForce(sector, pairs)
     first = np.full((2, len(pairs)), np.inf)
     least = np.full((2, len(pairs)), np.inf)
     nm_before, fl_before = brute.apart(0.0)
-    for step in range(round(FOLLOWED_S / STEP_S) + 1):
+    for step in range(round(PREDICTED_S / STEP_S) + 1):
         nm, fl = brute.apart(step * STEP_S)
         more_nm, more_fl = MODEL_NM + np.abs(nm - nm_before), np.abs(fl - fl_before)
         for n, sign in enumerate((1.0, -1.0)):

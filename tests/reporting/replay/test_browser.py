@@ -1,4 +1,4 @@
-"""The page in Chromium: it plays, steps, scrubs, selects, links, and says what was said when."""
+"""The page in Chromium: playing, stepping, scrubbing, selecting, links, log and alerts."""
 
 import math
 import re
@@ -41,42 +41,42 @@ def open_page(browser, pages):
     return lambda name, link="", **context: viewing(browser, pages[name], link, **context)
 
 
-def said_in(folder, scenario):
+def clearances_of(folder, scenario):
     rows = pq.read_table(folder / "clearances.parquet").to_pylist()
     return [row for row in rows if row["scenario"] == scenario]
 
 
-def test_it_plays_and_pauses(open_page):
+def test_plays_and_pauses(open_page):
     with open_page("meeting") as viewer:
         assert viewer.row == 0
         viewer.keys("]", "]", "Space")
-        viewer.until("scrubber.valueAsNumber > 3")
+        viewer.wait_until("scrubber.valueAsNumber > 3")
         viewer.keys("Space")
         stopped = viewer.row
         viewer.page.wait_for_timeout(300)
         assert viewer.row == stopped
 
 
-def test_it_stops_at_the_end_and_begins_anew(open_page):
+def test_stops_at_the_end_and_restarts(open_page):
     with open_page("meeting", "scenario=0&cycle=58") as viewer:
         viewer.keys("]", "]", "k")
-        viewer.until("!document.body.classList.contains('playing')")
+        viewer.wait_until("!document.body.classList.contains('playing')")
         assert viewer.row == 60
         viewer.keys("k")
-        viewer.until("scrubber.valueAsNumber < 10")
+        viewer.wait_until("scrubber.valueAsNumber < 10")
 
 
-def test_time_runs_as_fast_as_chosen(open_page):
+def test_plays_at_the_chosen_speed(open_page):
     """At 60 times real time a cycle of 6 s lasts a tenth of a second."""
     with open_page("meeting") as viewer:
         viewer.page.locator("#speed").select_option("60")
-        rows = viewer.play(frames=225, frame_ms=10, look="scrubber.valueAsNumber")
+        rows = viewer.play(frames=225, frame_ms=10, expression="scrubber.valueAsNumber")
         for number, row in enumerate(rows, 1):
             assert abs(row - number / 10) <= 1.0
         assert rows[-1] == 22
 
 
-def test_it_steps(open_page):
+def test_steps_through_the_rows(open_page):
     with open_page("meeting") as viewer:
         viewer.keys("ArrowRight", "ArrowRight", "ArrowRight", "ArrowLeft")
         assert viewer.row == 2
@@ -87,18 +87,18 @@ def test_it_steps(open_page):
         assert viewer.row == 0
 
 
-def test_a_clearance_shows_in_the_row_after_its_cycle(open_page):
+def test_clearance_appears_in_the_row_after_its_cycle(open_page):
     with open_page("meeting") as viewer:
-        assert viewer.said == []
+        assert viewer.log == []
         for row, text in (
             (41, "AC2 turn right heading 280"),
             (42, "AC2 turn right heading 290"),
             (46, f"{EVIL} climb FL320"),
         ):
             viewer.keys(".")
-            assert (viewer.row, viewer.said[-1]) == (row, text)
+            assert (viewer.row, viewer.log[-1]) == (row, text)
             viewer.keys("ArrowLeft")
-            assert text not in viewer.said
+            assert text not in viewer.log
             viewer.keys("ArrowRight")
         viewer.keys(".")
         assert viewer.row == 46
@@ -108,39 +108,39 @@ def test_a_clearance_shows_in_the_row_after_its_cycle(open_page):
         assert "H270→280" in strip.inner_text()
 
 
-def test_the_log_leads_to_its_clearances(open_page, evaluation):
-    said = said_in(evaluation, 1)
+def test_log_entries_lead_to_their_clearances(open_page, evaluation):
+    issued = clearances_of(evaluation, 1)
     with open_page("evaluation", "scenario=1") as viewer:
         entries = viewer.page.locator(".log button")
-        assert entries.count() == len(said)
-        for number in (len(said) - 1, 0):
+        assert entries.count() == len(issued)
+        for number in (len(issued) - 1, 0):
             entries.nth(number).click()
-            assert viewer.row == said[number]["cycle"] + 1
+            assert viewer.row == issued[number]["cycle"] + 1
             current = viewer.page.locator(".log [aria-current] .text").inner_text()
-            in_row = [row["text"] for row in said if row["cycle"] == said[number]["cycle"]]
+            in_row = [row["text"] for row in issued if row["cycle"] == issued[number]["cycle"]]
             assert current in in_row
-        for number, row in enumerate(said):
-            times = f"\u00d7{row['instructions']}" if row["instructions"] > 1 else ""
-            assert entries.nth(number).locator(".times").inner_text() == times
-    assert any(row["instructions"] > 1 for row in said)
+        for number, row in enumerate(issued):
+            stacked = f"{row['instructions']} instructions" if row["instructions"] > 1 else ""
+            assert entries.nth(number).locator(".stacked").inner_text() == stacked
+    assert any(row["instructions"] > 1 for row in issued)
 
 
-def test_marks_stand_where_things_happen(open_page):
+def test_timeline_marks_clearances_and_losses(open_page):
     with open_page("meeting") as viewer:
-        marks = viewer.page.locator("#marks .said")
+        marks = viewer.page.locator("#marks .clearance")
         at = [int(marks.nth(index).get_attribute("x1")) for index in range(marks.count())]
         assert at == [41, 42, 46]
         loss = viewer.page.locator("#marks .loss")
         begins, width = (int(loss.get_attribute(name)) for name in ("x", "width"))
         assert (begins, begins + width) == (FIRST_LOSS, LAST_LOSS)
-        # As wide as the way of the scrubber's thumb: a mark is above the thumb at its row.
+        # The marks span the travel of the scrubber's thumb, so each is above the thumb at its row.
         box = viewer.page.locator("#marks").bounding_box()
         viewer.page.mouse.click(box["x"] + box["width"] * 41 / 60, box["y"] + box["height"] / 2)
         assert viewer.row == 41
 
 
-def test_a_predicted_and_an_actual_loss_of_separation(open_page):
-    """On straight tracks the loss is that of the formula from the first row on."""
+def test_alerts_of_predicted_and_actual_losses(open_page):
+    """On straight tracks, the formula gives the loss from the first row on."""
     with open_page("meeting") as viewer:
         for row in (0, 10, FIRST_LOSS):
             viewer.scrub_to(row)
@@ -161,8 +161,8 @@ def test_a_predicted_and_an_actual_loss_of_separation(open_page):
         assert viewer.pixels("conflict") == viewer.pixels("loss") == 0
 
 
-def test_amber_from_the_first_cycle_that_leads_to_a_loss_in_ten_minutes(open_page, converging):
-    """The time of the loss is that of the recorded positions, by geodesics."""
+def test_predicts_a_conflict_from_ten_minutes_before_the_loss(open_page, converging):
+    """The time of the loss is computed from the recorded positions with geodesics."""
     table = pq.read_table(converging)
     lat, lon = (table[name].to_numpy().reshape(-1, 2).T for name in ("lat", "lon"))
     apart_nm = np.array(Geod(ellps="WGS84").inv(lon[0], lat[0], lon[1], lat[1])[2]) / 1852.0
@@ -179,8 +179,8 @@ def test_amber_from_the_first_cycle_that_leads_to_a_loss_in_ten_minutes(open_pag
 
 
 def test_rings_have_their_true_size_far_north(open_page):
-    """Rings of 5 NM round two that are 10 NM apart touch: together they are twice as wide as high.
-    In lengths of the plane, 9 per cent longer there, they would be 2.09 times as wide."""
+    """5 NM rings around two aircraft 10 NM apart touch: together they are twice as wide as high.
+    With lengths of the plane, which are 9 % longer there, they would be 2.09 times as wide."""
     with open_page("far north") as viewer:
         left, right, top, bottom = viewer.changed_by("r")
         viewer.page.mouse.move(*_moved(viewer, (left + right) / 2, (top + bottom) / 2))
@@ -190,8 +190,8 @@ def test_rings_have_their_true_size_far_north(open_page):
         assert (right - left) / (bottom - top) == pytest.approx(2.0, abs=0.03)
 
 
-def test_a_conflict_by_cleared_levels(open_page):
-    """There is none 2,000 ft apart; the row that shows the climb as cleared shows the conflict."""
+def test_conflict_depends_on_cleared_levels(open_page):
+    """There is none at 2,000 ft apart. The row that shows the cleared climb shows the conflict."""
     with open_page("climbing", "scenario=0&cycle=5") as viewer:
         levels = viewer.page.locator(".strip .now").first
         assert viewer.alerts == []
@@ -202,7 +202,7 @@ def test_a_conflict_by_cleared_levels(open_page):
         assert viewer.page.locator(".verdict").inner_text() == "separation lost"
 
 
-def test_the_selection_is_kept_while_scrubbing(open_page):
+def test_keeps_the_selection_while_scrubbing(open_page):
     with open_page("meeting") as viewer:
         before = viewer.pixels("selected")
         viewer.keys("2")
@@ -214,12 +214,12 @@ def test_the_selection_is_kept_while_scrubbing(open_page):
         assert viewer.selected == []
 
 
-def test_an_aircraft_is_selected_where_it_is_drawn(open_page):
-    """Its ring, which a key takes away, has it in the middle."""
+def test_click_selects_the_aircraft_drawn_there(open_page):
+    """The aircraft is at the centre of its ring, which a key hides."""
     with open_page("alone") as viewer:
         left, right, top, bottom = viewer.changed_by("r")
         assert right - left == pytest.approx(bottom - top, abs=3)
-        canvas = viewer.page.locator("canvas")
+        canvas = viewer.page.locator(".scope canvas")
         canvas.click(position={"x": (left + right) / 2, "y": (top + bottom) / 2})
         assert viewer.selected == ["AC1"]
         canvas.click(position={"x": 5, "y": 300})
@@ -239,7 +239,7 @@ def test_zoom_and_pan_move_the_picture(open_page):
         viewer.keys("-", "w", "a")
         assert ring() == pytest.approx((x + 60, y + 60, width), abs=3)
         viewer.keys("0")
-        viewer.page.locator("canvas").hover(position={"x": 300, "y": 300})
+        viewer.page.locator(".scope canvas").hover(position={"x": 300, "y": 300})
         viewer.page.mouse.down()
         viewer.page.mouse.move(*_moved(viewer, 350, 280))
         viewer.page.mouse.up()
@@ -251,8 +251,8 @@ def test_zoom_and_pan_move_the_picture(open_page):
         assert ring()[2] == pytest.approx(math.e * width, abs=6)
 
 
-def test_two_fingers_zoom(open_page):
-    """Half as far apart again, about the middle between them, which stays where it is."""
+def test_zooms_with_two_fingers(open_page):
+    """Fingers that move 1.5 times as far apart zoom by 1.5 about the point between them."""
     with open_page("alone", viewport=PHONE, has_touch=True) as viewer:
         before = viewer.changed_by("r")
         touch = viewer.page.context.new_cdp_session(viewer.page)
@@ -268,18 +268,18 @@ def test_two_fingers_zoom(open_page):
 
 
 def _moved(viewer, x, y):
-    box = viewer.page.locator("canvas").bounding_box()
+    box = viewer.page.locator(".scope canvas").bounding_box()
     return box["x"] + x, box["y"] + y
 
 
-def test_a_link_opens_at_the_same_moment(open_page):
+def test_link_restores_scenario_cycle_and_selection(open_page):
     with open_page("evaluation", "scenario=2&cycle=17&aircraft=AC2") as viewer:
         assert (viewer.row, viewer.selected) == (17, ["AC2"])
         assert viewer.page.locator("#scenario").input_value() == "2"
         viewer.keys("p", "ArrowRight")
         assert viewer.link == {"scenario": ["1"], "cycle": ["1"], "aircraft": ["AC2"]}
         viewer.page.evaluate("location.hash = 'scenario=0&cycle=9'")
-        viewer.until("scrubber.valueAsNumber === 9")
+        viewer.wait_until("scrubber.valueAsNumber === 9")
         assert viewer.selected == []
     with open_page("meeting", "scenario=0&cycle=3") as viewer:
         viewer.keys("1")
@@ -290,20 +290,20 @@ def test_a_link_opens_at_the_same_moment(open_page):
     ("link", "row"),
     [("scenario=99&cycle=5", 0), ("cycle=5", 0), ("scenario=0&cycle=1e9", 60), ("%%%&=", 0)],
 )
-def test_a_link_that_leads_nowhere_opens_at_the_start(open_page, link, row):
+def test_invalid_links_open_at_the_first_or_last_row(open_page, link, row):
     with open_page("meeting", link) as viewer:
         assert viewer.row == row
-        assert ("no scenario 99" in viewer.page.locator("#told").inner_text()) == ("99" in link)
+        assert ("no scenario 99" in viewer.page.locator("#notice").inner_text()) == ("99" in link)
 
 
-def test_scenarios_are_chosen(open_page, evaluation):
+def test_selects_scenarios(open_page, evaluation):
     episodes = pq.read_table(evaluation / "episodes.parquet").to_pylist()[:3]
     with open_page("evaluation") as viewer:
         options = viewer.page.locator("#scenario option").all_text_contents()
         for option, episode in zip(options, episodes, strict=True):
             assert option.startswith(f"{episode['scenario']}: {episode['clearances']} clearances")
             assert ("loss of separation" in option) == episode["loss_of_separation"]
-            assert ("no success" in option) == (not episode["success"])
+            assert ("failed" in option) == (not episode["success"])
         log = viewer.page.locator(".log button")
         viewer.page.locator("#scenario").select_option("1")
         assert log.count() == episodes[1]["clearances"]
@@ -314,7 +314,7 @@ def test_scenarios_are_chosen(open_page, evaluation):
         assert log.count() == episodes[0]["clearances"]
 
 
-def test_what_files_say_is_text(open_page):
+def test_texts_from_files_are_not_interpreted_as_html(open_page):
     with open_page("meeting") as viewer:
         assert viewer.page.locator(".strip .callsign").first.inner_text() == EVIL
         assert viewer.page.locator("h2").first.inner_text() == "one &amp; <b>one"
@@ -322,8 +322,8 @@ def test_what_files_say_is_text(open_page):
         assert viewer.page.locator("img, main b").count() == 0
 
 
-def test_side_by_side_stays_in_step(open_page):
-    """At every row the counts are those of the clearances shown by then, also while it plays."""
+def test_runs_side_by_side_stay_in_step(open_page):
+    """In every row the counts match the clearances issued so far, also during playback."""
     with open_page("both") as viewer:
         for row in range(38, 48):
             viewer.scrub_to(row)
@@ -331,17 +331,17 @@ def test_side_by_side_stays_in_step(open_page):
         viewer.scrub_to(38)
         viewer.page.locator("#speed").select_option("10")
         counts = "[...document.querySelectorAll('.count strong')].map(c => Number(c.textContent))"
-        look = f"[scrubber.valueAsNumber, ...{counts}]"
-        seen = viewer.play(frames=65, frame_ms=50, look=look)
+        expression = f"[scrubber.valueAsNumber, ...{counts}]"
+        seen = viewer.play(frames=65, frame_ms=50, expression=expression)
         assert {row for row, _, _ in seen} == {38, 39, 40, 41, 42, 43}
         for row, first, other in seen:
             assert (first, other) == ((row >= 41) + (row >= 42), int(row >= 41))
-        assert viewer.page.locator("#marks .said").count() == 4
+        assert viewer.page.locator("#marks .clearance").count() == 4
         viewer.keys("2")
         assert viewer.selected == ["AC2", "AC2"]
 
 
-def test_it_is_used_without_a_mouse(open_page):
+def test_works_without_a_mouse(open_page):
     with open_page("both") as viewer:
         names = viewer.page.locator("button[data-key]").evaluate_all(
             "all => all.map(each => each.getAttribute('aria-label'))"
@@ -357,7 +357,7 @@ def test_it_is_used_without_a_mouse(open_page):
         assert viewer.selected == [EVIL, EVIL]
 
 
-def test_the_help_and_the_documentation_name_the_same_keys(open_page):
+def test_help_and_documentation_list_the_same_keys(open_page):
     with open_page("alone") as viewer:
         viewer.keys("?")
         help_ = viewer.page.locator("#help")
@@ -371,13 +371,13 @@ def test_the_help_and_the_documentation_name_the_same_keys(open_page):
     assert dict(table[1:]) == keys
 
 
-def test_light_and_dark(open_page):
+def test_light_and_dark_themes(open_page):
     for scheme, light in (("dark", False), ("light", True)):
         with open_page("alone", color_scheme=scheme) as viewer:
 
             def is_light():
                 viewer.settle()
-                return viewer.page.locator("canvas").evaluate(
+                return viewer.page.locator(".scope canvas").evaluate(
                     "c => c.getContext('2d').getImageData(2, 2, 1, 1).data[0] > 128"
                 )
 
@@ -387,7 +387,7 @@ def test_light_and_dark(open_page):
 
 
 @pytest.mark.parametrize("name", ["meeting", "both"])
-def test_it_fits_a_phone(open_page, name):
+def test_fits_a_phone(open_page, name):
     with open_page(name, viewport=PHONE, has_touch=True, device_scale_factor=2) as viewer:
         width = "document.documentElement.scrollWidth"
         assert viewer.page.evaluate(width) <= PHONE["width"]

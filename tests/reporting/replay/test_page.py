@@ -1,4 +1,4 @@
-"""The page as it is written: whole, small, closed; and what is refused before."""
+"""The written page is complete, small and self-contained; invalid requests are rejected."""
 
 import json
 import re
@@ -20,14 +20,14 @@ def run(capsys, *words):
     return code, captured.out, captured.err
 
 
-def test_differences_add_up_to_what_was_flown(evaluation):
+def test_stored_differences_add_up_to_the_flight(evaluation):
     replay = read_replay(evaluation, scenarios=3)
     data = page_data((replay,))
     for packed, scenario in zip(data["runs"][0]["scenarios"], replay.scenarios, strict=True):
         for column, flown in zip(packed["aircraft"], scenario.aircraft, strict=True):
             rows = len(flown.status)
             assert column["rows"] == rows
-            for name, values, off_by in (
+            for name, values, tolerance in (
                 ("x", flown.position_nm[:, 0], 0.5001 / PARTS["nm"]),
                 ("y", flown.position_nm[:, 1], 0.5001 / PARTS["nm"]),
                 ("heading", flown.heading_deg, 0.5001 / PARTS["deg"]),
@@ -40,10 +40,10 @@ def test_differences_add_up_to_what_was_flown(evaluation):
                 parts = PARTS[unit.get(name, name.split("_")[-1])]
                 changes = column[name] + [0] * (rows - len(column[name]))
                 found = np.cumsum(np.cumsum(changes)) / parts
-                np.testing.assert_allclose(found, values, atol=off_by)
+                np.testing.assert_allclose(found, values, atol=tolerance)
 
 
-def test_the_command_writes_one_small_closed_file(capsys, evaluation, tmp_path, monkeypatch):
+def test_command_writes_one_small_self_contained_file(capsys, evaluation, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, err = run(capsys, evaluation, "--json")
     written = json.loads(out)
@@ -57,18 +57,18 @@ def test_the_command_writes_one_small_closed_file(capsys, evaluation, tmp_path, 
         "scenarios": SCENARIOS,
     }
     assert written["bytes"] < 3e6 * SCENARIOS / 100
-    # Nothing is fetched: the only address is the name of a kind of markup.
+    # Nothing is loaded: the only address is the SVG namespace.
     assert set(re.findall(r"https?://[^\s\"']+", text)) == {"http://www.w3.org/2000/svg"}
     assert re.findall(r"(?:src|href)=\"(?!#|data:)[^\"]*\"", text) == []
 
 
-def test_as_many_scenarios_as_asked_for(capsys, evaluation, tmp_path):
+def test_page_has_the_requested_number_of_scenarios(capsys, evaluation, tmp_path):
     code, out, _ = run(capsys, evaluation, "--scenarios", 2, "-o", tmp_path / "two.html", "--json")
     assert (code, json.loads(out)["scenarios"]) == (0, 2)
 
 
 @pytest.mark.parametrize("table", ["episodes", "aircraft", "trajectories", "clearances"])
-def test_no_page_of_a_folder_that_is_not_whole(capsys, evaluation, tmp_path, table):
+def test_writes_no_page_if_a_table_is_missing(capsys, evaluation, tmp_path, table):
     copied = shutil.copytree(evaluation, tmp_path / "copied")
     (copied / f"{table}.parquet").unlink()
     code, out, err = run(capsys, copied, "-o", tmp_path / "page.html")
@@ -77,14 +77,14 @@ def test_no_page_of_a_folder_that_is_not_whole(capsys, evaluation, tmp_path, tab
     assert not (tmp_path / "page.html").exists()
 
 
-def test_the_folder_of_the_page_must_exist(capsys, evaluation, tmp_path):
+def test_output_folder_must_exist(capsys, evaluation, tmp_path):
     code, _, err = run(capsys, evaluation, "-o", tmp_path / "nowhere" / "page.html")
     assert (code, err.count("\n")) == (2, 1)
     assert "does not exist" in err
 
 
 @pytest.mark.parametrize("name", ["still.png", "still.svg", "film.gif"])
-def test_pictures_of_a_part_of_a_scenario(capsys, evaluation, tmp_path, name):
+def test_writes_pictures_of_part_of_a_scenario(capsys, evaluation, tmp_path, name):
     target = tmp_path / name
     part = ["--scenario", 2, "--from", 30, "--to", 60]
     code, out, err = run(capsys, evaluation, evaluation, "-o", target, *part, "--json")
@@ -97,16 +97,16 @@ def test_pictures_of_a_part_of_a_scenario(capsys, evaluation, tmp_path, name):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["-o", "page.pdf"], "replay: -o page.pdf (allowed: .html, .png, .svg, .gif)"),
+        (["-o", "page.pdf"], "replay: -o page.pdf (allowed: .html, .png, .svg, .gif, .mp4)"),
         (["-o", "page.html", "--scenario", 2], "replay: --scenario is for pictures"),
-        (["--from", 6], "replay: --from is for pictures (.png, .svg, .gif)"),
+        (["--from", 6], "replay: --from is for pictures (.png, .svg, .gif, .mp4)"),
         (["-o", "still.png", "--scenario", 99], "has no scenario 99 (found: 0 to 19)"),
         (["-o", "still.png", "--to", 60000], "--from 0 --to 60000 (allowed: times from 0 to"),
         (["-o", "nowhere/still.png"], "the folder nowhere does not exist"),
         (["-o", "still.png", "--scenarios", 3], "replay: --scenarios is for pages (.html)"),
     ],
 )
-def test_what_cannot_be_drawn(capsys, evaluation, tmp_path, monkeypatch, words, message):
+def test_rejects_invalid_options(capsys, evaluation, tmp_path, monkeypatch, words, message):
     monkeypatch.chdir(tmp_path)
     code, _, err = run(capsys, evaluation, *words)
     assert (code, err.count("\n")) == (2, 1)
@@ -115,14 +115,14 @@ def test_what_cannot_be_drawn(capsys, evaluation, tmp_path, monkeypatch, words, 
 
 
 def test_airways_follow_geodesics(far_north):
-    """Points on each geodesic are within 0.06 NM of the drawn line; straight ones have two ends."""
+    """Points on the geodesics of curved legs are within 0.06 NM of the drawn lines."""
     replay = read_replay(far_north)
     sector, drawn = replay.sector, page_data((replay,))["sector"]
-    bent = {
+    curved = {
         tuple(json.loads(ends)): np.array(points) for ends, points in drawn["bent_legs"].items()
     }
-    assert set(bent) == {("WESTE", "EASTE"), ("EASTE", "WESTE")}
-    for (start, end), points in bent.items():
+    assert set(curved) == {("WESTE", "EASTE"), ("EASTE", "WESTE")}
+    for (start, end), points in curved.items():
         (lat, lon), (end_lat, end_lon) = sector.fixes[start], sector.fixes[end]
         lons, lats = np.array(WGS84.npts(lon, lat, end_lon, end_lat, 200)).T
         geodesic = sector.plane.to_plane(lats, lons)
@@ -135,8 +135,8 @@ def test_airways_follow_geodesics(far_north):
         assert np.max(geodesic[:, 1] - straight_nm) > 2.0
 
 
-def test_a_flight_across_the_antimeridian(fly):
-    """It moves on by as much in every row, and stays within the drawn area."""
+def test_flight_across_the_antimeridian_is_continuous(fly):
+    """It moves by the same distance in every row, and stays within the drawn area."""
     aircraft = {"callsign": "AC1", "lat": -17.7, "lon": 179.9, "fl": 300, "heading_deg": 90}
     route = {"route": ["SOUTO", "SOUTH", "MIDDL", "NORTH", "NORTO"]}
     scenario = {"sector": "dateline.json", "cycles": 30, "aircraft": [aircraft | route]}

@@ -1,4 +1,4 @@
-"""What is replayed is what the tables hold, and what cannot be read is refused in one line."""
+"""Replays agree with the tables; files that cannot be read are rejected."""
 
 import shutil
 from itertools import combinations
@@ -29,7 +29,7 @@ def rows_of(folder, table):
     return pq.read_table(folder / f"{table}.parquet").to_pylist()
 
 
-def test_an_evaluation_is_read_as_it_was_written(evaluation):
+def test_reads_an_evaluation(evaluation):
     replay = read_replay(evaluation)
     episodes = rows_of(evaluation, "episodes")
     assert replay.title == "avoidance, stacked"
@@ -37,18 +37,18 @@ def test_an_evaluation_is_read_as_it_was_written(evaluation):
     for scenario, episode in zip(replay.scenarios, episodes, strict=True):
         assert (scenario.cycles, scenario.success) == (episode["cycles"], episode["success"])
         assert len(scenario.clearances) == episode["clearances"]
-        assert sum(said.instructions for said in scenario.clearances) == episode["instructions"]
-    said = [
-        (scenario.number, said.cycle, scenario.aircraft[said.aircraft].callsign, said.text)
+        assert sum(each.instructions for each in scenario.clearances) == episode["instructions"]
+    clearances = [
+        (scenario.number, each.cycle, scenario.aircraft[each.aircraft].callsign, each.text)
         for scenario in replay.scenarios
-        for said in scenario.clearances
+        for each in scenario.clearances
     ]
     table = rows_of(evaluation, "clearances")
     columns = ("scenario", "cycle", "callsign", "text")
-    assert sorted(said) == sorted(tuple(row[name] for name in columns) for row in table)
+    assert sorted(clearances) == sorted(tuple(row[name] for name in columns) for row in table)
 
 
-def test_positions_are_those_of_the_trajectories(evaluation):
+def test_positions_agree_with_the_trajectories(evaluation):
     replay = read_replay(evaluation, scenarios=2)
     for row in rows_of(evaluation, "trajectories"):
         if row["scenario"] >= 2:
@@ -64,8 +64,8 @@ def test_positions_are_those_of_the_trajectories(evaluation):
         assert flown.cleared_heading_deg[row["cycle"]] == row["cleared_heading_deg"]
 
 
-def test_losses_are_those_that_the_evaluation_counted(evaluation):
-    """Its columns were computed while it was flown, in the tasks' own program."""
+def test_losses_agree_with_the_evaluation(evaluation):
+    """The evaluation counts losses during the flight, with the code of the tasks."""
     replay, episodes = read_replay(evaluation), rows_of(evaluation, "episodes")
     assert any(episode["loss_of_separation"] for episode in episodes)
     for scenario, episode in zip(replay.scenarios, episodes, strict=True):
@@ -75,7 +75,7 @@ def test_losses_are_those_that_the_evaluation_counted(evaluation):
             assert least == pytest.approx(episode["min_separation_nm"], abs=1e-3)
 
 
-def test_what_simulate_wrote(one_by_one):
+def test_reads_the_output_of_simulate(one_by_one):
     replay = read_replay(one_by_one)
     (scenario,) = replay.scenarios
     assert (replay.title, scenario.cycles, scenario.success) == ("one &amp; <b>one", 60, None)
@@ -84,14 +84,14 @@ def test_what_simulate_wrote(one_by_one):
     cycle = np.arange(41)
     np.testing.assert_allclose(first.position_nm[:41, 0], -AHEAD_NM / 2 + cycle * 2 / 3, atol=1e-3)
     np.testing.assert_allclose(second.position_nm[:41, 1], BESIDE_NM, atol=1e-3)
-    assert [(said.cycle, said.aircraft, said.text) for said in scenario.clearances] == [
+    assert [(each.cycle, each.aircraft, each.text) for each in scenario.clearances] == [
         (40, 1, "AC2 turn right heading 280"),
         (41, 1, "AC2 turn right heading 290"),
         (45, 0, f"{EVIL} climb FL320"),
     ]
 
 
-def test_a_loss_lies_between_the_rows_that_the_formula_gives(one_by_one):
+def test_loss_is_between_the_rows_given_by_the_formula(one_by_one):
     (loss,) = read_replay(one_by_one).scenarios[0].losses
     along = AHEAD_NM - CLOSING_NM * np.arange(61)
     apart = np.hypot(along, BESIDE_NM)
@@ -101,18 +101,18 @@ def test_a_loss_lies_between_the_rows_that_the_formula_gives(one_by_one):
     assert loss.least_nm == pytest.approx(BESIDE_NM, abs=1e-3)
 
 
-def test_the_only_evaluation_in_a_folder_is_found(evaluation):
+def test_finds_the_only_evaluation_in_a_folder(evaluation):
     assert read_replay(evaluation.parent, scenarios=1).title == "avoidance, stacked"
 
 
-def test_several_evaluations_are_named(copied):
+def test_names_the_evaluations_if_there_are_several(copied):
     shutil.copytree(copied, copied.parent / "other")
     with pytest.raises(InputError, match=f"2 evaluations: choose one or two of {copied.name}, oth"):
         read_replay(copied.parent)
 
 
 @pytest.mark.parametrize("table", TABLES)
-def test_a_missing_or_damaged_table_is_named(copied, table):
+def test_names_a_missing_or_damaged_table(copied, table):
     path = copied / f"{table}.parquet"
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(InputError, match=rf"{table}\.parquet: damaged"):
@@ -139,17 +139,17 @@ def rewrite(folder, table, change):
         ("aircraft", lambda t: t.slice(1), "is for 'AC1', which does not fly"),
         ("episodes", lambda t: t.slice(0, 0), "contains no scenario"),
     ],
-    ids=["column", "row", "scenario", "cycles", "clearance", "silent", "aircraft", "empty"],
+    ids=["column", "row", "scenario", "cycles", "clearance", "no clearances", "aircraft", "empty"],
 )
-def test_tables_that_do_not_belong_together(copied, table, change, message):
+def test_rejects_inconsistent_tables(copied, table, change, message):
     rewrite(copied, table, change)
     with pytest.raises(InputError, match=message):
         read_replay(copied)
 
 
 @pytest.mark.parametrize("table", TABLES)
-def test_a_table_of_another_evaluation_is_refused(copied, table, tmp_path):
-    """Even where the numbers of rows and clearances are the same."""
+def test_rejects_a_table_of_another_evaluation(copied, table, tmp_path):
+    """Even if the numbers of rows and clearances are the same."""
     read_replay(copied)
     path = copied / f"{table}.parquet"
     read = pq.read_table(path)
@@ -161,7 +161,7 @@ def test_a_table_of_another_evaluation_is_refused(copied, table, tmp_path):
         stored_scenario(copied, 0)
 
 
-def test_what_holds_nothing_to_replay(tmp_path):
+def test_rejects_paths_without_an_evaluation(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
         read_replay(tmp_path / "nowhere")
     with pytest.raises(InputError, match="contains no evaluation"):
@@ -171,7 +171,7 @@ def test_what_holds_nothing_to_replay(tmp_path):
         read_replay(tmp_path / "scenario.json")
 
 
-def test_an_evaluations_table_is_not_what_simulate_wrote(evaluation):
+def test_rejects_a_single_table_of_an_evaluation(evaluation):
     with pytest.raises(InputError, match="has no aircraft in its metadata"):
         read_replay(evaluation / "trajectories.parquet")
 
@@ -180,17 +180,17 @@ def test_json_never_ends_a_script_element():
     assert "<" not in as_json({"callsign": "</script><script>"})
 
 
-def straight(place, fl):
+def level_path(place, fl):
     return FlightPath(place, np.full(len(place), fl))
 
 
-def test_losses_of_many_whose_rows_end_at_different_times():
-    """By brute force: positions between the rows, a hundred to a cycle."""
+def test_losses_among_flights_of_different_lengths():
+    """Compared with brute force: a hundred positions per cycle."""
     random = np.random.default_rng(3)
-    rows = (700, 130, 512, 513, 2)  # beyond a block of cycles, at its edges, hardly any
+    rows = (700, 130, 512, 513, 2)  # above, below and at the limits of a block of cycles
     places = [np.cumsum(random.normal(0.0, 0.4, (count, 2)), axis=0) for count in rows]
-    levels = (300.0, 305.0, 309.0, 300.0, 325.0)  # the last is level with nobody
-    flown = tuple(straight(*each) for each in zip(places, levels, strict=True))
+    levels = (300.0, 305.0, 309.0, 300.0, 325.0)  # the last is vertically separated from all
+    flown = tuple(level_path(*each) for each in zip(places, levels, strict=True))
     expected = {}
     for (first, one), (second, other) in combinations(enumerate(places), 2):
         both = min(len(one), len(other))
@@ -203,19 +203,19 @@ def test_losses_of_many_whose_rows_end_at_different_times():
     assert {(loss.first, loss.second) for loss in found} == set(expected)
     for pair, least in expected.items():
         own = [loss for loss in found if (loss.first, loss.second) == pair]
-        seconds = np.zeros(len(least), dtype=bool)
+        is_lost = np.zeros(len(least), dtype=bool)
         for loss in own:
-            seconds[loss.begins : loss.ends] = True
+            is_lost[loss.begins : loss.ends] = True
             assert loss.least_nm == pytest.approx(least[loss.begins : loss.ends].min(), abs=1e-2)
-        np.testing.assert_array_equal(seconds, least < 5.0)
+        np.testing.assert_array_equal(is_lost, least < 5.0)
 
 
-def test_who_has_one_row_only_loses_nothing():
-    here = straight(np.zeros((1, 2)), 300.0)
+def test_no_losses_of_flights_with_one_row():
+    here = level_path(np.zeros((1, 2)), 300.0)
     assert list(losses(x_plus(), (here, here))) == []
 
 
-def test_one_scenario_is_read_alone(evaluation):
+def test_reads_a_single_scenario(evaluation):
     first, *_ = read_replay(evaluation, scenarios=SCENARIOS).scenarios[7:8]
     (alone,) = read_replay(evaluation, only=7).scenarios
     assert (alone.number, alone.clearances, alone.losses) == (7, first.clearances, first.losses)

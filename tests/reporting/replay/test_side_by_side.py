@@ -1,4 +1,4 @@
-"""Which recordings are shown side by side, and which of their scenarios."""
+"""Recordings side by side: which are accepted, and which of their scenarios are shown."""
 
 import dataclasses
 import shutil
@@ -10,11 +10,11 @@ from skystack.reporting.replay.recording import read_replay
 from skystack.reporting.replay.side_by_side import in_common, read_side_by_side
 
 
-def test_only_the_same_scenarios_are_shown_side_by_side(one_by_one, at_once, alone):
-    first, other, lonely = map(read_replay, (one_by_one, at_once, alone))
+def test_rejects_different_scenarios(one_by_one, at_once, alone):
+    first, other, different = map(read_replay, (one_by_one, at_once, alone))
     assert in_common((first, other)) == (first, other)
     with pytest.raises(InputError, match="scenario 0 of alone starts differently"):
-        in_common((first, lonely))
+        in_common((first, different))
     moved = dataclasses.replace(
         other.scenarios[0].aircraft[0], position_nm=other.scenarios[0].aircraft[0].position_nm + 0.2
     )
@@ -35,14 +35,14 @@ def test_only_the_same_scenarios_are_shown_side_by_side(one_by_one, at_once, alo
         in_common((first, dataclasses.replace(other, sector=sector)))
 
 
-def test_runs_of_one_name_are_told_apart_by_their_place(evaluation, tmp_path):
+def test_runs_with_the_same_name_are_titled_by_their_paths(evaluation, tmp_path):
     again = shutil.copytree(evaluation, tmp_path / evaluation.name)
     together = read_side_by_side((evaluation, again), scenarios=1)
     assert [replay.title for replay in together] == [str(evaluation), str(again)]
 
 
-def test_a_folder_name_that_is_not_utf_8_is_escaped(evaluation, tmp_path):
-    """On Linux a name is bytes; those that are not UTF-8 are shown escaped."""
+def test_escapes_folder_names_that_are_not_utf_8(evaluation, tmp_path):
+    """On Linux, names are bytes, which need not be UTF-8."""
     odd = shutil.copytree(evaluation, tmp_path / "e\udcff")
     again = shutil.copytree(odd, tmp_path / "again" / odd.name)
     assert read_replay(odd, 1).title == r"e\udcff"
@@ -50,7 +50,7 @@ def test_a_folder_name_that_is_not_utf_8_is_escaped(evaluation, tmp_path):
     assert titles == [rf"{tmp_path}/e\udcff", rf"{tmp_path}/again/e\udcff"]
 
 
-def test_scenarios_that_only_one_holds_are_left_out(evaluation):
+def test_omits_scenarios_of_only_one_run(evaluation):
     many, few = (read_replay(evaluation, count) for count in (5, 2))
     for replays in ((many, few), (few, many)):
         numbers = [[s.number for s in replay.scenarios] for replay in in_common(replays)]

@@ -1,4 +1,4 @@
-"""Stills and films of a replay as PNG, SVG and GIF, drawn without a display.
+"""Stills and films of a replay as PNG, SVG, GIF and MP4, drawn without a display.
 
 They show one replay, or two of the same scenario side by side and in step. They are for papers,
 slides and READMEs; the page (`page.py`) shows more.
@@ -18,12 +18,21 @@ from PIL import Image
 
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
+from skystack.evaluation.losses import Loss
 from skystack.io.files import atomic_write, check_output
 from skystack.reporting.maps import draw_sector, name_fixes
-from skystack.reporting.radar import Blip, colour_of, draw_aircraft, draw_route, draw_way
+from skystack.reporting.radar import (
+    Blip,
+    colour_of,
+    draw_aircraft,
+    draw_route,
+    draw_scale_bar,
+    draw_way,
+)
 from skystack.reporting.replay.frames import Picture, Texts, TrafficPicture, lowest_row_first
 from skystack.reporting.replay.recording import RecordedAircraft, Replay, ReplayScenario
 from skystack.reporting.replay.side_by_side import read_side_by_side
+from skystack.reporting.replay.video import as_mp4, find_ffmpeg
 from skystack.reporting.style import (
     MUTED,
     VERMILION,
@@ -37,13 +46,16 @@ from skystack.simulator.simulator import CYCLE_S
 
 PANEL_IN, PIXELS_PER_INCH = (5.2, 5.6), 84
 FRAMES_PER_S = 10
-SAID = 3
+LAST_FRAME_MS = 2500
+LATEST = 3
 """The number of latest clearances that are written below the picture."""
+MOST_PAIRS = 2
+"""The number of pairs in a loss of separation that are named."""
 MOST_FRAMES = 2000
 """The maximum number of frames of a film. All are in memory while it is written."""
 
 
-SUFFIXES = (".png", ".svg", ".gif")
+SUFFIXES = (".png", ".svg", ".gif", ".mp4")
 
 
 class Span(NamedTuple):
@@ -77,14 +89,19 @@ def write_picture(
     """Write a still or a film of a scenario; `runs` as for `read_replay`.
 
     Returns `output`, `bytes`, `runs` (their titles), `from_s` and `to_s`. Raises InputError as
-    `read_side_by_side` and `span_of` do, before anything is written.
+    `read_side_by_side` and `span_of` do, before anything is written. A film as .mp4 needs ffmpeg.
     """
     check_output(output, *runs)
+    ffmpeg = find_ffmpeg() if output.suffix == ".mp4" else None
     replays = read_side_by_side(runs, only=number)
     span = span_of(replays, number, from_s, to_s)
     kind = output.suffix[1:]
-    gif = kind == "gif"
-    data = film(replays, number, span, on_frame) if gif else still(replays, number, span, kind)
+    if ffmpeg is not None:
+        data = video(replays, number, span, ffmpeg, on_frame)
+    elif kind == "gif":
+        data = film(replays, number, span, on_frame)
+    else:
+        data = still(replays, number, span, kind)
     atomic_write(output, data)
     return {
         "output": str(output),
@@ -110,11 +127,7 @@ def film(
     on_frame: Callable[[int], None] = lambda row: None,
 ) -> bytes:
     """An animated GIF: one radar cycle per frame, ten frames per second, 60 times real time."""
-    rows = range(span.begin, span.end + 1)
-    if len(rows) > MOST_FRAMES:
-        raise InputError(
-            f"a film of {len(rows)} cycles (allowed: {MOST_FRAMES}; --from and --to select a part)"
-        )
+    rows = _rows_of_film(span)
     with house_style():
         scene = _FilmScene(replays, number, span)
         # One palette for all frames, so that no colour flickers; the last frame shows everything.
@@ -125,7 +138,7 @@ def film(
             frames.append(frame.quantize(palette=palette, dither=Image.Dither.NONE))
             on_frame(row)
     data = io.BytesIO()
-    durations = [1000 // FRAMES_PER_S] * (len(frames) - 1) + [2500]
+    durations = [1000 // FRAMES_PER_S] * (len(frames) - 1) + [LAST_FRAME_MS]
     frames[0].save(
         data,
         "GIF",
@@ -136,6 +149,39 @@ def film(
         optimize=True,
     )
     return data.getvalue()
+
+
+def video(
+    replays: tuple[Replay, ...],
+    number: int,
+    span: Span,
+    ffmpeg: str,
+    on_frame: Callable[[int], None] = lambda row: None,
+) -> bytes:
+    """The same film as MP4, in full colour; `ffmpeg` is the path of the program."""
+    rows = _rows_of_film(span)
+
+    def frames() -> Iterator[Image.Image]:
+        scene = _FilmScene(replays, number, span)
+        for row in rows:
+            frame = scene.pixels(row)
+            yield frame
+            on_frame(row)
+        for _ in range(LAST_FRAME_MS * FRAMES_PER_S // 1000 - 1):
+            yield frame
+
+    with house_style():
+        return as_mp4(frames(), FRAMES_PER_S, ffmpeg)
+
+
+def _rows_of_film(span: Span) -> range:
+    """The rows of a film, one per frame. Raises InputError if there are too many."""
+    rows = range(span.begin, span.end + 1)
+    if len(rows) > MOST_FRAMES:
+        raise InputError(
+            f"a film of {len(rows)} cycles (allowed: {MOST_FRAMES}; --from and --to select a part)"
+        )
+    return rows
 
 
 class _Scene:
@@ -150,10 +196,11 @@ class _Scene:
         self._scenarios = [_scenario(replay, number) for replay in replays]
         for axes, replay in zip(self._panels, replays, strict=True):
             draw_sector(axes, replay.sector)
+            draw_scale_bar(axes, replay.sector)
             axes.set_axis_off()
             axes.set_title(f"{replay.title}\n ")
             # Room for the clearances.
-            axes.text(0.0, -0.02, "\n" * SAID, transform=axes.transAxes, va="top", fontsize=9.0)
+            axes.text(0.0, -0.02, "\n" * LATEST, transform=axes.transAxes, va="top", fontsize=9.0)
         settle(self.figure)
         self._fix_names = list[tuple[Axes, Artist]]()
         for axes, replay in zip(self._panels, replays, strict=True):
@@ -179,6 +226,7 @@ class _Scene:
                     ring_nm = replay.sector.separation_nm if number in lost else 0.0
                     draw_aircraft(axes, _blip(replay.sector, flown, row), colour, ring_nm)
             _write_clearances(axes, scenario, row)
+            _write_losses(axes, scenario, row)
 
 
 class _FilmScene(_Scene):
@@ -225,7 +273,10 @@ class _FilmScene(_Scene):
                 [replay.sector.separation_nm if number in lost else 0.0 for number in flying],
             )
             axes.draw_artist(axes.set_title(_title(replay, scenario, row)))
-            for text in _write_clearances(axes, scenario, row):
+            for text in (
+                *_write_clearances(axes, scenario, row),
+                *_write_losses(axes, scenario, row),
+            ):
                 axes.draw_artist(text)
                 text.remove()
         return Image.fromarray(np.asarray(self._canvas.buffer_rgba())[:, :, :3])  # type: ignore[no-untyped-call]
@@ -238,21 +289,46 @@ def _title(replay: Replay, scenario: ReplayScenario, row: int) -> str:
     return f"{replay.title}\n{count}, time {minutes:02d}:{seconds:02d}"
 
 
+def _losses_in(scenario: ReplayScenario, row: int) -> list[Loss]:
+    """The losses of separation in the cycle that ends at a row."""
+    return [loss for loss in scenario.losses if loss.begins < row <= loss.ends]
+
+
 def _in_loss(scenario: ReplayScenario, row: int) -> set[int]:
     """The indices of the aircraft that have lost separation."""
-    return {
-        number
-        for loss in scenario.losses
-        if loss.begins < row <= loss.ends
-        for number in (loss.first, loss.second)
-    }
+    return {number for loss in _losses_in(scenario, row) for number in (loss.first, loss.second)}
+
+
+def _write_losses(axes: Axes, scenario: ReplayScenario, row: int) -> list[Text]:
+    """Name the pairs that have lost separation, at the top of the panel."""
+    pairs = [
+        " and ".join(scenario.aircraft[number].callsign for number in (loss.first, loss.second))
+        for loss in _losses_in(scenario, row)
+    ]
+    if not pairs:
+        return []
+    more = f" and {len(pairs) - MOST_PAIRS} more pairs" if len(pairs) > MOST_PAIRS else ""
+    text = f"loss of separation: {'; '.join(pairs[:MOST_PAIRS])}{more}"
+    return [
+        axes.text(
+            0.0,
+            1.0,
+            text,
+            transform=axes.transAxes,
+            va="top",
+            fontsize=9.0,
+            fontweight="bold",
+            color=VERMILION,
+            zorder=11,
+        )
+    ]
 
 
 def _write_clearances(axes: Axes, scenario: ReplayScenario, row: int) -> list[Text]:
     """Write the last clearances below the panel, the latest first."""
     issued = [each for each in scenario.clearances if each.cycle < row]
     texts = []
-    for line, each in enumerate(issued[: -SAID - 1 : -1]):
+    for line, each in enumerate(issued[: -LATEST - 1 : -1]):
         recent = row - each.cycle <= 5
         stacked = f" ({each.instructions} instructions)" if each.instructions > 1 else ""
         texts.append(

@@ -17,9 +17,15 @@ from matplotlib.text import Text
 
 from skystack.reporting.radar import (
     AHEAD,
+    CROSS,
+    CROSS_PT,
+    DASHED,
     HALO,
     LABEL,
+    LOSS_PT,
     RING,
+    SQUARE,
+    SQUARE_PT,
     TRAIL,
     Blip,
     lines_ahead,
@@ -87,14 +93,12 @@ class TrafficPicture:
         self._axes, self._texts = axes, texts
         self._trails = LineCollection([], colors=colours, **TRAIL)
         self._trails.set(capstyle="projecting", joinstyle="round")
-        self._ahead = [LineCollection([], linestyles=style, **AHEAD) for style in (":", "-")]
-        self._squares: PathCollection = axes.scatter(
-            [], [], s=7.5**2, marker="s", edgecolors=PAPER, linewidths=1.0, zorder=9
-        )
-        self._squares.set_snap(True)
+        self._ahead = [LineCollection([], linestyles=style, **AHEAD) for style in (DASHED, "-")]
+        self._squares: PathCollection = axes.scatter([], [], **SQUARE)
+        self._crosses: PathCollection = axes.scatter([], [], s=CROSS_PT**2, c=PAPER, **CROSS)
         for lines in (self._trails, *self._ahead):
             axes.add_collection(lines, autolim=False)
-        for artist in (self._trails, *self._ahead, self._squares):
+        for artist in (self._trails, *self._ahead, self._squares, self._crosses):
             artist.set_animated(True)
 
     def draw_trails(self, trails_nm: Sequence[Float[np.ndarray, "_ 2"]]) -> None:
@@ -104,7 +108,7 @@ class TrafficPicture:
     def draw_aircraft(
         self, blips: Sequence[Blip], colours: Sequence[str], rings_nm: Sequence[float]
     ) -> None:
-        """Draw the visible aircraft, each with a ring unless its radius is 0."""
+        """Draw the visible aircraft. A ring, unless its radius is 0, marks a loss of separation."""
         if not blips:
             return
         place = np.array([blip.position_nm for blip in blips])
@@ -113,10 +117,25 @@ class TrafficPicture:
             lines.set_segments(list(segments))
             self._axes.draw_artist(lines)
         self._draw_rings(blips, colours, rings_nm)
-        self._squares.set_offsets(place)
-        self._squares.set_facecolor(list(colours))
-        self._axes.draw_artist(self._squares)
+        self._draw_symbols(colours, rings_nm, place)
         self._draw_labels(blips, colours, place)
+
+    def _draw_symbols(
+        self,
+        colours: Sequence[str],
+        rings_nm: Sequence[float],
+        place: Float[np.ndarray, "blips 2"],
+    ) -> None:
+        lost = np.array(rings_nm) > 0.0
+        self._squares.set_offsets(place)
+        self._squares.set_sizes(np.where(lost, LOSS_PT, SQUARE_PT) ** 2)
+        self._squares.set_facecolor(
+            [colour if filled else PAPER for colour, filled in zip(colours, lost, strict=True)]
+        )
+        self._squares.set_edgecolor(list(colours))
+        self._axes.draw_artist(self._squares)
+        self._crosses.set_offsets(place[lost])
+        self._axes.draw_artist(self._crosses)
 
     def _draw_rings(
         self, blips: Sequence[Blip], colours: Sequence[str], rings_nm: Sequence[float]

@@ -26,25 +26,28 @@ from skystack.reporting.replay.side_by_side import read_side_by_side
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
 
-FORMAT = 2
+FORMAT = 3
 PARTS = {"nm": 10_000, "fl": TICKS_PER_FL, "deg": 100, "kt": 10, "ft_min": 1}
 """The resolution of each unit: values are stored as multiples of 1/`PARTS`. Positions must be
 finer than the tolerance of the separation; levels and rates of climb are stored exactly."""
 SCRIPTS = (
-    *("plane", "data", "separation", "player", "view", "blocks", "radar", "scope"),
-    *("panels", "timeline", "controls", "main"),
+    *("plane", "data", "separation", "prune", "display", "player", "view", "blocks", "radar"),
+    *("measure", "scope", "panels", "profile", "timeline", "alerts", "scan", "exports"),
+    *("options", "controls", "main"),
 )
 """In the order of their dependencies; together they are one JavaScript module."""
 
 
-def write_replay(runs: Sequence[Path], output: Path, scenarios: int = 100) -> dict[str, Any]:
-    """Write the page of one run, or of two side by side; `runs` as for `read_replay`.
+def write_replay(
+    runs: Sequence[Path], output: Path, scenarios: int = 100, only: int | None = None
+) -> dict[str, Any]:
+    """Write the page of one run, or of two side by side; the arguments as for `read_replay`.
 
     Returns `output`, `bytes`, `runs` (their titles) and `scenarios` (their number). Raises
     InputError as `read_side_by_side` does, and if the file cannot be written.
     """
     check_output(output, *runs)
-    data = page_data(read_side_by_side(runs, scenarios))
+    data = page_data(read_side_by_side(runs, scenarios, only))
     text = _page(data).encode()
     atomic_write(output, text)
     return {
@@ -118,6 +121,7 @@ def _scenario(scenario: ReplayScenario) -> dict[str, Any]:
         "number": scenario.number,
         "cycles": scenario.cycles,
         "success": scenario.success,
+        "failures": [each._asdict() for each in scenario.failures],
         "aircraft": [_aircraft(aircraft) for aircraft in scenario.aircraft],
         "clearances": [each._asdict() for each in scenario.clearances],
         "losses": [
@@ -138,6 +142,7 @@ def _aircraft(flown: RecordedAircraft) -> dict[str, Any]:
         "route": flown.route,
         "entry_fl": flown.entry_fl,
         "exit_fl": flown.exit_fl,
+        "exit_offset_nm": flown.exit_offset_nm,
         "rows": len(flown.status),
         "x": _second_differences(flown.position_nm[:, 0], "nm"),
         "y": _second_differences(flown.position_nm[:, 1], "nm"),

@@ -6,7 +6,7 @@ They are read from the folder of an evaluation, or from a file that `skystack si
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,6 +28,13 @@ from skystack.evaluation.stored import (
     sector_of,
 )
 from skystack.platforms.registry import OWN
+from skystack.reporting.replay.outcome import (
+    CRITERIA,
+    Failure,
+    Flown,
+    counts_clearances,
+    failures_of,
+)
 
 NUMBERS = (
     *("lat", "lon", "fl", "heading_deg", "cleared_heading_deg", "cleared_fl"),
@@ -72,6 +79,8 @@ class RecordedAircraft:
     vertical_speed_ft_min: Float[np.ndarray, " rows"]
     status: tuple[str, ...]
     """One per row, as in the tables."""
+    exit_offset_nm: float | None = None
+    """The distance from its exit fix at the exit; None if it does not exit or is not recorded."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +94,8 @@ class ReplayScenario:
     aircraft: tuple[RecordedAircraft, ...]
     clearances: tuple[RecordedClearance, ...]
     losses: tuple[Loss, ...]
+    failures: tuple[Failure, ...] = ()
+    """Why it did not succeed; empty if it did, or if the tables do not tell."""
 
 
 @dataclass(frozen=True)
@@ -138,29 +149,37 @@ def _evaluation(folder: Path, count: int, number: int | None) -> Replay:
     only = [("scenario", "in", episodes["scenario"].to_pylist())]
     path = folder / "trajectories.parquet"
     flown = read_table(path, ("scenario", "cycle", "callsign", "status", *NUMBERS), only)
-    entries = read_table(
-        folder / "aircraft.parquet",
-        ("scenario", "callsign", "type", "route", "entry_fl", "exit_fl"),
-        only,
-    )
+    columns = ("scenario", "callsign", "type", "route", "entry_fl", "exit_fl")
+    entries = _with_optional(folder / "aircraft.parquet", columns, ("exit_offset_nm",), only)
     issued = read_table(folder / "clearances.parquet", ("scenario", *CLEARANCE), only)
     check_together(folder, (episodes, flown, entries, issued))
     sector = sector_of(path, flown)
     rows, aircraft, clearances = (_by_scenario(table) for table in (flown, entries, issued))
+    outcomes = episodes.to_pylist()
+    counted = counts_clearances(outcomes)
     return Replay(
         _title(folder),
         sector,
         tuple(
-            _scenario(sector, path, row, rows, aircraft, clearances) for row in episodes.to_pylist()
+            _scenario(sector, path, row, rows, aircraft, clearances, counted) for row in outcomes
         ),
     )
+
+
+def _with_optional(
+    path: Path, columns: tuple[str, ...], optional: tuple[str, ...], only: Any
+) -> pa.Table:
+    """Read columns, and those of the optional ones that the table has: older ones lack some."""
+    table = read_table(path, columns, only)
+    found = tuple(name for name in optional if has_column(path, name))
+    return read_table(path, (*columns, *found), only) if found else table
 
 
 def _episodes(folder: Path, count: int, number: int | None) -> pa.Table:
     """The rows of the first scenarios, or of one."""
     path, columns = folder / "episodes.parquet", ("scenario", "cycles", "success", "clearances")
     one = None if number is None else [("scenario", "=", number)]
-    episodes = read_table(path, columns, one).sort_by("scenario").slice(0, count)
+    episodes = _with_optional(path, columns, CRITERIA, one).sort_by("scenario").slice(0, count)
     if not episodes.num_rows:
         known = read_table(path, ("scenario",))["scenario"].to_numpy()
         if not len(known):
@@ -177,7 +196,7 @@ def _title(folder: Path) -> str:
     if found is None:
         return name
     experiment, platform, kind = found.groups()
-    how = "stacked" if kind == "stacked" else "one at a time"
+    how = "stacked" if kind == "stacked" else "unstacked"
     return f"{experiment}, {how}" + (f", {platform}" if platform != OWN else "")
 
 
@@ -188,6 +207,7 @@ def _scenario(
     rows: Mapping[int, pa.Table],
     aircraft: Mapping[int, pa.Table],
     clearances: Mapping[int, pa.Table],
+    counted: bool,
 ) -> ReplayScenario:
     number = episode["scenario"]
     if number not in rows or number not in aircraft:
@@ -198,6 +218,12 @@ def _scenario(
     flying = tuple(_aircraft(sector, path, rows[number], each) for each in entries)
     cycles = episode["cycles"]
     flown = _assemble(sector, number, cycles, episode["success"], flying, issued, path)
+    addressed = [each.aircraft for each in flown.clearances]
+    known = [
+        Flown(each.status, float(each.fl[-1]), each.exit_fl, addressed.count(index))
+        for index, each in enumerate(flying)
+    ]
+    flown = replace(flown, failures=failures_of(episode, known, counted))
     found = len(issued), len(rows[number])
     if found != (episode["clearances"], len(entries) * (cycles + 1)):
         raise not_agreeing(path.parent, number)
@@ -236,6 +262,7 @@ def _aircraft(
         route=tuple(entry["route"].split()),
         entry_fl=float(entry["entry_fl"]),
         exit_fl=entry["exit_fl"],
+        exit_offset_nm=entry.get("exit_offset_nm"),
         position_nm=sector.plane.to_plane(columns.pop("lat"), columns.pop("lon")),
         status=tuple(status[:end]),
         **columns,

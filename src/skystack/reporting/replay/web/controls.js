@@ -22,7 +22,10 @@ function keysOf(player, view, actions) {
     { keys: ["n", "ArrowDown"], shown: "N or ↓", does: "next scenario", run: () => player.open(player.index + 1) },
     { keys: ["p", "ArrowUp"], shown: "P or ↑", does: "previous scenario", run: () => player.open(player.index - 1) },
     { keys: [..."123456789"], shown: "1 to 9", does: "select an aircraft", run: number },
-    { keys: ["Escape"], shown: "Esc", does: "clear the selection", run: () => player.select(null) },
+    { keys: ["f", "/"], shown: "F or /", does: "find an aircraft by its callsign", run: actions.find },
+    { keys: ["Escape"], shown: "Esc", does: "clear the measuring line, then the selection", run: actions.clear },
+    { keys: ["m"], shown: "M", does: "measure: drag between two points or aircraft", run: actions.measure },
+    { keys: ["g"], shown: "G", does: "show or hide the vertical profile", run: actions.profile },
     { keys: ["+", "="], shown: "+", does: "zoom in", run: zoom(ZOOM_STEP) },
     { keys: ["-"], shown: "-", does: "zoom out", run: zoom(1 / ZOOM_STEP) },
     { keys: ["0"], shown: "0", does: "show the whole sector", run: () => view.fit() },
@@ -30,16 +33,21 @@ function keysOf(player, view, actions) {
     { keys: ["s"], shown: "S", does: "move the view down", run: pan(0, -1) },
     { keys: ["a"], shown: "A", does: "move the view left", run: pan(1, 0) },
     { keys: ["d"], shown: "D", does: "move the view right", run: pan(-1, 0) },
-    { keys: ["r"], shown: "R", does: "show rings for all aircraft or only where relevant", run: actions.rings },
+    { keys: ["r"], shown: "R", does: "separation rings: all aircraft, or only conflicts and the selection", run: actions.rings },
+    { keys: ["v"], shown: "V", does: "vector length: 1, 2 or 5 minutes", run: actions.vector },
+    { keys: ["h"], shown: "H", does: "trail length", run: actions.trail },
+    { keys: ["o"], shown: "O", does: "options: vectors, trails, levels, downloads", run: actions.options },
+    { keys: ["i"], shown: "I", does: "download the picture as PNG", run: actions.picture },
+    { keys: ["c"], shown: "C", does: "download the clearances of this scenario as CSV", run: actions.csv },
     { keys: ["t"], shown: "T", does: "light or dark theme", run: actions.theme },
-    { keys: ["l"], shown: "L", does: "copy a link to this moment", run: actions.link },
+    { keys: ["l"], shown: "L", does: "copy a link to this scenario and time", run: actions.link },
     { keys: ["?"], shown: "?", does: "show this help", run: actions.help },
   ];
 }
 
 /** Whether the focused element handles the key itself. */
 function keepsKey(target, key) {
-  if (target.closest("select, dialog")) return true;
+  if (target.closest("select, dialog, input:not([type=range])")) return true;
   return Boolean(target.closest("button")) && (key === " " || key === "Enter");
 }
 
@@ -79,8 +87,8 @@ function fillHelp(list, keys) {
   }
 }
 
-/** Drag pans, wheel or two fingers zoom, click selects. */
-function listenToPointer(scope, player, view) {
+/** Drag pans or measures, wheel or two fingers zoom, click selects. */
+function listenToPointer(scope, player, view, display, measure) {
   const { canvas } = scope;
   const held = new Map();
   let moved = 0;
@@ -94,6 +102,7 @@ function listenToPointer(scope, player, view) {
     canvas.setPointerCapture(event.pointerId);
     if (!held.size) moved = 0;
     held.set(event.pointerId, position(event));
+    if (display.measuring && held.size === 1) measure.from(scope.endAt(position(event)));
   });
   canvas.addEventListener("pointermove", (event) => {
     const before = held.get(event.pointerId);
@@ -102,11 +111,18 @@ function listenToPointer(scope, player, view) {
     const [right, down] = [now[0] - before[0], now[1] - before[1]];
     held.set(event.pointerId, now);
     moved += Math.hypot(right, down);
+    if (display.measuring && held.size === 1) {
+      measure.to(scope.endAt(now));
+      return;
+    }
     view.panBy(right / held.size, down / held.size, ...size());
     if (apart) view.zoomBy(spread() / apart, ...size(), middle([...held.values()]));
   });
   canvas.addEventListener("pointerup", (event) => {
-    if (held.size === 1 && moved < 6) player.select(scope.hit(...position(event)));
+    if (held.size !== 1 || moved >= 6 || display.measuring) return;
+    const callsign = scope.hit(...position(event));
+    if (callsign !== null) player.pick(callsign, event.shiftKey);
+    else if (!event.shiftKey) player.select(null);
   });
   for (const end of ["pointerup", "pointercancel"]) {
     canvas.addEventListener(end, (event) => held.delete(event.pointerId));

@@ -25,6 +25,7 @@ function unpackAircraft(packed, parts) {
     rows: packed.rows,
     entryFl: packed.entry_fl,
     exitFl: packed.exit_fl,
+    exitOffsetNm: packed.exit_offset_nm, // null if it has not exited, or if it is not recorded
     xNm: column("x", parts.nm),
     yNm: column("y", parts.nm),
     fl: column("fl", parts.fl),
@@ -44,6 +45,7 @@ function unpackScenario(packed, parts) {
   return {
     cycles: packed.cycles,
     success: packed.success,
+    failures: packed.failures,
     aircraft,
     losses: packed.losses,
     clearances: packed.clearances.map((issued) => ({

@@ -2,36 +2,66 @@
 
 const replay = JSON.parse(document.getElementById("recorded").textContent);
 const view = new View(replay.sector);
-const calm = matchMedia("(prefers-reduced-motion: reduce)");
-const light = matchMedia("(prefers-color-scheme: light)");
+const reducedMotion = matchMedia("(prefers-reduced-motion: reduce)");
+const prefersLight = matchMedia("(prefers-color-scheme: light)");
 const look = document.documentElement.dataset;
 const byId = (id) => document.getElementById(id);
 
-let rings = true;
+const display = new Display(replay);
+const measure = new Measure();
 const player = new Player(replay, changed);
 const panes = replay.runs.map((run) => makePane(run.title));
 const timeline = new Timeline(player);
+const { plane, limits } = panes[0].scope;
+const scan = new Scan(plane, limits, (lane, span) => timeline.addConflict(lane, span));
+const options = new Options(player, display, refresh);
 
 function makePane(title) {
   const pane = byId("pane").content.firstElementChild.cloneNode(true);
   byId("panes").append(pane);
-  const scope = new Scope(pane.querySelector("canvas"), replay, view);
-  listenToPointer(scope, player, view);
-  return { scope, panels: new Panels(pane, title, player) };
+  const scope = new Scope(pane.querySelector(".scope canvas"), replay, view);
+  listenToPointer(scope, player, view, display, measure);
+  const alerts = new Alerts(pane, player, (pair, row) => goToPair(scope, pair, row));
+  const [panels, profile] = [new Panels(pane, title, player), new Profile(pane, player)];
+  return { scope, panels, alerts, profile };
+}
+
+/** Selects a pair of aircraft and shows them, at a row if one is given. */
+function goToPair(scope, pair, row) {
+  player.play(false);
+  if (row !== undefined) player.goTo(row);
+  player.select(...pair);
+  const { clientWidth: width, clientHeight: height } = scope.canvas;
+  const shown = scope.flying.filter((each) => pair.includes(each.callsign));
+  view.reveal(shown.map((each) => positionOf(each, player.row, 0)), width, height);
+}
+
+/** Shows the present row again, after a change of the selection or the display. */
+function refresh() {
+  panes.forEach(({ scope, panels, alerts, profile }, index) => {
+    const run = player.runs[index];
+    alerts.show(scope.show(run, player.row));
+    panels.show(player.row, (aircraft) => scope.isShown(aircraft, player, display));
+    profile.show(run, player.row, display.profile);
+  });
 }
 
 function changed(what) {
   if (what === "scenario") {
-    panes.forEach(({ panels }, index) => panels.open(player.runs[index]));
+    measure.clear();
+    panes.forEach(({ panels, alerts }, index) => {
+      panels.open(player.runs[index]);
+      alerts.open(player.runs[index]);
+    });
     timeline.open();
+    scan.open(player.runs);
+    options.open();
     byId("scenario").value = String(player.index);
   } else if (what === "playing") {
     document.body.classList.toggle("playing", player.playing);
     byId("speed").value = String(player.speed);
   } else {
-    panes.forEach(({ scope, panels }, index) => {
-      panels.show(player.row, scope.show(player.runs[index], player.row));
-    });
+    refresh();
     timeline.show();
     if (what === "selection") panes.forEach(({ panels }) => panels.reveal(player.selected));
   }
@@ -49,7 +79,9 @@ function updateAddressSoon() {
 
 function updateAddress() {
   const state = new URLSearchParams({ scenario: player.packed.number, cycle: player.row });
-  if (player.selected !== null) state.set("aircraft", player.selected);
+  for (const each of [player.selected, player.partner]) {
+    if (each !== null) state.append("aircraft", each);
+  }
   history.replaceState(null, "", `#${state}`);
 }
 
@@ -59,13 +91,17 @@ function openAddress() {
   const index = replay.runs[0].scenarios.findIndex((each) => each.number === wanted);
   if (state.has("scenario") && index < 0) notify(`There is no scenario ${state.get("scenario")}.`);
   player.play(false);
-  player.selected = state.get("aircraft");
+  const [selected = null, partner = null] = state.getAll("aircraft");
+  Object.assign(player, { selected, partner: partner === selected ? null : partner });
   player.open(Math.max(index, 0), index < 0 ? 0 : Math.trunc(Number(state.get("cycle"))) || 0);
 }
 
+let noticeTimer = 0;
+
 function notify(message) {
-  byId("told").textContent = message;
-  setTimeout(() => (byId("told").textContent = ""), 4000);
+  byId("notice").textContent = message;
+  clearTimeout(noticeTimer);
+  noticeTimer = setTimeout(() => (byId("notice").textContent = ""), 4000);
 }
 
 async function copyLink() {
@@ -74,7 +110,7 @@ async function copyLink() {
     await navigator.clipboard.writeText(location.href);
     notify("Link copied.");
   } catch {
-    notify("The link to this moment is in the address bar.");
+    notify("The link is in the address bar.");
   }
 }
 
@@ -83,7 +119,10 @@ function fillScenarios() {
     const flown = replay.runs.map((run) => run.scenarios[index]);
     const counts = flown.map((each) => each.clearances.length).join(" and ");
     const lost = flown.some((each) => each.losses.length) ? ", loss of separation" : "";
-    const failed = flown.some((each) => each.success === false) ? ", no success" : "";
+    const reasons = new Set(flown.flatMap((each) => each.failures.map(({ reason }) => reason)));
+    const why = [...reasons].map((each) => REASONS.get(each) ?? each).join(", ");
+    const isFailed = flown.some((each) => each.success === false);
+    const failed = isFailed ? `, failed${why && `: ${why}`}` : "";
     const noun = counts === "1" ? "clearance" : "clearances";
     byId("scenario").add(new Option(`${number}: ${counts} ${noun}${lost}${failed}`, String(index)));
   });
@@ -96,21 +135,86 @@ let drawn = "";
 function frame(now) {
   player.tick(Math.min(now - before, 250)); // a page in the background pauses
   before = now;
-  const part = player.speed <= SMOOTH_UP_TO && !calm.matches ? player.elapsed : 0;
-  const { index, row, selected } = player;
-  const sizes = panes.map(({ scope: { canvas } }) => [canvas.clientWidth, canvas.clientHeight]);
+  const part = player.speed <= SMOOTH_UP_TO && !reducedMotion.matches ? player.elapsed : 0;
+  const { index, row, selected, partner } = player;
+  const canvases = panes.flatMap(({ scope, profile }) => [scope.canvas, profile.canvas]);
+  const sizes = canvases.map((canvas) => [canvas.clientWidth, canvas.clientHeight]);
   const seen = [view.zoom, view.centre, sizes, look.theme, devicePixelRatio];
-  const wanted = JSON.stringify([index, row, part, selected, rings, seen]);
-  if (wanted !== drawn) {
-    for (const { scope } of panes) scope.draw(part, selected, rings);
-  }
+  const chosen = [selected, partner, display, measure.ends];
+  const wanted = JSON.stringify([index, row, part, chosen, seen]);
+  if (wanted !== drawn) panes.forEach((pane, lane) => drawPane(pane, player.runs[lane], part));
   drawn = wanted;
   requestAnimationFrame(frame);
 }
 
+function drawPane({ scope, panels, profile }, run, part) {
+  scope.draw(part, player, display, measure);
+  profile.draw(run, player.row);
+  const shown = scope.flying.filter((each) => scope.isShown(each, player, display));
+  panels.note(scope.line, display, scope.flying.length, shown.length);
+}
+
+/** Starts or ends measuring. With two aircraft selected, the line joins them. */
+function toggleMeasuring() {
+  display.measuring = !display.measuring;
+  measure.clear();
+  if (display.measuring && player.partner !== null) {
+    measure.from({ callsign: player.selected });
+    measure.to({ callsign: player.partner });
+  }
+  document.body.classList.toggle("measuring", display.measuring);
+  options.show();
+}
+
+function clear() {
+  if (options.close()) return;
+  if (display.measuring || measure.ends) {
+    display.measuring = true;
+    toggleMeasuring();
+  } else {
+    player.select(null);
+  }
+}
+
+/** The name of a downloaded file: only the scenario and the time, no recorded text. */
+function fileName(kind) {
+  const time = minutes(player.row * replay.cycle_s).replace(":", "m");
+  return `replay-scenario-${player.packed.number}${kind === "png" ? `-${time}s` : ""}.${kind}`;
+}
+
+function downloadPicture() {
+  const time = minutes(player.row * replay.cycle_s);
+  const about = `scenario ${player.packed.number}, ${time}`;
+  const headings = replay.runs.map(({ title }) => `${title}, ${about}`);
+  const canvases = panes.map(({ scope }) => scope.canvas);
+  pictureOf(canvases, headings).toBlob((blob) => download(fileName("png"), blob), "image/png");
+}
+
+function downloadClearances() {
+  const titles = replay.runs.map(({ title }) => title);
+  const text = csvOf(titles, player.packed.number, player.runs, replay.cycle_s);
+  download(fileName("csv"), new Blob([text], { type: "text/csv;charset=utf-8" }));
+}
+
+/** Changes the display, and shows the change. */
+const change = (action) => () => {
+  action();
+  options.show();
+  refresh();
+};
+
 const keys = keysOf(player, view, {
   canvas: panes[0].scope.canvas,
-  rings: () => (rings = !rings),
+  find: () => options.find.select(),
+  clear,
+  measure: toggleMeasuring,
+  profile: change(() => (display.profile = !display.profile)),
+  rings: change(() => (display.rings = !display.rings)),
+  vector: change(() => display.nextVector()),
+  trail: change(() => display.nextTrail()),
+  options: () => options.toggle(),
+  picture: downloadPicture,
+  csv: downloadClearances,
   theme: () => (look.theme = look.theme === "light" ? "dark" : "light"),
   link: copyLink,
   help: () => byId("help").showModal(),
@@ -124,8 +228,8 @@ byId("scenario").addEventListener("change", (event) => player.open(Number(event.
 byId("speed").addEventListener("change", (event) => player.faster(
   SPEEDS.indexOf(Number(event.target.value)) - SPEEDS.indexOf(player.speed),
 ));
-const followSystemTheme = () => (look.theme = light.matches ? "light" : "dark");
-light.addEventListener("change", followSystemTheme);
+const followSystemTheme = () => (look.theme = prefersLight.matches ? "light" : "dark");
+prefersLight.addEventListener("change", followSystemTheme);
 followSystemTheme();
 addEventListener("hashchange", openAddress);
 openAddress();

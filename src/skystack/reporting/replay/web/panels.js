@@ -1,7 +1,6 @@
-// The panels next to a radar: title, count, strips, clearance log. Recorded text is never markup.
+// The panels next to a radar: title, verdict, count, strips, log. Recorded text is never markup.
 
 const STRIP_CLEARANCES = 12; // the latest ones; the log has all
-const ALERTS = 6;
 
 function element(tag, className = "", text = "") {
   const made = document.createElement(tag);
@@ -10,48 +9,64 @@ function element(tag, className = "", text = "") {
   return made;
 }
 
-const VERDICTS = new Map([
-  [true, "success"],
-  [false, "no success"],
-  [null, ""], // not evaluated
+const REASONS = new Map([
+  ["excursion", "excursion"],
+  ["wrong_exit_level", "wrong exit level"],
+  ["not_exited", "not exited"],
+  ["too_many_clearances", "too many clearances"],
 ]);
+const NAMED = 3; // aircraft per reason
+
+/** Why a scenario failed, as far as the tables tell, with the aircraft. */
+function reasonsOf({ failures, aircraft }) {
+  return failures.map(({ reason, aircraft: indices }) => {
+    const names = indices.slice(0, NAMED).map((index) => aircraft[index].callsign);
+    if (indices.length > NAMED) names.push(`${indices.length - NAMED} more`);
+    const who = names.length ? ` (${names.join(", ")})` : "";
+    return `${REASONS.get(reason) ?? reason}${who}`;
+  });
+}
+
+function verdictOf(scenario) {
+  const lost = scenario.losses.length > 0;
+  if (scenario.success === null) return lost ? "separation lost" : ""; // not evaluated
+  if (scenario.success) return lost ? "success, but separation lost" : "success";
+  const reasons = reasonsOf(scenario).join(", ");
+  return `failed${reasons && `: ${reasons}`}${lost ? "; separation lost" : ""}`;
+}
 
 class Panels {
   constructor(pane, title, player) {
     const part = (selector) => pane.querySelector(selector);
     this.player = player;
     this.count = part(".count");
-    this.alerts = part(".alerts");
     this.strips = part(".strips ul");
     this.log = part(".log ol");
     this.verdict = part(".verdict");
+    this.notes = { measured: part(".measured"), levels: part(".levels-shown") };
     part("h2").textContent = title;
-    part(".beside").dataset.title = title;
-    part("canvas").setAttribute("aria-label", `Radar: ${title}`);
+    part(".side").dataset.title = title;
+    part(".scope canvas").setAttribute("aria-label", `Radar: ${title}`);
   }
 
   open(scenario) {
     this.scenario = scenario;
-    const lost = scenario.losses.length > 0;
-    const verdict = [VERDICTS.get(scenario.success), lost ? "separation lost" : ""];
-    this.verdict.textContent = verdict.filter(Boolean).join(", ");
-    this.verdict.dataset.good = scenario.success !== false && !lost;
+    this.verdict.textContent = verdictOf(scenario);
+    this.verdict.dataset.good = scenario.success !== false && !scenario.losses.length;
     this.rows = scenario.aircraft.map((aircraft) => this.strip(aircraft));
     this.strips.replaceChildren(...this.rows.map((row) => row.item));
     this.entries = scenario.clearances.map((issued) => this.entry(issued));
     this.log.replaceChildren(...this.entries.map((entry) => entry.item));
+    this.shown = null; // the number of clearances in the log that have been issued
     if (!this.entries.length) this.log.append(element("li", "none", "No clearances."));
   }
 
   entry(issued) {
     const item = element("li");
     const button = element("button");
-    const times = element("span", "times", issued.instructions > 1 ? `×${issued.instructions}` : "");
-    times.title = counted(issued.instructions, "instruction");
+    const stacked = issued.instructions > 1 ? counted(issued.instructions, "instruction") : "";
     const time = element("time", "", minutes(issued.row * this.player.replay.cycle_s));
-    const spoken = element("span", "unseen", `, ${counted(issued.instructions, "instruction")}`);
-    button.append(time, element("span", "text", issued.text), times, spoken);
-    times.setAttribute("aria-hidden", "true");
+    button.append(time, element("span", "text", issued.text), element("span", "stacked", stacked));
     button.addEventListener("click", () => {
       this.player.play(false);
       this.player.goTo(issued.row);
@@ -70,78 +85,96 @@ class Panels {
     const entryFl = Math.round(aircraft.entryFl);
     cell("levels").textContent = `in ${entryFl}, out ${aircraft.exitFl}`;
     cell("route").textContent = aircraft.route.join(" ");
-    row.summary = cell("told");
-    button.addEventListener("click", () => {
-      const { player } = this;
-      player.select(player.selected === aircraft.callsign ? null : aircraft.callsign);
-    });
+    row.exit = cell("exit");
+    row.exit.classList.toggle("known", aircraft.exitOffsetNm !== null);
+    row.summary = cell("clearance");
+    button.addEventListener("click", (event) => this.player.pick(aircraft.callsign, event.shiftKey));
     item.append(button);
     return row;
   }
 
-  /** Updates what changes from row to row. */
-  show(row, encounters) {
+  /** Updates what changes from row to row; `isShown` tells which aircraft are on the radar. */
+  show(row, isShown) {
     const issued = this.scenario.clearances.filter((each) => each.row <= row);
     const all = this.scenario.clearances.length;
     const instructions = issued.reduce((sum, each) => sum + each.instructions, 0);
     const number = element("strong", "", String(issued.length));
-    const rest = ` of ${counted(all, "clearance")} (${counted(instructions, "instruction")})`;
-    this.count.replaceChildren(number, rest);
-    this.alerts.replaceChildren(...encounters.slice(0, ALERTS).map(alertOf));
-    const more = encounters.length - ALERTS;
-    if (more > 0) this.alerts.append(element("li", "", `and ${more} more`));
-    for (const each of this.rows) this.showStrip(each, row, issued);
+    const detail = element("span", "detail", ` (${counted(instructions, "instruction")})`);
+    this.count.replaceChildren(number, ` of ${counted(all, "clearance")}`, detail);
+    const own = new Map(this.scenario.aircraft.map(({ callsign }) => [callsign, []]));
+    for (const each of issued) own.get(each.callsign).push(each);
+    for (const each of this.rows) {
+      this.showStrip(each, row, own.get(each.aircraft.callsign));
+      each.item.classList.toggle("hidden-level", !isShown(each.aircraft));
+    }
     this.showLog(issued.length);
   }
 
-  showStrip({ aircraft, button, now, state, summary }, row, issued) {
+  /** Writes the measured line and the level filter over the radar. */
+  note(line, display, flying, shown) {
+    const band = `FL${display.fromFl} to FL${display.toFl} only: ${shown} of ${flying} aircraft`;
+    // While the replay runs, the values would be read out all the time.
+    this.notes.measured.setAttribute("aria-live", this.player.playing ? "off" : "polite");
+    setText(this.notes.measured, line ? measureWords(line) : "");
+    setText(this.notes.levels, display.isFiltered ? band : "");
+  }
+
+  showStrip({ aircraft, button, now, state, exit, summary }, row, own) {
     const last = Math.min(row, aircraft.rows - 1);
     const status = statusAt(aircraft, last).replaceAll("_", " ");
     const heading = threeDigits(aircraft.headingDeg[last]);
     const cleared = threeDigits(aircraft.clearedHeadingDeg[last]);
     const turn = heading === cleared ? `H${heading}` : `H${heading}→${cleared}`;
     const speed = `${Math.round(aircraft.speedKt[last])}\u00a0kt`;
-    now.textContent = `FL${levelText(aircraft, last)} ${turn} ${speed}`;
-    state.textContent = row >= aircraft.rows ? "off radar" : status;
+    setText(now, `FL${levelText(aircraft, last)} ${turn} ${speed}`);
+    setText(state, row >= aircraft.rows && status !== "exited" ? "off radar" : status);
     state.dataset.status = status;
-    const own = issued.filter((each) => each.callsign === aircraft.callsign);
+    const offset = status === "exited" ? aircraft.exitOffsetNm : null;
+    const fix = aircraft.route.at(-2) ?? "its exit fix";
+    setText(exit, offset === null ? "" : `exit ${offset.toFixed(1)}\u00a0NM from ${fix}`);
     const values = own.slice(-STRIP_CLEARANCES).map((each) => {
       const value = String(each.kind === "level" ? each.value : threeDigits(each.value));
       return `${each.kind === "level" ? "FL" : "H"}${value.padStart(3, "0")}`;
     });
     const more = own.length > STRIP_CLEARANCES ? "… " : "";
-    summary.textContent = own.length
-      ? `${own.length}: ${more}${values.join(" ")}`
-      : "no clearances yet";
-    button.setAttribute("aria-pressed", String(this.player.selected === aircraft.callsign));
+    const text = own.length ? `${own.length}: ${more}${values.join(" ")}` : "no clearances yet";
+    setText(summary, text);
+    button.setAttribute("aria-pressed", String(this.player.isSelected(aircraft.callsign)));
   }
 
   /** Scrolls to the strip of the selected aircraft. */
   reveal(callsign) {
     const found = this.rows.find((row) => row.aircraft.callsign === callsign)?.item;
-    const box = this.strips.parentElement;
-    if (!found) return;
-    const [top, end] = [found.offsetTop, found.offsetTop + found.offsetHeight];
-    if (top < box.scrollTop || end > box.scrollTop + box.clientHeight) {
-      box.scrollTop = top - box.clientHeight / 3;
-    }
+    if (found) scrollInto(this.strips.parentElement, found);
   }
 
   showLog(count) {
+    if (count === this.shown) return;
+    this.shown = count;
     this.entries.forEach(({ item, button }, number) => {
       item.classList.toggle("to-come", number >= count);
       if (number === count - 1) button.setAttribute("aria-current", "step");
       else button.removeAttribute("aria-current");
     });
-    // Scroll the log only, not the page.
-    const last = this.entries[count - 1]?.item;
     const box = this.log.parentElement;
-    box.scrollTop = last ? last.offsetTop - box.clientHeight / 2 : 0;
+    const last = this.entries[count - 1]?.item;
+    if (last) scrollInto(box, last);
+    else box.scrollTop = 0;
   }
 }
 
-function alertOf({ kind, pair, text }) {
-  const who = pair.map((aircraft) => aircraft.callsign).join(" and ");
-  const what = kind === "loss" ? `loss of separation, ${text}` : `conflict ${text}`;
-  return element("li", kind, `${who}: ${what}`);
+const STICKY_PX = 32; // the heading that stays at the top of a list
+
+/** Scrolls a box, not the page, until an item in it is visible. */
+function scrollInto(box, item) {
+  if (box.scrollHeight <= box.clientHeight) return;
+  const [top, end] = [item.offsetTop, item.offsetTop + item.offsetHeight];
+  if (top - STICKY_PX < box.scrollTop || end > box.scrollTop + box.clientHeight) {
+    box.scrollTop = top - box.clientHeight / 2;
+  }
+}
+
+/** Changes a text only if it differs, which costs no layout otherwise. */
+function setText(target, text) {
+  if (target.textContent !== text) target.textContent = text;
 }

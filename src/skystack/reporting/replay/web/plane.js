@@ -19,6 +19,12 @@ class Plane {
     return [(toX - x) / scale, (toY - y) / scale];
   }
 
+  /** The true length of the line of constant heading between two positions (Simpson's rule). */
+  lengthNm([x, y], [toX, toY]) {
+    const [start, middle, end] = [y, (y + toY) / 2, toY].map((each) => 1 / this.scale(each));
+    return (Math.hypot(toX - x, toY - y) * (start + 4 * middle + end)) / 6;
+  }
+
   /** The position reached on a heading after a true distance, using the scale half-way. */
   reached([x, y], degrees, nm) {
     const angle = (degrees * Math.PI) / 180;

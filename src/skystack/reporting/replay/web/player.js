@@ -10,6 +10,7 @@ class Player {
     this.changed = changed;
     this.speed = 20;
     this.selected = null;
+    this.partner = null; // the second aircraft of a selected pair
     this.playing = false;
     this.index = 0;
     this.row = 0;
@@ -31,7 +32,8 @@ class Player {
     const rows = this.runs.flatMap((run) => run.clearances.map((issued) => issued.row));
     this.clearanceRows = [...new Set(rows)].sort((one, other) => one - other);
     this.callsigns = this.runs[0].aircraft.map((aircraft) => aircraft.callsign);
-    if (!this.callsigns.includes(this.selected)) this.selected = null;
+    if (!this.callsigns.includes(this.partner)) this.partner = null;
+    if (!this.callsigns.includes(this.selected)) [this.selected, this.partner] = [this.partner, null];
     this.changed("scenario");
     this.goTo(row);
   }
@@ -68,9 +70,22 @@ class Player {
     this.changed("playing");
   }
 
-  select(callsign) {
+  select(callsign, partner = null) {
     this.selected = callsign;
+    this.partner = partner === callsign ? null : partner;
     this.changed("selection");
+  }
+
+  isSelected(callsign) {
+    return callsign === this.selected || callsign === this.partner;
+  }
+
+  /** Selects an aircraft, or clears it if it is selected; with `add`, as the second of a pair. */
+  pick(callsign, add = false) {
+    const { selected, partner } = this;
+    if (!add || selected === null) this.select(callsign === selected ? null : callsign);
+    else if (callsign === selected) this.select(partner);
+    else this.select(selected, callsign === partner ? null : callsign);
   }
 
   /** Advances the replay by `milliseconds` of the viewer's time. */

@@ -1,17 +1,13 @@
 // The radar picture on a canvas, one function per layer.
 
-const TRAIL_ROWS = 8;
-const VECTOR_S = 60;
-
 const MONO = "ui-monospace, SFMono-Regular, Menlo, Consolas, 'DejaVu Sans Mono', monospace";
 const COLOURS = [
-  ...["radar", "area", "area-line", "airway", "fix", "muted"],
+  ...["ink", "radar", "area", "area-line", "airway", "fix", "muted"],
   ...["aircraft", "waiting", "selected", "conflict", "loss"],
 ];
 
-/** The drawing tools of the layers: the context, functions for positions in pixels and for pixels per
- *  true NM at a plane distance north of the origin, and the colours of the theme. */
-function penOf(canvas, view, plane) {
+/** The context of a canvas of the size on the page, that size, and the colours of the theme. */
+function inkOf(canvas) {
   const ratio = window.devicePixelRatio || 1;
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
   const pixels = [Math.round(width * ratio), Math.round(height * ratio)];
@@ -24,10 +20,18 @@ function penOf(canvas, view, plane) {
   const colour = Object.fromEntries(
     COLOURS.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]),
   );
+  return { g, width, height, colour };
+}
+
+/** The drawing tools of the layers: those of `inkOf`, and functions for positions in pixels and for
+ *  pixels per true NM at a plane distance north of the origin. */
+function penOf(canvas, view, plane) {
+  const ink = inkOf(canvas);
+  const { width, height } = ink;
   const [at, planeNm] = [view.toPixels(width, height), view.pixelsPerNm(width, height)];
   const nm = (y) => planeNm * plane.scale(y);
   const seen = [-0.5, 0, 0.5].map((part) => view.centre[1] + (part * height) / planeNm);
-  return { g, at, nm, plane, seen, width, height, colour };
+  return { ...ink, at, nm, plane, seen };
 }
 
 function stroke(pen, points, colour, { width = 1, dash = [], close = false } = {}) {
@@ -140,7 +144,7 @@ function drawFixes(pen, fixes) {
 
 const SAME_SCALE = 0.02; // relative difference of lengths that is not visible
 
-/** A scale bar of a round number of NM, true in the middle of the picture. */
+/** A scale bar of a round number of NM, true in the middle of the picture; returns its box. */
 function drawScale(pen) {
   const [low, middle, high] = pen.seen.map(pen.nm);
   const nm = [100, 50, 20, 10, 5, 2, 1].find((each) => each * middle <= pen.width / 4) ?? 1;
@@ -148,6 +152,7 @@ function drawScale(pen) {
   const where = Math.abs(high - low) > SAME_SCALE * middle ? " mid-screen" : "";
   stroke(pen, [[x, y - 5], [x, y], [x + length, y], [x + length, y - 5]], pen.colour.muted);
   write(pen, `${nm} NM${where}`, x + length + 8, y - 3, pen.colour.muted, { size: 11 });
+  return { left: 0, top: y - 10, width: x + length + 60 + 7 * where.length, height: 24 };
 }
 
 /** The position of an aircraft, interpolated between its row and the next. */
@@ -161,34 +166,58 @@ function ahead(pen, aircraft, row, position, degrees, seconds) {
   return pen.plane.reached(position, degrees, (aircraft.speedKt[row] * seconds) / 3600);
 }
 
-function drawAircraft(pen, aircraft, row, position, look) {
+/** The trail of an aircraft; older positions are fainter. */
+function drawTrail(pen, aircraft, row, { colour, trailRows }) {
   const { g } = pen;
-  for (let back = 1; back <= Math.min(TRAIL_ROWS, row); back++) {
+  const rows = Math.min(trailRows, row);
+  g.fillStyle = colour;
+  for (let back = 1; back <= rows; back++) {
     const [x, y] = pen.at(aircraft.xNm[row - back], aircraft.yNm[row - back]);
-    g.globalAlpha = 1 - back / (TRAIL_ROWS + 2);
-    g.fillStyle = look.colour;
+    g.globalAlpha = 1 - (0.8 * back) / rows;
     g.fillRect(x - 1.2, y - 1.2, 2.4, 2.4);
   }
   g.globalAlpha = 1;
+}
+
+/** The symbol of an aircraft: a square; a diamond in a conflict; filled and crossed in a loss. */
+function drawSymbol(pen, [x, y], { kind, colour, selected }) {
+  const { g } = pen;
+  const half = kind === "loss" ? 5.5 : kind === "conflict" ? 6.5 : 4;
+  const corners = kind === "conflict" ? [[0, -1], [1, 0], [0, 1], [-1, 0]] : [[-1, -1], [1, -1], [1, 1], [-1, 1]];
+  g.beginPath();
+  for (const [right, down] of corners) g.lineTo(x + right * half, y + down * half);
+  g.closePath();
+  g.fillStyle = kind === "loss" ? colour : pen.colour.radar;
+  g.fill();
+  g.lineWidth = selected ? 2.5 : 1.6;
+  g.strokeStyle = colour;
+  g.stroke();
+  if (kind === "loss") {
+    for (const side of [-1, 1]) {
+      stroke(pen, [[x - 4, y - 4 * side], [x + 4, y + 4 * side]], pen.colour.radar, { width: 1.6 });
+    }
+  }
+  if (selected) ring(pen, [x, y], 11, colour, { width: 1.5 });
+}
+
+const RINGS = { conflict: { width: 1.6, dash: [6, 4] }, loss: { width: 3 } };
+
+function drawAircraft(pen, aircraft, row, position, look) {
+  drawTrail(pen, aircraft, row, look);
   const [x, y] = pen.at(...position);
   const heading = aircraft.headingDeg[row];
-  const vector = ahead(pen, aircraft, row, position, heading, VECTOR_S);
+  const vector = ahead(pen, aircraft, row, position, heading, look.vectorS);
   stroke(pen, [[x, y], pen.at(...vector)], look.colour, { width: 1.3 });
   const cleared = aircraft.clearedHeadingDeg[row];
   if (threeDigits(cleared) !== threeDigits(heading)) {
-    const turned = ahead(pen, aircraft, row, position, cleared, VECTOR_S);
+    const turned = ahead(pen, aircraft, row, position, cleared, look.vectorS);
     stroke(pen, [[x, y], pen.at(...turned)], look.colour, { dash: [3, 4] });
   }
   if (look.ring) {
     const radius = look.ring * pen.nm(position[1]);
-    ring(pen, [x, y], radius, look.colour, { width: look.strong ? 1.6 : 0.7 });
+    ring(pen, [x, y], radius, look.colour, RINGS[look.kind] ?? { width: 0.7 });
   }
-  g.fillStyle = pen.colour.radar;
-  g.fillRect(x - 4, y - 4, 8, 8);
-  g.strokeStyle = look.colour;
-  g.lineWidth = look.selected ? 2.5 : 1.6;
-  g.strokeRect(x - 4, y - 4, 8, 8);
-  if (look.selected) ring(pen, [x, y], 10, look.colour, { width: 1.5 });
+  drawSymbol(pen, [x, y], look);
 }
 
 function drawEncounter(pen, encounter) {
@@ -197,9 +226,14 @@ function drawEncounter(pen, encounter) {
   if (encounter.kind === "conflict") {
     stroke(pen, [pen.at(...encounter.from[0]), one], colour, { dash: [2, 5] });
     stroke(pen, [pen.at(...encounter.from[1]), other], colour, { dash: [2, 5] });
-    for (const point of [one, other]) ring(pen, point, 3.5, colour, { width: 1.5 });
+    for (const [x, y] of [one, other]) {
+      const corners = [[x, y - 4], [x + 4, y], [x, y + 4], [x - 4, y]];
+      stroke(pen, corners, colour, { width: 1.5, close: true });
+    }
+    stroke(pen, [one, other], colour, { width: 2, dash: [6, 4] });
+    return;
   }
-  stroke(pen, [one, other], colour, { width: 2 });
+  stroke(pen, [one, other], colour, { width: 3 });
 }
 
 function drawBlock(pen, block) {

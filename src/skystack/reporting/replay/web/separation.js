@@ -1,4 +1,4 @@
-// Losses of separation: present ones, and those predicted at constant tracks and speeds.
+// Losses of separation: current ones, and those predicted at constant tracks and speeds.
 
 const LOOK_AHEAD_S = 600;
 const PIECE_S = 60; // within this time, straight relative motion is accurate to 0.01 NM
@@ -14,7 +14,7 @@ function projected(plane, aircraft, row) {
     positions.push(plane.reached(positions[piece], aircraft.headingDeg[row], pieceNm));
   }
   const [fl, clearedFl] = [aircraft.fl[row], aircraft.clearedFl[row]];
-  // Cleared but not climbing or descending yet: assume its greatest recorded rate.
+  // Cleared but not climbing or descending yet: assume its largest recorded rate.
   const rate = Math.abs(aircraft.climbFtMin[row]) || aircraft.maxClimbFtMin;
   const flPerS = (Math.sign(clearedFl - fl) * rate) / FT_MIN_PER_FL_S;
   const levelsOffS = flPerS ? (clearedFl - fl) / flPerS : 0;
@@ -95,18 +95,24 @@ function nmText(nm) {
   return `${(Math.floor(nm * 10 + 1e-6) / 10).toFixed(1)} NM`;
 }
 
+/** The recorded losses in the cycle that ends at a row, by `first` * `count` + `second`. */
+function lossesAt({ losses, aircraft }, row) {
+  const found = new Map();
+  for (const loss of losses) {
+    const key = loss.first * aircraft.length + loss.second;
+    if (loss.begins < row && row <= loss.ends && !found.has(key)) found.set(key, loss);
+  }
+  return found;
+}
+
 /** The distance of two aircraft that have lost separation at a row, or the minimum distance if they
- *  had lost it in the cycle before; null if neither. */
-function lossText(plane, scenario, [first, second], row, limits) {
+ *  had lost it in the cycle before (`within`); null if neither. */
+function lossText(plane, scenario, [first, second], row, limits, within) {
   const [one, other] = [scenario.aircraft[first], scenario.aircraft[second]];
   const [from, to] = [one, other].map((each) => [each.xNm[row], each.yNm[row]]);
   const distance = Math.hypot(...plane.offset(from, to));
   const levels = Math.abs(one.fl[row] - other.fl[row]);
   if (distance < limits.nm && levels < limits.fl - SAME_FL) return nmText(distance);
-  const within = scenario.losses.find(
-    (loss) =>
-      loss.first === first && loss.second === second && loss.begins < row && row <= loss.ends,
-  );
   return within ? `min ${nmText(within.least_nm)}` : null;
 }
 
@@ -119,14 +125,19 @@ function encountersAt(plane, scenario, row, limits) {
   const shown = scenario.aircraft.map((each) => row < each.rows);
   const paths = scenario.aircraft.map((each, index) => shown[index] && projected(plane, each, row));
   const exited = scenario.aircraft.map((each) => statusAt(each, row) === "exited");
+  const bounds = boundsOf(paths);
+  const limit = planeLimit(plane, bounds, limits.nm);
+  const recorded = lossesAt(scenario, row);
   const found = [];
   for (let second = 1; second < paths.length; second++) {
     for (let first = 0; first < second; first++) {
       const [one, other] = [paths[first], paths[second]];
       if (!one || !other) continue;
+      const within = recorded.get(first * paths.length + second);
+      if (!within && staysApart(bounds[first], bounds[second], limits.fl, limit)) continue;
       const both = { pair: [scenario.aircraft[first], scenario.aircraft[second]] };
       const from = [one.positions[0], other.positions[0]];
-      const lost = lossText(plane, scenario, [first, second], row, limits);
+      const lost = lossText(plane, scenario, [first, second], row, limits, within);
       if (lost) found.push({ kind: "loss", ...both, from, at: from, seconds: 0, text: lost });
       if (lost || exited[first] || exited[second]) continue;
       const conflict = conflictOf(plane, one, other, limits);

@@ -33,6 +33,12 @@ class Timeline {
     this.marks.replaceChildren(...runs.flatMap(laneOf));
   }
 
+  /** Marks rows in which a loss is predicted: a dashed line at the top of the lane. */
+  addConflict(lane, [begins, ends]) {
+    const y = lane + 0.05;
+    this.marks.append(mark("line", { class: "conflict", x1: begins, x2: ends, y1: y, y2: y }));
+  }
+
   show() {
     const { row, lastRow, replay } = this.player;
     const time = minutes(row * replay.cycle_s);
@@ -42,16 +48,21 @@ class Timeline {
   }
 }
 
-/** Losses as bars; clearances as lines, which are longer the more instructions they contain. */
+/** Losses as bars with a cross; clearances as lines, which are longer the more instructions they contain. */
 function laneOf(run, lane) {
-  const losses = run.losses.map((loss) => {
+  const losses = run.losses.flatMap((loss) => {
     const [x, width] = [loss.begins, loss.ends - loss.begins];
-    return mark("rect", { class: "loss", x, y: lane + 0.1, width, height: 0.85 });
+    const [y1, y2] = [lane + 0.15, lane + 0.95];
+    return [
+      mark("rect", { class: "loss", x, y: y1, width, height: y2 - y1 }),
+      mark("line", { class: "cross", x1: x, x2: x + width, y1, y2 }),
+      mark("line", { class: "cross", x1: x, x2: x + width, y1: y2, y2: y1 }),
+    ];
   });
   const issued = run.clearances.map(({ row, instructions }) => {
-    const height = Math.min(0.35 + 0.1 * (instructions - 1), 0.85);
+    const height = Math.min(0.35 + 0.1 * (instructions - 1), 0.8);
     const [y1, y2] = [lane + 0.95 - height, lane + 0.95];
-    return mark("line", { class: "said", x1: row, x2: row, y1, y2 });
+    return mark("line", { class: "clearance", x1: row, x2: row, y1, y2 });
   });
   return [...losses, ...issued];
 }

@@ -32,6 +32,26 @@ class View {
     return (x, y) => [width / 2 + (x - x0) * scale, height / 2 - (y - y0) * scale];
   }
 
+  /** The inverse of `toPixels`. */
+  toPlane(width, height) {
+    const scale = this.pixelsPerNm(width, height);
+    const [x0, y0] = this.centre;
+    return (x, y) => [x0 + (x - width / 2) / scale, y0 - (y - height / 2) / scale];
+  }
+
+  /** Shows positions that are out of the picture: moves the view, and zooms out if necessary. */
+  reveal(positions, width, height) {
+    const at = this.toPixels(width, height);
+    const isIn = ([x, y]) => x > 0 && x < width && y > 0 && y < height;
+    if (positions.every(([x, y]) => isIn(at(x, y)))) return;
+    const ends = [0, 1].map((axis) => positions.map((position) => position[axis]));
+    this.centre = ends.map((values) => (Math.min(...values) + Math.max(...values)) / 2);
+    const spans = ends.map((values) => Math.max(...values) - Math.min(...values));
+    const scale = this.pixelsPerNm(width, height);
+    const fill = Math.max((spans[0] * scale) / width, (spans[1] * scale) / height) / 0.8;
+    if (fill > 1) this.zoom = Math.max(this.zoom / fill, ZOOM_LEAST);
+  }
+
   panBy(right, down, width, height) {
     const scale = this.pixelsPerNm(width, height);
     const moved = [this.centre[0] - right / scale, this.centre[1] + down / scale];
