@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 
 import skystack.gym  # noqa: F401  (registers the environments)
-from skystack.gym.stacked import MOST_INSTRUCTIONS, StackedEnvironment
+from skystack.gym.stacked import DEFAULT_LIMIT, StackedEnvironment
 from skystack.tasks.settings import NavigationSettings
 
 SETTINGS = NavigationSettings(features=("theta_f", "theta_sf", "d_f"))
@@ -42,7 +42,7 @@ def main():
     parser.add_argument("--scenarios", type=int, default=20)
     options = parser.parse_args()
     plain = gymnasium.make("skystack/Lateral-v0", settings=SETTINGS)
-    for title, limit in (("one at a time", 1), ("stacked", MOST_INSTRUCTIONS)):
+    for title, limit in (("one at a time", 1), ("stacked", DEFAULT_LIMIT)):
         environment = StackedEnvironment(plain, limit)
         flown = [fly(environment, seed) for seed in range(options.scenarios)]
         clearances = np.mean([count for count, _ in flown])

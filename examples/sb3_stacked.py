@@ -20,7 +20,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormali
 
 import skystack.gym  # noqa: F401  (registers the environments)
 from skystack.gym.sb3 import StableBaselines3Environment
-from skystack.gym.stacked import MOST_INSTRUCTIONS, StackedEnvironment
+from skystack.gym.stacked import DEFAULT_LIMIT, StackedEnvironment
 
 NAME = "skystack/Lateral-v0"
 
@@ -54,5 +54,5 @@ if __name__ == "__main__":
     chosen = parser.parse_args()
     torch.set_num_threads(1)  # more threads only slow down such small networks
     policy, normaliser = train(chosen)
-    for name, instructions in (("one at a time", 1), ("stacked", MOST_INSTRUCTIONS)):
+    for name, instructions in (("one at a time", 1), ("stacked", DEFAULT_LIMIT)):
         evaluate(name, instructions, policy, normaliser, chosen)

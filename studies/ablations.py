@@ -16,7 +16,7 @@ import msgspec
 from skystack.compilation.programs import compile_for_one_core
 from skystack.errors import InputError, unknown_name
 from skystack.learning.experiment import Experiment, load_experiment
-from skystack.reproduction.jobs import flown_once, trained_once
+from skystack.reproduction.jobs import evaluate_or_load, train_or_load
 from skystack.reproduction.plan import Plan
 
 EPISODES = 1000
@@ -72,8 +72,8 @@ def ablate(name: str, seed: int, out: Path) -> None:
 
 def _results(variant: Experiment, seed: int, out: Path) -> str:
     plan = Plan((variant,), 1, EPISODES, out, quick=False, command="")
-    policy, _, _ = trained_once(plan, variant, seed, lambda progress: None)
-    row = flown_once(plan, policy, stacking=True)[0].row
+    policy, _, _ = train_or_load(plan, variant, seed, lambda progress: None)
+    row = evaluate_or_load(plan, policy, stacking=True)[0].row
     clearances = f"{row['clearances_mean']:.2f}"
     return f"{clearances} | {row['success_rate']:.3f} | {row['loss_of_separation_count']}"
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from skystack.errors import LONGEST_LINE, InputError, checked_whole, unknown_name
+from skystack.errors import LONGEST_LINE, InputError, checked_integer, unknown_name
 
 
 def test_message_is_one_printable_line():
@@ -28,17 +28,17 @@ def test_reports_a_name_too_long_for_a_path_as_unknown():
 
 @pytest.mark.parametrize("kind", [int, np.int8, np.uint64, np.array, torch.tensor])
 def test_converts_integers_of_any_library_to_int(kind):
-    number = checked_whole("it", kind(3), 3, 3)
+    number = checked_integer("it", kind(3), 3, 3)
     assert (number, type(number)) == (3, int)
 
 
 @pytest.mark.parametrize("flag", [True, np.True_, np.array(True), torch.tensor(True)])
 def test_rejects_booleans(flag):
     with pytest.raises(InputError, match=r"^it is .*\(allowed: whole numbers from 0\)$"):
-        checked_whole("it", flag, 0)
+        checked_integer("it", flag, 0)
 
 
 @pytest.mark.parametrize("value", [-1, 6, 1.0, "1", None, np.array([1, 2]), np.float32(1)])
 def test_rejects_other_values(value):
     with pytest.raises(InputError, match=r"\(allowed: whole numbers from 0 to 5\)$"):
-        checked_whole("it", value, 0, 5)
+        checked_integer("it", value, 0, 5)

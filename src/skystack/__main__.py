@@ -12,7 +12,7 @@ from skystack.io.streams import StandardError, open_standard_files
 
 def run() -> NoReturn:
     """Run the command line and exit the process with its exit code."""
-    with signals.ended_by_signals(last=True):
+    with signals.handle_signals(last=True):
         open_standard_files()
         code = main()
     signal_code = signals.exit_code()

@@ -52,11 +52,11 @@ def printable(text: str) -> str:
     return "".join(char if char.isprintable() else ascii(char)[1:-1] for char in text)
 
 
-MOST_NUMBER = 2**31 - 1
+MAX_INT = 2**31 - 1
 """The largest seed or count. JAX keeps 32 bits of a seed; larger seeds would repeat scenarios."""
 
 
-def checked_whole(name: str, value: Any, least: int, most: int | None = None) -> int:
+def checked_integer(name: str, value: Any, least: int, most: int | None = None) -> int:
     """Convert an integer of any library to int.
 
     Raises InputError for other types and for values out of range. True and False are refused,
@@ -73,7 +73,7 @@ def checked_whole(name: str, value: Any, least: int, most: int | None = None) ->
     return number
 
 
-LONGEST_NAME, MOST_NAMES = 200, 2000
+MAX_SUGGESTED_CHARS, MAX_CANDIDATES = 200, 2000
 """Limits for suggesting a similar name: its length, and the number of candidates."""
 
 
@@ -99,7 +99,9 @@ def unknown_name(
     """
     names = sorted(allowed)
     near = [path for path in paths if exists(path)]
-    if len(name) <= LONGEST_NAME and len(names) <= MOST_NAMES:  # otherwise this takes minutes
+    if (
+        len(name) <= MAX_SUGGESTED_CHARS and len(names) <= MAX_CANDIDATES
+    ):  # otherwise this takes minutes
         near += difflib.get_close_matches(name, names, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     return InputError(f"unknown {kind} {name!r}{hint} (allowed: {also}{', '.join(names)})")
@@ -129,7 +131,7 @@ def missing_extra(feature: str, needs: str, extra: str) -> MissingExtraError:
 
 
 @contextmanager
-def of_extra(feature: str, extra: str) -> Iterator[None]:
+def requires_extra(feature: str, extra: str) -> Iterator[None]:
     """Import packages of an extra in the context. Raises MissingExtraError if one is missing."""
     try:
         yield

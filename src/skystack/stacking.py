@@ -20,7 +20,7 @@ from copy import deepcopy
 from operator import eq
 from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
-from skystack.errors import InputError, checked_whole
+from skystack.errors import InputError, checked_integer
 
 State = TypeVar("State")
 Carry = TypeVar("Carry")
@@ -108,7 +108,7 @@ def owned(answer: Any) -> Any:
 
 def checked_limit(limit: Any) -> int:
     """The limit as an int. Raises InputError unless it is a whole number of at least 1."""
-    return checked_whole("limit", limit, 1)
+    return checked_integer("limit", limit, 1)
 
 
 def stack(

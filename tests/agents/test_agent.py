@@ -54,7 +54,7 @@ def test_requires_an_experiment_that_fits():
 
 
 def test_rejects_an_experiment_for_our_own_policies():
-    with pytest.raises(InputError, match=r"^lateral carries its own experiment"):
+    with pytest.raises(InputError, match=r"^lateral already names its experiment"):
         skystack.evaluate(skystack.find_policy("lateral"), FEW, experiment="lateral")
 
 

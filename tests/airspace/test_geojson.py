@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skystack.airspace.geojson import merge_near, outer_ring, unwrapped
+from skystack.airspace.geojson import merge_close_vertices, outer_ring, unwrapped
 from skystack.airspace.projection import WGS84
 from skystack.errors import InputError
 
@@ -134,10 +134,10 @@ def test_merges_vertices_less_than_a_metre_apart(start):
         return float(lat), float(lon)
 
     far = [beyond(20_000.0), (start[0], beyond(20_000.0)[1])]
-    assert merge_near([start, beyond(0.99), *far]) == [start, *far]
-    assert merge_near([start, beyond(1.01), *far]) == [start, beyond(1.01), *far]
-    assert merge_near([start, *far, beyond(0.99), start]) == [start, *far]
+    assert merge_close_vertices([start, beyond(0.99), *far]) == [start, *far]
+    assert merge_close_vertices([start, beyond(1.01), *far]) == [start, beyond(1.01), *far]
+    assert merge_close_vertices([start, *far, beyond(0.99), start]) == [start, *far]
     # In a chain of short steps, a vertex is kept if it is a metre from the last one kept.
     chain = [beyond(0.6 * step) for step in range(6)]
-    assert merge_near([*chain, *far]) == [*chain[::2], *far]
-    assert merge_near([start, beyond(0.5), beyond(0.9)]) == [start]
+    assert merge_close_vertices([*chain, *far]) == [*chain[::2], *far]
+    assert merge_close_vertices([start, beyond(0.5), beyond(0.9)]) == [start]

@@ -11,18 +11,18 @@ from contextlib import ExitStack
 import pytest
 
 from skystack.compilation import programs
-from skystack.compilation.programs import kept_programs
+from skystack.compilation.programs import program_cache
 from skystack.io.locks import locked_folder
 
 PROGRAM = """
 import sys
 import jax, jax.numpy as jnp
-from skystack.compilation.programs import kept_programs
+from skystack.compilation.programs import program_cache
 missed = []
 jax.monitoring.register_event_listener(
     lambda event, **_: event.endswith("cache_misses") and missed.append(event)
 )
-with kept_programs():
+with program_cache():
     # Cache the program, however fast it is compiled.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     {inside}
@@ -174,7 +174,7 @@ def test_no_home_directory_means_no_cache(monkeypatch):
     for name in ("HOME", "XDG_CACHE_HOME", programs.CACHE_VARIABLE):
         monkeypatch.delenv(name, raising=False)
     assert programs._folder() is None
-    with kept_programs():
+    with program_cache():
         pass
 
 

@@ -85,9 +85,9 @@ def test_numbers_are_limited_and_only_separation_is_infinite(name):
 def test_a_repeated_text_counts_in_every_row(monkeypatch):
     """3 + 3 bytes in the first chunk, 4 + 1 in the second."""
     chunks = [pa.array(texts).dictionary_encode() for texts in (["AC1", "AC1"], ["AC10", "F"])]
-    monkeypatch.setattr(columns, "MOST_TEXT_BYTES", 11)
+    monkeypatch.setattr(columns, "MAX_TEXT_BYTES", 11)
     check("callsign", pa.chunked_array(chunks))
-    monkeypatch.setattr(columns, "MOST_TEXT_BYTES", 10)
+    monkeypatch.setattr(columns, "MAX_TEXT_BYTES", 10)
     message = r"column 'callsign' holds too much text \(allowed: 10 bytes\)"
     assert_rejected("callsign", pa.chunked_array(chunks), message)
 

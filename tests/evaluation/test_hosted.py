@@ -8,7 +8,7 @@ import skystack
 from skystack.agents.agent import Agent, Batched, agent_of
 from skystack.errors import InputError
 from skystack.evaluation.evaluate import Conditions, evaluate, evaluate_no_op, policy_task
-from skystack.evaluation.hosted import HostedController, fly_hosted
+from skystack.evaluation.hosted import AgentController, fly_with_agent
 from skystack.evaluation.rollout import concatenate, fly, network_controller
 from skystack.evaluation.tables import make_tables
 from skystack.learning.experiment import Experiment
@@ -33,12 +33,12 @@ def aim(observation):
 
 
 def fly_agent(*arguments):
-    return concatenate(list(fly_hosted(*arguments)))
+    return concatenate(list(fly_with_agent(*arguments)))
 
 
 def fly_policy(function, scenarios=3, stacking=True, experiment=SHORT):
     task = build_task(experiment.task)
-    return fly_agent(task, HostedController(agent_of(function)), 0, scenarios, stacking)
+    return fly_agent(task, AgentController(agent_of(function)), 0, scenarios, stacking)
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ def test_our_policies_fly_as_in_the_compiled_program(name, stacking, greedy):
         task, network_controller(policy.actor, policy.normaliser, greedy), 3, 30, stacking
     )
     agent = Agent(name, scores=policy.logits, logits=True)
-    hosted = fly_agent(task, HostedController(agent, greedy), 3, 30, stacking)
+    hosted = fly_agent(task, AgentController(agent, greedy), 3, 30, stacking)
     ours, theirs = make_tables(task, compiled), make_tables(task, hosted)
     assert ours.clearances.num_rows > 20
     assert theirs.clearances.equals(ours.clearances)
@@ -199,7 +199,7 @@ def test_reports_invalid_scores():
     for scores in ([[0.0, np.nan, 0.0, 0.0, 0.0]] * 3, [[0.0] * 4] * 3):
         agent = Agent("broken", scores=lambda observations, scores=scores: np.array(scores))
         with pytest.raises(InputError, match=r"^scenario 0, cycle 0: its scores .*: 5 finite"):
-            fly_agent(task, HostedController(agent), 0, 3, True)
+            fly_agent(task, AgentController(agent), 0, 3, True)
 
 
 def test_reports_an_exception_in_the_policy():

@@ -8,7 +8,7 @@ import pytest
 from skystack.agents.agent import Agent
 from skystack.errors import InputError
 from skystack.evaluation import rollout
-from skystack.evaluation.hosted import HostedController, fly_hosted
+from skystack.evaluation.hosted import AgentController, fly_with_agent
 from skystack.evaluation.platform_rollout import Pilot, PlatformRollout
 from skystack.evaluation.rollout import Controller, concatenate, prepare, recording_of
 from skystack.learning.seeds import scenario_key
@@ -76,8 +76,8 @@ def test_an_agent_samples_with_the_same_keys(flown, scenarios):
     def undecided(observations):
         return np.zeros((len(observations), ACTIONS), dtype=np.float32)
 
-    agent = HostedController(Agent("undecided", scores=undecided, logits=True), greedy=False)
-    found = concatenate(list(fly_hosted(TASK, agent, SEED, scenarios, stacking=True)))
+    agent = AgentController(Agent("undecided", scores=undecided, logits=True), greedy=False)
+    found = concatenate(list(fly_with_agent(TASK, agent, SEED, scenarios, stacking=True)))
     assert found.number.tolist() == list(range(scenarios))
     np.testing.assert_array_equal(sampled(found), sampled(flown)[:scenarios])
 
@@ -148,7 +148,7 @@ def test_scenarios_that_end_early_are_recorded_at_full_length():
 
 
 def failing():
-    return HostedController(Agent("failing", act=lambda observation: 1 // 0))
+    return AgentController(Agent("failing", act=lambda observation: 1 // 0))
 
 
 def test_reports_a_failing_policy_before_flying_on_a_platform(tmp_path):

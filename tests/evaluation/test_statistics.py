@@ -141,6 +141,6 @@ def test_resamples_depend_on_the_seed():
 def test_resamples_do_not_depend_on_the_batch_size(monkeypatch):
     values = np.random.default_rng(1).integers(0, 30, (3, 50)).astype(float)
     whole = Bootstrap(50, resamples=40).estimate(mean, values)
-    monkeypatch.setattr(statistics, "MOST_AT_ONCE", 350)  # seven resamples at a time
+    monkeypatch.setattr(statistics, "MAX_AT_ONCE", 350)  # seven resamples at a time
     parts = Bootstrap(50, resamples=40).estimate(mean, values)
     assert parts == pytest.approx(whole, rel=1e-6)

@@ -13,8 +13,8 @@ from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
 from skystack.evaluation import columns, stored, writing
 from skystack.evaluation.stored import (
-    MOST_STORED_CYCLES,
-    check_who,
+    MAX_STORED_CYCLES,
+    check_aircraft,
     has_column,
     metadata_of,
     read_table,
@@ -53,10 +53,10 @@ def test_rejects_a_huge_repeated_text_before_decoding(tmp_path):
         read_table(path, ("text",))
 
 
-@pytest.mark.parametrize("rows", [columns.MOST_KEPT_ROWS, columns.MOST_KEPT_ROWS + 1])
+@pytest.mark.parametrize("rows", [columns.MAX_KEPT_ROWS, columns.MAX_KEPT_ROWS + 1])
 def test_limits_the_rows_that_are_read_at_once(rows, tmp_path):
     path = write_columns(tmp_path, cycle=pa.array([1]).take(pa.array([0] * rows)))
-    if rows == columns.MOST_KEPT_ROWS:
+    if rows == columns.MAX_KEPT_ROWS:
         assert read_table(path, ("cycle",)).num_rows == rows
         return
     with pytest.raises(InputError, match=r"too large to be read at once \(allowed: 1000000 rows"):
@@ -64,7 +64,7 @@ def test_limits_the_rows_that_are_read_at_once(rows, tmp_path):
 
 
 def test_reads_requested_rows_of_a_large_table(tmp_path):
-    rows = columns.MOST_KEPT_ROWS + 10
+    rows = columns.MAX_KEPT_ROWS + 10
     numbers = pa.array(range(rows))
     path = write_columns(tmp_path, scenario=numbers, cycle=numbers)
     found = read_table(path, ("cycle",), [("scenario", "in", [3, rows - 1])])
@@ -74,7 +74,7 @@ def test_reads_requested_rows_of_a_large_table(tmp_path):
 def test_rejects_too_many_bytes_by_the_metadata(tmp_path, monkeypatch):
     path = write_columns(tmp_path, cycle=range(100))
     assert read_table(path, ("cycle",)).num_rows == 100
-    monkeypatch.setattr(stored, "MOST_GROUP_BYTES", 800)
+    monkeypatch.setattr(stored, "MAX_GROUP_BYTES", 800)
     with pytest.raises(InputError, match=r"is too large: 100 rows to .*, \d+ bytes in a row group"):
         read_table(path, ("cycle",))
 
@@ -109,7 +109,7 @@ def test_only_row_groups_with_requested_scenarios_are_read(numbers, table_path):
 
 
 def test_the_row_limit_counts_only_requested_scenarios(table_path, monkeypatch):
-    monkeypatch.setattr(stored, "MOST_ROWS", 20)
+    monkeypatch.setattr(stored, "MAX_ROWS", 20)
     assert read_table(table_path, ("cycle",), [("scenario", "=", 60)]).num_rows == 7
     with pytest.raises(InputError, match=r"is too large: 700 rows to .* 20 rows"):
         read_table(table_path, ("cycle",))
@@ -296,12 +296,12 @@ def test_accepts_the_last_cycle_and_the_greatest_values(folder, values, clearanc
     assert stored_scenario(folder, 9).clearances == (clearance, clearance)
 
 
-@pytest.mark.parametrize("cycles", [0, 1, MOST_STORED_CYCLES, MOST_STORED_CYCLES + 1])
+@pytest.mark.parametrize("cycles", [0, 1, MAX_STORED_CYCLES, MAX_STORED_CYCLES + 1])
 def test_limits_the_cycles_of_a_scenario(folder, cycles):
     replace_values(folder, "episodes", cycles=cycles)
     pq.write_table(pq.read_table(folder / "clearances.parquet")[:0], folder / "clearances.parquet")
     replace_values(folder, "episodes", clearances=0)
-    if 1 <= cycles <= MOST_STORED_CYCLES:
+    if 1 <= cycles <= MAX_STORED_CYCLES:
         assert stored_scenario(folder, 9).cycles == cycles
         return
     with pytest.raises(InputError, match=f"scenario 9 has {cycles} cycles .1 to 100000"):
@@ -372,13 +372,13 @@ def aircraft_rows(*callsigns, route="HERON CRANE"):
 
 def test_checks_number_callsigns_and_routes_of_aircraft(tmp_path):
     path, sector = tmp_path / "aircraft.parquet", x_plus()
-    check_who(path, sector, aircraft_rows(*(f"A{number}" for number in range(200))))
+    check_aircraft(path, sector, aircraft_rows(*(f"A{number}" for number in range(200))))
     with pytest.raises(InputError, match=r"aircraft.parquet: has 201 aircraft .allowed: 200"):
-        check_who(path, sector, aircraft_rows(*(f"A{number}" for number in range(201))))
+        check_aircraft(path, sector, aircraft_rows(*(f"A{number}" for number in range(201))))
     with pytest.raises(InputError, match="parquet: A2 appears twice in one scenario"):
-        check_who(path, sector, aircraft_rows("A1", "A2", "A2"))
+        check_aircraft(path, sector, aircraft_rows("A1", "A2", "A2"))
     with pytest.raises(InputError, match="the route of A1 has an unknown fix 'CRAN'"):
-        check_who(path, sector, aircraft_rows("A1", route="HERON CRAN"))
+        check_aircraft(path, sector, aircraft_rows("A1", route="HERON CRAN"))
 
 
 def test_reads_embedded_tables_from_the_metadata(tmp_path):
@@ -413,9 +413,9 @@ def test_each_column_must_appear_exactly_once(tmp_path, names, message):
 
 def test_limits_the_rows_of_a_filtered_table(tmp_path, monkeypatch):
     path = write_columns(tmp_path, cycle=range(100))
-    monkeypatch.setattr(stored, "MOST_ROWS", 100)
+    monkeypatch.setattr(stored, "MAX_ROWS", 100)
     assert read_table(path, ("cycle",), [("cycle", "=", 7)])["cycle"].to_pylist() == [7]
-    monkeypatch.setattr(stored, "MOST_ROWS", 99)
+    monkeypatch.setattr(stored, "MAX_ROWS", 99)
     with pytest.raises(InputError, match=r"100 rows.*allowed: 99 rows"):
         read_table(path, ("cycle",), [("cycle", "=", 7)])
 
@@ -423,9 +423,9 @@ def test_limits_the_rows_of_a_filtered_table(tmp_path, monkeypatch):
 def test_limits_the_bytes_of_a_row_group(tmp_path, monkeypatch):
     path = write_columns(tmp_path, cycle=range(100))
     size = pq.read_metadata(path).row_group(0).total_byte_size
-    monkeypatch.setattr(stored, "MOST_GROUP_BYTES", size)
+    monkeypatch.setattr(stored, "MAX_GROUP_BYTES", size)
     assert read_table(path, ("cycle",)).num_rows == 100
-    monkeypatch.setattr(stored, "MOST_GROUP_BYTES", size - 1)
+    monkeypatch.setattr(stored, "MAX_GROUP_BYTES", size - 1)
     with pytest.raises(InputError, match=f"{size} bytes in a row group"):
         read_table(path, ("cycle",))
 

@@ -15,7 +15,7 @@ from tests.gym.counting import Visible
 def drawn(monkeypatch):
     """Record, instead of drawing, the routes with their trails, and the aircraft."""
     tracks, aircraft = [], []
-    monkeypatch.setattr(radar, "draw_way", lambda axes, *values: tracks.append(values))
+    monkeypatch.setattr(radar, "draw_route_and_trail", lambda axes, *values: tracks.append(values))
     monkeypatch.setattr(radar, "draw_aircraft", lambda axes, *values: aircraft.append(values))
     return tracks, aircraft
 

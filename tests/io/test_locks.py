@@ -10,7 +10,7 @@ from contextlib import ExitStack
 import pytest
 
 from skystack.errors import InputError
-from skystack.io.locks import is_scratch, locked_folder, no_empty_folders
+from skystack.io.locks import delete_empty_on_failure, is_scratch, locked_folder
 
 HOLDER = """
 import sys, time
@@ -70,7 +70,7 @@ def test_failure_deletes_nothing_that_another_process_uses(tmp_path, inner):
     new = tmp_path / "new"
 
     def lock_twice(stack):
-        with no_empty_folders(new):
+        with delete_empty_on_failure(new):
             stack.enter_context(locked_folder(new / inner))
             (new / inner / "checkpoint").mkdir()
             stack.enter_context(locked_folder(new / inner))

@@ -14,7 +14,7 @@ from skystack.cli import main
 from skystack.errors import InputError
 from skystack.evaluation import evaluate
 from skystack.evaluation.evaluate import evaluation_folder
-from skystack.io.names import MOST_NAME, as_name, check_name
+from skystack.io.names import MAX_NAME_CHARS, as_name, check_name
 from skystack.learning import run as training
 from skystack.learning.experiment import to_toml
 from verification.inputs.audit import watched
@@ -23,7 +23,17 @@ from verification.inputs.untrusted_files import FORMATS
 
 INVALID_NAMES = [
     *("", ".", "..", "../x", "a/b", "/abs", "a\\b", "C:\\x", "C:x", "a\0b", "\n", "a\n", " a"),
-    *(".hidden", "-rf", "größe", "e\u0301", "x" * (MOST_NAME + 1), "\x1b[31m", "a:b", "a*", "~"),
+    *(
+        ".hidden",
+        "-rf",
+        "größe",
+        "e\u0301",
+        "x" * (MAX_NAME_CHARS + 1),
+        "\x1b[31m",
+        "a:b",
+        "a*",
+        "~",
+    ),
 ]
 
 
@@ -56,7 +66,7 @@ def test_derived_names_are_valid(text):
     name = as_name(text)
     assert as_name(name) == name == check_name("it", name)
     assert Path("folder", f"{name}-s0").parent == Path("folder")
-    assert len(os.fsencode(name)) <= MOST_NAME
+    assert len(os.fsencode(name)) <= MAX_NAME_CHARS
 
 
 # The following tests replace each text in valid files of all formats.

@@ -11,7 +11,7 @@ import pytest
 
 from skystack.cli import main, verbs
 from skystack.io import signals
-from skystack.io.signals import ended_by_signals, exit_code, held
+from skystack.io.signals import defer_signals, exit_code, handle_signals
 
 CODES = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
@@ -103,7 +103,7 @@ MOMENTS = {
         signals.wait_for(Future())
     """,
     "in a held block": """
-        with signals.held():
+        with signals.defer_signals():
             send()
             print("completed")
         spin()
@@ -135,7 +135,7 @@ def test_ignored_signal_stays_ignored(monkeypatch):
     """As in a background process of a script."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        with ended_by_signals():
+        with handle_signals():
             os.kill(os.getpid(), signal.SIGINT)
         assert exit_code() is None
         assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
@@ -157,12 +157,12 @@ def test_only_a_late_second_signal_kills_the_process(monkeypatch):
     now, killed = [0.0], []
     monkeypatch.setattr(signals.time, "monotonic", lambda: now[0])
     monkeypatch.setattr(signals.os, "kill", lambda *arguments: killed.append(arguments))
-    with ended_by_signals():
+    with handle_signals():
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGTERM)
         assert (killed, exit_code()) == ([], 130)
-        now[0] = signals.PATIENCE_S + 0.1
+        now[0] = signals.DUPLICATE_WINDOW_S + 0.1
         signal.raise_signal(signal.SIGTERM)
         assert killed == [(os.getpid(), signal.SIGTERM)]
         assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
@@ -170,7 +170,7 @@ def test_only_a_late_second_signal_kills_the_process(monkeypatch):
 
 def test_held_blocks_finish_before_the_interruption():
     done = []
-    with ended_by_signals(), pytest.raises(KeyboardInterrupt):
+    with handle_signals(), pytest.raises(KeyboardInterrupt):
         send_while_held(done)
     assert done == ["completed"]
 
@@ -179,11 +179,11 @@ def test_signal_inside_jax_is_raised_at_the_next_boundary(monkeypatch):
     """Even without a retry, and after a held block, it is not lost."""
     monkeypatch.setattr(signals, "_is_delicate", lambda frame: True)
     monkeypatch.setattr(signals, "_schedule_retry", lambda after_s: None)
-    with ended_by_signals():
+    with handle_signals():
         signal.raise_signal(signal.SIGINT)
-        with pytest.raises(KeyboardInterrupt), held():
+        with pytest.raises(KeyboardInterrupt), defer_signals():
             pass
-        with held():  # clean-up is not interrupted
+        with defer_signals():  # clean-up is not interrupted
             pass
         with pytest.raises(KeyboardInterrupt):
             signals.check()
@@ -204,6 +204,6 @@ def test_jax_and_imports_are_delicate_but_our_code_is_not():
 
 
 def send_while_held(done):
-    with held(), held():
+    with defer_signals(), defer_signals():
         signal.raise_signal(signal.SIGTERM)
         done.append("completed")

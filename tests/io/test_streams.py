@@ -95,7 +95,7 @@ def slow_functions_replaced(monkeypatch, tmp_path):
     )
     monkeypatch.setattr(simulate, "simulate_file", returning(SUMMARY))
     figure = Figure(HOSTILE, HOSTILE, (1.0,), HOSTILE)
-    monkeypatch.setattr(benchmarking, "measure_ourselves", returning([figure]))
+    monkeypatch.setattr(benchmarking, "measure_skystack", returning([figure]))
     monkeypatch.setenv("SKYSTACK_CACHE", "off")
     monkeypatch.chdir(tmp_path)
 
@@ -183,7 +183,7 @@ def test_closed_pipe_ends_quietly(monkeypatch, capsys, files, slow_functions_rep
     with open(write, "w") as closed:  # noqa: PTH123  (opens a descriptor)
         monkeypatch.setattr(sys, "stdout", closed)
         assert run(verb, files) == output.PIPE_CLOSED == 128 + 13
-    assert "pipe" not in capsys.readouterr().err.lower()
+    assert "broken" not in capsys.readouterr().err.lower()
 
 
 @pytest.mark.parametrize("verb", VERBS)

@@ -6,8 +6,8 @@ import msgspec
 import pytest
 from msgspec import Meta
 
-from skystack.errors import MOST_NUMBER, InputError
-from skystack.io.validation import LONGEST_VALUE, allowed_words, convert
+from skystack.errors import MAX_INT, InputError
+from skystack.io.validation import MAX_VALUE_CHARS, allowed_words, convert
 
 Level = Annotated[int, Meta(ge=0, le=600, multiple_of=10)]
 
@@ -44,7 +44,7 @@ class Plan(msgspec.Struct, forbid_unknown_fields=True):
         (Literal["left", "right"], "left, right"),
         (int | str | None, "whole number or text"),
         (Level, "whole number from 0 to 600, a multiple of 10"),
-        (Annotated[int, Meta(ge=0, le=MOST_NUMBER)], "whole number from 0 to 2,147,483,647"),
+        (Annotated[int, Meta(ge=0, le=MAX_INT)], "whole number from 0 to 2,147,483,647"),
         (Annotated[float, Meta(gt=0.0, le=1e6)], "number above 0, up to 1,000,000"),
         (Annotated[float, Meta(ge=0.25)], "number from 0.25"),
         (Annotated[float, Meta(le=-0.5)], "number to -0.5"),
@@ -89,7 +89,7 @@ def test_names_the_first_wrong_value(raw, message):
 def test_long_values_are_truncated():
     with pytest.raises(InputError) as error:
         convert({"kind": "x" * 1000}, Plan)
-    assert str(error.value) == f'kind is "{"x" * (LONGEST_VALUE - 1)}... (allowed: left, right)'
+    assert str(error.value) == f'kind is "{"x" * (MAX_VALUE_CHARS - 1)}... (allowed: left, right)'
 
 
 def test_converts_valid_values():

@@ -13,7 +13,7 @@ from skystack.reporting import comparison
 from skystack.reporting.comparison import comparison_json, comparison_tables, write_comparison
 from skystack.reporting.results import Update
 from skystack.reporting.tables import NOTHING
-from skystack.reporting.trainings import Learned, RowOf, Runs, read_runs
+from skystack.reporting.trainings import RunRow, Runs, TrainingRun, read_runs
 from tests.reporting.rows import row
 from tests.reporting.test_report import Page
 from tests.reporting.test_trainings import write_training
@@ -136,7 +136,7 @@ def learned(curve, experiment="lateral", seed=0, **settings):
         for n in range(101)
     ]
     run = curve.partition(",")[0]
-    return Learned(curve, run, experiment, seed, updates, settings)
+    return TrainingRun(curve, run, experiment, seed, updates, settings)
 
 
 @pytest.fixture
@@ -148,7 +148,7 @@ def two_runs():
         learned("a, lateral-best", "lateral-best", seed=3, gamma=0.8),
         learned("b", "vertical", seed=None),
     ]
-    rows = [RowOf("a", row()), RowOf("b", row(experiment="avoidance"))]
+    rows = [RunRow("a", row()), RunRow("b", row(experiment="avoidance"))]
     return Runs(trainings, rows)
 
 

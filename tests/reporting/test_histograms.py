@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from skystack.reporting.histograms import (
-    MOST_BINS,
+    MAX_BINS,
     Nearest,
     Panel,
     bin_edges,
@@ -27,7 +27,7 @@ def test_bins_contain_every_count_and_the_papers_mean(counts, paper_mean):
     assert np.histogram(counts, edges)[0].sum() == len(counts)
     assert np.all(edges % 1.0 == 0.5)
     assert len(set(np.diff(edges))) == 1
-    assert len(edges) <= MOST_BINS + 2
+    assert len(edges) <= MAX_BINS + 2
     assert edges[0] < (paper_mean or 0.0) < edges[-1]
 
 

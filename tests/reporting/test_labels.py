@@ -16,14 +16,14 @@ from skystack.reporting.labels import (
     _overlapping,
     place_labels,
 )
-from skystack.reporting.style import BLUE, PAPER, grid_of_axes, house_style, settle
+from skystack.reporting.style import BLUE, PAPER, freeze_layout, grid_of_axes, house_style
 
 
 def boxes_of(labels, drawn):
     with house_style():
         figure, (axes,) = grid_of_axes(1, 1, (5.0, 5.0))
         axes.set(xlim=(-10.0, 10.0), ylim=(-10.0, 10.0))
-        settle(figure)
+        freeze_layout(figure)
         place_labels(axes, labels, drawn)
         texts = [text for text in axes.texts if text.get_text()]
         boxes = [text.get_window_extent() for text in texts]
@@ -104,7 +104,7 @@ def test_candidates_keep_their_distance_in_all_directions():
 def test_text_has_the_given_style_and_a_halo():
     with house_style():
         figure, (axes,) = grid_of_axes(1, 1, (5.0, 5.0))
-        settle(figure)
+        freeze_layout(figure)
         label = Label("EGL", (0.5, 0.5), BLUE, size_pt=9.5, weight="bold")
         place_labels(axes, [label], np.zeros((1, 2)))
     (text,) = axes.texts
@@ -121,7 +121,7 @@ def placed(labels, drawn, limits=((-10.0, 10.0), (-10.0, 10.0))):
     with house_style():
         figure, (axes,) = grid_of_axes(1, 1, (5.0, 5.0))
         axes.set(xlim=limits[0], ylim=limits[1])
-        settle(figure)
+        freeze_layout(figure)
         place_labels(axes, labels, np.array(drawn))
         scale = POINTS_PER_INCH / figure.dpi
         boxes = [

@@ -1,13 +1,13 @@
 """The diagram of policy and simulator."""
 
 from skystack.reporting.loop import loop
-from skystack.reporting.style import house_style, settle
+from skystack.reporting.style import freeze_layout, house_style
 
 
 def test_diagram_names_components_and_signals():
     with house_style():
         figure = loop()
-        settle(figure)
+        freeze_layout(figure)
     (axes,) = figure.axes
     all_text = " ".join(text.get_text().replace("\n", " ") for text in axes.texts)
     for word in ("Policy", "Online action-stacking", "Simulator", "clearance", "reward"):

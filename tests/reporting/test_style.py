@@ -6,11 +6,11 @@ import matplotlib as mpl
 
 from skystack.reporting.style import (
     BLUE,
-    IN_THE_DARK,
-    follow_the_page,
+    DARK_COLOURS,
     grid_of_axes,
     house_style,
     save,
+    with_dark_colours,
 )
 
 
@@ -38,10 +38,10 @@ def test_file_names_may_contain_dots(tmp_path):
 
 
 def test_svg_follows_the_colour_scheme_of_the_page(tmp_path):
-    svg = follow_the_page(draw(tmp_path)[1].read_text())
+    svg = with_dark_colours(draw(tmp_path)[1].read_text())
     ET.fromstring(svg)
     assert f"stroke: var(--c5,{BLUE})" in svg
-    assert f"--c5:{IN_THE_DARK[BLUE]};" in svg
+    assert f"--c5:{DARK_COLOURS[BLUE]};" in svg
     assert svg.count("prefers-color-scheme:dark") == 1
 
 

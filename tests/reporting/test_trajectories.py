@@ -9,7 +9,7 @@ from skystack.airspace.xplus import x_plus
 from skystack.reporting.flights import FlownScenario, IssuedClearance, Track
 from skystack.reporting.style import house_style
 from skystack.reporting.trajectories import (
-    MOST_TEXTS,
+    MAX_TEXTS,
     burst_text,
     clearances_text,
     picture,
@@ -64,11 +64,11 @@ def test_picture_shows_clearances_callsigns_and_fixes():
 
 
 def test_crowded_picture_has_marks_but_no_texts():
-    scenario = scenario_of(MOST_TEXTS, every=1)
+    scenario = scenario_of(MAX_TEXTS, every=1)
     with house_style():
         figure = picture("Undamped", scenario)
     assert "left 045" not in texts_of(figure)
-    marks = [line for line in figure.axes[0].lines if len(line.get_xdata()) == MOST_TEXTS]
+    marks = [line for line in figure.axes[0].lines if len(line.get_xdata()) == MAX_TEXTS]
     assert len(marks) == len(scenario.tracks)
 
 

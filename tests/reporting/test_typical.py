@@ -9,7 +9,7 @@ import pytest
 
 from skystack.reporting.flights import Start
 from skystack.reporting.results import read_run
-from skystack.reporting.typical import kind_of_scenario, like_the_papers, typical_scenario
+from skystack.reporting.typical import kind_of_scenario, resembles_paper, typical_scenario
 from tests.reporting.conftest import change_row, write_run
 
 FOLDER = "evaluation/{}-s0-skystack-stacked"
@@ -176,7 +176,7 @@ def test_doing_nothing_need_not_have_been_evaluated(two_rows):
     assert chosen(run)[0] == 1
 
 
-def test_chooses_among_scenarios_that_were_flown_by_doing_nothing(two_rows):
+def test_chooses_among_scenarios_flown_by_doing_nothing(two_rows):
     run, write = two_rows
     write("lateral", [1, 2, 5], [False, False, True])
     write("lateral-best", [2, 1, 5], [False, True, True])
@@ -259,7 +259,7 @@ def test_largest_climb_of_two_aircraft_counts(family_run):
 
 def test_without_such_a_climb_chooses_the_largest():
     starts = [Start((("A", "B"),), (climb,)) for climb in (-150, 40, 140, 140)]
-    assert like_the_papers("vertical", starts).tolist() == [False, False, True, True]
+    assert resembles_paper("vertical", starts).tolist() == [False, False, True, True]
 
 
 @pytest.mark.parametrize("name", ["do-nothing", "do-nothing-lateral"])

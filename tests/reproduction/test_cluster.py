@@ -19,7 +19,7 @@ from skystack.errors import InputError, TrainingError
 from skystack.learning.experiment import load_experiment
 from skystack.learning.run import TrainingProgress
 from skystack.reproduction import cluster
-from skystack.reproduction.jobs import Job, trained_once
+from skystack.reproduction.jobs import Job, train_or_load
 from skystack.reproduction.plan import Plan
 from skystack.reproduction.processes import run_in_processes
 from tests.waiting import TIMEOUT_S
@@ -150,7 +150,7 @@ def test_resumes_an_interrupted_training(nodes, experiment, tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        trained_once(plan, experiment, 0, interrupt)
+        train_or_load(plan, experiment, 0, interrupt)
     reported = []
 
     def report(name, progress):

@@ -11,12 +11,12 @@ from skystack.learning.run import train_experiment
 from skystack.reproduction import jobs
 from skystack.reproduction.jobs import (
     Job,
-    flown_once,
+    evaluate_no_op_or_load,
+    evaluate_or_load,
     jobs_of,
     longest_first,
-    no_op_once,
     run_job,
-    trained_once,
+    train_or_load,
 )
 from skystack.reproduction.plan import Plan, plan_first_look
 
@@ -51,8 +51,8 @@ def test_resumes_an_interrupted_training_then_caches_it(plan, experiment, tmp_pa
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        trained_once(plan, experiment, 1, interrupt)
-    policy, summary, cached = trained_once(
+        train_or_load(plan, experiment, 1, interrupt)
+    policy, summary, cached = train_or_load(
         plan, experiment, 1, lambda progress: reported.append(progress.steps)
     )
     assert reported[:2] == [256, 512]
@@ -62,33 +62,33 @@ def test_resumes_an_interrupted_training_then_caches_it(plan, experiment, tmp_pa
     assert summary["steps"] == 1024
     for (ours, _), (theirs, _) in zip(policy.actor, uninterrupted.policy.actor, strict=True):
         np.testing.assert_array_equal(ours, theirs)
-    again, same, cached = trained_once(plan, experiment, 1, fail)
+    again, same, cached = train_or_load(plan, experiment, 1, fail)
     assert cached
     assert same == summary
     assert again.description.sha256 == policy.description.sha256
 
 
 def test_retrains_for_another_configuration(plan, experiment):
-    first, _, _ = trained_once(plan, experiment, 1, ignore)
+    first, _, _ = train_or_load(plan, experiment, 1, ignore)
     other = load_experiment("lateral", (*SMALL, "task.reward.damping=1.0"))
-    second, _, cached = trained_once(plan, other, 1, ignore)
+    second, _, cached = train_or_load(plan, other, 1, ignore)
     assert not cached
     assert second.description.sha256 != first.description.sha256
 
 
 def test_retrains_over_a_damaged_checkpoint(plan, experiment):
-    trained_once(plan, experiment, 1, ignore)
+    train_or_load(plan, experiment, 1, ignore)
     folder = plan.training("lateral-s1")
     (folder / "training.json").unlink()
     (folder / "checkpoint" / "learner.safetensors").write_bytes(b"no checkpoint")
-    _, summary, cached = trained_once(plan, experiment, 1, ignore)
+    _, summary, cached = train_or_load(plan, experiment, 1, ignore)
     assert not cached
     assert summary["steps"] == 1024
 
 
 def test_full_disk_does_not_restart_a_training(plan, experiment, monkeypatch):
     """Only a checkpoint that cannot be resumed is discarded."""
-    trained_once(plan, experiment, 1, ignore)
+    train_or_load(plan, experiment, 1, ignore)
     folder = plan.training("lateral-s1")
     (folder / "training.json").unlink()
     resumed = []
@@ -99,23 +99,23 @@ def test_full_disk_does_not_restart_a_training(plan, experiment, monkeypatch):
 
     monkeypatch.setattr(jobs, "train_experiment", full)
     with pytest.raises(InputError, match="No space left"):
-        trained_once(plan, experiment, 1, ignore)
+        train_or_load(plan, experiment, 1, ignore)
     assert resumed == [True]
 
 
 def test_evaluations_are_cached_until_tables_or_episodes_change(plan, experiment):
-    policy, _, _ = trained_once(plan, experiment, 1, ignore)
-    first, cached = flown_once(plan, policy, stacking=True)
+    policy, _, _ = train_or_load(plan, experiment, 1, ignore)
+    first, cached = evaluate_or_load(plan, policy, stacking=True)
     assert not cached
-    second, cached = flown_once(plan, policy, stacking=True)
+    second, cached = evaluate_or_load(plan, policy, stacking=True)
     assert cached
     assert second.row == first.row
     assert second.episodes == first.episodes
     table = plan.evaluation / "lateral-s1-skystack-stacked" / "trajectories.parquet"
     table.write_bytes(table.read_bytes()[:-1])
-    assert not flown_once(plan, policy, stacking=True)[1]
+    assert not evaluate_or_load(plan, policy, stacking=True)[1]
     more = Plan(**vars(plan) | {"episodes": 4})
-    found, cached = flown_once(more, policy, stacking=True)
+    found, cached = evaluate_or_load(more, policy, stacking=True)
     assert not cached
     assert found.row["episodes"] == found.episodes.num_rows == 4
 
@@ -148,9 +148,9 @@ def test_shipped_policy_is_evaluated_stacked_under_its_own_name(plan, experiment
 
 
 def test_no_op_evaluation_is_cached(plan, experiment):
-    first, cached = no_op_once(plan, experiment)
+    first, cached = evaluate_no_op_or_load(plan, experiment)
     assert not cached
     assert first.row["clearances_mean"] == 0.0
-    assert no_op_once(plan, experiment)[1]
+    assert evaluate_no_op_or_load(plan, experiment)[1]
     record = plan.evaluation / "do-nothing-lateral-s0-skystack-plain" / "row.json"
     assert json.loads(record.read_text())["result"] == first.row

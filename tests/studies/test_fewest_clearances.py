@@ -24,7 +24,7 @@ STRAIGHT = {
     ("HERON", "CRANE", "EGL", "MACAW", "QUAIL", "SWIFT"),
     ("SWIFT", "QUAIL", "MACAW", "EGL", "CRANE", "HERON"),
 }
-MOST_INSTRUCTIONS = 18
+DEFAULT_LIMIT = 18
 """The most instructions of a stack: half a turn."""
 
 
@@ -51,7 +51,7 @@ def refly(task):
 
 def schedule(task, plans):
     """The small turns `[cycles, instructions]` of one plan per aircraft; 0 is the no-op."""
-    slots = MOST_INSTRUCTIONS
+    slots = DEFAULT_LIMIT
     actions = np.zeros((task.cycles, len(plans) * slots), dtype=np.int32)
     for aircraft, plan in enumerate(plans):
         for turn in plan:

@@ -358,7 +358,7 @@ def test_loops_over_long_routes_agree_with_unrolled_code(fixes, monkeypatch):
     begun = jnp.where(traffic.route == 0, begun, 1)
     found = []
     for unrolled in (16, 1000):
-        monkeypatch.setattr(progress_module, "MOST_UNROLLED", unrolled)
+        monkeypatch.setattr(progress_module, "MAX_UNROLLED", unrolled)
         found.append(np.asarray(ProgressTracker(long)._next_fix(traffic, begun)))
     np.testing.assert_array_equal(found[0], found[1])
     assert len(np.unique(found[0])) > 5

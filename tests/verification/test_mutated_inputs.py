@@ -8,7 +8,7 @@ import pytest
 from skystack.errors import InputError
 from tests.verification.dying import dies_at_3
 from verification.inputs import isolation
-from verification.inputs.isolation import Share, try_apart
+from verification.inputs.isolation import Share, try_in_process
 from verification.inputs.trials import Choices, source, try_inputs
 from verification.inputs.untrusted_files import FORMATS, Format
 
@@ -117,13 +117,13 @@ def test_choices_use_the_given_bytes_first():
 def test_guided_inputs_are_tried_in_a_separate_process():
     pytest.importorskip("atheris")
     numbers = []
-    tally = try_apart(Share("geojson", 0, 200, guided=True, seed=1), numbers.append)
+    tally = try_in_process(Share("geojson", 0, 200, guided=True, seed=1), numbers.append)
     assert (numbers, tally.inputs, tally.findings) == (list(range(200)), 200, {})
     assert 0 < tally.refused < 200
 
 
 def test_a_dead_process_is_a_finding_and_is_replaced(monkeypatch, tmp_path):
     monkeypatch.setattr(isolation, "_begin", dies_at_3)
-    tally = try_apart(Share("dying", 0, 9, keep=tmp_path), lambda number: None)
+    tally = try_in_process(Share("dying", 0, 9, keep=tmp_path), lambda number: None)
     assert (tally.read, tally.findings) == (8, {3: "the process hung or ended (7)"})
     assert (tmp_path / "dying-0-3" / "a.json").read_text() == "3"

@@ -13,13 +13,13 @@ from tests.docs.blocks import ROOT
 from verification.robustness import other_processors
 from verification.robustness.other_processors import (
     LEAST_SAME,
-    MOST_APART_NM,
-    OFTEN_TIPPED,
+    LEAST_SAME_BY_POLICY,
+    MAX_APART_NM,
     PROCESSORS,
     Likeness,
+    deviations_from_record,
     flown,
     likeness,
-    off_the_record,
 )
 
 
@@ -69,8 +69,8 @@ def test_promises_match_the_documentation():
     assert not Likeness(1000, 1000, 0.011).holds("lateral")
     page = (ROOT / "docs" / "reliability.md").read_text()
     assert f"at least {LEAST_SAME:.0%} of the scenarios".replace("%", " %") in page
-    assert f"no aircraft is more than {MOST_APART_NM} NM" in page
-    for policy, least in OFTEN_TIPPED.items():
+    assert f"no aircraft is more than {MAX_APART_NM} NM" in page
+    for policy, least in LEAST_SAME_BY_POLICY.items():
         assert f"{least:.0%} for `{policy}`".replace("%", " %") in page
 
 
@@ -78,10 +78,10 @@ def test_promises_match_the_documentation():
 def test_older_processor_reproduces_the_recorded_results(tmp_path, monkeypatch):
     """The recorded results are from another machine, with newer instructions."""
     tables = flown("vertical", 1000, tmp_path, PROCESSORS["SSE4.2"])
-    assert off_the_record("vertical", tables) == []
+    assert deviations_from_record("vertical", tables) == []
     measured = read_measured(SHIPPED / "vertical")
     rows = [row | {"instructions_mean": row["instructions_mean"] * 1.02} for row in measured.rows]
     other = msgspec.structs.replace(measured, rows=rows)
     monkeypatch.setattr(other_processors, "read_measured", lambda folder: other)
-    (line,) = off_the_record("vertical", tables)
+    (line,) = deviations_from_record("vertical", tables)
     assert line.startswith("instructions_mean is ")

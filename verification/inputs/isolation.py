@@ -19,7 +19,7 @@ START_S = 3600.0
 """The same limit before the first input: programs are compiled and code is instrumented."""
 
 
-def try_apart(share: Share, on_input: Callable[[int], None]) -> Tally:
+def try_in_process(share: Share, on_input: Callable[[int], None]) -> Tally:
     """Try a share of inputs; if the process dies or hangs, a new one continues after that input."""
     total = Tally()
     while share.first < share.end and total.wall_s < share.seconds:

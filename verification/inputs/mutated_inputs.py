@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from verification.inputs.isolation import try_apart
+from verification.inputs.isolation import try_in_process
 from verification.inputs.shares import Share
 
 
@@ -54,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         with Progress(console=console) as bars:
             bar = bars.add_task(name, total=options.count)
-            tally = try_apart(
+            tally = try_in_process(
                 share,
                 lambda done, bar=bar, bars=bars: bars.update(bar, completed=done),  # type: ignore[misc]
             )

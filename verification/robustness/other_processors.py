@@ -30,9 +30,9 @@ PROCESSORS = {"SSE4.2": "SSE4_2", "AVX": "AVX", "AVX2": "AVX2"}
 """XLA's names of the instruction sets that it is limited to."""
 LEAST_SAME = 0.99
 """Promised: the least share of identical scenarios; rates differ by at most 1 minus this."""
-OFTEN_TIPPED = {"avoidance-tuned": 0.9}
+LEAST_SAME_BY_POLICY = {"avoidance-tuned": 0.9}
 """The lower share promised for policies whose two best actions are often nearly equal."""
-MOST_APART_NM = 0.01
+MAX_APART_NM = 0.01
 """Promised: the largest distance between the same aircraft in identical scenarios."""
 MEANS = {"clearances_mean": 0.01, "instructions_mean": 0.01}
 """Promised for a recorded row: the largest relative difference of a mean."""
@@ -50,8 +50,8 @@ class Likeness(NamedTuple):
 
     def holds(self, policy: str) -> bool:
         """Whether the promise for a policy is kept."""
-        least = OFTEN_TIPPED.get(policy, LEAST_SAME)
-        return self.same >= least * self.scenarios and self.apart_nm <= MOST_APART_NM
+        least = LEAST_SAME_BY_POLICY.get(policy, LEAST_SAME)
+        return self.same >= least * self.scenarios and self.apart_nm <= MAX_APART_NM
 
 
 def flown(policy: str, episodes: int, out: Path, most: str | None = None) -> Path:
@@ -93,7 +93,7 @@ def _positions_nm(folder: Path, scenarios: np.ndarray) -> np.ndarray:
     return np.array([table[name].to_numpy()[chosen] * 60.0 for name in ("lat", "lon")])
 
 
-def off_the_record(policy: str, tables: Path) -> list[str]:
+def deviations_from_record(policy: str, tables: Path) -> list[str]:
     """The numbers of an evaluation that differ too much from the record next to the policy."""
     measured = read_measured(SHIPPED / policy)
     if measured is None:
@@ -129,7 +129,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 sys.stdout.flush()
                 holds &= found.holds(policy)
             if options.episodes == 1000:
-                for line in off_the_record(policy, here):
+                for line in deviations_from_record(policy, here):
                     sys.stdout.write(f"{policy}: {line}\n")
                     holds = False
     return 0 if holds else 1

@@ -15,7 +15,7 @@ from skystack.simulator.performance import TICKS_PER_FL, ConstantPerformance, Ta
 
 SECONDS = 6
 TURN_RATE_DEG_S = 1.5
-GREATEST_BANK_DEG = 30.0
+MAX_BANK_DEG = 30.0
 _G_NM_S2 = 9.80665 / 1852.0
 _KT_PER_FT_MIN = 0.3048 * 60.0 / 1852.0
 
@@ -121,4 +121,4 @@ def greatest_turn_deg(before: Rows, after: Rows, speed_kt: Values) -> Values:
 
 def least_radius_nm(speed_kt: Values) -> Values:
     """The radius of a coordinated turn at the largest bank."""
-    return (speed_kt / 3600.0) ** 2 / (_G_NM_S2 * np.tan(np.radians(GREATEST_BANK_DEG)))
+    return (speed_kt / 3600.0) ** 2 / (_G_NM_S2 * np.tan(np.radians(MAX_BANK_DEG)))

@@ -37,7 +37,7 @@ from verification.simulator.random_worlds import (
 )
 
 BOUNDS = {**ALONE, **COMPARED}
-MOST_AT_ONCE = 256
+MAX_AT_ONCE = 256
 SHOWN = 5
 """The number of findings that are printed for each invariant."""
 
@@ -90,7 +90,7 @@ def check(quantities: Quantities, numbers: Sequence[int], tallies: Tallies) -> N
 def batches(count: int) -> list[range]:
     """The numbers of the worlds for at least `count` cycles, in batches of one setting each."""
     each = math.ceil(count / CYCLES / len(SETTINGS))
-    rounds = math.ceil(each / MOST_AT_ONCE)
+    rounds = math.ceil(each / MAX_AT_ONCE)
     size = math.ceil(each / rounds)  # the same for all: as many programs as settings
     step = len(SETTINGS)
     return [

@@ -13,7 +13,7 @@ from skystack.errors import InputError
 from skystack.io.names import as_name
 from skystack.policies.facts import Facts
 
-AnswerFunction = Callable[[Float[np.ndarray, "*scenarios observation"]], Any]
+AgentFunction = Callable[[Float[np.ndarray, "*scenarios observation"]], Any]
 """A function from observations to actions or scores."""
 
 
@@ -23,9 +23,9 @@ class Agent:
 
     name: str
     """Its name in results, and part of the name of the folder with its tables."""
-    act: AnswerFunction | None = None
+    act: AgentFunction | None = None
     """Maps observations to action numbers."""
-    scores: AnswerFunction | None = None
+    scores: AgentFunction | None = None
     """Maps observations to a score for each action. Without `act`, the highest score is taken."""
     logits: bool = False
     """Whether the scores are logits, from which actions can be sampled."""
@@ -56,7 +56,7 @@ class Batched:
         0.0
     """
 
-    function: AnswerFunction
+    function: AgentFunction
 
 
 def agent_of(policy: Any, name: str | None = None) -> Agent:
@@ -131,7 +131,7 @@ def _agent_of_model(model: Any, name: str) -> Agent:
     )
 
 
-def _normaliser(model: Any) -> AnswerFunction:
+def _normaliser(model: Any) -> AgentFunction:
     """The observation normalisation of a model's `VecNormalize`, with its current statistics."""
     get_environment = getattr(model, "get_vec_normalize_env", None)
     environment = get_environment() if callable(get_environment) else None

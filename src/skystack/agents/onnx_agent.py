@@ -16,7 +16,7 @@ from skystack.errors import InputError, error_context, missing_extra
 from skystack.io.files import read_whole
 from skystack.policies.facts import facts_from_texts
 
-MOST_VALUES = 100_000
+MAX_VALUES = 100_000
 """The maximum number of values in an observation."""
 ALLOWED = (
     "allowed: one float32 input [batch, observation], and an int64 output [batch] of actions or a "
@@ -151,8 +151,8 @@ def _form(session: Any) -> _Form:
     batched = not isinstance(batch, int)  # the name of a free dimension, or None
     if not (batched or batch == 1) or not isinstance(observations, int):
         raise InputError(f"its input is {inputs[0].shape} ({ALLOWED})")
-    if not 1 <= observations <= MOST_VALUES:
-        raise InputError(f"it observes {observations} values (allowed: 1 to {MOST_VALUES})")
+    if not 1 <= observations <= MAX_VALUES:
+        raise InputError(f"it observes {observations} values (allowed: 1 to {MAX_VALUES})")
     rows = 2 if batched else 1
     outputs = _run(session, np.zeros((rows, observations), np.float32))
     of_rows = {name: each for name, each in outputs.items() if each.shape[:1] == (rows,)}

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from skystack.agents.agent import Agent, AnswerFunction
+from skystack.agents.agent import Agent, AgentFunction
 from skystack.errors import InputError
 from skystack.tasks.plain import checked_action
 
@@ -55,7 +55,7 @@ def query_scores(
 
 
 def _answers(
-    decide: AnswerFunction,
+    decide: AgentFunction,
     batched: bool,
     observations: Float[np.ndarray, "scenarios observation"],
     numbers: Int[np.ndarray, " scenarios"],

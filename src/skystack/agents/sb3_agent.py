@@ -22,8 +22,8 @@ from skystack.errors import InputError, error_context, missing_extra
 from skystack.io.files import MOST_BYTES, read_whole
 
 ALLOWED = "allowed: PPO, A2C, DQN of Stable-Baselines3 with MlpPolicy and Discrete actions"
-MOST_DESCRIPTION = 16_000_000
-MOST_PARTS = 1000
+MAX_DESCRIPTION = 16_000_000
+MAX_PARTS = 1000
 """The maximum number of files in a zip."""
 SAFE_TORCH = (2, 6)
 """The first version in which `weights_only=True` cannot be bypassed (CVE-2025-32434)."""
@@ -99,7 +99,7 @@ def _parts(data: bytes) -> tuple[Mapping[str, Any], bytes]:
         missing = [name for name in ("data", "policy.pth") if names.count(name) != 1]
         if missing:
             raise InputError(f"does not have exactly one part {missing[0]!r} ({ALLOWED})")
-        text = _read(file, "data", MOST_DESCRIPTION)
+        text = _read(file, "data", MAX_DESCRIPTION)
         weights = _read(file, "policy.pth", MOST_BYTES)
     try:
         description = json.loads(text)
@@ -115,8 +115,8 @@ def _zip(data: bytes) -> zipfile.ZipFile:
         file = zipfile.ZipFile(io.BytesIO(data))
     except (zipfile.BadZipFile, ValueError, NotImplementedError) as error:
         raise InputError(f"is not a zip ({error}; {ALLOWED})") from None
-    if len(file.infolist()) > MOST_PARTS:
-        raise InputError(f"has {len(file.infolist())} parts (allowed: {MOST_PARTS})")
+    if len(file.infolist()) > MAX_PARTS:
+        raise InputError(f"has {len(file.infolist())} parts (allowed: {MAX_PARTS})")
     return file
 
 

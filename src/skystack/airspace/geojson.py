@@ -27,7 +27,7 @@ MAX_POSITIONS = 10_000
 """The maximum number of positions in a ring of the file, before vertices are merged."""
 SAME_PLACE_M = 1.0
 """Vertices closer together than this are merged."""
-EXCHANGED = "; are they swapped? GeoJSON lists the longitude first"
+SWAPPED_HINT = "; are they swapped? GeoJSON lists the longitude first"
 """A hint for a position whose latitude and longitude seem to be exchanged."""
 
 _SAME_LONGITUDE_DEG = 1e-5
@@ -45,7 +45,7 @@ def outer_ring(area: Any) -> list[LatLon]:
     rings = _rings(area)
     ring = rings[0] if len(rings) == 1 else _joined_at_antimeridian(rings)
     lat, lon = np.array(ring).reshape(-1, 2).T
-    merged = merge_near(
+    merged = merge_close_vertices(
         [(float(n), float(e)) for n, e in zip(lat, wrap_longitude(lon), strict=True)]
     )
     if not 3 <= len(merged) <= MAX_VERTICES:
@@ -57,7 +57,7 @@ def outer_ring(area: Any) -> list[LatLon]:
     return merged
 
 
-def merge_near(ring: Sequence[LatLon]) -> list[LatLon]:
+def merge_close_vertices(ring: Sequence[LatLon]) -> list[LatLon]:
     """A ring without vertices that are less than a metre from the previous vertex kept."""
     kept: list[LatLon] = []
     for vertex in ring:
@@ -138,7 +138,7 @@ def _position(where: str, position: Any) -> LatLon:
         raise not_allowed(where, position, allowed)
     lon, lat = position[:2]
     if not abs(lon) <= MAX_LONGITUDE_DEG or not abs(lat) <= MAX_LATITUDE_DEG:
-        hint = EXCHANGED if abs(lon) <= MAX_LATITUDE_DEG and abs(lat) > 90.0 else ""
+        hint = SWAPPED_HINT if abs(lon) <= MAX_LATITUDE_DEG and abs(lat) > 90.0 else ""
         raise not_allowed(where, position, allowed + hint)
     return float(lat), float(lon)
 
@@ -156,7 +156,7 @@ def _joined_at_antimeridian(rings: list[list[LatLon]]) -> list[LatLon]:
     from shapely import Polygon, is_valid_reason, union_all  # noqa: PLC0415
 
     parts = []
-    for number, ring in enumerate(map(merge_near, rings)):
+    for number, ring in enumerate(map(merge_close_vertices, rings)):
         if len(ring) < 3:
             raise InputError(f"coordinates[{number}][0] has {len(ring)} vertices (allowed: 3)")
         lat, lon = np.array(ring).T

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-MOST_UNROLLED = 64
+MAX_UNROLLED = 64
 """Areas with at most this many edges are unrolled in compiled programs. Larger areas use a loop,
 with the same result."""
 
@@ -118,7 +118,7 @@ def inside_area(
         spans = (y < ay) != (y < by)
         return inside ^ (spans & (x < ax + (y - ay) * slope)), None
 
-    if len(rows) > MOST_UNROLLED:  # unrolling would take minutes and gigabytes to compile
+    if len(rows) > MAX_UNROLLED:  # unrolling would take minutes and gigabytes to compile
         columns = tuple(np.array(column, dtype=np.float32) for column in zip(*rows, strict=True))
         looped: Bool[Array, "aircraft *batch"] = jax.lax.scan(crossed, inside, columns)[0]
         return looped

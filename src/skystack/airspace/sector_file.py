@@ -13,9 +13,9 @@ from jaxtyping import Float
 from msgspec import Meta
 
 from skystack.airspace.geojson import (
-    EXCHANGED,
     MAX_LONGITUDE_DEG,
     SAME_PLACE_M,
+    SWAPPED_HINT,
     outer_ring,
     polygon_of,
     unwrapped,
@@ -32,7 +32,7 @@ from skystack.errors import InputError, error_context, unknown_name
 from skystack.io.json_file import is_name, read_json
 from skystack.io.validation import convert, not_allowed
 
-MOST_FIXES, MOST_ROUTES, MOST_FIXES_OF_ROUTE = 1000, 200, 100
+MAX_FIXES, MAX_ROUTES, MAX_FIXES_PER_ROUTE = 1000, 200, 100
 """Limits that keep compilation and simulation to seconds. Real sectors have a few tens of each."""
 SWAPPED = "; are lat and lon swapped?"
 ON_EDGE_NM = 0.5
@@ -80,14 +80,14 @@ def read_sector(path: Path) -> SectorEntry:
         raw = read_json(path)
         if isinstance(raw, dict) and isinstance(raw.get("area"), str):
             with error_context(f"area: {raw['area']}"):
-                raw["area"] = read_json(file_beside(path.parent, raw["area"], ".geojson"))
+                raw["area"] = read_json(file_in_folder(path.parent, raw["area"], ".geojson"))
         entry: SectorEntry = convert(raw, SectorEntry)
         make_sector(entry)
     # Drop the other members of a Feature: they can have types that configurations do not support.
     return msgspec.structs.replace(entry, area=polygon_of(outer_ring(entry.area)))
 
 
-def file_beside(folder: Path, name: str, suffix: str) -> Path:
+def file_in_folder(folder: Path, name: str, suffix: str) -> Path:
     """The path of a file in a folder or below. Raises InputError for a path that leaves it."""
     path = PureWindowsPath(name)  # recognises both separators, drives and roots
     if path.anchor or ".." in path.parts or "\0" in name or path.suffix != suffix:
@@ -111,8 +111,8 @@ def make_sector(entry: SectorEntry) -> Sector:
         origin = _origin(entry, ring)
         plane = MercatorPlane(*origin)
         area = _area(ring, plane)
-    _check_count("fixes", len(entry.fixes), MOST_FIXES)
-    _check_count("routes", len(entry.routes), MOST_ROUTES)
+    _check_count("fixes", len(entry.fixes), MAX_FIXES)
+    _check_count("routes", len(entry.routes), MAX_ROUTES)
     for name, point in entry.fixes.items():
         _check_name(f"fixes: {name!r}", name)
         _check_distance(f"fixes.{name}", plane, (point.lat, point.lon), SWAPPED)
@@ -166,7 +166,7 @@ def _area(ring: list[LatLon], plane: MercatorPlane) -> tuple[LatLon, ...]:
     from shapely import LinearRing, is_ccw  # noqa: PLC0415
 
     for lat, lon in ring:
-        _check_distance("a vertex", plane, (lat, lon), EXCHANGED)
+        _check_distance("a vertex", plane, (lat, lon), SWAPPED_HINT)
     corners = unwrapped(ring)  # edges are straight in degrees
     _check_simple(corners)
     return tuple(ring if is_ccw(LinearRing(corners)) else ring[::-1])
@@ -209,7 +209,7 @@ def _check_route(route: tuple[str, ...], index: int, sector: Sector) -> None:
     """Check that a route enters the area and leaves it over the exit fix on its edge."""
     from shapely import LineString, Polygon, contains_xy  # noqa: PLC0415
 
-    _check_count("the route", len(route), MOST_FIXES_OF_ROUTE)
+    _check_count("the route", len(route), MAX_FIXES_PER_ROUTE)
     if len(route) < 3:
         raise not_allowed("the route", list(route), "at least three fixes: outside, exit, outside")
     for fix in route:

@@ -11,9 +11,9 @@ from os import fspath
 from pathlib import Path
 
 from skystack.airspace.sector import Sector
-from skystack.airspace.sector_file import SectorEntry, file_beside, make_sector, read_sector
+from skystack.airspace.sector_file import SectorEntry, file_in_folder, make_sector, read_sector
 from skystack.airspace.xplus import x_plus
-from skystack.errors import of_extra, unknown_name
+from skystack.errors import requires_extra, unknown_name
 from skystack.io.files import AnyPath
 
 AnySector = AnyPath | SectorEntry
@@ -44,7 +44,7 @@ def sector_named(name: str) -> Sector:
 
 
 def _platform_sector(platform: str, name: str) -> Sector:
-    with of_extra(f"sector {platform}:{name}", platform):
+    with requires_extra(f"sector {platform}:{name}", platform):
         adapter = import_module(_ADAPTERS[platform])
     sector: Sector = adapter.sector_named(name)
     return sector
@@ -64,7 +64,7 @@ def find_sector(name: AnyPath, folder: AnyPath | None = None) -> Sector:
         >>> len(sector.routes), sector.separation_nm
         (10, 5.0)
     """
-    return sector_from(named_or_read(name, None if folder is None else Path(folder)))
+    return sector_from(sector_setting(name, None if folder is None else Path(folder)))
 
 
 def sector_from(setting: str | SectorEntry) -> Sector:
@@ -72,7 +72,7 @@ def sector_from(setting: str | SectorEntry) -> Sector:
     return sector_named(setting) if isinstance(setting, str) else make_sector(setting)
 
 
-def named_or_read(sector: AnySector, folder: Path | None = None) -> str | SectorEntry:
+def sector_setting(sector: AnySector, folder: Path | None = None) -> str | SectorEntry:
     """The value for a task's `sector` setting. A `.json` file is read; others are unchanged.
 
     `folder` is the folder of the file that names the sector; a sector file must then be in it or
@@ -83,7 +83,7 @@ def named_or_read(sector: AnySector, folder: Path | None = None) -> str | Sector
         return sector
     name = fspath(sector)
     if name.endswith(".json"):
-        path = Path(name) if folder is None else file_beside(folder, name, ".json")
+        path = Path(name) if folder is None else file_in_folder(folder, name, ".json")
         return read_sector(path)
     sector_named(name)
     return name

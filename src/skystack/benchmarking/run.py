@@ -23,7 +23,7 @@ from skystack.benchmarking.training import (
 from skystack.compilation.cores import cores, processor_lines
 from skystack.learning.policy import package_versions
 
-SOONEST = "lateral-best"
+FASTEST_EXPERIMENT = "lateral-best"
 """The experiment that learns lateral navigation in the shortest time."""
 
 Result = TypeVar("Result")
@@ -46,7 +46,7 @@ QUICK = Effort(1, 1, scenarios=1, trainings=("lateral",), aircraft=(2,), seeds=0
 """A minimal effort, as a check."""
 
 
-def measure_ourselves(effort: Effort, on_group: Callable[[str], None]) -> list[Figure]:
+def measure_skystack(effort: Effort, on_group: Callable[[str], None]) -> list[Figure]:
     """Skystack's figures; `on_group` is called with the title of each group before it starts."""
     groups: list[tuple[str, Callable[[], list[Figure]]]] = [
         ("start", partial(starting_figures, effort.processes)),
@@ -57,7 +57,7 @@ def measure_ourselves(effort: Effort, on_group: Callable[[str], None]) -> list[F
         ),
         ("training on a GPU", partial(alone, accelerator_figures, "lateral", effort.repetitions)),
         *[("time to success", partial(success_figures, effort.seeds))] * (effort.seeds > 0),
-        ("decisions", partial(alone, decision_figures, SOONEST, effort.scenarios)),
+        ("decisions", partial(alone, decision_figures, FASTEST_EXPERIMENT, effort.scenarios)),
     ]
     figures: list[Figure] = []
     for title, measure in groups:
@@ -77,11 +77,11 @@ def success_figures(seeds: int) -> list[Figure]:
     values = []
     for seed in range(seeds):
         started = time.perf_counter()
-        reached = alone(reaches_success, SOONEST, seed)
+        reached = alone(reaches_success, FASTEST_EXPERIMENT, seed)
         values.append(time.perf_counter() - started if reached else math.inf)
     setup = (
-        f"`{SOONEST}`, seeds from 0, including imports and compilation, until {SUCCESS} on "
-        f"{SCENARIOS} held-out scenarios, stacked"
+        f"`{FASTEST_EXPERIMENT}`, seeds from 0, including imports and compilation, until {SUCCESS} "
+        f"on {SCENARIOS} held-out scenarios, stacked"
     )
     return [Figure(f"time to success {SUCCESS}", "s", tuple(values), setup)]
 

@@ -9,30 +9,30 @@ import sys
 from collections.abc import Sequence
 
 from skystack.cli.arguments import parse
-from skystack.cli.output import FAILED, INTERRUPTED, PIPE_CLOSED, TERMINATED, WRONG, complain
+from skystack.cli.output import FAILED, INTERRUPTED, PIPE_CLOSED, TERMINATED, WRONG, report_error
 from skystack.errors import InputError, PlatformError, TrainingError
 from skystack.io import signals
-from skystack.io.signals import ended_by_signals
+from skystack.io.signals import handle_signals
 from skystack.io.streams import ClosedPipeError, StandardError, StandardOutput, escaping
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
-    with ended_by_signals():
+    with handle_signals():
         message = "interrupted"
         try:
             code = _main(list(sys.argv[1:] if arguments is None else arguments))
-            signals.settle()
+            signals.record_only()
         except KeyboardInterrupt as interruption:
-            signals.settle()
+            signals.record_only()
             code, message = INTERRUPTED, str(interruption) or message
         except BaseException:
-            signals.settle()
+            signals.record_only()
             if signals.exit_code() is None:
                 raise
             code = INTERRUPTED  # the interruption surfaced as another exception
         ended = signals.exit_code() or code
-        return complain(message, ended) if ended in (INTERRUPTED, TERMINATED) else ended
+        return report_error(message, ended) if ended in (INTERRUPTED, TERMINATED) else ended
 
 
 def _main(arguments: list[str]) -> int:
@@ -40,9 +40,9 @@ def _main(arguments: list[str]) -> int:
         try:
             return _run(arguments)
         except InputError as error:
-            return complain(str(error), WRONG)
+            return report_error(str(error), WRONG)
         except (TrainingError, PlatformError) as error:
-            return complain(str(error), FAILED)
+            return report_error(str(error), FAILED)
         except ClosedPipeError:
             return PIPE_CLOSED
         except (
@@ -50,7 +50,7 @@ def _main(arguments: list[str]) -> int:
         ) as error:  # raised before a file is read, such as for a name that is too long
             if error.filename is None:
                 raise
-            return complain(str(InputError(f"{error.filename}: {error.strerror}")), WRONG)
+            return report_error(str(InputError(f"{error.filename}: {error.strerror}")), WRONG)
         finally:
             StandardError().flush()
 

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple, NoReturn
 
 import skystack
 from skystack.cli import verbs
-from skystack.errors import MOST_NUMBER, InputError
+from skystack.errors import MAX_INT, InputError
 from skystack.io.streams import StandardOutput
-from skystack.simulator.limits import MOST_CYCLES
+from skystack.simulator.limits import MAX_CYCLES
 
 
 class _Parser(argparse.ArgumentParser):
@@ -358,19 +358,19 @@ def _replay_arguments(sub: argparse.ArgumentParser) -> None:
         )
 
 
-def _integer(text: str, least: int, most: int = MOST_NUMBER) -> int:
+def _integer(text: str, least: int, most: int = MAX_INT) -> int:
     try:
         number = int(text)
     except ValueError:
         number = least - 1
     if not least <= number <= most:
-        limit = f" to {most}" if most < MOST_NUMBER else ""
+        limit = f" to {most}" if most < MAX_INT else ""
         raise argparse.ArgumentTypeError(f"{text!r} (allowed: whole numbers from {least}{limit})")
     return number
 
 
 def _cycle_limit(text: str) -> int:
-    return _integer(text, least=1, most=MOST_CYCLES)
+    return _integer(text, least=1, most=MAX_CYCLES)
 
 
 def _positive(text: str) -> int:

@@ -10,7 +10,7 @@ DONE, FAILED, WRONG, INTERRUPTED, PIPE_CLOSED, TERMINATED = 0, 1, 2, 130, 141, 1
 """Exit codes. The last three are the shell's codes for SIGINT, SIGPIPE and SIGTERM."""
 
 
-def complain(message: str, code: int) -> int:
+def report_error(message: str, code: int) -> int:
     """Print an error in one line on standard error; returns the exit code."""
     say(f"skystack: {message}")
     return code

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from skystack.cli.output import DONE, FAILED, complain, print_json, print_line, say
+from skystack.cli.output import DONE, FAILED, print_json, print_line, report_error, say
 from skystack.errors import InputError
 
 
@@ -61,7 +61,7 @@ def _plan(options: argparse.Namespace) -> Any:
 
 def _reproduce(plan: Any, engine: Any, as_json: bool) -> int:
     from skystack.cli.console import count_scenarios, show_progress
-    from skystack.compilation.programs import compile_for_one_core, kept_programs
+    from skystack.compilation.programs import compile_for_one_core, program_cache
     from skystack.platforms.registry import platform_notes
     from skystack.reporting.report import write_report
     from skystack.reproduction.jobs import jobs_of
@@ -70,7 +70,7 @@ def _reproduce(plan: Any, engine: Any, as_json: bool) -> int:
 
     say(describe_plan(plan))
     compile_for_one_core()
-    with kept_programs(), show_progress(len(jobs_of(plan))) as report:
+    with program_cache(), show_progress(len(jobs_of(plan))) as report:
         results = run_plan(plan, report, engine)
     if results["kept"]:
         count = len(results["kept"])
@@ -90,7 +90,7 @@ def _reproduce(plan: Any, engine: Any, as_json: bool) -> int:
     if (flown := _best_flown(plan)) is not None:
         say(f"to replay all of them: {_program()} replay {flown} -o replay.html")
     for line in failed:
-        complain(line, FAILED)
+        report_error(line, FAILED)
     return FAILED if failed else DONE
 
 
@@ -145,19 +145,19 @@ def _engine(options: argparse.Namespace) -> Any:
 
 
 def train(options: argparse.Namespace) -> int:
-    from skystack.io.locks import no_empty_folders
+    from skystack.io.locks import delete_empty_on_failure
     from skystack.learning.experiment import load_experiment
 
     cycles = [] if options.cycles is None else [f"task.cycles={options.cycles}"]
     experiment = load_experiment(options.experiment, [*options.changes, *cycles])
     out = options.out or Path("runs") / f"{experiment.name}-s{options.seed}"
-    with no_empty_folders(out):
+    with delete_empty_on_failure(out):
         return _train(options, experiment, out)
 
 
 def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
     from skystack.cli.console import show_progress
-    from skystack.compilation.programs import compile_for_one_core, kept_programs
+    from skystack.compilation.programs import compile_for_one_core, program_cache
     from skystack.learning.event_files import event_files
     from skystack.learning.run import (
         CHECKPOINT_EVERY_S,
@@ -172,7 +172,7 @@ def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
         say(line)
     compile_for_one_core()
     try:
-        with kept_programs(), events as follow, show_progress() as report:
+        with program_cache(), events as follow, show_progress() as report:
 
             def on_update(step: TrainingProgress) -> None:
                 report(name, step)
@@ -200,7 +200,7 @@ def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
 def evaluate(options: argparse.Namespace) -> int:
     from skystack.agents.find import find_agent
     from skystack.cli.console import count_scenarios, output
-    from skystack.compilation.programs import compile_for_one_core, kept_programs
+    from skystack.compilation.programs import compile_for_one_core, program_cache
     from skystack.evaluation.evaluate import Conditions, evaluate, evaluation_folder
     from skystack.evaluation.summary import aggregate
     from skystack.reporting.tables import one_row
@@ -220,7 +220,7 @@ def evaluate(options: argparse.Namespace) -> int:
     compile_for_one_core()
     way = "stacked" if options.stacking else "unstacked"
     counting = count_scenarios(f"{options.policy}, {way}", options.episodes)
-    with kept_programs(), counting as on_scenario:
+    with program_cache(), counting as on_scenario:
         evaluated = evaluate(
             policy, conditions, options.out, on_scenario, experiment=options.experiment
         )
@@ -240,7 +240,7 @@ def evaluate(options: argparse.Namespace) -> int:
         )
         say(f"written: {folder}; to see the flights: {_program()} replay {folder} -o replay.html")
     for number, reason in evaluated.failed.items():
-        complain(f"{options.platform}: scenario {number} {reason}", FAILED)
+        report_error(f"{options.platform}: scenario {number} {reason}", FAILED)
     return FAILED if evaluated.failed else DONE
 
 
@@ -279,7 +279,7 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def sector(options: argparse.Namespace) -> int:
-    from skystack.airspace.sectors import named_or_read, sector_from
+    from skystack.airspace.sectors import sector_from, sector_setting
     from skystack.cli.console import output
     from skystack.reporting.sector_sheet import (
         beyond_cycles,
@@ -289,7 +289,7 @@ def sector(options: argparse.Namespace) -> int:
         write_map,
     )
 
-    found = sector_from(named_or_read(options.sector))
+    found = sector_from(sector_setting(options.sector))
     if options.output:
         write_map(found, options.output)
         say(f"written: {options.output}")
@@ -377,7 +377,7 @@ def export(options: argparse.Namespace) -> int:
 
 def bench(options: argparse.Namespace) -> int:
     from skystack.benchmarking.display import figures_table, machine_line, number
-    from skystack.benchmarking.run import QUICK, Effort, machine, measure_ourselves
+    from skystack.benchmarking.run import QUICK, Effort, machine, measure_skystack
     from skystack.cli.console import output
 
     started = time.monotonic()
@@ -386,7 +386,7 @@ def bench(options: argparse.Namespace) -> int:
         say(f"{time.monotonic() - started:4.0f} s  {title}")
 
     effort = QUICK if options.quick else Effort()
-    figures = measure_ourselves(effort, on_group)
+    figures = measure_skystack(effort, on_group)
     missing: dict[str, str] = {}
     speedups: dict[str, float] = {}
     if options.peers:

@@ -46,7 +46,7 @@ def compile_for_one_core() -> None:
 
 
 @contextmanager
-def kept_programs() -> Iterator[None]:
+def program_cache() -> Iterator[None]:
     """Inside the context, read compiled programs from the cache on disk and add new ones to it.
 
     JAX writes its files in place and does not check what it reads. It is therefore given a separate

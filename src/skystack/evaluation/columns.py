@@ -9,12 +9,12 @@ import pyarrow.compute as pc
 
 from skystack.errors import InputError
 
-MOST_ROWS = 20_000_000
-MOST_KEPT_ROWS = 1_000_000
+MAX_ROWS = 20_000_000
+MAX_KEPT_ROWS = 1_000_000
 """The maximum number of rows after filtering."""
-MOST_GROUP_BYTES = 500_000_000
+MAX_GROUP_BYTES = 500_000_000
 """The maximum size of a row group, as stated in the file."""
-MOST_TEXT_BYTES = 100_000_000
+MAX_TEXT_BYTES = 100_000_000
 """The maximum size of a decoded column: a few bytes can encode a long text for every row."""
 GREATEST = 1e9
 """The largest number in a column, unless `GREATEST_DEGREES` states another."""
@@ -66,8 +66,8 @@ def _check_column(name: str, column: pa.ChunkedArray) -> None:
         raise InputError(f"column {name!r} holds {kind} (allowed: {wanted.words})")
     if column.null_count and name not in MAY_BE_NULL:
         raise InputError(f"column {name!r} is empty in {column.null_count} rows")
-    if pa.types.is_dictionary(column.type) and _text_bytes(column) > MOST_TEXT_BYTES:
-        raise InputError(f"column {name!r} holds too much text (allowed: {MOST_TEXT_BYTES} bytes)")
+    if pa.types.is_dictionary(column.type) and _text_bytes(column) > MAX_TEXT_BYTES:
+        raise InputError(f"column {name!r} holds too much text (allowed: {MAX_TEXT_BYTES} bytes)")
     if wanted in (_WHOLE, _NUMBER):
         greatest = GREATEST_DEGREES.get(name, GREATEST)
         lowest = 0.0 if wanted is _WHOLE else -greatest

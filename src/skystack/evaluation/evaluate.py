@@ -12,9 +12,9 @@ import numpy as np
 import pyarrow as pa
 
 from skystack.agents.agent import Agent, agent_of
-from skystack.airspace.sectors import AnySector, named_or_read
-from skystack.errors import MOST_NUMBER, InputError, checked_whole
-from skystack.evaluation.hosted import HostedController, fly_hosted
+from skystack.airspace.sectors import AnySector, sector_setting
+from skystack.errors import MAX_INT, InputError, checked_integer
+from skystack.evaluation.hosted import AgentController, fly_with_agent
 from skystack.evaluation.paper import paper_row
 from skystack.evaluation.platform_rollout import PlatformRollout, fly_on_platform
 from skystack.evaluation.rollout import (
@@ -27,7 +27,7 @@ from skystack.evaluation.rollout import (
 from skystack.evaluation.summary import RowValues, no_op_name, summarise, trained_name
 from skystack.evaluation.tabulate import tabulate
 from skystack.io.files import AnyPath, make_folder, scratch_folder
-from skystack.io.locks import no_empty_folders
+from skystack.io.locks import delete_empty_on_failure
 from skystack.io.names import as_name, check_name
 from skystack.learning.experiment import (
     Experiment,
@@ -46,7 +46,7 @@ from skystack.platforms.registry import (
     platform_notes,
 )
 from skystack.policies.facts import Facts
-from skystack.simulator.limits import MOST_CYCLES
+from skystack.simulator.limits import MAX_CYCLES
 from skystack.tasks.contract import TrafficTask
 from skystack.tasks.registry import build_traffic_task, check_cycles
 from skystack.tasks.settings import TaskSettings
@@ -154,7 +154,7 @@ def agent_task(
 def _settings(experiment: Experiment, sector: AnySector | None, cycles: int | None) -> TaskSettings:
     settings = experiment.task
     if sector is not None:
-        settings = msgspec.structs.replace(settings, sector=named_or_read(sector))
+        settings = msgspec.structs.replace(settings, sector=sector_setting(sector))
     if cycles is not None:
         settings = msgspec.structs.replace(settings, cycles=cycles)
     return settings
@@ -186,9 +186,9 @@ def _checked(conditions: Conditions) -> Conditions:
     """The conditions as plain Python values. Raises InputError for invalid ones."""
     cycles = conditions.cycles
     return conditions._replace(
-        seed=checked_whole("seed", conditions.seed, 0, MOST_NUMBER),
-        episodes=checked_whole("episodes", conditions.episodes, 1, MOST_NUMBER),
-        cycles=None if cycles is None else checked_whole("cycles", cycles, 1, MOST_CYCLES),
+        seed=checked_integer("seed", conditions.seed, 0, MAX_INT),
+        episodes=checked_integer("episodes", conditions.episodes, 1, MAX_INT),
+        cycles=None if cycles is None else checked_integer("cycles", cycles, 1, MAX_CYCLES),
         stacking=_flag("stacking", conditions.stacking),
         greedy=_flag("greedy", conditions.greedy),
         time_limit_s=checked_time_limit(conditions.time_limit_s),
@@ -243,7 +243,7 @@ def evaluate(
         raise InputError(
             f"{agent.name} has no probabilities to sample from (allowed: its greedy action)"
         )
-    controller = partial(HostedController, agent, conditions.greedy)
+    controller = partial(AgentController, agent, conditions.greedy)
     row_name, seed = as_name(name or agent.name), agent.facts.seed if agent.facts else 0
     settings = _settings(experiment, conditions.sector, conditions.cycles)
     paper = _paper(row_name, settings, conditions.stacking)
@@ -295,7 +295,7 @@ def _evaluate(
     name: str,
     trained_seed: int,
     task: TrafficTask,
-    controller: Callable[[], Controller | HostedController],
+    controller: Callable[[], Controller | AgentController],
     conditions: Conditions,
     out: Path | None,
     on_scenario: Callable[[int], None],
@@ -312,7 +312,7 @@ def _evaluate(
         recordings = _fly_on_platform(task, controller, conditions, failed, on_scenario)
     with ExitStack() as stack:
         if out is not None:
-            stack.enter_context(no_empty_folders(out))
+            stack.enter_context(delete_empty_on_failure(out))
             make_folder(out)  # fails early, before the flights
         stack.enter_context(closing(recordings))
         on_scenario(0)
@@ -330,13 +330,13 @@ def _evaluate(
 
 def _fly_here(
     task: TrafficTask,
-    controller: Controller | HostedController,
+    controller: Controller | AgentController,
     conditions: Conditions,
     on_scenario: Callable[[int], None],
 ) -> Generator[Recording, None, None]:
     seed, episodes, stacking = conditions.seed, conditions.episodes, conditions.stacking
-    if isinstance(controller, HostedController):
-        recordings = fly_hosted(task, controller, seed, episodes, stacking)
+    if isinstance(controller, AgentController):
+        recordings = fly_with_agent(task, controller, seed, episodes, stacking)
     else:
         recordings = prepare(task, controller.decide, stacking)(controller.weights, seed, episodes)
     done = 0
@@ -349,7 +349,7 @@ def _fly_here(
 
 def _fly_on_platform(
     task: TrafficTask,
-    controller: Callable[[], Controller | HostedController],
+    controller: Callable[[], Controller | AgentController],
     conditions: Conditions,
     failed: dict[int, str],
     on_scenario: Callable[[int], None],

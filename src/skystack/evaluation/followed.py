@@ -20,7 +20,7 @@ from skystack.tasks.tracking import Memory, Tracker
 STATUS = ("before_entry", "in_sector", "exited", "excursion")
 
 
-class Followed(NamedTuple):
+class TrackedFlight(NamedTuple):
     """The findings of the tasks' tracker and separation check for a flight."""
 
     status: Int[np.ndarray, "rows aircraft"]
@@ -31,7 +31,7 @@ class Followed(NamedTuple):
     """The minimum distance without vertical separation; infinite if all pairs always had it."""
 
 
-def follow(scenario: Scenario, reports: Sequence[Report]) -> Followed:
+def follow(scenario: Scenario, reports: Sequence[Report]) -> TrackedFlight:
     """Evaluate reported traffic with the tracker and the closed form that the tasks use.
 
     As in the tasks, an aircraft that has exited is ignored.
@@ -48,7 +48,7 @@ def follow(scenario: Scenario, reports: Sequence[Report]) -> Followed:
         rows.append(_status(memory))
     status = np.stack(rows)
     found = losses(sector, _paths_to_exit(sector, reports, status))
-    return Followed(status, sum(1 for _ in found), float(memory.separation.least_nm))
+    return TrackedFlight(status, sum(1 for _ in found), float(memory.separation.least_nm))
 
 
 def _paths_to_exit(

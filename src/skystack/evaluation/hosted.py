@@ -31,14 +31,14 @@ from skystack.tasks.contract import TaskState, TrafficTask
 from skystack.tasks.observations import flatten_observation
 
 
-class HostedController(NamedTuple):
+class AgentController(NamedTuple):
     """An agent and how it decides: by its greedy action, or by sampling from its logits."""
 
     agent: Agent
     greedy: bool = True
 
 
-class Moment(NamedTuple):
+class QueryContext(NamedTuple):
     """A cycle of some scenarios, in which an agent decides."""
 
     numbers: Int[np.ndarray, " scenarios"]
@@ -53,7 +53,7 @@ class Decisions:
     Implements `skystack.stacking.ManyTwoPhase`.
     """
 
-    def __init__(self, task: TrafficTask, controller: HostedController, limit: int | None) -> None:
+    def __init__(self, task: TrafficTask, controller: AgentController, limit: int | None) -> None:
         self._controller, self._limit = controller, limit
         self._actions = len(task.action_names)
         self.may_stack, self.instruct = jax.jit(task.may_stack), jax.jit(task.instruct)
@@ -65,7 +65,7 @@ class Decisions:
         return np.asarray(self._observe(state)).T
 
     def decide(
-        self, state: TaskState, asking: Bool[np.ndarray, " scenarios"], moment: Moment
+        self, state: TaskState, asking: Bool[np.ndarray, " scenarios"], moment: QueryContext
     ) -> tuple[TaskState, Stack]:
         """Issue the agent's instructions in the scenarios of a mask; no simulated time passes.
 
@@ -86,7 +86,7 @@ class Decisions:
         observations: Float[np.ndarray, "asking observation"],
         asked: Int[np.ndarray, " asking"],
         query: Any,
-        moment: Moment,
+        moment: QueryContext,
     ) -> Int[np.ndarray, " asking"]:
         agent, greedy = self._controller
         query_agent = query_actions if greedy else query_scores
@@ -110,9 +110,9 @@ def _sample(
     return jax.random.categorical(jax.random.fold_in(key, query), logits)
 
 
-def fly_hosted(
+def fly_with_agent(
     task: TrafficTask,
-    controller: HostedController,
+    controller: AgentController,
     seed: int,
     scenarios: int,
     stacking: bool,
@@ -153,7 +153,7 @@ class _Rollout:
         start = jax.device_get(_scenarios_first(initial_fields(self._task, state)))
         over, rows = np.zeros(len(numbers), dtype=bool), list[Any]()
         while not over.all():
-            moment = Moment(numbers, len(rows), query_keys[:, len(rows)])
+            moment = QueryContext(numbers, len(rows), query_keys[:, len(rows)])
             instructed, stack = decisions.decide(state, ~over, moment)
             state, ended, row = self._advance(instructed, stack, over)
             over = np.asarray(ended)

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import PRNGKeyArray
 
 from skystack.errors import PlatformError, error_context
-from skystack.evaluation.hosted import Decisions, HostedController, Moment
+from skystack.evaluation.hosted import AgentController, Decisions, QueryContext
 from skystack.evaluation.rollout import (
     Controller,
     Recording,
@@ -38,7 +38,7 @@ class PlatformRollout(NamedTuple):
     """Everything that a process needs to fly scenarios; picklable."""
 
     task: TrafficTask
-    controller: Callable[[], Controller | HostedController]
+    controller: Callable[[], Controller | AgentController]
     """Creates the controller in the process."""
     stacking: bool
     seed: int
@@ -133,19 +133,19 @@ DecideOne = Callable[[TaskState, PRNGKeyArray, int, int], tuple[TaskState, Stack
 
 
 def _decision(
-    task: TrafficTask, controller: Controller | HostedController, limit: int | None
+    task: TrafficTask, controller: Controller | AgentController, limit: int | None
 ) -> DecideOne:
     """The function that stacks a controller's instructions in one scenario.
 
     It raises InputError, which names the scenario, for an invalid action.
     """
-    if isinstance(controller, HostedController):
+    if isinstance(controller, AgentController):
         decisions = Decisions(task, controller, limit)
 
         def query(
             state: TaskState, key: PRNGKeyArray, number: int, cycle: int
         ) -> tuple[TaskState, Stack]:
-            moment = Moment(np.array([number], dtype=np.int32), cycle, key[None])
+            moment = QueryContext(np.array([number], dtype=np.int32), cycle, key[None])
             batch = jax.tree.map(lambda values: np.asarray(values)[..., None], state)
             decided = decisions.decide(batch, np.ones(1, dtype=bool), moment)
             unbatched: tuple[TaskState, Stack] = jax.tree.map(

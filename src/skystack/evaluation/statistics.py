@@ -28,7 +28,7 @@ MEASURES = (
 )
 """The columns of the table `episodes` that are reported with an interval."""
 RESAMPLES = 2000
-MOST_AT_ONCE = 20_000_000
+MAX_AT_ONCE = 20_000_000
 """The number of draws (resamples times scenarios) processed at once, to bound the memory."""
 CONFIDENCE = 0.95
 QUARTER = 0.25
@@ -91,8 +91,8 @@ class Bootstrap:
         return counts
 
     def _slices(self) -> Iterator[slice]:
-        """The resamples in slices of at most `MOST_AT_ONCE` draws."""
-        most = max(MOST_AT_ONCE // self.scenarios, 1)
+        """The resamples in slices of at most `MAX_AT_ONCE` draws."""
+        most = max(MAX_AT_ONCE // self.scenarios, 1)
         return (slice(at, at + most) for at in range(0, self.resamples, most))
 
     def means(self, values: Float[np.ndarray, "trainings scenarios"]) -> Trainings:

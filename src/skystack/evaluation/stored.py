@@ -13,11 +13,11 @@ import pyarrow.parquet as pq
 
 from skystack.airspace.sector import LatLon, Sector
 from skystack.airspace.sector_file import Point, SectorEntry, make_sector
-from skystack.errors import MOST_NUMBER, InputError, error_context
+from skystack.errors import MAX_INT, InputError, error_context
 from skystack.evaluation.columns import (
-    MOST_GROUP_BYTES,
-    MOST_KEPT_ROWS,
-    MOST_ROWS,
+    MAX_GROUP_BYTES,
+    MAX_KEPT_ROWS,
+    MAX_ROWS,
     TEXT,
     check_columns,
 )
@@ -26,18 +26,18 @@ from skystack.io.json_file import decode
 from skystack.io.validation import convert
 from skystack.platforms.registry import PLATFORMS, flown_type
 from skystack.simulator.fleet import AircraftType, fleet
-from skystack.simulator.limits import MOST_AIRCRAFT, MOST_TYPES
+from skystack.simulator.limits import MAX_AIRCRAFT, MAX_TYPES
 from skystack.simulator.performance import DEFAULT_TYPE, PERFORMANCE
 from skystack.simulator.scenario_file import Aircraft, Scenario, ScheduledClearance, on_tick
 
-MOST_STORED_CYCLES = 100_000
+MAX_STORED_CYCLES = 100_000
 
-Cycle = Annotated[int, msgspec.Meta(ge=0, le=MOST_STORED_CYCLES)]
+Cycle = Annotated[int, msgspec.Meta(ge=0, le=MAX_STORED_CYCLES)]
 Level = Annotated[float, msgspec.Meta(ge=-1000.0, le=1000.0)]
 
-_Number = Annotated[int, msgspec.Meta(ge=0, le=MOST_NUMBER)]
+_Number = Annotated[int, msgspec.Meta(ge=0, le=MAX_INT)]
 _Spans = list[tuple[_Number, _Number]]
-_Types = Annotated[tuple[AircraftType, ...], msgspec.Meta(max_length=MOST_TYPES)]
+_Types = Annotated[tuple[AircraftType, ...], msgspec.Meta(max_length=MAX_TYPES)]
 
 
 def read_table(path: Path, columns: Sequence[str], filters: Any = None) -> pa.Table:
@@ -93,9 +93,9 @@ def _read(path: Path, file: BinaryIO, columns: Sequence[str], filters: Any) -> p
             part = pa.Table.from_batches([batch])
             parts.append(part if condition is None else part.filter(condition))
             rows += parts[-1].num_rows
-            if rows > MOST_KEPT_ROWS:
+            if rows > MAX_KEPT_ROWS:
                 raise InputError(
-                    f"{path}: is too large to be read at once (allowed: {MOST_KEPT_ROWS} rows "
+                    f"{path}: is too large to be read at once (allowed: {MAX_KEPT_ROWS} rows "
                     "after filtering)"
                 )
     table = pa.concat_tables(parts).select(list(columns))
@@ -150,10 +150,10 @@ def _check_head(path: Path, head: Any, columns: Sequence[str], groups: Sequence[
     requested = [head.row_group(number) for number in groups]
     rows = sum(group.num_rows for group in requested)
     size = max((group.total_byte_size for group in requested), default=0)
-    if rows > MOST_ROWS or size > MOST_GROUP_BYTES:
+    if rows > MAX_ROWS or size > MAX_GROUP_BYTES:
         raise InputError(
             f"{path}: is too large: {rows} rows to read, {size} bytes in a row group "
-            f"(allowed: {MOST_ROWS} rows, {MOST_GROUP_BYTES} bytes)"
+            f"(allowed: {MAX_ROWS} rows, {MAX_GROUP_BYTES} bytes)"
         )
 
 
@@ -223,13 +223,13 @@ def metadata_of(path: Path, table: pa.Table, key: str) -> list[dict[str, Any]]:
     return [msgspec.to_builtins(row) for row in rows]
 
 
-def check_who(path: Path, sector: Sector, aircraft: Sequence[Mapping[str, Any]]) -> None:
+def check_aircraft(path: Path, sector: Sector, aircraft: Sequence[Mapping[str, Any]]) -> None:
     """Check the aircraft of one scenario: no duplicates, no unknown fixes.
 
     Raises InputError that names the aircraft.
     """
-    if len(aircraft) > MOST_AIRCRAFT:
-        raise InputError(f"{path}: has {len(aircraft)} aircraft (allowed: {MOST_AIRCRAFT})")
+    if len(aircraft) > MAX_AIRCRAFT:
+        raise InputError(f"{path}: has {len(aircraft)} aircraft (allowed: {MAX_AIRCRAFT})")
     signs = [row["callsign"] for row in aircraft]
     for row in aircraft:
         if signs.count(row["callsign"]) > 1:
@@ -257,18 +257,18 @@ def stored_scenario(folder: Path, number: int) -> Scenario:
     aircraft = read_table(folder / "aircraft.parquet", columns, only)
     issued = read_table(folder / "clearances.parquet", ("cycle", "callsign", "kind", "value"), only)
     episodes = read_table(folder / "episodes.parquet", ("cycles", "clearances"), only)
-    check_together(folder, (start, aircraft, issued, episodes))
+    check_same_evaluation(folder, (start, aircraft, issued, episodes))
     performance, types = _performance_of(path, start)
     starts = {row.pop("callsign"): row for row in start.to_pylist()}
     counts = episodes["clearances"].to_pylist()
     if counts != [issued.num_rows] or set(starts) != set(aircraft["callsign"].to_pylist()):
-        raise not_agreeing(folder, number)
+        raise tables_disagree(folder, number)
     sector = sector_of(path, start)
     aircraft_rows, clearances = aircraft.to_pylist(), issued.to_pylist()
-    check_who(folder / "aircraft.parquet", sector, aircraft_rows)
+    check_aircraft(folder / "aircraft.parquet", sector, aircraft_rows)
     cycles = episodes["cycles"][0].as_py()
-    if not 1 <= cycles <= MOST_STORED_CYCLES:
-        allowed = f"1 to {MOST_STORED_CYCLES}"
+    if not 1 <= cycles <= MAX_STORED_CYCLES:
+        allowed = f"1 to {MAX_STORED_CYCLES}"
         raise InputError(f"{folder}: scenario {number} has {cycles} cycles ({allowed})")
     for row in clearances:
         _check_clearance(folder / "clearances.parquet", row, cycles, starts)
@@ -282,14 +282,14 @@ def stored_scenario(folder: Path, number: int) -> Scenario:
     )
 
 
-def check_together(folder: Path, tables: Iterable[pa.Table]) -> None:
+def check_same_evaluation(folder: Path, tables: Iterable[pa.Table]) -> None:
     """Raise InputError for tables of different evaluations. Older tables have no digest."""
     digests = {(table.schema.metadata or {}).get(EVALUATION) for table in tables} - {None}
     if len(digests) > 1:
         raise InputError(f"{folder}: its tables are from different evaluations")
 
 
-def not_agreeing(folder: Path, number: int) -> InputError:
+def tables_disagree(folder: Path, number: int) -> InputError:
     """The error for tables that were not all written by the same evaluation."""
     return InputError(f"{folder}: its tables do not agree on scenario {number}")
 

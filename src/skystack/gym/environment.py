@@ -65,7 +65,7 @@ class TaskEnvironment(gymnasium.Env[Observation, np.int64]):
     ) -> tuple[Observation, Info]:
         """Start a new random scenario. A seed determines it and all scenarios that follow."""
         super().reset(seed=seed, options=options)
-        self._state = self._programs.reset(drawn_key(self.np_random))
+        self._state = self._programs.reset(next_key(self.np_random))
         if self._radar is not None:
             self._radar.clear()
             self._radar.sweep(self.task_state)
@@ -137,13 +137,13 @@ def radar_of(task: Task, render_mode: str | None) -> Radar | None:
     return Radar(task)
 
 
-def drawn_key(generator: np.random.Generator) -> PRNGKeyArray:
+def next_key(generator: np.random.Generator) -> PRNGKeyArray:
     """The random key of the next scenario. Raises InputError as `refuse_forked` does."""
     refuse_forked()
-    return jax.random.key(drawn_number(generator))
+    return jax.random.key(next_seed(generator))
 
 
-def drawn_number(generator: np.random.Generator) -> int:
+def next_seed(generator: np.random.Generator) -> int:
     """The seed of the next scenario's key."""
     return int(generator.integers(2**31))
 

@@ -12,13 +12,13 @@ from gymnasium.utils import seeding
 from jaxtyping import Array, Float, Int, PRNGKeyArray, UInt8
 
 from skystack.compilation.forks import refuse_forked
-from skystack.errors import of_extra, unknown_name
+from skystack.errors import requires_extra, unknown_name
 from skystack.gym.environment import (
     FRAMES_PER_S,
     RENDER_MODES,
     Observation,
-    drawn_key,
     metrics_info,
+    next_key,
     observations_of,
     radar_of,
 )
@@ -33,7 +33,7 @@ from skystack.tasks.programs import TaskPrograms, compiled
 from skystack.tasks.registry import build_traffic_task
 from skystack.tasks.settings import TaskSettings
 
-with of_extra(__name__, "pettingzoo"):
+with requires_extra(__name__, "pettingzoo"):
     from pettingzoo import ParallelEnv
 
 Observed = dict[str, Observation]
@@ -110,7 +110,7 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
         """Start a new random scenario: the same as TaskEnvironment's for the same seed."""
         if seed is not None or self._generator is None:
             self._generator, _ = seeding.np_random(seed)
-        self._state, self._views = self._programs.begin(drawn_key(self._generator))
+        self._state, self._views = self._programs.begin(next_key(self._generator))
         self.agents = self.possible_agents.copy()
         if self._radar is not None:
             self._radar.clear()

@@ -10,8 +10,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
 from skystack.reporting.maps import draw_sector, name_axes, name_fixes
-from skystack.reporting.radar import Blip, colour_of, draw_aircraft, draw_way
-from skystack.reporting.style import grid_of_axes, house_style, settle
+from skystack.reporting.radar import Blip, colour_of, draw_aircraft, draw_route_and_trail
+from skystack.reporting.style import freeze_layout, grid_of_axes, house_style
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
 from skystack.simulator.traffic import Traffic, callsigns
@@ -80,7 +80,7 @@ class Screen:
             draw_sector(self._axes, task.sector)
             name_axes(self._axes)
             self._axes.set_title(f"{task.name}, time 00:00")
-            settle(figure)
+            freeze_layout(figure)
             name_fixes(self._axes, task.sector)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -99,7 +99,7 @@ class Screen:
                 sector, colour = self._task.sector, colour_of(number)
                 route = sector.routes[int(traffic.route[number])]
                 planned = sector.path_nm(route)
-                draw_way(self._axes, planned, np.array(trail)[:, number], colour)
+                draw_route_and_trail(self._axes, planned, np.array(trail)[:, number], colour)
                 if traffic.active[number]:
                     blip = _blip(sector, traffic, number, callsign)
                     draw_aircraft(self._axes, blip, colour)

@@ -10,11 +10,11 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from jaxtyping import Bool, Float, UInt8
 
-from skystack.errors import InputError, of_extra
+from skystack.errors import InputError, requires_extra
 from skystack.gym.vector import VectorTaskEnvironment
 from skystack.stacking import owned
 
-with of_extra(__name__, "sb3"):
+with requires_extra(__name__, "sb3"):
     from stable_baselines3.common.vec_env import VecEnv
 
 Infos = list[dict[str, Any]]

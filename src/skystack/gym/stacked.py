@@ -16,12 +16,12 @@ from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker
 from skystack.errors import InputError
 from skystack.stacking import NO_OP, Stack, belongs, checked_limit, owned
 
-MOST_INSTRUCTIONS = 100
+DEFAULT_LIMIT = 100
 """The default limit of one clearance. The shipped tasks never allow more than 60, which takes an
 aircraft through all levels."""
 
 _NUMBERS = (spaces.Box, spaces.Discrete, spaces.MultiBinary, spaces.MultiDiscrete)
-PASSED_BY = (OrderEnforcing, PassiveEnvChecker)
+BYPASSED_WRAPPERS = (OrderEnforcing, PassiveEnvChecker)
 """Wrappers of `gymnasium.make` that only check, and can be bypassed."""
 
 
@@ -65,7 +65,7 @@ class StackedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructo
     def __init__(
         self,
         env: gymnasium.Env[Any, Any],
-        limit: int = MOST_INSTRUCTIONS,
+        limit: int = DEFAULT_LIMIT,
         no_op: Any = NO_OP,
     ) -> None:
         RecordConstructorArgs.__init__(self, limit=limit, no_op=no_op)
@@ -133,7 +133,7 @@ def _in(space: spaces.Space[Any], action: Any) -> bool:
 def _phases_of(env: gymnasium.Env[Any, Any]) -> TwoPhaseEnvironment:
     inner = env
     while isinstance(inner, gymnasium.Wrapper):
-        if not isinstance(inner, PASSED_BY):
+        if not isinstance(inner, BYPASSED_WRAPPERS):
             name = type(inner).__name__
             raise InputError(
                 f"{name} is inside StackedEnvironment, which would bypass it (allowed: {name} "

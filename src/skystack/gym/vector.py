@@ -12,13 +12,13 @@ from gymnasium.vector.utils import batch_space
 from jaxtyping import Array, Bool, Float, Int, UInt8, UInt32
 
 from skystack.compilation.forks import refuse_forked
-from skystack.errors import InputError, checked_whole
+from skystack.errors import InputError, checked_integer
 from skystack.gym.environment import (
     FRAMES_PER_S,
     RENDER_MODES,
     actions_of,
-    drawn_number,
     metrics_info,
+    next_seed,
     observations_of,
     radar_of,
 )
@@ -60,9 +60,9 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
         render_mode: str | None = None,
         programs: "VectorPrograms | None" = None,
     ) -> None:
-        num_envs = checked_whole("num_envs", num_envs, 1)
+        num_envs = checked_integer("num_envs", num_envs, 1)
         if max_episode_steps is not None:
-            max_episode_steps = checked_whole("max_episode_steps", max_episode_steps, 1)
+            max_episode_steps = checked_integer("max_episode_steps", max_episode_steps, 1)
         self.task, self.num_envs, self._mode = task, num_envs, _checked_mode(autoreset_mode)
         self.render_mode = render_mode
         self.metadata = {
@@ -179,7 +179,7 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
     def _key_seeds(self, restarts: Flags) -> UInt32[np.ndarray, " scenarios"]:
         """The seeds of the keys of new scenarios; 0 for those that continue."""
         pairs = zip(self.np_random, restarts, strict=True)
-        return np.array([drawn_number(own) if new else 0 for own, new in pairs], dtype=np.uint32)
+        return np.array([next_seed(own) if new else 0 for own, new in pairs], dtype=np.uint32)
 
     def _checked(self, actions: Any) -> Int[np.ndarray, " scenarios"]:
         numbers = np.asarray(actions)

@@ -10,7 +10,7 @@ from secrets import token_hex
 from typing import IO
 
 from skystack.errors import InputError, exists
-from skystack.io.signals import held
+from skystack.io.signals import defer_signals
 
 AnyPath = str | PathLike[str]
 TEMPORARY_SUFFIX = ".aside"
@@ -39,7 +39,7 @@ def atomic_write(path: Path, data: bytes) -> None:
 
     Raises InputError if it cannot be written.
     """
-    with held(), atomic_files([path]) as [file], writing(path):
+    with defer_signals(), atomic_files([path]) as [file], writing(path):
         file.write(data)
 
 
@@ -53,7 +53,7 @@ def atomic_files(paths: Sequence[Path]) -> Iterator[list[IO[bytes]]]:
     with ExitStack() as stack:
         files = [stack.enter_context(_open_temporary(path)) for path in paths]
         yield files
-        with held():
+        with defer_signals():
             for path, file in zip(paths, files, strict=True):
                 with writing(path):
                     file.flush()
@@ -75,12 +75,12 @@ def _open_temporary(path: Path) -> Iterator[IO[bytes]]:
         raise InputError(f"{path}: cannot be written: it is not a regular file")
     file: IO[bytes] | None = None
     try:
-        with held(), writing(path):
+        with defer_signals(), writing(path):
             file = _temporary_path(path).open("xb")
         yield file
     finally:
         if file is not None:
-            with held():
+            with defer_signals():
                 with suppress(OSError):  # a full disk was reported earlier
                     file.close()
                 Path(file.name).unlink(missing_ok=True)
@@ -147,11 +147,11 @@ def scratch_folder(prefix: str, within: Path | None = None) -> Iterator[Path]:
     """A temporary folder, deleted afterwards; in the system's temporary folder by default."""
     folder: tempfile.TemporaryDirectory[str] | None = None
     try:
-        with held():
+        with defer_signals():
             folder = tempfile.TemporaryDirectory("", prefix, within, ignore_cleanup_errors=True)
         yield Path(folder.name)
     finally:
-        with held():
+        with defer_signals():
             if folder is not None:
                 folder.cleanup()
 

@@ -15,7 +15,7 @@ MAX_BYTES = 10_000_000
 MAX_DEPTH = 32
 _TOO_DEEP = f"is nested too deep (allowed: {MAX_DEPTH} levels)"
 MAX_NUMBER = sys.float_info.max
-MOST_EXACT = 2.0**53
+MAX_EXACT_INT = 2.0**53
 """A double holds every whole number up to this one exactly."""
 
 
@@ -40,7 +40,7 @@ def read_json(path: Path) -> Any:
     except json.JSONDecodeError as error:
         raise InputError(f"is not JSON ({error})") from None
     except (ValueError, RecursionError) as error:
-        raise beyond_python(error) from None
+        raise parser_limit_error(error) from None
     check_plain(raw)
     return with_whole_numbers(raw)
 
@@ -51,7 +51,7 @@ def with_whole_numbers(value: Any) -> Any:
         return {key: with_whole_numbers(each) for key, each in value.items()}
     if isinstance(value, list):
         return [with_whole_numbers(each) for each in value]
-    whole = isinstance(value, float) and value.is_integer() and abs(value) <= MOST_EXACT
+    whole = isinstance(value, float) and value.is_integer() and abs(value) <= MAX_EXACT_INT
     return int(value) if whole else value
 
 
@@ -84,7 +84,7 @@ def _check_unicode(where: str, text: str) -> None:
         raise not_allowed(where, text, "printable characters")
 
 
-def beyond_python(error: ValueError | RecursionError) -> InputError:
+def parser_limit_error(error: ValueError | RecursionError) -> InputError:
     """The error for nesting too deep, or an integer too long, for Python's parsers."""
     if isinstance(error, RecursionError):
         return InputError(_TOO_DEEP)

@@ -14,7 +14,7 @@ from skystack.io.files import TEMPORARY_SUFFIX, make_folder, not_written
 
 LOCK = ".lock"
 """The lock file of a run folder. The file stays; the lock ends with the process."""
-_PATIENCE_S, _RETRY_S = 0.1, 0.02
+_LOCK_TIMEOUT_S, _RETRY_S = 0.1, 0.02
 """A failing process deletes its lock file, so acquiring a lock is retried briefly."""
 
 
@@ -27,7 +27,7 @@ def locked_folder(folder: Path, below: Iterable[str] = ()) -> Iterator[None]:
     (glob patterns) of the same run. On failure, a folder that holds only the lock is deleted.
     Raises InputError if another process holds the lock.
     """
-    with no_empty_folders(folder):
+    with delete_empty_on_failure(folder):
         lock = _acquire(folder)
         try:
             for each in (folder, *(inner for pattern in below for inner in folder.glob(pattern))):
@@ -43,7 +43,7 @@ def locked_folder(folder: Path, below: Iterable[str] = ()) -> Iterator[None]:
 
 
 @contextmanager
-def no_empty_folders(folder: Path) -> Iterator[None]:
+def delete_empty_on_failure(folder: Path) -> Iterator[None]:
     """On failure inside the context, delete folders that were created in it and contain no file.
 
     A folder that another process has locked is left alone, with everything in it.
@@ -91,7 +91,7 @@ def is_scratch(path: Path) -> bool:
 
 def _acquire(folder: Path) -> FileLock:
     """Acquire the lock of a folder. Raises InputError if another process holds it."""
-    lock = FileLock(folder / LOCK, timeout=_PATIENCE_S, thread_local=False)
+    lock = FileLock(folder / LOCK, timeout=_LOCK_TIMEOUT_S, thread_local=False)
     while True:
         make_folder(folder)
         try:

@@ -9,17 +9,17 @@ from typing import Annotated
 
 import msgspec
 
-from skystack.errors import MOST_NUMBER, InputError
+from skystack.errors import MAX_INT, InputError
 
-MOST_NAME = 80
+MAX_NAME_CHARS = 80
 """The maximum length: leaves room in a file name for a seed, a platform and a suffix."""
-_PATTERN = rf"^[A-Za-z0-9_][A-Za-z0-9._-]{{0,{MOST_NAME - 1}}}\Z"
+_PATTERN = rf"^[A-Za-z0-9_][A-Za-z0-9._-]{{0,{MAX_NAME_CHARS - 1}}}\Z"
 # ASCII only: file systems differ in how they encode and compare other letters.
-_ALLOWED = f"1 to {MOST_NAME} of A-Z, a-z, 0-9, '.', '_' and '-', the first not '.' or '-'"
+_ALLOWED = f"1 to {MAX_NAME_CHARS} of A-Z, a-z, 0-9, '.', '_' and '-', the first not '.' or '-'"
 
 Name = Annotated[str, msgspec.Meta(pattern=_PATTERN, description=_ALLOWED)]
 """The type of a field that must be valid as the name of one file or folder."""
-Seed = Annotated[int, msgspec.Meta(ge=0, le=MOST_NUMBER)]
+Seed = Annotated[int, msgspec.Meta(ge=0, le=MAX_INT)]
 """The type of a seed, which becomes part of a folder name; same range as on the command line."""
 
 
@@ -32,5 +32,5 @@ def check_name(what: str, text: str) -> str:
 
 def as_name(text: str) -> str:
     """A valid name made from any text; a text that is already valid is unchanged."""
-    safe = re.sub(r"[^A-Za-z0-9._-]+", "-", text).lstrip(".-")[:MOST_NAME].rstrip(".-")
+    safe = re.sub(r"[^A-Za-z0-9._-]+", "-", text).lstrip(".-")[:MAX_NAME_CHARS].rstrip(".-")
     return text if re.search(_PATTERN, text) else safe or "policy"

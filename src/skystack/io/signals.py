@@ -4,8 +4,8 @@ C++ libraries do not handle exceptions in every call to Python: JAX discards one
 garbage-collection callback, and aborts the process if one is raised while it is imported. The
 exception is therefore not raised during imports or inside JAX; raising is retried every 10 ms. If
 it is discarded anyway, it is raised again, and code between compiled programs calls `check`. The
-recorded signal decides the exit code. Inside `held` nothing is raised, so that critical work is
-completed first.
+recorded signal decides the exit code. Inside `defer_signals` nothing is raised, so that critical
+work is completed first.
 """
 
 import os
@@ -21,10 +21,10 @@ from types import FrameType
 from typing import Any, NoReturn, TypeVar
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
-PATIENCE_S = 1.0
+DUPLICATE_WINDOW_S = 1.0
 """A second signal after this time ends the process immediately. An earlier one is a duplicate of
 the first: a terminal and a parent process may both send it."""
-AGAIN_S = 0.01
+RETRY_S = 0.01
 """The delay before the next attempt to raise the exception."""
 POLL_S = 0.5
 Result = TypeVar("Result")
@@ -42,15 +42,15 @@ class _State:
         self.at_s = 0.0
         self.raised = False
         """Whether KeyboardInterrupt was raised and has not been discarded."""
-        self.held = 0
-        """The number of nested `held` blocks that the main thread is in."""
+        self.deferrals = 0
+        """The number of nested `defer_signals` blocks that the main thread is in."""
 
 
 _state = _State()
 
 
 @contextmanager
-def ended_by_signals(last: bool = False) -> Iterator[None]:
+def handle_signals(last: bool = False) -> Iterator[None]:
     """Record and raise signals inside the context.
 
     Afterwards the previous handlers are restored or, with `last`, the system's defaults. Ignored
@@ -84,30 +84,30 @@ def exit_code() -> int | None:
     return None if _state.number is None else 128 + _state.number
 
 
-def settle() -> None:
-    """From now on only record signals, without raising them, until `ended_by_signals` ends."""
-    _state.held += 1
+def record_only() -> None:
+    """From now on only record signals, without raising them, until `handle_signals` ends."""
+    _state.deferrals += 1
 
 
 def check() -> None:
     """Raise KeyboardInterrupt if a signal was received but its exception was discarded."""
     main = threading.current_thread() is threading.main_thread()
-    if main and _state.watched and _state.number is not None and not _state.held:
+    if main and _state.watched and _state.number is not None and not _state.deferrals:
         _raise()
 
 
 @contextmanager
-def held() -> Iterator[None]:
+def defer_signals() -> Iterator[None]:
     """Defer interruption of the main thread by signals until the context ends."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     cleaning_up = _state.raised
-    _state.held += 1
+    _state.deferrals += 1
     try:
         yield
     finally:
-        _state.held -= 1
+        _state.deferrals -= 1
     if not cleaning_up:
         check()
 
@@ -121,13 +121,13 @@ def wait_for(future: Future[Result]) -> Result:
 
 @contextmanager
 def starting_processes() -> Iterator[None]:
-    """`held`, with SIGINT blocked in the threads and processes started inside.
+    """`defer_signals`, with SIGINT blocked in the threads and processes started inside.
 
     A half-started process would be left behind and print a traceback.
     """
     from multiprocessing import resource_tracker  # noqa: PLC0415  (`--help` does not need it)
 
-    with held():
+    with defer_signals():
         if not hasattr(signal, "pthread_sigmask"):
             yield
             return
@@ -144,7 +144,7 @@ def _on_signal(number: int, frame: FrameType | None) -> None:
     if _state.number is None:
         _state.number, _state.at_s = number, time.monotonic()
         _raise_in(frame)
-    elif time.monotonic() - _state.at_s > PATIENCE_S:
+    elif time.monotonic() - _state.at_s > DUPLICATE_WINDOW_S:
         signal.signal(number, signal.SIG_DFL)
         os.kill(os.getpid(), number)
 
@@ -156,10 +156,10 @@ def _on_alarm(number: int, frame: FrameType | None) -> None:
 
 def _raise_in(frame: FrameType | None) -> None:
     """Raise KeyboardInterrupt now, or later if the running code cannot handle exceptions."""
-    if _state.held:
-        return  # raised when the `held` block ends
+    if _state.deferrals:
+        return  # raised when the `defer_signals` block ends
     if _is_delicate(frame):
-        _schedule_retry(AGAIN_S)
+        _schedule_retry(RETRY_S)
     else:
         _raise()
 
@@ -196,7 +196,7 @@ def _on_unraisable(what: Any) -> None:
     """Retry a KeyboardInterrupt that Python has to discard."""
     if _state.number is not None and issubclass(what.exc_type, KeyboardInterrupt):
         _state.raised = False
-        _schedule_retry(AGAIN_S)
+        _schedule_retry(RETRY_S)
     else:
         sys.__unraisablehook__(what)
 

@@ -4,7 +4,7 @@ import tomllib
 from typing import Any
 
 from skystack.errors import InputError
-from skystack.io.json_file import beyond_python, check_plain, with_whole_numbers
+from skystack.io.json_file import check_plain, parser_limit_error, with_whole_numbers
 
 
 def parse_toml(data: bytes) -> dict[str, Any]:
@@ -19,7 +19,7 @@ def parse_toml(data: bytes) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"is not TOML ({error})") from None
     except (ValueError, RecursionError) as error:  # numbers of over 4,300 digits
-        raise beyond_python(error) from None
+        raise parser_limit_error(error) from None
     check_plain(values)
     whole: dict[str, Any] = with_whole_numbers(values)
     return whole

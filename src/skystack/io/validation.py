@@ -14,7 +14,7 @@ from msgspec import inspect
 
 from skystack.errors import InputError, unknown_name
 
-LONGEST_VALUE = 60
+MAX_VALUE_CHARS = 60
 """The maximum length of a value in a message, in characters."""
 
 
@@ -32,7 +32,7 @@ def convert(raw: Any, kind: Any) -> Any:
 def not_allowed(where: str, value: object, allowed: str) -> InputError:
     """The error for a value that is not allowed; long values are truncated."""
     text = json.dumps(value)
-    text = text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
+    text = text if len(text) <= MAX_VALUE_CHARS else f"{text[:MAX_VALUE_CHARS]}..."
     return InputError(f"{where} is {text} (allowed: {allowed})")
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 import tomli_w
 
-from skystack.airspace.sectors import named_or_read
+from skystack.airspace.sectors import sector_setting
 from skystack.errors import InputError, error_context, unknown_name
 from skystack.io.files import AnyPath, read_whole
 from skystack.io.json_file import MAX_BYTES
@@ -93,7 +93,7 @@ def _read_sector(values: dict[str, Any], folder: Path | None) -> None:
     task = values.get("task")
     if isinstance(task, dict) and isinstance(task.get("sector"), str):
         with error_context("task.sector"):
-            task["sector"] = msgspec.to_builtins(named_or_read(task["sector"], folder))
+            task["sector"] = msgspec.to_builtins(sector_setting(task["sector"], folder))
 
 
 def experiment_from(values: Mapping[str, Any], where: str) -> Experiment:

@@ -10,7 +10,7 @@ import numpy as np
 from skystack.errors import TrainingError
 from skystack.learning.ppo import TrainState
 
-LARGEST_LOSS = 1e6
+MAX_LOSS = 1e6
 """A larger loss counts as exploded. Rewards are scaled to about 1, so with a discount of 0.99 a
 return is at most about 100 and half its square 5,000. The limit is 200 times that: such a loss is
 not noise, and training rarely recovers from it."""
@@ -34,9 +34,9 @@ class TrainingMonitor:
             value = values[term]
             if value is None:
                 raise self._error(f"{term} is not finite", steps)
-            if abs(value) > LARGEST_LOSS:
+            if abs(value) > MAX_LOSS:
                 raise self._error(
-                    f"{term} has exploded: {value:.3g} (allowed: up to {LARGEST_LOSS:.0e}; "
+                    f"{term} has exploded: {value:.3g} (allowed: up to {MAX_LOSS:.0e}; "
                     "a lower ppo.learning_rate or ppo.reward_scale may help)",
                     steps,
                 )

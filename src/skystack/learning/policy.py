@@ -20,7 +20,7 @@ from skystack.io.names import Name, Seed
 from skystack.learning.inference import CLIP, Layers, Normaliser, forward, normalise
 
 FORMAT = 1
-MOST_ANSWER = 1e30
+MAX_NETWORK_VALUE = 1e30
 """The limit for the bound on the network's values, far below the largest float32."""
 
 
@@ -140,7 +140,7 @@ def _assemble(
     )
     if np.any(tensors["normaliser.variance"] < 0.0):
         raise InputError(f"{where}: tensor 'normaliser.variance' contains a negative number")
-    if _value_bound(actor, tensors["normaliser.mean"]) > MOST_ANSWER:
+    if _value_bound(actor, tensors["normaliser.mean"]) > MAX_NETWORK_VALUE:
         raise InputError(f"{where}: its values are so large that the network could overflow")
     count = np.float32(0.0)
     return Policy(

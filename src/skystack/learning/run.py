@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from skystack.errors import MOST_NUMBER, InputError, checked_whole
+from skystack.errors import MAX_INT, InputError, checked_integer
 from skystack.io.files import AnyPath, atomic_write, make_folder
 from skystack.io.locks import check_unlocked, locked_folder
 from skystack.io.signals import check
@@ -102,7 +102,7 @@ def train_experiment(
         >>> trained.steps
         8192
     """
-    seed = checked_whole("seed", seed, 0, MOST_NUMBER)
+    seed = checked_integer("seed", seed, 0, MAX_INT)
     with locked_folder(path := Path(folder), below=("checkpoint",)):
         return _train(experiment, seed, path, resume, on_update, checkpoint_every_s)
 

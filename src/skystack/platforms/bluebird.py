@@ -21,18 +21,18 @@ import numpy as np
 from skystack.airspace.projection import wrap_longitude
 from skystack.airspace.sector import Sector as OurSector
 from skystack.airspace.sector_file import Point, SectorEntry, make_sector
-from skystack.errors import InputError, PlatformError, error_context, of_extra, unknown_name
+from skystack.errors import InputError, PlatformError, error_context, requires_extra, unknown_name
 from skystack.platforms.adoption import BLUEBIRD
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.languages import bluebird_actions
-from skystack.platforms.protocol import Report, check_types, names_of_ours
+from skystack.platforms.protocol import Report, check_types, substitute_callsigns
 from skystack.simulator.fleet import AircraftType
 from skystack.simulator.performance import TablePerformance
 from skystack.simulator.scenario_file import Aircraft, Scenario
 from skystack.simulator.simulator import CYCLE_S
 from skystack.simulator.traffic import ticks
 
-with of_extra(__name__, "bluebird"):
+with requires_extra(__name__, "bluebird"):
     from bluebird_dt.airspace_generator.airspace_loader import AirspaceLoader
     from bluebird_dt.core import Airspace, Area, Fixes, Pos2D, Pos3D, Route, Sector, Volume
     from bluebird_dt.predictor import LinearPredictor, SimplePredictor
@@ -66,7 +66,7 @@ class Bluebird:
         allowed = f"the {len(self._types)} types of its weight map, such as B753, or of the fleet"
         check_types(scenario, known, "BluebirdDT", allowed)
         self._origin_lon_deg = scenario.sector.origin[1]
-        self._names = names_of_ours(scenario)
+        self._names = substitute_callsigns(scenario)
         self._simulator = _simulator(scenario, self._names)
         manager = self._simulator.manager
         flying = manager.environment.aircraft

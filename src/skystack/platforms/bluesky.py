@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from skystack.airspace.projection import wrap_longitude
-from skystack.errors import InputError, PlatformError, of_extra
+from skystack.errors import InputError, PlatformError, requires_extra
 from skystack.platforms.adoption import BLUESKY
 from skystack.platforms.bluesky_scenario import (
     STEP_S,
@@ -32,12 +32,12 @@ from skystack.platforms.bluesky_scenario import (
     start_commands,
 )
 from skystack.platforms.instruction import Instruction
-from skystack.platforms.protocol import Report, names_of_ours
+from skystack.platforms.protocol import Report, substitute_callsigns
 from skystack.simulator.performance import ConstantPerformance, TablePerformance
 from skystack.simulator.scenario_file import Scenario
 from skystack.simulator.simulator import CYCLE_S
 
-with of_extra(__name__, "bluesky"):
+with requires_extra(__name__, "bluesky"):
     import bluesky
     from bluesky.tools import aero
 
@@ -82,7 +82,7 @@ class BlueSky:
         check_flown_types(scenario)
         self._scenario, self._cycle = scenario, 0
         self._index = {one.callsign: index for index, one in enumerate(scenario.aircraft)}
-        self._callsigns = list(names_of_ours(scenario).values())
+        self._callsigns = list(substitute_callsigns(scenario).values())
         self._cleared_heading_deg = np.full(len(self._index), np.nan)
         with _silent():
             bluesky.sim.reset()

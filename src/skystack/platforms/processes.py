@@ -16,12 +16,12 @@ from threading import Timer
 from typing import Any, NamedTuple, TypeVar
 
 from skystack.compilation.cores import cores
-from skystack.errors import InputError, PlatformError, of_extra
+from skystack.errors import InputError, PlatformError, requires_extra
 from skystack.io.signals import starting_processes, wait_for
 
 TIME_LIMIT_S = 120.0
 """The default time limit for an item."""
-LONGEST_LIMIT_S = 10_000_000
+MAX_TIME_LIMIT_S = 10_000_000
 """The longest time limit; much longer ones overflow timers."""
 START_LIMIT_S = 1200.0
 """The time limit for a process to start: imports, the simulator, and compilation, which takes
@@ -55,7 +55,7 @@ def in_processes(
     time limit out of range, and as soon as an item raises it.
     """
     checked_time_limit(time_limit_s)
-    with of_extra("another platform", "bluebird] or [bluesky"):
+    with requires_extra("another platform", "bluebird] or [bluesky"):
         from pebble import ProcessPool  # noqa: PLC0415
 
     ahead, others = AHEAD * len(cores()), multiprocessing.active_children()
@@ -88,12 +88,12 @@ def _terminate_workers(others: Sequence[BaseProcess]) -> None:
 
 
 def checked_time_limit(time_limit_s: Any) -> float:
-    """The limit as a float. Raises InputError unless it is above 0 and at most LONGEST_LIMIT_S."""
+    """The limit as a float. Raises InputError unless it is above 0 and at most MAX_TIME_LIMIT_S."""
     number = isinstance(time_limit_s, Real) and not isinstance(time_limit_s, bool)
-    if not (number and 0.0 < time_limit_s <= LONGEST_LIMIT_S):
+    if not (number and 0.0 < time_limit_s <= MAX_TIME_LIMIT_S):
         raise InputError(
             f"time_limit_s is {time_limit_s!r} "
-            f"(allowed: seconds above 0, up to {LONGEST_LIMIT_S:,})"
+            f"(allowed: seconds above 0, up to {MAX_TIME_LIMIT_S:,})"
         )
     return float(time_limit_s)
 

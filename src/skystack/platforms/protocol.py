@@ -70,7 +70,7 @@ class Platform(Protocol):
         """Release all resources."""
 
 
-def names_of_ours(scenario: Scenario) -> dict[str, str]:
+def substitute_callsigns(scenario: Scenario) -> dict[str, str]:
     """Substitute names by callsign, in order, for platforms that do not accept every callsign."""
     return {one.callsign: f"AC{index:04d}" for index, one in enumerate(scenario.aircraft)}
 

@@ -16,7 +16,7 @@ from skystack.reporting.page import Picture, picture_of, render
 from skystack.reporting.results import Update, family_order, family_title
 from skystack.reporting.style import as_svg, house_style
 from skystack.reporting.tables import NOTHING, Table
-from skystack.reporting.trainings import Learned, RowOf, Runs, differences
+from skystack.reporting.trainings import RunRow, Runs, TrainingRun, differences
 
 WIDEST = 40
 """The maximum length of a cell in the terminal; lists of features are longer."""
@@ -63,7 +63,7 @@ def comparison_json(runs: Runs) -> dict[str, Any]:
     }
 
 
-def trainings_table(trainings: Sequence[Learned]) -> Table:
+def trainings_table(trainings: Sequence[TrainingRun]) -> Table:
     """One line per training run; success and instructions are final values, with exploration."""
     header = ("run", "experiment", "seed", "steps", "time", "success", "instructions")
     lines = []
@@ -83,7 +83,7 @@ def trainings_table(trainings: Sequence[Learned]) -> Table:
     return Table(header, tuple(lines))
 
 
-def rows_table(rows: Sequence[RowOf]) -> Table:
+def rows_table(rows: Sequence[RunRow]) -> Table:
     """The comparison with the paper for all runs that were evaluated."""
     plain = tables.comparison([each.row for each in rows])
     first, *others = plain.header
@@ -91,12 +91,12 @@ def rows_table(rows: Sequence[RowOf]) -> Table:
     return Table((first, "run", *others), tuple(lines))
 
 
-def settings_that_differ(trainings: Sequence[Learned]) -> dict[str, dict[str, Any]]:
+def settings_that_differ(trainings: Sequence[TrainingRun]) -> dict[str, dict[str, Any]]:
     """Settings by key and curve. The seeds of a curve have the same settings."""
     return differences({each.curve: each.settings for each in trainings})
 
 
-def settings_table(trainings: Sequence[Learned]) -> Table:
+def settings_table(trainings: Sequence[TrainingRun]) -> Table:
     """One line per setting, one column per curve."""
     found = settings_that_differ(trainings)
     names = dict.fromkeys(each.curve for each in trainings)
@@ -129,7 +129,7 @@ def _section(runs: Runs, family: str) -> ComparedFamily:
     )
 
 
-def _curves(trainings: Sequence[Learned]) -> Picture | None:
+def _curves(trainings: Sequence[TrainingRun]) -> Picture | None:
     curves: dict[str, list[list[Update]]] = {}
     for each in trainings:
         curves.setdefault(each.curve, []).append(each.updates)
@@ -140,7 +140,7 @@ def _curves(trainings: Sequence[Learned]) -> Picture | None:
     return picture_of(drawing, f"Learning curves of {', '.join(curves)}")
 
 
-def _row_object(each: RowOf) -> dict[str, Any]:
+def _row_object(each: RunRow) -> dict[str, Any]:
     row: dict[str, Any] = msgspec.to_builtins(each.row)
     return row
 

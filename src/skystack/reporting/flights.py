@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError, error_context
-from skystack.evaluation.stored import check_who, read_table, rows_of, sector_of
+from skystack.evaluation.stored import check_aircraft, read_table, rows_of, sector_of
 
 BURST_GAP_CYCLES = 2
 """The longest gap in a burst: two aircraft under one policy may receive every other instruction."""
@@ -38,7 +38,7 @@ class IssuedClearance(NamedTuple):
         """Format as `right 215`, `climb FL340`, or `fly 215` if no turn is needed."""
         return f"{self.direction or 'fly'} {self.target}"
 
-    def carries_on(self, before: "IssuedClearance") -> bool:
+    def continues_earlier(self, before: "IssuedClearance") -> bool:
         """Whether this continues an earlier clearance: in the same direction, and soon after."""
         change = self.value - before.value
         forward = change % 360 < 180 if self.kind == "heading" else change > 0
@@ -73,7 +73,7 @@ class Track:
         """The clearances grouped into bursts: soon after each other, in the same direction."""
         runs: list[list[IssuedClearance]] = [[first] for first in self.clearances[:1]]
         for before, after in pairwise(self.clearances):
-            if after.carries_on(before):
+            if after.continues_earlier(before):
                 runs[-1].append(after)
             else:
                 runs.append([after])
@@ -205,7 +205,7 @@ def read_scenario(folder: Path, number: int) -> FlownScenario:
         raise InputError(f"{folder}: has no scenario {number}")
     sector = sector_of(folder / "trajectories.parquet", flown)
     entries = aircraft.to_pylist()
-    check_who(folder / "aircraft.parquet", sector, entries)
+    check_aircraft(folder / "aircraft.parquet", sector, entries)
     with error_context(str(folder)):
         tracks = tuple(_track(sector, row, flown, issued) for row in entries)
     return FlownScenario(sector, number, episode["clearances"][0].as_py(), tracks)

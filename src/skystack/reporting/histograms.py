@@ -12,10 +12,10 @@ from matplotlib.ticker import MaxNLocator
 
 from skystack.reporting.style import BLUE, FAINT, INK, MUTED, PAPER, grid_of_axes
 
-MOST_BINS = 40
+MAX_BINS = 40
 COLUMNS = 2
 SHARE_BEYOND = 0.005
-SEPARATION_BIN_NM, SEPARATION_MOST_NM = 2.5, 60.0
+SEPARATION_BIN_NM, SEPARATION_MAX_NM = 2.5, 60.0
 
 
 class Panel(NamedTuple):
@@ -68,7 +68,7 @@ def separations(panels: Sequence[Nearest]) -> Figure:
     size_in = (7.2, 1.2 * len(panels) + 0.5)
     figure, axes = grid_of_axes(len(panels), 1, size_in, sharex=True, sharey=True)
     farthest = max(float(panel.separation_nm.max()) for panel in panels)
-    most = min(10.0 * np.ceil(farthest / 10.0 + 1e-6), SEPARATION_MOST_NM)
+    most = min(10.0 * np.ceil(farthest / 10.0 + 1e-6), SEPARATION_MAX_NM)
     edges = np.arange(0.0, most + SEPARATION_BIN_NM, SEPARATION_BIN_NM)
     for ax, panel in zip(axes, panels, strict=True):
         shown = np.minimum(panel.separation_nm, most - 1e-6)
@@ -95,7 +95,7 @@ def bin_edges(panel: Panel) -> Float[np.ndarray, " edges"]:
     if panel.clearances.size:  # not interpolated: that would leave out the largest of 100 values
         usual = int(np.quantile(panel.clearances, 1.0 - SHARE_BEYOND, method="inverted_cdf"))
     most = max(usual, ceil(panel.paper_mean or 0.0))
-    width = most // MOST_BINS + 1
+    width = most // MAX_BINS + 1
     return np.arange(0, max(most, 4) + width + 1, width) - 0.5
 
 

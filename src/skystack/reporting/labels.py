@@ -37,7 +37,8 @@ class Label:
 def place_labels(axes: Axes, labels: Sequence[Label], drawn: Float[np.ndarray, "points 2"]) -> None:
     """Write each text at its cheapest position, in the order given.
 
-    `drawn` samples what should stay visible (data units). The figure must be laid out (`settle`).
+    `drawn` samples what should stay visible (data units). The figure must be laid out, see
+    `freeze_layout`.
     """
     scale = POINTS_PER_INCH / axes.figure.dpi
     frame = axes.get_window_extent()

@@ -22,8 +22,8 @@ from skystack.reporting.style import (
     MUTED,
     PAPER,
     SERIES,
+    freeze_layout,
     grid_of_axes,
-    settle,
 )
 
 MARGIN_NM = 7.0
@@ -57,7 +57,7 @@ def sector_map(sector: Sector) -> Figure:
         loc="outside lower center",
         ncols=4,
     )
-    settle(figure)
+    freeze_layout(figure)
     labels = [
         Label(name, (float(at[0]), float(at[1])), INK, size_pt=9.5, weight="bold")
         for name, at in sector.fixes_nm.items()
@@ -91,7 +91,7 @@ def route_maps(sector: Sector) -> Figure:
         )
     for axes in panels:
         axes.set_axis_off()
-    settle(figure)
+    freeze_layout(figure)
     for axes, _ in zip(panels, starts, strict=False):
         # Names avoid the lines of all panels, so that all panels place them alike.
         name_fixes(axes, sector, drawn)
@@ -164,7 +164,7 @@ def _draw_routes(axes: Axes, sector: Sector, routes: Sequence[tuple[str, ...]]) 
 
 
 def name_fixes(axes: Axes, sector: Sector, lines: Sequence[Polyline] = ()) -> None:
-    """Write the fixes' names clear of lines and marks. The figure must be laid out (`settle`)."""
+    """Write the fixes' names clear of lines and marks, after `freeze_layout`."""
     labels = [
         Label(name, (float(at[0]), float(at[1])), INK, size_pt=7.5)
         for name, at in sector.fixes_nm.items()

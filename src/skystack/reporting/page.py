@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import jinja2
 
-from skystack.reporting.style import follow_the_page
+from skystack.reporting.style import with_dark_colours
 
 
 class Picture(NamedTuple):
@@ -19,7 +19,7 @@ class Picture(NamedTuple):
 
 def picture_of(drawing: str, words: str) -> Picture:
     """Embed an SVG drawing; its colours follow the page's light or dark theme."""
-    data = base64.b64encode(follow_the_page(drawing).encode()).decode()
+    data = base64.b64encode(with_dark_colours(drawing).encode()).decode()
     return Picture(f"data:image/svg+xml;base64,{data}", words)
 
 

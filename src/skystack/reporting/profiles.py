@@ -8,7 +8,16 @@ from matplotlib.figure import Figure
 
 from skystack.reporting.flights import FlownScenario, Track
 from skystack.reporting.labels import Label, place_labels
-from skystack.reporting.style import FAINT, INK, LINES, MUTED, PAPER, SERIES, grid_of_axes, settle
+from skystack.reporting.style import (
+    FAINT,
+    INK,
+    LINES,
+    MUTED,
+    PAPER,
+    SERIES,
+    freeze_layout,
+    grid_of_axes,
+)
 from skystack.reporting.trajectories import clearances_text
 
 MINUTES_PER_CYCLE = 0.1
@@ -34,7 +43,7 @@ def profiles(panels: Sequence[tuple[str, FlownScenario]]) -> Figure:
     handles, labels = axes[0].get_legend_handles_labels()
     known = dict(zip(labels, handles, strict=True))
     figure.legend(known.values(), known.keys(), loc="outside lower center", ncols=len(known))
-    settle(figure)
+    freeze_layout(figure)
     for ax, (_, scenario) in zip(axes, panels, strict=True):
         _write_texts(ax, scenario)
     return figure

@@ -55,7 +55,7 @@ def colour_of(number: int) -> str:
     return SERIES[number % len(SERIES)]
 
 
-def draw_way(
+def draw_route_and_trail(
     axes: Axes,
     route_nm: Float[np.ndarray, "points 2"],
     trail_nm: Float[np.ndarray, "rows 2"],

@@ -23,7 +23,7 @@ SERIES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 LINES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (6, 1.5, 1.5, 1.5)))
 """Dash patterns, which distinguish lines without colour."""
 
-IN_THE_DARK = {
+DARK_COLOURS = {
     INK: "#e8edf2",
     MUTED: "#9aa6b2",
     FAINT: "#46515c",
@@ -88,7 +88,7 @@ def grid_of_axes(
     return figure, list(grid.flat)
 
 
-def settle(figure: Figure) -> None:
+def freeze_layout(figure: Figure) -> None:
     """Fix the layout, so that texts can be placed and saving does not lay out again."""
     if figure.get_layout_engine() is not None:
         figure.draw_without_rendering()
@@ -115,7 +115,7 @@ def as_svg(figure: Figure) -> str:
 
 
 def _rendered(figure: Figure, kind: str) -> bytes:
-    settle(figure)
+    freeze_layout(figure)
     plain: dict[str, Any] = {
         "png": {"dpi": PIXELS_PER_INCH, "metadata": {"Software": None}},
         "svg": {"metadata": {"Date": None, "Creator": None}},
@@ -133,10 +133,10 @@ def _shortened(svg: str) -> str:
     )
 
 
-def follow_the_page(svg: str) -> str:
+def with_dark_colours(svg: str) -> str:
     """Make the colours of a drawing follow the reader's light or dark colour scheme."""
-    names = {light: f"--c{number}" for number, light in enumerate(IN_THE_DARK)}
-    dark = "".join(f"{name}:{IN_THE_DARK[light]};" for light, name in names.items())
+    names = {light: f"--c{number}" for number, light in enumerate(DARK_COLOURS)}
+    dark = "".join(f"{name}:{DARK_COLOURS[light]};" for light, name in names.items())
     sheet = f"<style>@media screen and (prefers-color-scheme:dark){{:root{{{dark}}}}}</style>"
     for light, name in names.items():
         svg = svg.replace(light, f"var({name},{light})")

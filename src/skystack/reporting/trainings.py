@@ -26,7 +26,7 @@ NOT_COMPARED = ("name", "description")
 """Settings that do not affect training."""
 
 
-class Learned(NamedTuple):
+class TrainingRun(NamedTuple):
     """One training run: its origin, settings and learning curve."""
 
     curve: str
@@ -58,7 +58,7 @@ class Learned(NamedTuple):
         }
 
 
-class RowOf(NamedTuple):
+class RunRow(NamedTuple):
     """A row of a run's results."""
 
     run: str
@@ -68,8 +68,8 @@ class RowOf(NamedTuple):
 class Runs(NamedTuple):
     """The contents of several run folders."""
 
-    trainings: list[Learned]
-    rows: list[RowOf]
+    trainings: list[TrainingRun]
+    rows: list[RunRow]
     """In the order of the tables, which puts equal rows of different runs next to each other."""
 
 
@@ -80,12 +80,12 @@ def is_reproduction(folder: Path) -> bool:
 
 def read_runs(folders: Sequence[Path]) -> Runs:
     """Read run folders. Raises InputError that names what is missing, damaged or given twice."""
-    trainings: list[Learned] = []
-    rows: list[RowOf] = []
+    trainings: list[TrainingRun] = []
+    rows: list[RunRow] = []
     for folder, name in zip(folders, short_names(folders), strict=True):
         if is_reproduction(folder):
             run = read_run(folder)
-            rows += [RowOf(name, row) for row in run.results.rows]
+            rows += [RunRow(name, row) for row in run.results.rows]
             several = len(run.results.experiments) > 1
             for each in run.results.train:
                 curve = f"{name}, {each.experiment}" if several else name
@@ -144,7 +144,7 @@ class _Described(msgspec.Struct):
     seed: Seed
 
 
-def _read_training(folder: Path, run: str) -> Learned:
+def _read_training(folder: Path, run: str) -> TrainingRun:
     path = folder / "config.toml"
     data = read_file(path, MAX_BYTES)
     with error_context(f"{path}: damaged"):
@@ -152,7 +152,7 @@ def _read_training(folder: Path, run: str) -> Learned:
         experiment = convert(config, _Configured).name
     path = folder / "policy.json"
     seed = decode(read_file(path, MAX_BYTES), _Described, str(path)).seed if path.exists() else None
-    return Learned(run, run, experiment, seed, read_updates(folder), _flat(config))
+    return TrainingRun(run, run, experiment, seed, read_updates(folder), _flat(config))
 
 
 def _flat(table: Mapping[str, Any], before: str = "") -> dict[str, Any]:

@@ -18,11 +18,11 @@ from skystack.reporting.style import (
     MUTED,
     PAPER,
     SERIES,
+    freeze_layout,
     grid_of_axes,
-    settle,
 )
 
-MOST_TEXTS = 20
+MAX_TEXTS = 20
 """With more bursts than this, only marks are drawn, as texts would hide the flights."""
 
 NEAREST: dict[str, Any] = {
@@ -41,7 +41,7 @@ def picture(title: str, scenario: FlownScenario, separation: bool = False) -> Fi
     figure, (axes,) = grid_of_axes(1, 1, (5.0, 4.4))
     _draw(axes, title, scenario, separation)
     _legend(figure, [scenario], separation)
-    settle(figure)
+    freeze_layout(figure)
     _write_texts(axes, scenario, separation)
     return figure
 
@@ -59,7 +59,7 @@ def pictures(panels: Sequence[tuple[str, FlownScenario]], separation: bool = Fal
     for empty in axes[len(panels) :]:
         empty.set_axis_off()
     _legend(figure, [scenario for _, scenario in panels], separation)
-    settle(figure)
+    freeze_layout(figure)
     for ax, (_, scenario) in zip(axes, panels, strict=False):
         _write_texts(ax, scenario, separation)
     return figure
@@ -171,7 +171,7 @@ def burst_text(burst: Sequence[IssuedClearance]) -> str:
 
 
 def _is_crowded(scenario: FlownScenario) -> bool:
-    return sum(len(track.bursts) for track in scenario.tracks) > MOST_TEXTS
+    return sum(len(track.bursts) for track in scenario.tracks) > MAX_TEXTS
 
 
 def _points(

@@ -40,7 +40,7 @@ def typical_scenario(run: Run, rows: Sequence[Row]) -> int:
     if not common:
         return 0
     numbers = [int(number) for number in flown[0].scenario[:common]]
-    unlike = ~like_the_papers(family, read_starts(run.evaluation(acting[0]), numbers))
+    unlike = ~resembles_paper(family, read_starts(run.evaluation(acting[0]), numbers))
     failed = ~np.all([outcomes.success[:common] for outcomes in flown], axis=0)
     dull = ~_differ([outcomes.clearances[:common] for outcomes in flown])
     dull |= np.any([outcomes.success[:common] for outcomes in idle] or [dull], axis=0)
@@ -73,7 +73,7 @@ def kind_of_scenario(run: Run, rows: Sequence[Row], number: int) -> str | None:
     return None
 
 
-def like_the_papers(family: str, starts: Sequence[Start]) -> Bool[np.ndarray, " scenarios"]:
+def resembles_paper(family: str, starts: Sequence[Start]) -> Bool[np.ndarray, " scenarios"]:
     """Which scenarios resemble the one in the paper; in lateral navigation, all do."""
     if family == "avoidance":
         return np.array([start.reciprocal for start in starts])

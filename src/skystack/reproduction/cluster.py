@@ -39,7 +39,7 @@ ATTEMPTS = 5
 """How often a job is started; if its worker dies every time, the reproduction fails."""
 WAIT_S = 0.2
 """The interval between two readings of the messages."""
-KNOCK_S = 5.0
+CONNECT_TIMEOUT_S = 5.0
 """The timeout for connecting to the cluster."""
 
 Files = dict[str, bytes]
@@ -126,7 +126,7 @@ def _check_reachable(address: str) -> None:
     """Raise OSError if nothing listens at an address; Ray itself would retry for minutes."""
     host, colon, port = address.rpartition("://")[2].rpartition(":")
     if colon and port.isdigit():
-        socket.create_connection((host, int(port)), timeout=KNOCK_S).close()
+        socket.create_connection((host, int(port)), timeout=CONNECT_TIMEOUT_S).close()
 
 
 def _submit(submit: Callable[..., Any], job: Job, messages: Any) -> Any:

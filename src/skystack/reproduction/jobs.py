@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 import pyarrow as pa
 
 import skystack
-from skystack.compilation.programs import kept_programs
+from skystack.compilation.programs import program_cache
 from skystack.errors import CheckpointError
 from skystack.evaluation.evaluate import (
     Conditions,
@@ -111,7 +111,7 @@ def longest_first(jobs: Iterable[Job]) -> list[Job]:
 
 def run_job(job: Job, put: Callable[[Message], None]) -> JobResult:
     """Run a job; `put` is called with each message."""
-    with kept_programs():
+    with program_cache():
         result = _RUN[job.kind](job, put)
     put((job.name, "done"))
     return result
@@ -119,13 +119,13 @@ def run_job(job: Job, put: Callable[[Message], None]) -> JobResult:
 
 def _train_and_evaluate(job: Job, put: Callable[[Message], None]) -> JobResult:
     plan, name = job.plan, job.name
-    policy, train, cached = trained_once(
+    policy, train, cached = train_or_load(
         plan, job.experiment, job.seed, lambda progress: put((name, progress))
     )
     put((name, "evaluating"))
     rows, cached_names = [], [f"training {name}"] * cached
     for stacking in (False, True):
-        row, cached = flown_once(plan, policy, stacking)
+        row, cached = evaluate_or_load(plan, policy, stacking)
         rows.append(row)
         cached_names += [f"evaluation {name}, {'stacked' if stacking else 'plain'}"] * cached
     return JobResult(train, tuple(rows), tuple(cached_names))
@@ -133,20 +133,20 @@ def _train_and_evaluate(job: Job, put: Callable[[Message], None]) -> JobResult:
 
 def _evaluate_shipped(job: Job, put: Callable[[Message], None]) -> JobResult:
     put((job.name, "evaluating"))
-    row, cached = flown_once(job.plan, find_policy(job.experiment.name), True, job.name)
+    row, cached = evaluate_or_load(job.plan, find_policy(job.experiment.name), True, job.name)
     return JobResult(None, (row,), (f"evaluation {job.name}",) * cached)
 
 
 def _evaluate_no_op(job: Job, put: Callable[[Message], None]) -> JobResult:
     put((job.name, "evaluating"))
-    row, cached = no_op_once(job.plan, job.experiment)
+    row, cached = evaluate_no_op_or_load(job.plan, job.experiment)
     return JobResult(None, (row,), (f"evaluation {job.name}",) * cached)
 
 
 _RUN = {"train": _train_and_evaluate, "shipped": _evaluate_shipped, "no-op": _evaluate_no_op}
 
 
-def trained_once(
+def train_or_load(
     plan: Plan, experiment: Experiment, seed: int, on_update: Callable[[TrainingProgress], None]
 ) -> tuple[Policy, dict[str, Any], bool]:
     """Train a policy, or resume its training, unless it is cached.
@@ -175,7 +175,7 @@ def trained_once(
     return load_policy(folder), summary, cached
 
 
-def flown_once(
+def evaluate_or_load(
     plan: Plan, policy: Policy, stacking: bool, name: str | None = None
 ) -> tuple[EvaluatedRow, bool]:
     """The evaluation of a policy, and whether it was cached.
@@ -184,7 +184,7 @@ def flown_once(
     """
     described = policy.description
     conditions = Conditions(episodes=plan.episodes, stacking=stacking)
-    return _evaluated_once(
+    return _evaluate_or_load(
         plan,
         (name or described.experiment, described.seed, stacking),
         described.sha256,
@@ -192,11 +192,11 @@ def flown_once(
     )
 
 
-def no_op_once(plan: Plan, experiment: Experiment) -> tuple[EvaluatedRow, bool]:
+def evaluate_no_op_or_load(plan: Plan, experiment: Experiment) -> tuple[EvaluatedRow, bool]:
     """The evaluation of scenarios without instructions, and whether it was cached."""
     conditions = Conditions(episodes=plan.episodes)
     config = hashlib.sha256(to_toml(experiment)).hexdigest()
-    return _evaluated_once(
+    return _evaluate_or_load(
         plan,
         (no_op_name(experiment.task.name), 0, False),
         config,
@@ -204,7 +204,7 @@ def no_op_once(plan: Plan, experiment: Experiment) -> tuple[EvaluatedRow, bool]:
     )
 
 
-def _evaluated_once(
+def _evaluate_or_load(
     plan: Plan, name: tuple[str, int, bool], what: str, fly: Callable[[], Evaluation]
 ) -> tuple[EvaluatedRow, bool]:
     folder = evaluation_folder(plan.evaluation, *name)

@@ -18,7 +18,7 @@ from skystack.errors import InputError, error_context, unknown_name
 from skystack.io.json_file import is_name, read_json
 from skystack.io.validation import convert, not_allowed
 from skystack.simulator.fleet import AircraftType, fleet
-from skystack.simulator.limits import MOST_AIRCRAFT, MOST_CYCLES, MOST_TYPES
+from skystack.simulator.limits import MAX_AIRCRAFT, MAX_CYCLES, MAX_TYPES
 from skystack.simulator.performance import (
     DEFAULT_TYPE,
     TICKS_PER_FL,
@@ -30,7 +30,7 @@ from skystack.simulator.performance import performance as performance_named
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import Traffic, start, ticks
 
-MOST_POSITIONS = 500_000
+MAX_AIRCRAFT_CYCLES = 500_000
 """The maximum number of aircraft times cycles. This many positions are simulated, written and
 replayed within seconds and 1 GB."""
 TURNS = ("shortest", "left", "right")
@@ -69,11 +69,11 @@ class _FileEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     sector: Annotated[str, Meta(max_length=200)]
     """A name, or a sector file in the scenario's folder or below."""
-    cycles: Annotated[int, Meta(ge=1, le=MOST_CYCLES)]
-    aircraft: Annotated[tuple[_AircraftEntry, ...], Meta(min_length=1, max_length=MOST_AIRCRAFT)]
+    cycles: Annotated[int, Meta(ge=1, le=MAX_CYCLES)]
+    aircraft: Annotated[tuple[_AircraftEntry, ...], Meta(min_length=1, max_length=MAX_AIRCRAFT)]
     levels_fl: tuple[Level, Level] | None = None
     performance: Name = "table"
-    fleet: Annotated[tuple[AircraftType, ...], Meta(max_length=MOST_TYPES)] = ()
+    fleet: Annotated[tuple[AircraftType, ...], Meta(max_length=MAX_TYPES)] = ()
     clearances: Annotated[tuple[ScheduledClearance, ...], Meta(max_length=10_000)] = ()
 
 
@@ -183,10 +183,11 @@ def load_scenario(path: Path) -> Scenario:
 def _checked(file: _FileEntry, folder: Path) -> Scenario:
     """Check what the types alone do not ensure. `folder` is that of the scenario file."""
     count, cycles = len(file.aircraft), file.cycles
-    if count * cycles > MOST_POSITIONS:
+    if count * cycles > MAX_AIRCRAFT_CYCLES:
         raise InputError(
             f"{count} aircraft for {cycles} cycles are {count * cycles:,} positions (allowed: "
-            f"{MOST_POSITIONS:,}, which is {MOST_POSITIONS // count:,} cycles for {count} aircraft)"
+            f"{MAX_AIRCRAFT_CYCLES:,}, which is {MAX_AIRCRAFT_CYCLES // count:,} cycles for "
+            f"{count} aircraft)"
         )
     with error_context("sector"):
         sector = find_sector(file.sector, folder)

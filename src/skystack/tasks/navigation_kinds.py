@@ -9,7 +9,7 @@ from skystack.errors import InputError, unknown_name
 from skystack.simulator.entries import first_fixes
 from skystack.simulator.fleet import fleet
 from skystack.simulator.generator import LateralScenarios, VerticalScenarios
-from skystack.simulator.limits import MOST_CYCLES
+from skystack.simulator.limits import MAX_CYCLES
 from skystack.simulator.performance import Performance, performance
 from skystack.simulator.simulator import Simulator
 from skystack.tasks.actions import ActionTable, large_turns, level_changes, small_turns
@@ -58,7 +58,7 @@ def check_navigation_cycles(task: NavigationTask) -> str | None:
         route = " ".join(task.sector.routes[times.shortest])
         raise InputError(
             f"task.cycles is {cycles}, but the shortest route of {task.sector.name}, {route}, "
-            f"takes {needed} at {times.fastest_kt:.0f} kt (allowed: {needed} to {MOST_CYCLES}; set "
+            f"takes {needed} at {times.fastest_kt:.0f} kt (allowed: {needed} to {MAX_CYCLES}; set "
             "it with --cycles, or task.cycles in the TOML)"
         )
     return times.beyond(cycles)

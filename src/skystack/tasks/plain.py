@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skystack.compilation.forks import refuse_forked
-from skystack.errors import checked_whole
+from skystack.errors import checked_integer
 from skystack.tasks.contract import Observation, Outcome, Task, TaskState
 from skystack.tasks.programs import TaskPrograms, compiled
 
@@ -39,7 +39,7 @@ class PlainState(NamedTuple):
 
 def checked_action(action: Any, actions: int) -> int:
     """The action as an int. Raises InputError if it is not in the action table."""
-    return checked_whole("action", action, 0, actions - 1)
+    return checked_integer("action", action, 0, actions - 1)
 
 
 class PlainTask(TaskPrograms):

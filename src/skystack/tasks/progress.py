@@ -24,7 +24,7 @@ from skystack.simulator.traffic import Traffic, ticks
 
 PASSED_NM = 1.0
 """A fix counts as passed within this distance."""
-MOST_UNROLLED = 16
+MAX_UNROLLED = 16
 """Routes with at most this many fixes are unrolled in compiled programs; longer ones use a loop."""
 
 
@@ -120,7 +120,7 @@ class ProgressTracker:
         near_nm = PASSED_NM * self.sector.plane.scale(traffic.position_nm[:, 1])
         last = value_of(table.last_fix, traffic.route)
         longest = table.fixes_nm.shape[1]
-        if longest > MOST_UNROLLED:  # unrolling would take minutes to compile
+        if longest > MAX_UNROLLED:  # unrolling would take minutes to compile
 
             def passed(found: Int[Array, "aircraft *batch"]) -> Bool[Array, "aircraft *batch"]:
                 return (found < last) & self._passed(traffic, near_nm, found)

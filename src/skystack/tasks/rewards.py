@@ -28,7 +28,7 @@ CRITERION_BONUS = 5.0
 SUCCESS_BONUS = 20.0
 MAX_INSTRUCTIONS = 30.0
 """Fewer instructions than this per aircraft satisfy the count criterion."""
-MOST_WEIGHT = 1000.0
+MAX_WEIGHT = 1000.0
 
 
 @dataclass(frozen=True)

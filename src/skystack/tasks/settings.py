@@ -6,8 +6,8 @@ import msgspec
 
 from skystack.airspace.sector_file import SectorEntry
 from skystack.simulator.fleet import AircraftType
-from skystack.simulator.limits import MOST_AIRCRAFT, MOST_CYCLES, MOST_TYPES
-from skystack.tasks.rewards import MOST_WEIGHT, REWARDS, Parameter
+from skystack.simulator.limits import MAX_AIRCRAFT, MAX_CYCLES, MAX_TYPES
+from skystack.tasks.rewards import MAX_WEIGHT, REWARDS, Parameter
 
 PAPER_FEATURES = ("theta_f", "theta_sf", "d_c", "delta_t")
 
@@ -20,7 +20,7 @@ class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     sector: str | SectorEntry = "x-plus"
     """The name of a sector or the sector itself. In an experiment file also the name of a sector
     file."""
-    cycles: Annotated[int, msgspec.Meta(ge=1, le=MOST_CYCLES)] = 300
+    cycles: Annotated[int, msgspec.Meta(ge=1, le=MAX_CYCLES)] = 300
     """The time limit of a scenario in cycles. It must suffice for the sector's shortest route."""
     timing: Literal["cycle", "stack"] = "cycle"
     """The meaning of one training step. `cycle`: an instruction and a radar cycle, as in the paper.
@@ -39,7 +39,7 @@ def _fields() -> list[tuple[str, Any, Any]]:
     """A field for each weight and parameter in `REWARDS`."""
     fields = []
     for name, reward in REWARDS.items():
-        fields.append(_field(name, Parameter(reward.default, reward.description, high=MOST_WEIGHT)))
+        fields.append(_field(name, Parameter(reward.default, reward.description, high=MAX_WEIGHT)))
         fields += [_field(key, parameter) for key, parameter in reward.parameters.items()]
     return fields
 
@@ -74,11 +74,11 @@ class NavigationSettings(TaskSettings, frozen=True, forbid_unknown_fields=True):
     """The lowest and highest level of the sector. None means those in the sector's definition."""
     performance: str = "table"
     """The name of the performance model in `skystack.simulator.performance`."""
-    aircraft: Annotated[int, msgspec.Meta(ge=1, le=MOST_AIRCRAFT)] = 2
+    aircraft: Annotated[int, msgspec.Meta(ge=1, le=MAX_AIRCRAFT)] = 2
     level_fl: int | Annotated[tuple[int, ...], msgspec.Meta(min_length=1, max_length=61)] = 300
     """The entry and exit level of all aircraft. If it is a list, each aircraft draws one. Not used
     by `vertical`."""
-    fleet: Annotated[tuple[AircraftType, ...], msgspec.Meta(max_length=MOST_TYPES)] = ()
+    fleet: Annotated[tuple[AircraftType, ...], msgspec.Meta(max_length=MAX_TYPES)] = ()
     """The types of aircraft; each aircraft draws one. If empty, all are B753."""
     disc_nm: Annotated[float, msgspec.Meta(ge=0.0, le=50.0)] = 4.0
     """Radius of the disc around the first fix in which aircraft start. Not used by `vertical`."""

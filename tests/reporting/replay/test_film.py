@@ -159,7 +159,7 @@ def test_times_are_rounded_down_to_cycles():
 
 
 def test_rejects_a_film_that_is_too_long(monkeypatch):
-    monkeypatch.setattr("skystack.reporting.replay.film.MOST_FRAMES", 8)
+    monkeypatch.setattr("skystack.reporting.replay.film.MAX_FRAMES", 8)
     recordings = (replay(),)
     assert Image.open(io.BytesIO(film(recordings, 4, Span(5, 12)))).n_frames == 8
     with pytest.raises(InputError, match=r"a film of 9 cycles \(allowed: 8; --from and --to"):

@@ -139,6 +139,6 @@ def test_ends_ffmpeg_if_a_frame_cannot_be_drawn(tmp_path):
 
 
 def test_too_many_cycles_are_refused_before_drawing(monkeypatch):
-    monkeypatch.setattr(film, "MOST_FRAMES", 8)
+    monkeypatch.setattr(film, "MAX_FRAMES", 8)
     with pytest.raises(InputError, match=r"a film of 9 cycles \(allowed: 8; --from and --to"):
         video((replay(),), 4, Span(5, 13), "unused")

@@ -26,8 +26,8 @@ from skystack.reporting.radar import (
     colour_of,
     draw_aircraft,
     draw_route,
+    draw_route_and_trail,
     draw_scale_bar,
-    draw_way,
 )
 from skystack.reporting.replay.frames import Picture, Texts, TrafficPicture, lowest_row_first
 from skystack.reporting.replay.recording import RecordedAircraft, Replay, ReplayScenario
@@ -38,9 +38,9 @@ from skystack.reporting.style import (
     VERMILION,
     as_png,
     as_svg,
+    freeze_layout,
     grid_of_axes,
     house_style,
-    settle,
 )
 from skystack.simulator.simulator import CYCLE_S
 
@@ -49,9 +49,9 @@ FRAMES_PER_S = 10
 LAST_FRAME_MS = 2500
 LATEST = 3
 """The number of latest clearances that are written below the picture."""
-MOST_PAIRS = 2
+MAX_PAIRS = 2
 """The number of pairs in a loss of separation that are named."""
-MOST_FRAMES = 2000
+MAX_FRAMES = 2000
 """The maximum number of frames of a film. All are in memory while it is written."""
 
 
@@ -177,9 +177,9 @@ def video(
 def _rows_of_film(span: Span) -> range:
     """The rows of a film, one per frame. Raises InputError if there are too many."""
     rows = range(span.begin, span.end + 1)
-    if len(rows) > MOST_FRAMES:
+    if len(rows) > MAX_FRAMES:
         raise InputError(
-            f"a film of {len(rows)} cycles (allowed: {MOST_FRAMES}; --from and --to select a part)"
+            f"a film of {len(rows)} cycles (allowed: {MAX_FRAMES}; --from and --to select a part)"
         )
     return rows
 
@@ -201,7 +201,7 @@ class _Scene:
             axes.set_title(f"{replay.title}\n ")
             # Room for the clearances.
             axes.text(0.0, -0.02, "\n" * LATEST, transform=axes.transAxes, va="top", fontsize=9.0)
-        settle(self.figure)
+        freeze_layout(self.figure)
         self._fix_names = list[tuple[Axes, Artist]]()
         for axes, replay in zip(self._panels, replays, strict=True):
             before = set(axes.get_children())
@@ -220,7 +220,9 @@ class _Scene:
             lost = _in_loss(scenario, row)
             for number, flown in enumerate(scenario.aircraft):
                 trail = flown.position_nm[self._span.begin : row + 1]
-                draw_way(axes, replay.sector.path_nm(flown.route), trail, colour_of(number))
+                draw_route_and_trail(
+                    axes, replay.sector.path_nm(flown.route), trail, colour_of(number)
+                )
                 if row < len(flown.fl):
                     colour = VERMILION if number in lost else colour_of(number)
                     ring_nm = replay.sector.separation_nm if number in lost else 0.0
@@ -307,8 +309,8 @@ def _write_losses(axes: Axes, scenario: ReplayScenario, row: int) -> list[Text]:
     ]
     if not pairs:
         return []
-    more = f" and {len(pairs) - MOST_PAIRS} more pairs" if len(pairs) > MOST_PAIRS else ""
-    text = f"loss of separation: {'; '.join(pairs[:MOST_PAIRS])}{more}"
+    more = f" and {len(pairs) - MAX_PAIRS} more pairs" if len(pairs) > MAX_PAIRS else ""
+    text = f"loss of separation: {'; '.join(pairs[:MAX_PAIRS])}{more}"
     return [
         axes.text(
             0.0,

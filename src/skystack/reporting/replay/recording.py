@@ -18,14 +18,14 @@ from skystack.airspace.sector import Sector
 from skystack.errors import InputError, exists, printable
 from skystack.evaluation.losses import FlightPath, Loss, losses
 from skystack.evaluation.stored import (
-    check_together,
-    check_who,
+    check_aircraft,
+    check_same_evaluation,
     has_column,
     metadata_of,
-    not_agreeing,
     read_table,
     rows_of,
     sector_of,
+    tables_disagree,
 )
 from skystack.platforms.registry import OWN
 from skystack.reporting.replay.outcome import (
@@ -152,7 +152,7 @@ def _evaluation(folder: Path, count: int, number: int | None) -> Replay:
     columns = ("scenario", "callsign", "type", "route", "entry_fl", "exit_fl")
     entries = _with_optional(folder / "aircraft.parquet", columns, ("exit_offset_nm",), only)
     issued = read_table(folder / "clearances.parquet", ("scenario", *CLEARANCE), only)
-    check_together(folder, (episodes, flown, entries, issued))
+    check_same_evaluation(folder, (episodes, flown, entries, issued))
     sector = sector_of(path, flown)
     rows, aircraft, clearances = (_by_scenario(table) for table in (flown, entries, issued))
     outcomes = episodes.to_pylist()
@@ -211,9 +211,9 @@ def _scenario(
 ) -> ReplayScenario:
     number = episode["scenario"]
     if number not in rows or number not in aircraft:
-        raise not_agreeing(path.parent, number)
+        raise tables_disagree(path.parent, number)
     entries = aircraft[number].to_pylist()
-    check_who(path.parent / "aircraft.parquet", sector, entries)
+    check_aircraft(path.parent / "aircraft.parquet", sector, entries)
     issued = clearances[number].to_pylist() if number in clearances else []
     flying = tuple(_aircraft(sector, path, rows[number], each) for each in entries)
     cycles = episode["cycles"]
@@ -226,7 +226,7 @@ def _scenario(
     flown = replace(flown, failures=failures_of(episode, known, counted))
     found = len(issued), len(rows[number])
     if found != (episode["clearances"], len(entries) * (cycles + 1)):
-        raise not_agreeing(path.parent, number)
+        raise tables_disagree(path.parent, number)
     return flown
 
 
@@ -235,7 +235,7 @@ def _simulated(path: Path) -> Replay:
     flown = read_table(path, ("cycle", "callsign", *NUMBERS, *(("status",) if has_status else ())))
     entries, issued = (metadata_of(path, flown, key) for key in ("aircraft", "clearances"))
     sector = sector_of(path, flown)
-    check_who(path, sector, entries)
+    check_aircraft(path, sector, entries)
     if not flown.num_rows:
         raise InputError(f"{path}: contains no row")
     if not has_status:

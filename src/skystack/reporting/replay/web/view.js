@@ -1,7 +1,7 @@
 // The visible part of the plane. All radars share one view, so that they stay aligned.
 
-const ZOOM_LEAST = 0.5;
-const ZOOM_MOST = 16;
+const MIN_ZOOM = 0.5;
+const MAX_ZOOM = 16;
 
 class View {
   constructor(sector) {
@@ -49,7 +49,7 @@ class View {
     const spans = ends.map((values) => Math.max(...values) - Math.min(...values));
     const scale = this.pixelsPerNm(width, height);
     const fill = Math.max((spans[0] * scale) / width, (spans[1] * scale) / height) / 0.8;
-    if (fill > 1) this.zoom = Math.max(this.zoom / fill, ZOOM_LEAST);
+    if (fill > 1) this.zoom = Math.max(this.zoom / fill, MIN_ZOOM);
   }
 
   panBy(right, down, width, height) {
@@ -63,7 +63,7 @@ class View {
   /** Zooms about a point of the picture (default: its centre), which stays in place. */
   zoomBy(factor, width, height, [x, y] = [width / 2, height / 2]) {
     const before = this.zoom;
-    this.zoom = Math.min(Math.max(before * factor, ZOOM_LEAST), ZOOM_MOST);
+    this.zoom = Math.min(Math.max(before * factor, MIN_ZOOM), MAX_ZOOM);
     const grown = this.zoom / before;
     this.panBy((width / 2 - x) * (grown - 1), (height / 2 - y) * (grown - 1), width, height);
   }
