@@ -99,6 +99,6 @@ def test_wheel_and_checkout_reproduce_identical_results(wheel_python, tmp_path):
     run_clean(command, tmp_path, PYTHONPATH=str(ROOT / "src"), **variables)
     expected, found = contents(first), contents(second)
     assert {"results.json", "train/vertical-s0/policy.safetensors"} <= set(expected)
-    assert len([name for name in expected if name.endswith(".parquet")]) == 8
+    assert len([name for name in expected if name.endswith(".parquet")]) == 12
     assert sorted(found) == sorted(expected)
     assert [name for name in expected if found[name] != expected[name]] == []

@@ -107,7 +107,8 @@ def weights(plan, seed):
 
 def without_times(result):
     rows = [{**flown.row, "wall_s": 0.0} for flown in result.flown]
-    return result.train["seed"], result.train["steps"], rows
+    train = result.train or {"seed": None, "steps": None}
+    return train["seed"], train["steps"], rows
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::FutureWarning")

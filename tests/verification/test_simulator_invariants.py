@@ -140,7 +140,7 @@ class StubFlier:
 @pytest.mark.parametrize(
     ("field", "by", "name"),
     [
-        ("level_ticks", 1.0, "uncleared it flies as if nothing was cleared"),
+        ("level_ticks", 1.0, "it is not cleared: same flight as without clearances"),
         ("position_nm", 0.3, "float64, own navigation: position"),
         ("heading_deg", 6.0, "float64, own navigation: heading"),
     ],

@@ -40,7 +40,15 @@ CHECKPOINT = "learner.safetensors"
 
 
 class TrainingProgress(NamedTuple):
-    """The progress of a run after an update, as `on_update` receives it."""
+    """The progress of a run after an update, as `on_update` receives it.
+
+    Example:
+
+        >>> from skystack import TrainingProgress
+        >>> progress = TrainingProgress(8192, 2_000_000, 80_000.0, {"success": 0.25})
+        >>> f"{progress.steps / progress.total_steps:.1%}"
+        '0.4%'
+    """
 
     steps: int
     """The steps so far, including those of earlier runs that this one resumes."""
