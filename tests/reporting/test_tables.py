@@ -299,6 +299,8 @@ def test_intervals_without_width_are_not_shown():
     assert interval(Estimate(7.2, 7.16, 7.24)) == "7.2"
     assert interval(Estimate(7.2, 7.2, 7.3)) == "7.2 [7.2, 7.3]"
     assert interval(Estimate(7.2, 7.1, 7.2)) == "7.2 [7.1, 7.2]"
+    assert interval(Estimate(7.2, 7.1, 7.1)) == "7.2 [7.1, 7.1]"
+    assert percent_interval(Estimate(0.5, 0.4, 0.4)) == "50.0 % [40.0, 40.0]"
     assert percent_interval(Estimate(1.0, 1.0, 1.0)) == "100.0 %"
     assert percent_interval(Estimate(0.5, 0.5, 0.501)) == "50.0 % [50.0, 50.1]"
     assert percent_interval(Estimate(0.5, 0.499, 0.5)) == "50.0 % [49.9, 50.0]"
