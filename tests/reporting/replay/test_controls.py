@@ -238,7 +238,7 @@ def test_link_restores_a_pair(open_page):
 
 
 def measured(viewer):
-    viewer.freeze_layout()
+    viewer.settle()
     return viewer.page.locator(".measured").first.inner_text()
 
 
@@ -370,20 +370,20 @@ def test_level_filter(open_page):
         full = drawn(viewer)
         viewer.keys("o")
         viewer.page.locator("#from-fl").fill("310")
-        viewer.freeze_layout()
+        viewer.settle()
         assert levels.inner_text() == "FL310 to FL999 only: 1 of 2 aircraft"
         assert drawn(viewer) < 0.7 * full
         dimmed = viewer.page.locator(".hidden-level .callsign")
         assert dimmed.all_text_contents() == [EVIL]
         viewer.page.locator("#to-fl").fill("315")
-        viewer.freeze_layout()
+        viewer.settle()
         assert levels.inner_text() == "FL310 to FL315 only: 0 of 2 aircraft"
         viewer.scrub_to(6)  # climbs through these levels, in conflict with the other
-        viewer.freeze_layout()
+        viewer.settle()
         assert levels.inner_text() == "FL310 to FL315 only: 2 of 2 aircraft"
         viewer.scrub_to(0)
         viewer.page.locator("#all-levels").click()
-        viewer.freeze_layout()
+        viewer.settle()
         assert levels.inner_text() == ""
         assert drawn(viewer) == full
         viewer.page.locator("#from-fl").press("Escape")
@@ -417,7 +417,7 @@ def test_vector_and_trail_lengths(open_page):
 
 def test_downloads_the_picture(open_page):
     with open_page("both", "scenario=0&cycle=30") as viewer:
-        viewer.freeze_layout()
+        viewer.settle()
         with viewer.page.expect_download() as waiting:
             viewer.keys("i")
         assert waiting.value.suggested_filename == "replay-scenario-0-3m00s.png"
