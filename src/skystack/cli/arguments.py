@@ -191,7 +191,7 @@ def _reproduce_arguments(sub: argparse.ArgumentParser) -> None:
         "families",
         nargs="*",
         metavar="FAMILY",
-        help="lateral, vertical, avoidance or all (default: two of lateral)",
+        help="lateral, vertical, avoidance or all (default: lateral and lateral-best)",
     )
     sub.add_argument(
         "--seeds",

@@ -23,14 +23,13 @@ from skystack.evaluation.evaluate import (
 from skystack.evaluation.statistics import MEASURES
 from skystack.evaluation.stored import read_table
 from skystack.evaluation.summary import RowValues, no_op_name, shipped_name
+from skystack.evaluation.tabulate import TABLES
 from skystack.learning.experiment import Experiment, to_toml
 from skystack.learning.policy import Policy, load_policy
 from skystack.learning.run import TrainingProgress, train_experiment
 from skystack.policies.shipped import find_policy
 from skystack.reproduction.pieces import once
 from skystack.reproduction.plan import Plan
-
-TABLES = ("episodes", "aircraft", "trajectories", "clearances")
 
 
 class EvaluatedRow(NamedTuple):
