@@ -39,23 +39,26 @@ def make_tables(
     adoption: Adoption = SKYSTACK,
 ) -> Tables:
     """All four tables of a recording. `flown_as` and `adoption` are those of the platform."""
+    offsets_nm = exit_offsets_nm(task.sector, recording)
     return Tables(
-        episodes=episode_table(task, recording),
-        aircraft=_aircraft_table(task, recording, flown_as),
+        episodes=episode_table(task, recording, offsets_nm),
+        aircraft=_aircraft_table(task, recording, flown_as, offsets_nm),
         trajectories=_trajectory_table(task, recording),
         clearances=clearance_table(task, recording, adoption),
     )
 
 
-def episode_table(task: TrafficTask, recording: Recording) -> pa.Table:
+def episode_table(
+    task: TrafficTask, recording: Recording, offsets_nm: Float[np.ndarray, "scenarios aircraft"]
+) -> pa.Table:
     """One row per scenario. The limit on instructions is applied to clearances here.
 
-    `exits` counts the aircraft that left through their exit, at any level, and `exit_offset_nm` is
-    their mean distance from the exit fix. The task's other metrics follow as additional columns.
+    `offsets_nm` are the exit offsets of the recording. `exits` counts the aircraft that left
+    through their exit, at any level, and `exit_offset_nm` is their mean distance from the exit fix.
+    The task's other metrics follow as additional columns.
     """
     metrics = recording.metrics
     issued = clearances_by_aircraft(task, recording)
-    offsets_nm = exit_offsets_nm(task.sector, recording)
     exits = np.isfinite(offsets_nm).sum(axis=1)
     with np.errstate(invalid="ignore"):
         mean_offset_nm = np.nansum(offsets_nm, axis=1) / exits
@@ -88,7 +91,10 @@ def clearances_by_aircraft(
 
 
 def _aircraft_table(
-    task: TrafficTask, recording: Recording, flown_as: Callable[[str], str]
+    task: TrafficTask,
+    recording: Recording,
+    flown_as: Callable[[str], str],
+    offsets_nm: Float[np.ndarray, "scenarios aircraft"],
 ) -> pa.Table:
     scenarios, count = recording.start.level_ticks.shape
     routes = [" ".join(route) for route in task.sector.routes]
@@ -102,7 +108,7 @@ def _aircraft_table(
             "entry_fl": _flight_levels(recording.start.level_ticks).reshape(-1),
             "exit_fl": _flight_levels(recording.exit_level_ticks).reshape(-1),
             "own_navigation": np.asarray(recording.start.own_navigation).reshape(-1),
-            "exit_offset_nm": _null_for_nan(exit_offsets_nm(task.sector, recording).reshape(-1)),
+            "exit_offset_nm": _null_for_nan(offsets_nm.reshape(-1)),
         }
     )
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pyarrow as pa
 
+from skystack.evaluation.exit_offset import exit_offsets_nm
 from skystack.evaluation.rollout import Recording, parts_of, scenarios_in_part
 from skystack.evaluation.tables import Tables, clearance_table, episode_table, make_tables
 from skystack.evaluation.writing import Append, growing_tables, table_metadata
@@ -80,7 +81,8 @@ def _tables_of(
 ) -> tuple[pa.Table, pa.Table]:
     """The episodes and clearances of some scenarios. If tables are written, appends all four."""
     if append is None:
-        episodes, clearances = episode_table(task, part), clearance_table(task, part, adoption)
+        episodes = episode_table(task, part, exit_offsets_nm(task.sector, part))
+        clearances = clearance_table(task, part, adoption)
     else:
         tables = make_tables(task, part, flown_as, adoption)
         append(vars(tables))
