@@ -40,7 +40,13 @@ def evaluate(title, limit, model, normalised, options):
     scenarios = VecNormalize(DummyVecEnv([lambda: Monitor(stacked)]), training=False)
     scenarios.obs_rms, scenarios.norm_reward = normalised.obs_rms, False
     infos = []
-    evaluate_policy(model, scenarios, 5, callback=lambda here, _: infos.append(here["info"]))
+    evaluate_policy(
+        model,
+        scenarios,
+        n_eval_episodes=5,
+        deterministic=not options.sample,
+        callback=lambda here, _: infos.append(here["info"]),
+    )
     issued = sum(info.get("clearance", {}).get("instructions", 0) > 0 for info in infos)
     success = np.mean([info["success"] for info in infos if "success" in info])
     print(f"{title}: {issued / 5:.1f} clearances per scenario, success {success:.0%}")
@@ -51,6 +57,7 @@ if __name__ == "__main__":
     parser.add_argument("--experiment", default="lateral")
     parser.add_argument("--steps", type=int, default=8_192)
     parser.add_argument("--environments", type=int, default=64)
+    parser.add_argument("--sample", action="store_true", help="draw actions by their probability")
     chosen = parser.parse_args()
     torch.set_num_threads(1)  # more threads only slow down such small networks
     policy, normaliser = train(chosen)

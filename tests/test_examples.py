@@ -56,8 +56,9 @@ def test_evaluated_rule_reaches_all_exits(run, tmp_path):
 
 
 def test_stacks_a_stable_baselines3_policy(run):
+    """Actions are drawn, because after so short a training the most probable one may be none."""
     pytest.importorskip("stable_baselines3")
-    small = ("--steps", "1024", "--environments", "16")
+    small = ("--steps", "1024", "--environments", "16", "--sample")
     for issued, success in run("sb3_stacked.py", *small):
         assert issued > 0
         assert 0 <= success <= 100
