@@ -1,9 +1,13 @@
 """A hand-made sector: a square of 60 NM with a straight route and one that turns."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from skystack.airspace.projection import METRES_PER_NM, WGS84
 from skystack.airspace.sector import Sector, turns_deg
+from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
 
 SQUARE = Sector(
@@ -77,6 +81,60 @@ def test_exit_edges_contain_the_exit_fix():
     corner = np.array([0.5 * LON_DEGREE_NM, north_nm(0.5)])
     assert north == pytest.approx(np.array([corner, corner * (-1, 1)]), abs=1e-5)
     assert east == pytest.approx(np.array([corner * (1, -1), corner]), abs=1e-5)
+
+
+NORTHERN = Sector(
+    "northern",
+    (62.0, 10.0),
+    ((61.0, 8.0), (61.0, 12.0), (63.0, 12.0), (63.0, 8.0)),
+    (100, 400),
+    {
+        "WO": (62.0, 7.5),
+        "WEST": (62.0, 8.0),
+        "MIDDLE": (62.1, 10.0),
+        "EAST": (62.2, 12.0),
+        "EO": (62.25, 12.5),
+    },
+    (("WO", "WEST", "MIDDLE", "EAST", "EO"),),
+)
+
+
+def distance_nm(sector, point_nm, fix):
+    lat, lon = sector.plane.to_degrees(point_nm)
+    return WGS84.inv(lon, lat, *sector.fixes[fix][::-1])[2] / METRES_PER_NM
+
+
+@pytest.mark.parametrize(
+    ("sector", "route", "fix"), [(SQUARE, 0, "NDOOR"), (x_plus(), 0, None), (NORTHERN, 0, "EAST")]
+)
+@pytest.mark.parametrize("exit_nm", [0.5, 5.0])
+def test_narrow_exits_end_at_the_given_distance_from_the_fix(sector, route, fix, exit_nm):
+    fix = fix or sector.routes[route][-2]
+    narrow = replace(sector, exit_nm=exit_nm).route_table.exit_edge_nm[route].astype(np.float64)
+    ends = [distance_nm(sector, narrow[end], fix) for end in (0, -1)]
+    assert ends == pytest.approx([exit_nm, exit_nm], abs=0.01)
+    whole = sector.route_table.exit_edge_nm[route].astype(np.float64)
+    along, along_whole = narrow[-1] - narrow[0], whole[-1] - whole[0]
+    assert np.dot(along, along_whole) > 0.0  # the inside stays to the left
+
+
+@pytest.mark.parametrize("sector", [SQUARE, x_plus(), NORTHERN])
+def test_exits_wider_than_the_edge_are_the_edge(sector):
+    wide = replace(sector, exit_nm=100.0).route_table.exit_edge_nm
+    corners = sector.route_table.exit_edge_nm
+    assert wide[:, [0, -1]] == pytest.approx(corners[:, [0, -1]], abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("sector", "fix", "before"), [(SQUARE, "NDOOR", "MIDDLE"), (NORTHERN, "EAST", "MIDDLE")]
+)
+def test_exits_can_lie_before_the_exit_fix(sector, fix, before):
+    """The exit fix and the middle of the exit are on the last leg, so many miles apart."""
+    inner = replace(sector, exit_before_nm=2.0, exit_nm=3.0).route_table.exit_edge_nm[0]
+    middle = inner[[0, -1]].astype(np.float64).mean(axis=0)
+    assert distance_nm(sector, middle, fix) == pytest.approx(2.0, abs=0.02)
+    legs = distance_nm(sector, middle, before), distance_nm(sector, sector.fixes_nm[fix], before)
+    assert legs[1] - legs[0] == pytest.approx(2.0, abs=0.02)
 
 
 def test_turns_are_positive_to_the_right():

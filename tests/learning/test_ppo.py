@@ -1,5 +1,6 @@
 """PPO: advantages in closed form, the normaliser, and learning a task with a known solution."""
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -90,6 +91,23 @@ def test_normaliser_tracks_mean_and_variance_of_all_batches(sizes, seed):
     everything = np.concatenate(batches)
     np.testing.assert_allclose(normaliser.mean, everything.mean(axis=0), rtol=1e-4, atol=1e-4)
     np.testing.assert_allclose(normaliser.variance, everything.var(axis=0), rtol=1e-3, atol=1e-4)
+
+
+def test_observations_are_left_alone_without_normalisation():
+    settings = PPOSettings(
+        environments=2,
+        steps=8,
+        minibatch=16,
+        epochs=1,
+        hidden=(),
+        normalise_observations=False,
+    )
+    task = OneByOne(SignTask())
+    begun = ppo.init(task, settings, jax.random.key(0))
+    seen = jnp.asarray(np.random.default_rng(0).uniform(size=(5, 1)), dtype=jnp.float32)
+    np.testing.assert_allclose(inference.normalise(begun.normaliser, seen), seen, rtol=1e-6)
+    learned, _ = jax.jit(partial(ppo.update, task, settings))(begun)
+    jax.tree.map(np.testing.assert_array_equal, learned.normaliser, begun.normaliser)
 
 
 def test_numpy_and_jax_forward_passes_agree():
@@ -308,10 +326,16 @@ def minibatch_of(rng, samples, observation=3, actions=4):
     return rows
 
 
-def test_loss_agrees_with_the_ppo_paper():
-    """Clipped surrogate of normalised advantages, value error and entropy, in float64."""
+@pytest.mark.parametrize("normalise_advantages", [True, False])
+def test_loss_agrees_with_the_ppo_paper(normalise_advantages):
+    """Clipped surrogate of advantages, value error and entropy, in float64."""
     rng = np.random.default_rng(2)
-    settings = PPOSettings(clip=0.3, value_coefficient=0.7, entropy=0.05)
+    settings = PPOSettings(
+        clip=0.3,
+        value_coefficient=0.7,
+        entropy=0.05,
+        normalise_advantages=normalise_advantages,
+    )
     parameters, rows = linear_parameters(rng), minibatch_of(rng, 50)
     total, parts = ppo.loss(parameters, jnp.asarray(rows, dtype=jnp.float32), settings)
 
@@ -322,7 +346,9 @@ def test_loss_agrees_with_the_ppo_paper():
     entropy = -np.mean(np.sum(probabilities * np.log(probabilities), axis=1))
     log_ratio = np.log(probabilities[np.arange(50), action.astype(int)]) - old
     ratio = np.exp(log_ratio)
-    scaled = (advantage - advantage.mean()) / advantage.std()
+    scaled = advantage
+    if normalise_advantages:
+        scaled = (advantage - advantage.mean()) / advantage.std()
     surrogate = [
         min(r * a, (0.7 if r < 0.7 else 1.3 if r > 1.3 else r) * a)
         for r, a in zip(ratio, scaled, strict=True)

@@ -34,6 +34,8 @@ def test_defaults():
         "epochs": 10,
         "minibatch": 256,
         "reward_scale": 0.05,
+        "normalise_observations": True,
+        "normalise_advantages": True,
     }
     assert Pretraining().steps == 500_000
 

@@ -147,6 +147,8 @@ def test_defaults_are_those_of_the_paper():
         "safety": 0.0,
         "vertical": 0.0,
         "burst": 0.0,
+        "leg": 0.0,
+        "shared_damping": 0.0,
         "outside_band": 0.0,
         "band_nm": 0.0,
         "excursion": 0.0,

@@ -23,6 +23,8 @@ WEIGHTS = RewardSettings(
     safety=3.0,
     vertical=0.7,
     burst=0.6,
+    leg=0.4,
+    shared_damping=0.35,
     outside_band=0.11,
     band_nm=2.0,
     excursion=4.0,
@@ -106,7 +108,7 @@ def expected_of_aircraft(number, waited, excursion=False):
     """The terms of one aircraft: equations (centreline), (sparse_action), (eq:vertical_reward)."""
     distance, gap_fl = RIGHT_NM[number], CLEARED_FL[number] - EXIT_FL[number]
     return (
-        1.5 * (np.exp(-((distance / 6.0) ** 2)) - 1.0)
+        (1.5 + 0.4) * (np.exp(-((distance / 6.0) ** 2)) - 1.0)  # all are beside the first leg
         + 0.25 * (waited / 10.0 - 1.0)
         - 0.11 * max(abs(distance) - 2.0, 0.0)
         - 4.0 * excursion
@@ -133,8 +135,10 @@ def test_reward_is_the_weighted_sum_of_its_terms(cycle, flown, memory, present):
     each = [
         expected_of_aircraft(number, WAITED_CYCLES[number] + (number != 0)) for number in present
     ]
+    waited = min(WAITED_CYCLES[number] + (number != 0) for number in present)
+    shared = 0.35 * (waited / 10.0 - 1.0)
     assert cycle.reward(memory, flown._replace(active=active)) == pytest.approx(
-        sum(each) / 3.0 + expected_of_pairs(flown, present), abs=2e-4
+        sum(each) / 3.0 + shared + expected_of_pairs(flown, present), abs=2e-4
     )
 
 
@@ -143,9 +147,10 @@ def test_bursts_and_instructions_of_the_cycle_cost(cycle, flown, memory):
     instructed = with_fields(
         memory, new_bursts=jnp.float32(2.0), instructed=jnp.asarray([False, True, False])
     )
-    # Aircraft 2 had waited four cycles including this one; now it has waited none.
+    # Aircraft 2 had waited four cycles including this one; now it has waited none. Nobody had
+    # waited less, so the shared counter falls by as much.
     assert cycle.reward(instructed, flown) - before == pytest.approx(
-        -0.6 * 2.0 - 0.25 * 0.4 / 3, abs=1e-5
+        -0.6 * 2.0 - 0.25 * 0.4 / 3 - 0.35 * 0.4, abs=1e-5
     )
 
 

@@ -133,6 +133,17 @@ def test_distance_from_the_route(scattered):
     np.testing.assert_allclose(value("d_c", SECTOR, traffic, memory), expected, atol=0.03)
 
 
+def test_distance_from_the_leg_to_the_next_fix(scattered):
+    routes, positions, _, next_fix, traffic, memory = scattered
+    expected = []
+    for route, at, number in zip(routes, positions, next_fix, strict=True):
+        start, end = (SECTOR.fixes_nm[route[each]] for each in (number - 1, number))
+        gap = shapely.LineString([start, end]).distance(shapely.Point(at))
+        (east, north), (x, y) = end - start, at - start
+        expected.append(gap * np.sign(x * north - y * east))
+    np.testing.assert_allclose(value("d_leg", SECTOR, traffic, memory), expected, atol=0.03)
+
+
 def test_times_turns_and_levels(scattered):
     *_, cleared, _, traffic, memory = scattered
     memory = with_fields(
@@ -247,6 +258,7 @@ SCALES = {
     "theta_f": (-180.0, 180.0, 0.5),
     "theta_sf": (-180.0, 180.0, 0.5),
     "d_c": (-100.0, 100.0, 0.5),
+    "d_leg": (-100.0, 100.0, 0.5),
     "delta_t": (0.0, 60.0, 1.0),
     "delta_t_10": (0.0, 10.0, 1.0),
     "fl_sx": (-200.0, 200.0, 0.5),

@@ -191,6 +191,41 @@ def test_exited_aircraft_are_not_observed_or_instructed(task, traffic_on):
     assert bool(task.may_stack(exited, action(LEFT_2)))
 
 
+def test_instructions_before_entry_can_be_refused(traffic_on):
+    task = build_task(NavigationSettings(control="entered"))
+    outside = task.begin(traffic_on(STRAIGHT, REVERSED))
+    one_inside = outside._replace(
+        memory=with_fields(outside.memory, entered=jnp.asarray([True, False]))
+    )
+    refused = task.instruct(one_inside, action(LEFT_2))
+    jax.tree.map(np.testing.assert_array_equal, refused, one_inside)
+    heard = task.instruct(one_inside, action(LEFT_1))
+    assert heard.memory.counts.instructions.tolist() == [1.0, 0.0]
+    assert float(heard.traffic.cleared_heading_deg[0]) == 35.0
+
+
+@pytest.mark.parametrize("ends_early", [True, False])
+def test_scenarios_end_with_the_last_aircraft_or_at_the_time_limit(traffic_on, ends_early):
+    task = build_task(NavigationSettings(ends_early=ends_early))
+    memory, outcome = fly(task, traffic_on(STRAIGHT, REVERSED))
+    left = int(np.argmax(np.all(np.asarray(memory.progress.exited), axis=1)))
+    assert int(np.argmax(outcome.ended)) == (left if ends_early else 299)
+    assert left < 200
+
+
+@pytest.mark.parametrize(("exit_nm", "exits"), [(None, True), (4.0, True), (2.0, False)])
+def test_an_exit_can_be_narrower_than_the_edge(traffic_on, exit_nm, exits):
+    """Three miles beside the route: outside an exit of two miles to either side of the fix."""
+    task = build_task(NavigationSettings(exit_nm=exit_nm))
+    heading = np.radians(task.sector.first_heading_deg(STRAIGHT))
+    right = 3.0 * np.array([np.cos(heading), -np.sin(heading)])
+    start = task.sector.fixes_nm[STRAIGHT[0]] + right
+    traffic = traffic_on(STRAIGHT, REVERSED, positions=[start, task.sector.fixes_nm["SWIFT"]])
+    progress = fly(task, traffic)[0].progress
+    assert progress.exited[-1].tolist() == [exits, True]
+    assert progress.excursion[-1].tolist() == [not exits, False]
+
+
 def test_thirty_instructions_are_not_few(task, traffic_on):
     state = task.begin(traffic_on(STRAIGHT, REVERSED))
     for count, few in ((29.0, True), (30.0, False)):

@@ -240,6 +240,22 @@ def test_excursions_are_of_active_aircraft_that_entered():
     assert still.progress.excursion.tolist() == [False, True]
 
 
+@pytest.mark.parametrize(
+    ("north_nm", "airway_nm", "expected"),
+    [(9.9, 10.0, False), (10.1, 10.0, True), (-10.1, 10.0, True), (10.1, None, False)],
+)
+def test_leaving_the_airway_is_an_excursion(north_nm, airway_nm, expected):
+    """X-Plus is not used here: on the first leg of the hairpin the airway is east-west."""
+    west = HAIRPIN.fixes_nm["WO"][0]
+    at = jnp.asarray([[west + 30.0, north_nm]], dtype=jnp.float32)
+    traffic = scene([300], 0.0)._replace(position_nm=at)
+    tracker = Tracker(HAIRPIN, airway_nm)
+    memory = tracker.begin(traffic, traffic.level_ticks)
+    assert tracker.track(memory, traffic).progress.excursion.tolist() == [expected]
+    exited = traffic._replace(active=jnp.asarray([False]))
+    assert tracker.track(memory, exited).progress.excursion.tolist() == [False]
+
+
 def instruct(memory, action, *aircraft):
     addressed = jnp.asarray([number in aircraft for number in range(2)])
     return Tracker(HAIRPIN).instruct(memory, addressed, jnp.asarray(action, dtype=jnp.int32))

@@ -44,8 +44,9 @@ class RouteTable(NamedTuple):
     first_heading_deg: Float[np.ndarray, " routes"]
     """Geodesic bearing of the first leg."""
     exit_edge_nm: Float[np.ndarray, "routes points 2"]
-    """The edge of the area with the exit fix (the last but one), with the inside to its left. It
-    has extra points where it bends in the plane, and is padded with its end."""
+    """The exit: the edge of the area with the exit fix (the last but one), or the part of it within
+    `Sector.exit_nm` of the fix. The inside is to its left. It has extra points where it bends in
+    the plane, and is padded with its end."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,10 @@ class Sector:
     separation."""
     separation_fl: int = 10
     """Vertical separation standard in flight levels. 10 is 1,000 ft."""
+    exit_nm: float | None = None
+    """Half the width of an exit, along the edge of the area. None means the whole edge."""
+    exit_before_nm: float = 0.0
+    """How far inside the area an exit lies, along the last leg before the exit fix."""
 
     @cached_property
     def plane(self) -> MercatorPlane:
@@ -157,7 +162,7 @@ class Sector:
             first_heading_deg=np.array(
                 [self.first_heading_deg(route) for route in self.routes], dtype=np.float32
             ),
-            exit_edge_nm=_padded([self.edge_through(route[-2]) for route in self.routes]),
+            exit_edge_nm=_padded([self._exit(route) for route in self.routes]),
         )
 
     def _legs(self, route: tuple[str, ...]) -> Float[np.ndarray, "legs 3"]:
@@ -165,6 +170,25 @@ class Sector:
         lat, lon = np.array([self.fixes[name] for name in route]).T
         start, back, metres = WGS84.inv(lon[:-1], lat[:-1], lon[1:], lat[1:])
         return np.stack([metres / METRES_PER_NM, start, np.add(back, 180.0)], axis=1)
+
+    def _exit(self, route: tuple[str, ...]) -> Float[np.ndarray, "points 2"]:
+        """The exit of a route as points in the plane, with the inside to its left."""
+        whole, fix_nm = self.edge_through(route[-2]), self.fixes_nm[route[-2]]
+        if self.exit_nm is None and not self.exit_before_nm:
+            return whole
+        # Imported here, because it takes long and few tasks need it.
+        from shapely import LineString, Point  # noqa: PLC0415
+        from shapely.affinity import translate  # noqa: PLC0415
+        from shapely.ops import substring  # noqa: PLC0415
+
+        edge, scale = LineString(whole), float(self.plane.scale(fix_nm[1:])[0])
+        if self.exit_nm is not None:
+            middle, half = edge.project(Point(fix_nm)), self.exit_nm * scale
+            edge = substring(edge, max(middle - half, 0.0), middle + half)
+        if self.exit_before_nm:
+            inwards = self.fixes_nm[route[-3]] - fix_nm
+            edge = translate(edge, *(inwards * self.exit_before_nm * scale / np.hypot(*inwards)))
+        return np.array(edge.coords)
 
     def edge_through(self, fix: str) -> Float[np.ndarray, "points 2"]:
         """The edge of the area nearest to a fix, as points in the plane, counter-clockwise."""

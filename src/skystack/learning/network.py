@@ -51,6 +51,15 @@ def initial_normaliser(observation_size: int) -> Normaliser:
     )
 
 
+def no_normaliser(observation_size: int) -> Normaliser:
+    """A normaliser that leaves observations on [0, 1] as they are."""
+    return Normaliser(
+        jnp.zeros(observation_size, dtype=jnp.float32),
+        jnp.ones(observation_size, dtype=jnp.float32),
+        jnp.asarray(1.0, dtype=jnp.float32),
+    )
+
+
 def update_normaliser(
     normaliser: Normaliser, observations: Float[Array, "observation samples"]
 ) -> Normaliser:

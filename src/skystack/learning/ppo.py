@@ -85,7 +85,9 @@ def init(task: Task, settings: PPOSettings, key: PRNGKeyArray) -> TrainState:
     return TrainState(
         parameters=parameters,
         optimiser=optimiser(settings).init(ravel_pytree(parameters)[0]),
-        normaliser=network.initial_normaliser(size),
+        normaliser=network.initial_normaliser(size)
+        if settings.normalise_observations
+        else network.no_normaliser(size),
         scenarios=scenarios,
         observations=_observe(task, scenarios),
         returns=jnp.zeros(settings.environments),
@@ -110,10 +112,10 @@ def update(
     advantages = compute_gae(transitions, values, next_values, settings)
     batch = _pack(observation, transitions, values, advantages)
     train_state, losses = learn(settings, train_state, batch, learn_key)
-    train_state = train_state._replace(
-        normaliser=network.update_normaliser(train_state.normaliser, raw_observation),
-        updates=train_state.updates + 1,
-    )
+    normaliser = train_state.normaliser
+    if settings.normalise_observations:
+        normaliser = network.update_normaliser(normaliser, raw_observation)
+    train_state = train_state._replace(normaliser=normaliser, updates=train_state.updates + 1)
     return train_state, {**_report(episodes), **losses}
 
 
@@ -335,7 +337,8 @@ def loss(
     entropy = -jnp.mean(jnp.sum(jnp.exp(log_probabilities) * log_probabilities, axis=0))
     change = _select(log_probabilities, action.astype(jnp.int32)) - old_log_probability
     ratio = jnp.exp(change)
-    advantage = (advantage - jnp.mean(advantage)) / (jnp.std(advantage) + 1e-8)
+    if settings.normalise_advantages:
+        advantage = (advantage - jnp.mean(advantage)) / (jnp.std(advantage) + 1e-8)
     clipped = jnp.clip(ratio, 1.0 - settings.clip, 1.0 + settings.clip)
     policy_loss = -jnp.mean(jnp.minimum(ratio * advantage, clipped * advantage))
     value = forward(parameters.critic, observation, columns=True)[0]

@@ -47,6 +47,10 @@ class PPOSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     minibatch: Count = 256
     reward_scale: Positive = 0.05
     """Rewards are multiplied by this before learning."""
+    normalise_observations: bool = True
+    """Whether observations are scaled by their running mean and variance."""
+    normalise_advantages: bool = True
+    """Whether the advantages of each minibatch are scaled to mean 0 and variance 1."""
 
     @property
     def samples(self) -> int:

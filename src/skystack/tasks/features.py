@@ -17,7 +17,6 @@ from jaxtyping import Array, Float
 from skystack.airspace.geometry import (
     bearing,
     direction,
-    distance_right_of_route,
     edges,
     length,
     point_of,
@@ -25,12 +24,13 @@ from skystack.airspace.geometry import (
     value_of,
     wrap_180,
 )
-from skystack.airspace.sector import STRAIGHT_WITHIN_NM, Sector
+from skystack.airspace.sector import Sector
 from skystack.compilation.subroutine import subroutine
 from skystack.simulator.own_navigation import fix_of
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
 from skystack.simulator.traffic import Traffic
+from skystack.tasks.centreline import distance_from_leg, distance_from_route
 from skystack.tasks.tracking import Memory
 
 LEVELS_PER_MIN = 20.0
@@ -61,14 +61,13 @@ def subsequent_fix_turn(sector: Sector, traffic: Traffic, memory: Memory) -> Per
 
 
 def centreline_distance(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
-    """d_c: distance [NM] to the right of the nearest point of the route, with geodesic legs."""
-    table = sector.route_table
-    fixes = points_of(table.fixes_nm, traffic.route)
-    bulges = [value_of(leg, traffic.route) for leg in table.leg_bulge_nm.T]
-    if float(np.max(np.abs(table.leg_bulge_nm))) < STRAIGHT_WITHIN_NM:
-        bulges = []  # negligible, so not computed
-    right = distance_right_of_route(traffic.position_nm, fixes, bulges)
-    return right / sector.plane.scale(traffic.position_nm[:, 1])
+    """d_c"""
+    return distance_from_route(sector, traffic)
+
+
+def leg_distance(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
+    """d_leg"""
+    return distance_from_leg(sector, traffic, memory.progress.next_fix)
 
 
 def time_since_instruction(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
@@ -141,6 +140,9 @@ FEATURES: dict[str, Feature] = {
         "turn to the fix after the next one, from the cleared heading, deg",
     ),
     "d_c": Feature(centreline_distance, -100.0, 100.0, 0.0, "distance right of the route, NM"),
+    "d_leg": Feature(
+        leg_distance, -100.0, 100.0, 0.0, "distance right of the leg to the next fix, NM"
+    ),
     "delta_t": Feature(
         time_since_instruction, 0.0, 60.0, 60.0, "time since the last instruction, s"
     ),

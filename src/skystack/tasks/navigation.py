@@ -19,6 +19,7 @@ from skystack.simulator.fleet import AircraftType
 from skystack.simulator.generator import Scenarios
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import Traffic
+from skystack.stacking import NO_OP
 from skystack.tasks import features, metrics, rewards
 from skystack.tasks.actions import ActionTable
 from skystack.tasks.contract import Action, AircraftStatus, Metric, Outcome
@@ -95,7 +96,7 @@ class NavigationTask:
 
     @cached_property
     def tracker(self) -> Tracker:
-        return Tracker(self.sector)
+        return Tracker(self.sector, self.settings.airway_nm)
 
     def traffic(self, state: NavigationState) -> Traffic:
         return state.traffic
@@ -140,6 +141,9 @@ class NavigationTask:
 
     def instruct(self, state: NavigationState, action: Int[Array, "*batch"]) -> NavigationState:
         instructed = self.table.addressed(state.traffic, action) & state.traffic.active
+        if self.settings.control == "entered":
+            instructed &= state.memory.progress.entered
+            action = jnp.where(jnp.any(instructed, axis=0), action, NO_OP)
         return NavigationState(
             self.table.instruct(state.traffic, action),
             self.tracker.instruct(state.memory, instructed, action),
@@ -156,7 +160,9 @@ class NavigationTask:
         before, memory = state.memory, subroutine(self.tracker.track, state.memory, flown)
         traffic = flown._replace(active=flown.active & ~memory.progress.exited)
         at_time_limit = memory.progress.cycles >= self.settings.cycles
-        ended = ~jnp.any(traffic.active, axis=0) | at_time_limit
+        ended = at_time_limit
+        if self.settings.ends_early:
+            ended |= ~jnp.any(traffic.active, axis=0)
         memory = self.tracker.close(memory, ended)
         cycle = rewards.Cycle(self.sector, self.settings.reward, before, memory, flown)
         success = jnp.all(cycle.criteria, axis=(0, 1))

@@ -31,6 +31,8 @@ def build_navigation(settings: NavigationSettings) -> NavigationTask:
     sector = sector_from(settings.sector)
     if settings.levels_fl is not None:
         sector = replace(sector, levels_fl=_checked_levels(settings.levels_fl))
+    if settings.exit_nm is not None or settings.exit_before_nm:
+        sector = replace(sector, exit_nm=settings.exit_nm, exit_before_nm=settings.exit_before_nm)
     vertical = settings.name == VERTICAL
     simulator = Simulator(sector, _performance(settings), own_navigation=vertical)
     _check_names("features", settings.features, FEATURES)

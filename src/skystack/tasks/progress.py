@@ -21,6 +21,7 @@ from skystack.airspace.geometry import (
 from skystack.airspace.sector import Sector
 from skystack.compilation.subroutine import subroutine
 from skystack.simulator.traffic import Traffic, ticks
+from skystack.tasks.centreline import distance_from_route
 
 PASSED_NM = 1.0
 """A fix counts as passed within this distance."""
@@ -58,6 +59,8 @@ class ProgressTracker:
     """Updates the progress of aircraft in one sector."""
 
     sector: Sector
+    airway_nm: float | None = None
+    """The distance from the centreline beyond which an aircraft has made an excursion."""
 
     def begin(self, traffic: Traffic) -> Progress:
         """The progress at cycle 0."""
@@ -81,6 +84,9 @@ class ProgressTracker:
         )
         at_exit_level = traffic.level_ticks == plan.exit_level_ticks
         excursions = traffic.active & progress.entered & ~inside & ~exits
+        if self.airway_nm is not None:
+            off_airway = jnp.abs(distance_from_route(self.sector, traffic)) > self.airway_nm
+            excursions |= traffic.active & progress.entered & off_airway
         return Progress(
             previous_nm=traffic.position_nm,
             previous_level_ticks=traffic.level_ticks,

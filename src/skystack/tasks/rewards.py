@@ -1,8 +1,8 @@
 """The registry of reward terms, `REWARDS`, with the default weight and parameters of each.
 
 Settings, model cards and documentation read `REWARDS`. The formulas are from the paper's section
-"Reward", except for `outside_band`, `excursion`, `burst` and `conflict`, which are not in the
-paper. `total` adds the terms up.
+"Reward". `leg` and `shared_damping` are other readings of it; `outside_band`, `excursion`, `burst`
+and `conflict` are not in the paper. `total` adds the terms up.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float
 from skystack.airspace.sector import Sector
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import Traffic
-from skystack.tasks import features
+from skystack.tasks.centreline import distance_from_leg, distance_from_route
 from skystack.tasks.instruction_counts import DAMPING_CYCLES
 from skystack.tasks.pairs import RANGE_NM, pairs_of
 from skystack.tasks.tracking import Memory
@@ -48,7 +48,7 @@ class Cycle:
     @cached_property
     def distance_nm(self) -> Float[Array, "aircraft *batch"]:
         """The distance of each aircraft from the centreline of its route, positive to the right."""
-        return features.centreline_distance(self.sector, self.flown, self.memory)
+        return distance_from_route(self.sector, self.flown)
 
     @cached_property
     def criteria(self) -> Bool[Array, "criteria aircraft *batch"]:
@@ -119,6 +119,12 @@ def terminal(criteria: Bool[Array, "criteria aircraft *batch"]) -> Float[Array, 
     return each + jnp.where(jnp.all(criteria, axis=(0, 1)), SUCCESS_BONUS, 0.0)
 
 
+def _shared_damping(cycle: Cycle) -> Float[Array, "*batch"]:
+    """The damping reward with one counter for all aircraft, which any instruction resets."""
+    waited = cycle.memory.counts.cycles_since_instruction
+    return damping(jnp.min(jnp.where(cycle.flown.active, waited, DAMPING_CYCLES), axis=0))
+
+
 def _new_excursion(cycle: Cycle) -> Float[Array, "aircraft *batch"]:
     """-1 in the cycle in which an excursion starts."""
     new = cycle.memory.progress.excursion & ~cycle.before.progress.excursion
@@ -156,6 +162,22 @@ REWARDS: dict[str, Reward] = {
         0.25,
         "each cycle",
         f"after an instruction: rises from -1 to 0 within {DAMPING_CYCLES:g} cycles",
+    ),
+    "leg": Reward(
+        lambda cycle: centreline(
+            distance_from_leg(cycle.sector, cycle.flown, cycle.memory.progress.next_fix)
+        ),
+        "aircraft",
+        0.0,
+        "each cycle",
+        f"distance from the leg to the next fix: exp(-(NM / {CENTRELINE_SCALE_NM:g})²) - 1",
+    ),
+    "shared_damping": Reward(
+        _shared_damping,
+        "scenario",
+        0.0,
+        "each cycle",
+        f"after an instruction to any aircraft: from -1 to 0 within {DAMPING_CYCLES:g} cycles",
     ),
     "outside_band": Reward(
         lambda cycle: outside_band(cycle.distance_nm, cycle.weights.band_nm),

@@ -41,10 +41,12 @@ class Tracker:
     """Updates the memory of scenarios in one sector."""
 
     sector: Sector
+    airway_nm: float | None = None
+    """The distance from the centreline beyond which an aircraft has made an excursion."""
 
     @cached_property
     def progress(self) -> ProgressTracker:
-        return ProgressTracker(self.sector)
+        return ProgressTracker(self.sector, self.airway_nm)
 
     def begin(self, traffic: Traffic, exit_level_ticks: Float[Array, "aircraft *batch"]) -> Memory:
         """The memory at cycle 0."""
