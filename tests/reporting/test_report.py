@@ -79,7 +79,8 @@ def test_headline_states_what_stacking_achieved(page, reported):
     plain, stacked = found["lateral", False], found["lateral", True]
     assert plain["clearances_mean"] > stacked["clearances_mean"]
     assert (
-        "Lateral navigation: stacking reduces the clearances per scenario from "
+        "Lateral navigation with the paper's settings: stacking reduces the clearances per "
+        "scenario from "
         f"{plain['clearances_mean']:.1f} to {stacked['clearances_mean']:.1f}, "
         f"at {100.0 * stacked['success_rate']:.1f} % success."
     ) in page.text
@@ -110,7 +111,8 @@ def test_tiles_show_clearances_and_success_of_trained_policies(run):
     change_row(run, "lateral", success_rate=0.49)
     html = write_report(run).read_text()
     assert tiles_of(html) == [("Ours, stacked", "2.0", "50.0 % success"), bound]
-    assert "Ours, stacked: 2.0 clearances at 50.0 % success (fewest possible: 1.6)." in html
+    sentence = "2.0 clearances per scenario, at 50.0 % success (fewest possible: 1.6)."
+    assert f"Lateral navigation with our own settings, stacked: {sentence}" in html
 
 
 def test_untrained_policies_are_named_but_not_shown(run):

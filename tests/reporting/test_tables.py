@@ -102,7 +102,7 @@ def test_brief_table_shows_lost_separation_for_avoidance_only():
         row(experiment="do-nothing-avoidance", stacking=False, **figures),
     ]
     table = brief(rows)
-    assert table.header == ("row", "clearances", "success", "exit offset", "separation lost")
+    assert table.header == ("row", "clearances", "success", "exit offset", "loss rate")
     assert [(line[0], line[-1]) for line in table.rows] == [
         ("avoidance", "2.5 %"),
         ("stacked", "0.0 %"),
@@ -124,8 +124,8 @@ def test_brief_table_hides_the_counts_of_untrained_policies():
     assert cells_by_name(table)["success"] == "98.8 %"
 
 
-@pytest.mark.parametrize("family", ["lateral", "vertical"])
-def test_brief_tables_of_one_aircraft_fit_80_columns(family):
+@pytest.mark.parametrize("family", ["lateral", "vertical", "avoidance"])
+def test_brief_tables_fit_80_columns(family):
     """With the longest names, and counts as large as the paper's."""
     figures = {"paper": Paper(126.3, 12.3), "clearances_mean": 126.3, "clearances_std": 12.3}
     figures |= {"success_rate": 1.0, "exit_offset_nm_mean": 10.0, "task": family}

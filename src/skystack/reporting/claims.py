@@ -21,7 +21,7 @@ from skystack.reporting.learning_curves import LEARNED, at_the_end, steps_until
 from skystack.reporting.results import Row, RowName, Run, Update
 from skystack.reporting.tables import NOTHING, Table, interval, percent_interval
 
-REPRODUCED, CHANGED, MISSED = "reproduced", "reproduced with a change", "not reproduced"
+REPRODUCED, CHANGED, MISSED = "reproduced", "reproduced with changed settings", "not reproduced"
 UNDECIDED = "cannot be judged"
 """The verdict if the first finding is about an untrained policy and no other one holds."""
 EQUAL = 0.01
@@ -39,6 +39,8 @@ class Found(NamedTuple):
     figures: str
     judged: bool
     """Whether all policies involved are trained."""
+    changed: bool
+    """Whether a policy involved has other settings than the paper states."""
 
 
 class Claim(NamedTuple):
@@ -84,10 +86,11 @@ def _count(
     """Whether the mean is within one of the paper's standard deviations of the paper's mean."""
     mean, spread = PAPER[experiment, stacking]
     found = [
-        Found(
+        _found(
+            run,
             _within(row.clearances_mean, mean - spread, mean + spread),
             f"{_settings(row)}: {_clearances(row)}",
-            run.results.is_trained(row),
+            row,
         )
         for row in _variants(run, experiment, stacking)
         if row.clearances_mean is not None
@@ -103,8 +106,8 @@ def _damping(run: Run) -> Iterator[Claim]:
     found = []
     for row in _variants(run, "lateral", False):
         cut = _reduction(undamped, row, "instructions")
-        figures, judged = f"{_settings(row)}: {_rate(cut)}", _trained(run, undamped, row)
-        found.append(Found(_within(cut, 0.82, 0.92), figures, judged))
+        figures = f"{_settings(row)}: {_rate(cut)}"
+        found.append(_found(run, _within(cut, 0.82, 0.92), figures, undamped, row))
     words = "damping reduces instructions by about 87 %"
     yield from _claim("lateral", words, "113.0 to 14.5", "reduction of 82 to 92 %", found)
 
@@ -116,7 +119,7 @@ def _stacking(run: Run) -> Iterator[Claim]:
         gained = _value(stacked, "success") - _value(plain, "success")
         figures = f"{_settings(stacked)}: {_rate(cut)}, success {100.0 * gained:+.1f} points"
         holds = not _below(cut, 0.4) and not _below(gained, -EQUAL)
-        found.append(Found(holds, figures, _trained(run, plain, stacked)))
+        found.append(_found(run, holds, figures, plain, stacked))
     words = "stacking roughly halves the clearances at equal success"
     criterion = "reduction of 40 % or more, success at most 1 point lower"
     yield from _claim("lateral", words, "14.5 to 7.2", criterion, found)
@@ -124,8 +127,8 @@ def _stacking(run: Run) -> Iterator[Claim]:
     for plain, stacked in _plain_and_stacked(run, "lateral-undamped"):
         cut = _reduction(plain, stacked, "clearances")
         figures = f"{_clearances(plain)} to {_clearances(stacked)}: {_rate(cut)}"
-        found.append(Found(_below(cut, 0.2), figures, _trained(run, plain, stacked)))
-    words = "undamped behaviour cannot be stacked"
+        found.append(_found(run, _below(cut, 0.2), figures, plain, stacked))
+    words = "stacking hardly helps undamped policies"
     yield from _claim("lateral", words, NOTHING, "reduction of less than 20 %", found)
 
 
@@ -139,8 +142,7 @@ def _large(run: Run) -> Iterator[Claim]:
         worse = _below(_value(row, "success"), _value(large, "success") - EQUAL)
         rates = f"success {_value(row, 'success'):.3f} against {_value(large, 'success'):.3f}"
         counts = f"{_settings(row)}: {_clearances(row)} against {_clearances(large)}"
-        judged = _trained(run, row, large)
-        found.append(Found(not more and not worse, f"{counts}, {rates}", judged))
+        found.append(_found(run, not more and not worse, f"{counts}, {rates}", row, large))
     words = "5 actions with stacking perform as well as 37 actions"
     criterion = "no more clearances, success at most 1 point lower"
     yield from _claim("lateral", words, "7.2 against 6.3", criterion, found)
@@ -158,8 +160,8 @@ def _significance(run: Run) -> Iterator[Claim]:
         gap = _difference(run, row, "lateral-large")
         if gap is not None:
             holds = gap.low <= 0.0 <= gap.high
-            judged = _trained(run, row, run.results.row("lateral-large", False))
-            found.append(Found(holds, f"{_settings(row)}: {interval(gap)}", judged))
+            figures = f"{_settings(row)}: {interval(gap)}"
+            found.append(_found(run, holds, figures, row, run.results.row("lateral-large", False)))
     yield from _claim(
         "lateral",
         "the difference between 6.3 and 7.2 is not significant",
@@ -173,15 +175,14 @@ def _learning(run: Run) -> Iterator[Claim]:
     small, large = _curves(run, "lateral"), _curves(run, "lateral-large")
     if not small or not large:
         return
-    rows = (run.results.row(name, False) for name in ("lateral", "lateral-large"))
-    judged = _trained(run, *rows)
+    rows = [run.results.row(name, False) for name in ("lateral", "lateral-large")]
     steps = [median(map(_converged, seeds)) for seeds in (small, large)]
     yield from _claim(
         "lateral",
         "the small action space converges faster",
         "earlier and more reliable success",
         f"{_rate(LEARNED)} success after fewer steps, median over seeds",
-        [Found(steps[0] < steps[1], " against ".join(map(_million, steps)), judged)],
+        [_found(run, steps[0] < steps[1], " against ".join(map(_million, steps)), *rows)],
     )
     fields = ("correct_exit", "excursion", "few_instructions")
     exits, inside, few = (_final_rate(large, field) for field in fields)
@@ -196,7 +197,7 @@ def _learning(run: Run) -> Iterator[Claim]:
         "the count criterion limits the success of 37 actions",
         NOTHING,
         "the count criterion is met less often than the other two",
-        [Found(_below(few, min(exits, inside) - EQUAL), figures, judged)],
+        [_found(run, _below(few, min(exits, inside) - EQUAL), figures, *rows)],
     )
 
 
@@ -210,7 +211,7 @@ def _vertical(run: Run) -> Iterator[Claim]:
     figures = f"{len(before)} climbs and descents: {before.mean():.1f} to {after.mean():.2f}"
     holds = bool(np.all(after == 1))
     words = "a burst of fifteen instructions becomes one clearance"
-    found = [Found(holds, figures, _trained(run, plain, stacked))]
+    found = [_found(run, holds, figures, plain, stacked)]
     yield from _claim("vertical", words, "15 to 1", "one clearance in every case", found)
 
 
@@ -222,10 +223,11 @@ def _avoidance(run: Run) -> Iterator[Claim]:
     rows = _variants(run, "avoidance", True)
     lost = [(row, row.statistics["loss_of_separation"].mean) for row in rows]
     found = [
-        Found(
+        _found(
+            run,
             not _below(0.01, rate.value),
             f"{_settings(row)}: {percent_interval(rate)}",
-            _trained(run, row),
+            row,
         )
         for row, rate in lost
     ]
@@ -236,20 +238,24 @@ def _avoidance(run: Run) -> Iterator[Claim]:
         return
     theirs = large.statistics["loss_of_separation"].mean
     found = [
-        Found(
+        _found(
+            run,
             _below(rate.value, theirs.value),
             f"{_settings(row)}: {percent_interval(rate)} against {percent_interval(theirs)}",
-            _trained(run, row, large),
+            row,
+            large,
         )
         for row, rate in lost
     ]
     words = "with stacking, separation is lost less often than with 37 actions"
     yield from _claim("avoidance", words, "1 against 9 of 100", "lower mean", found)
     found = [
-        Found(
+        _found(
+            run,
             _below(_value(row, "clearances"), _value(large, "clearances")),
             f"{_settings(row)}: {_clearances(row)} against {_clearances(large)}",
-            _trained(run, row, large),
+            row,
+            large,
         )
         for row in rows
     ]
@@ -269,17 +275,20 @@ def _claim(
         yield Claim(family, words, paper, criterion, figures, _verdict(found))
 
 
+def _found(run: Run, holds: bool, figures: str, *rows: Row | None) -> Found:
+    """A finding about some rows. A row that is missing counts as not trained."""
+    judged = all(row is not None and run.results.is_trained(row) for row in rows)
+    changed = any(row is not None and _is_tuned(row) for row in rows)
+    return Found(holds, figures, judged, changed)
+
+
 def _verdict(found: Sequence[Found]) -> str:
-    holding = [each.judged and each.holds for each in found]
-    if holding[0]:
+    holding = [each for each in found if each.judged and each.holds]
+    if any(not each.changed for each in holding):
         return REPRODUCED
-    if any(holding):
+    if holding:
         return CHANGED
     return MISSED if found[0].judged else UNDECIDED
-
-
-def _trained(run: Run, *rows: Row | None) -> bool:
-    return all(row is not None and run.results.is_trained(row) for row in rows)
 
 
 def _variants(run: Run, experiment: str, stacking: bool) -> list[Row]:
@@ -316,8 +325,12 @@ def _reduction(before: Row, after: Row, measure: str) -> float:
 
 
 def _settings(row: Row) -> str:
-    """ "tuned" or "as stated": whether the row changes the paper's settings."""
-    return "tuned" if row.experiment.endswith("-tuned") else "as stated"
+    return "tuned" if _is_tuned(row) else "as stated"
+
+
+def _is_tuned(row: Row) -> bool:
+    """Whether the row's experiment changes some of the paper's settings."""
+    return row.experiment.endswith("-tuned")
 
 
 def _clearances(row: Row) -> str:
@@ -359,7 +372,7 @@ def _rate(value: float) -> str:
 
 
 def _million(steps: float) -> str:
-    return f"{steps / 1e6:.2f} million" if np.isfinite(steps) else "never"
+    return f"{steps / 1e6:.2f} million steps" if np.isfinite(steps) else "never"
 
 
 def _climbs(run: Run, row: Row) -> np.ndarray:

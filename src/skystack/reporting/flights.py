@@ -15,7 +15,7 @@ from skystack.errors import InputError, error_context
 from skystack.evaluation.stored import check_aircraft, read_table, rows_of, sector_of
 
 BURST_GAP_CYCLES = 2
-"""The longest gap in a burst: two aircraft under one policy may receive every other instruction."""
+"""The longest gap in a burst: of two aircraft, each may receive only every other instruction."""
 
 SAMPLES_PER_CYCLE = 60
 """Ten per second, at which two aircraft that meet head-on come 0.026 NM closer per sample."""

@@ -15,15 +15,16 @@ def headline(run: Run) -> Iterator[str]:
         plain, stacked = (_row(run, family, way) for way in (False, True))
         if plain is not None and stacked is not None:
             yield (
-                f"{family_title(family)}: stacking reduces the clearances per scenario from "
-                f"{decimal(plain.clearances_mean)} to {decimal(stacked.clearances_mean)}, at "
-                f"{percent(stacked.success_rate)} success."
+                f"{family_title(family)} with the paper's settings: stacking reduces the "
+                f"clearances per scenario from {decimal(plain.clearances_mean)} to "
+                f"{decimal(stacked.clearances_mean)}, at {percent(stacked.success_rate)} success."
             )
         best, bound = _row(run, f"{family}-best", True), run.bound_of(family)
         if best is not None:
             least = "" if bound is None else decimal(bound.clearances_mean)
             yield (
-                f"{best.title}: {decimal(best.clearances_mean)} clearances at "
+                f"{family_title(family)} with our own settings, stacked: "
+                f"{decimal(best.clearances_mean)} clearances per scenario, at "
                 f"{percent(best.success_rate)} success{least and f' (fewest possible: {least})'}."
             )
 

@@ -119,15 +119,15 @@ def brief(
             "clearances": _counts(row, is_trained)[0],
             "success": percent(row.success_rate),
             "exit offset": decimal(row.exit_offset_nm_mean),
-            "separation lost": percent(row.loss_of_separation_count / max(row.episodes, 1)),
+            "loss rate": percent(row.loss_of_separation_count / max(row.episodes, 1)),
         }
         for row in rows
     ]
-    header = ["row", "paper", "clearances", "success", "exit offset", "separation lost"]
+    header = ["row", "paper", "clearances", "success", "exit offset", "loss rate"]
     if not any(row.paper for row in rows):
         header.remove("paper")
     if not any(row.family == "avoidance" for row in rows):
-        header.remove("separation lost")
+        header.remove("loss rate")
     if bound is not None:
         least = {"row": "fewest possible", "clearances": decimal(bound.clearances_mean)}
         lines.append(dict.fromkeys(header, NOTHING) | least)
