@@ -1,4 +1,4 @@
-"""A task of your own: hold one aircraft near the middle of the sector, with few turns.
+"""A task of your own: keep one aircraft near the middle of the sector, with few turns.
 
     python examples/own_task.py --steps 600000 --out holding
 

@@ -2,7 +2,8 @@
 
 The rule turns an aircraft by 10 degrees if it points more than 8 degrees off its next fix, or off
 the fix after that if the next one is near. Observed turns are relative to the cleared heading, so
-stacking compiles all turns of a cycle into one clearance. The task's settings select the features.
+stacking compiles all turns of a cycle into one clearance. `SETTINGS` selects the observed features
+that the rule needs.
 """
 
 import argparse

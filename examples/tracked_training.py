@@ -1,4 +1,4 @@
-"""Follow a training in an experiment tracker: `on_update` is called after each update.
+"""Follow a training run in an experiment tracker: `on_update` is called after each update.
 
     pip install trackio                             # or mlflow
     python examples/tracked_training.py lateral-best --tracker trackio

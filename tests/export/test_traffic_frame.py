@@ -1,4 +1,4 @@
-"""The table for the library traffic: columns, units and times against the evaluation's tables."""
+"""The table for the traffic library: columns, units and times against the evaluation's tables."""
 
 import sys
 from datetime import UTC, datetime, timedelta
@@ -83,7 +83,7 @@ def test_long_scenarios_start_further_apart(tmp_path):
     times = traffic_frame(tmp_path / "long.parquet")["timestamp"] - START
     assert (times.dt.total_seconds() / 3600.0).round(3).tolist() == [0.0, 1.0, 6.0, 6.002]
     pq.write_table(pa.table(columns | {"scenario": [900_000_000] * 4}), tmp_path / "far.parquet")
-    with pytest.raises(InputError, match="does not fit into 200 years"):
+    with pytest.raises(InputError, match="more than 200 years after the start"):
         traffic_frame(tmp_path / "far.parquet")
 
 

@@ -108,7 +108,7 @@ def build_parser() -> Commands:
             type=_positive,
             default=120,
             metavar="S",
-            help="seconds per scenario in another simulator (default 120)",
+            help="limit for a scenario in another simulator, in seconds of real time (default 120)",
         )
 
     verb("list", "list experiments, tasks, sectors, policies and other names", verbs.list_all)
@@ -202,11 +202,17 @@ def _reproduce_arguments(sub: argparse.ArgumentParser) -> None:
     )
     sub.add_argument(
         "--episodes",
+        "--scenarios",
         type=_positive,
         metavar="N",
         help="scenarios per evaluation (default 1000, with --quick 200)",
     )
-    sub.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/FAMILY)")
+    sub.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="run folder (default runs/FAMILY, without a family runs/first-look)",
+    )
     sub.add_argument("--quick", action="store_true", help="short training runs, as a check")
     sub.add_argument(
         "--platform",
@@ -276,6 +282,7 @@ def _evaluate_arguments(sub: argparse.ArgumentParser) -> None:
     )
     sub.add_argument(
         "--episodes",
+        "--scenarios",
         type=_positive,
         default=1000,
         metavar="N",
@@ -325,11 +332,11 @@ def _replay_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "recorded",
         type=Path,
-        metavar="RUN",
+        metavar="FLIGHTS",
         help="the folder of an evaluation, or the .parquet file of simulate",
     )
     sub.add_argument(
-        "other", type=Path, nargs="?", metavar="OTHER", help="a second run of the same scenarios"
+        "other", type=Path, nargs="?", metavar="OTHER", help="other flights of the same scenarios"
     )
     sub.add_argument(
         "-o",
@@ -354,7 +361,7 @@ def _replay_arguments(sub: argparse.ArgumentParser) -> None:
             dest=f"{word}_s",
             type=_natural,
             metavar="S",
-            help=f"picture, film: {word} this second (default {default})",
+            help=f"picture, film: {word} this second (default: {default})",
         )
 
 

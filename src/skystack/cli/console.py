@@ -67,8 +67,8 @@ class _Description(ProgressColumn):
 
 @contextmanager
 def show_progress(jobs: int = 1) -> Iterator[Callable[[str, TrainingProgress | str], None]]:
-    """Show the progress of named jobs: the steps, speed, time left, return and success of their
-    trainings, or the phase that they are in; with several jobs also how many are done."""
+    """Show the progress of named jobs: steps, speed, time left, return and success while they
+    train, otherwise their phase; with several jobs also how many are done."""
     console = prose()
     if not console.is_terminal:
         yield _PlainProgress(console, jobs).report

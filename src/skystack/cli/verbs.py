@@ -88,7 +88,7 @@ def _reproduce(plan: Any, engine: Any, as_json: bool) -> int:
     for page in sorted(plan.out.glob("replay-*.html")):
         say(f"replay of one scenario: {page}")
     if (flown := _best_flown(plan)) is not None:
-        say(f"to replay all of them: {_program()} replay {flown} -o replay.html")
+        say(f"to replay more scenarios: {_program()} replay {flown} -o replay.html")
     for line in failed:
         report_error(line, FAILED)
     return FAILED if failed else DONE
@@ -126,11 +126,13 @@ def _show_results(folder: Path, results: Mapping[str, Any], as_json: bool) -> No
     for family, rows in run.results.families.items():
         print_line(family_title(family))
         output().print(brief(rows, run.bound_of(family), run.results.is_trained).as_rich())
-    print_line("Exit offset: mean distance from the exit fix when leaving, in NM.")
+    print_line("Exit offset: mean distance from the exit fix when crossing the exit, in NM.")
+    if "avoidance" in run.results.families:
+        print_line("Loss rate: share of scenarios with a loss of separation.")
     if run.results.platforms:
         output().print(platforms(run.results.platforms).as_rich())
     for sentence in headline(run):
-        print_line(sentence)
+        output().print(sentence)
 
 
 def _engine(options: argparse.Namespace) -> Any:
@@ -252,7 +254,7 @@ def report(options: argparse.Namespace) -> int:
     if others or not is_reproduction(first):
         return _compare(options)
     if options.output:
-        raise InputError(f"report: -o is for comparisons; the report of {first} is written into it")
+        raise InputError(f"report: -o is for comparisons; the report of {first} is in that folder")
     path = write_report(first)
     _show_results(first, json.loads((first / "results.json").read_bytes()), options.json)
     say(f"report: {path}")
@@ -320,7 +322,7 @@ def replay(options: argparse.Namespace) -> int:
         raise InputError(f"replay: -o {options.output} (allowed: {allowed})")
     for name, value in for_pictures.items():
         if value is not None:
-            raise InputError(f"replay: {name} is for pictures ({', '.join(SUFFIXES)})")
+            raise InputError(f"replay: {name} is for pictures and films ({', '.join(SUFFIXES)})")
     count = {} if options.scenarios is None else {"scenarios": options.scenarios}
     written = write_replay(runs, options.output, **count)
     if options.json:

@@ -1,6 +1,6 @@
 """The exit offset: the distance from the exit fix at which an aircraft crosses the exit edge.
 
-The paper counts an exit anywhere on the edge of the sector that has the exit fix. A controller of
+The paper accepts an exit anywhere along the edge on which the exit fix lies, but the controller of
 the next sector expects the aircraft at the fix.
 """
 

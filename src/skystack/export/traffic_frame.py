@@ -1,4 +1,4 @@
-"""Flights as a pandas table for the library traffic, which analyses and draws trajectories."""
+"""Flights as a pandas table for the traffic library, which analyses and draws trajectories."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -32,9 +32,9 @@ def traffic_frame(path: AnyPath, scenario: int | None = None, start: datetime = 
     row is an aircraft in a radar cycle: `timestamp` (UTC), `flight_id` (scenario and callsign),
     `icao24` (a running number of the flights, not a real address), `callsign`, `latitude` and
     `longitude` (degrees), `altitude` (ft), `groundspeed` (kt), `track` (degrees; there is no wind),
-    `vertical_rate` (ft/min), `scenario` and `status`. Scenario n starts n hours after `start`, or n
-    times as many hours as the longest scenario needs: different scenarios are never in the air
-    together.
+    `vertical_rate` (ft/min), `scenario` and `status`. Scenario n starts n hours after `start` (n
+    times a longer period if a scenario lasts an hour or more), so that flights of different
+    scenarios are never in the air at the same time.
 
     Raises InputError if the table is missing, damaged or too large, if there is no such scenario,
     or if pandas is not installed.
@@ -53,7 +53,7 @@ def traffic_frame(path: AnyPath, scenario: int | None = None, start: datetime = 
     number = table["scenario"].to_numpy().astype(np.int64) if numbered else np.zeros_like(time_s)
     elapsed_s = time_s + number * (time_s.max() // HOUR_S + 1) * HOUR_S
     if elapsed_s.max() > LONGEST_S:
-        raise InputError(f"{file}: scenario {number.max()} does not fit into 200 years of flights")
+        raise InputError(f"{file}: scenario {number.max()} is more than 200 years after the start")
     callsign = np.array(table["callsign"].to_pylist(), dtype=object)
     values = {new: table[old].to_numpy().astype(float) for old, new in COLUMNS.items()}
     values["altitude"] *= 100.0
@@ -77,6 +77,6 @@ def _pandas() -> Any:
         import pandas  # noqa: PLC0415
     except ImportError:
         raise InputError(
-            "traffic_frame needs pandas, which is not installed (the library traffic installs it)"
+            "traffic_frame needs pandas, which is not installed (the traffic library installs it)"
         ) from None
     return pandas

@@ -1,4 +1,4 @@
-"""BluebirdDT, the digital twin of the paper's authors, behind the platform protocol.
+"""BluebirdDT, the simulator of the paper's authors, behind the platform protocol.
 
 Needs `bluebird-dt` (extra `[bluebird]`, AGPL); no other module imports it. Scenarios with the
 `table` performance fly its `LinearPredictor` at the speeds of its tables, those with `constant` its

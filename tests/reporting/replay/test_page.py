@@ -99,7 +99,7 @@ def test_writes_pictures_of_part_of_a_scenario(capsys, evaluation, tmp_path, nam
     [
         (["-o", "page.pdf"], "replay: -o page.pdf (allowed: .html, .png, .svg, .gif, .mp4)"),
         (["-o", "page.html", "--scenario", 2], "replay: --scenario is for pictures"),
-        (["--from", 6], "replay: --from is for pictures (.png, .svg, .gif, .mp4)"),
+        (["--from", 6], "replay: --from is for pictures and films (.png, .svg, .gif, .mp4)"),
         (["-o", "still.png", "--scenario", 99], "has no scenario 99 (found: 0 to 19)"),
         (["-o", "still.png", "--to", 60000], "--from 0 --to 60000 (allowed: times from 0 to"),
         (["-o", "nowhere/still.png"], "the folder nowhere does not exist"),
