@@ -137,6 +137,19 @@ def _fields(struct):
     return {name: getattr(struct, name) for name in struct.__struct_fields__}
 
 
+@pytest.mark.parametrize("heading", [0.0, 45.0, 137.0, 225.0])
+@pytest.mark.parametrize("rounding_kt", [-1e-4, 0.0, 1e-4])
+def test_miss_without_relative_motion_has_one_sign(heading, rounding_kt):
+    """Processors round the difference of equal velocities differently."""
+    pairs = pairs_of(PLANE, traffic([(0, 0), (7, -3)], [heading, heading]))
+    for east in (-1.0, 1.0):
+        rounded = pairs._replace(
+            velocity_kt=pairs.velocity_kt + jnp.asarray([[east * rounding_kt, rounding_kt]])
+        )
+        miss = float(PAIR_FEATURES["miss"].value(rounded)[0])
+        assert miss == pytest.approx(np.hypot(7.0, 3.0), abs=1e-3)
+
+
 @pytest.mark.parametrize(
     ("second", "headings", "sign"), [((4, 80), (0, 180), 1.0), ((-4, 80), (0, 180), -1.0)]
 )

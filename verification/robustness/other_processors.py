@@ -30,8 +30,6 @@ PROCESSORS = {"SSE4.2": "SSE4_2", "AVX": "AVX", "AVX2": "AVX2"}
 """XLA's names of the instruction sets that it is limited to."""
 LEAST_SAME = 0.99
 """Promised: the least share of identical scenarios; rates differ by at most 1 minus this."""
-LEAST_SAME_BY_POLICY = {"avoidance-tuned": 0.9}
-"""The lower share promised for policies whose two best actions are often nearly equal."""
 MAX_APART_NM = 0.01
 """Promised: the largest distance between the same aircraft in identical scenarios."""
 MEANS = {"clearances_mean": 0.01, "instructions_mean": 0.01}
@@ -48,10 +46,10 @@ class Likeness(NamedTuple):
     apart_nm: float
     """The largest distance between the same aircraft in those scenarios."""
 
-    def holds(self, policy: str) -> bool:
-        """Whether the promise for a policy is kept."""
-        least = LEAST_SAME_BY_POLICY.get(policy, LEAST_SAME)
-        return self.same >= least * self.scenarios and self.apart_nm <= MAX_APART_NM
+    @property
+    def holds(self) -> bool:
+        """Whether the promise is kept."""
+        return self.same >= LEAST_SAME * self.scenarios and self.apart_nm <= MAX_APART_NM
 
 
 def flown(policy: str, episodes: int, out: Path, most: str | None = None) -> Path:
@@ -127,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 cells = (policy, name, found.same, found.scenarios, f"{found.apart_nm:.4f}")
                 sys.stdout.write(f"| {' | '.join(map(str, cells))} |\n")
                 sys.stdout.flush()
-                holds &= found.holds(policy)
+                holds &= found.holds
             if options.episodes == 1000:
                 for line in deviations_from_record(policy, here):
                     sys.stdout.write(f"{policy}: {line}\n")

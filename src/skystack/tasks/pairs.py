@@ -29,6 +29,9 @@ RANGE_NM = 150.0
 """d_max: the distance over which the faster aircraft of a pair is predicted. Pairs further apart
 have no safety reward."""
 
+SAME_VELOCITY_KT = 0.01
+"""Slower relative motion is rounding: its direction depends on the processor."""
+
 PerPair = Float[Array, "pairs *batch"]
 
 
@@ -107,8 +110,10 @@ def track_difference(pairs: Pairs) -> PerPair:
 
 def signed_miss(pairs: Pairs) -> PerPair:
     """The predicted closest approach [NM], positive if the first aircraft is to the right of the
-    second's relative motion."""
-    return jnp.where(cross(pairs.velocity_kt, pairs.offset_nm) < 0.0, -1.0, 1.0) * pairs.closest_nm
+    second's relative motion, or if there is none."""
+    moving = dot(pairs.velocity_kt, pairs.velocity_kt) > SAME_VELOCITY_KT**2
+    left = moving & (cross(pairs.velocity_kt, pairs.offset_nm) < 0.0)
+    return jnp.where(left, -1.0, 1.0) * pairs.closest_nm
 
 
 def minutes_to_closest(pairs: Pairs) -> PerPair:
