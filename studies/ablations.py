@@ -16,7 +16,7 @@ import msgspec
 from skystack.compilation.programs import compile_for_one_core
 from skystack.errors import InputError, unknown_name
 from skystack.learning.experiment import Experiment, load_experiment
-from skystack.reproduction.jobs import evaluate_or_load, train_or_load
+from skystack.reproduction.jobs import Way, evaluate_or_load, train_or_load
 from skystack.reproduction.plan import Plan
 
 EPISODES = 1000
@@ -73,7 +73,7 @@ def ablate(name: str, seed: int, out: Path) -> None:
 def _results(variant: Experiment, seed: int, out: Path) -> str:
     plan = Plan((variant,), 1, EPISODES, out, quick=False, command="")
     policy, _, _ = train_or_load(plan, variant, seed, lambda progress: None)
-    row = evaluate_or_load(plan, policy, stacking=True)[0].row
+    row = evaluate_or_load(plan, policy, Way(stacking=True, greedy=True))[0].row
     clearances = f"{row['clearances_mean']:.2f}"
     return f"{clearances} | {row['success_rate']:.3f} | {row['loss_of_separation_count']}"
 

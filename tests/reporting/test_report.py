@@ -278,6 +278,18 @@ def test_shows_other_simulators_only_if_used(run, page):
     assert "Other simulators" not in page.text
 
 
+def test_shows_sampled_actions_if_there_are_any(run, page):
+    path = run / "results.json"
+    results = json.loads(path.read_text())
+    sampled = results["rows"][0] | {"greedy": False, "clearances_mean": 77.7}
+    path.write_text(json.dumps(results | {"sampled": [sampled]}))
+    updated = Page(write_report(run).read_text())
+    assert "#sampled" in updated.links
+    assert "77.7 ±" in updated.text
+    assert "77.7 ±" in (run / "results.md").read_text()
+    assert "#sampled" not in page.links
+
+
 def test_writes_the_tables_as_markdown(reported):
     text = (reported / "results.md").read_text()
     assert "## Lateral navigation" in text

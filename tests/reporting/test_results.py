@@ -386,10 +386,11 @@ def test_names_cannot_lead_out_of_the_run_folder(run, name):
         read_run(run)
 
 
-@pytest.mark.parametrize("table", ["rows", "rows_by_seed", "train", "platforms"])
+@pytest.mark.parametrize("table", ["rows", "rows_by_seed", "train", "sampled", "platforms"])
 def test_rejects_duplicates(table, run):
     path = run / "results.json"
     stored = json.loads(path.read_text())
+    stored["sampled"] = list(stored["rows"])
     stored["platforms"] = [stored["rows"][0] | {"platform": name} for name in SIMULATORS]
     path.write_text(json.dumps(stored))
     read_run(run)  # rows of different simulators are not duplicates

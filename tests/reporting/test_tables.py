@@ -30,6 +30,7 @@ from skystack.reporting.tables import (
     one_row,
     percent_interval,
     platforms,
+    sampled,
     seeds_side_by_side,
     trainings,
 )
@@ -138,6 +139,24 @@ def test_brief_tables_fit_80_columns(family):
     console.print(brief(rows, Bound(1.6, 1)).as_rich())
     headers = [line for line in console.file.getvalue().splitlines() if line.startswith("row")]
     assert len(headers) == 1
+
+
+def test_sampled_actions_are_beside_the_most_probable_ones():
+    sampled_row = row(clearances_mean=16.0, clearances_std=5.0, success_rate=0.5)
+    alone = row(experiment="lateral-large", stacking=False)  # as in a file made by hand
+    table = sampled(results(rows=[row()], sampled=[sampled_row, alone]))
+    assert cells_by_name(table) == {
+        "row": "damped and stacked",
+        "paper": "7.2 ± 3.5",
+        "clearances": "7.2 ± 3.5",
+        "clearances, sampled": "16.0 ± 5.0",
+        "success": "98.8 %",
+        "success, sampled": "50.0 %",
+        "loss rate": "0.1 %",
+        "loss rate, sampled": "0.1 %",
+    }
+    cells = cells_by_name(table, 1)
+    assert (cells["clearances"], cells["clearances, sampled"]) == (NOTHING, "7.2 ± 3.5")
 
 
 def test_one_row_of_an_evaluation_has_one_line_per_measure():

@@ -11,6 +11,7 @@ from skystack.learning.run import train_experiment
 from skystack.reproduction import jobs
 from skystack.reproduction.jobs import (
     Job,
+    Way,
     evaluate_no_op_or_load,
     evaluate_or_load,
     jobs_of,
@@ -21,6 +22,7 @@ from skystack.reproduction.jobs import (
 from skystack.reproduction.plan import Plan, plan_first_look
 
 SMALL = ("ppo.total_steps=1024", "ppo.environments=8", "ppo.steps=32", "ppo.minibatch=64")
+STACKED = Way(stacking=True, greedy=True)
 
 
 @pytest.fixture(scope="module")
@@ -105,19 +107,43 @@ def test_full_disk_does_not_restart_a_training(plan, experiment, monkeypatch):
 
 def test_evaluations_are_cached_until_tables_or_episodes_change(plan, experiment):
     policy, _, _ = train_or_load(plan, experiment, 1, ignore)
-    first, cached = evaluate_or_load(plan, policy, stacking=True)
+    first, cached = evaluate_or_load(plan, policy, STACKED)
     assert not cached
-    second, cached = evaluate_or_load(plan, policy, stacking=True)
+    second, cached = evaluate_or_load(plan, policy, STACKED)
     assert cached
     assert second.row == first.row
     assert second.episodes == first.episodes
     table = plan.evaluation / "lateral-s1-skystack-stacked" / "trajectories.parquet"
     table.write_bytes(table.read_bytes()[:-1])
-    assert not evaluate_or_load(plan, policy, stacking=True)[1]
+    assert not evaluate_or_load(plan, policy, STACKED)[1]
     more = Plan(**vars(plan) | {"episodes": 4})
-    found, cached = evaluate_or_load(more, policy, stacking=True)
+    found, cached = evaluate_or_load(more, policy, STACKED)
     assert not cached
     assert found.row["episodes"] == found.episodes.num_rows == 4
+
+
+def test_sampled_actions_are_evaluated_beside_the_most_probable_ones(plan, experiment):
+    both = Plan(**vars(plan) | {"with_sampled": True})
+    job = Job(both, experiment, 1)
+    flown = run_job(job, lambda message: None).flown
+    assert [Way(each.row["stacking"], each.row["greedy"]) for each in flown] == [
+        Way(False, True),
+        Way(True, True),
+        Way(False, False),
+        Way(True, False),
+    ]
+    assert sorted(each.name for each in job.folders if each.parent == both.evaluation) == [
+        "lateral-s1-skystack-plain",
+        "lateral-s1-skystack-plain-sampled",
+        "lateral-s1-skystack-stacked",
+        "lateral-s1-skystack-stacked-sampled",
+    ]
+    assert all(each.exists() for each in job.folders)
+    # An untrained network is nearly uniform, so sampled actions hardly ever are all the same.
+    assert flown[2].row["instructions_mean"] > 50.0
+    cached = run_job(job, lambda message: None)
+    assert len(cached.kept) == 5
+    assert [each.row for each in cached.flown] == [each.row for each in flown]
 
 
 def test_jobs_of_a_first_look_include_shipped_policies_and_doing_nothing(tmp_path):

@@ -119,7 +119,7 @@ def _show_results(folder: Path, results: Mapping[str, Any], as_json: bool) -> No
 
     if as_json:
         keys = ["rows", "rows_by_seed", "comparisons", "train", "wall_s"]
-        keys += ["platforms"] * bool(results.get("platforms"))
+        keys += [name for name in ("sampled", "platforms") if results.get(name)]
         print_json({key: results[key] for key in keys if key in results})
         return
     run = read_run(folder)
@@ -238,7 +238,12 @@ def evaluate(options: argparse.Namespace) -> int:
     if options.out is not None:
         row = evaluated.row
         folder = evaluation_folder(
-            options.out, row["experiment"], row["seed"], row["stacking"], row["platform"]
+            options.out,
+            row["experiment"],
+            row["seed"],
+            row["stacking"],
+            row["platform"],
+            row["greedy"],
         )
         say(f"written: {folder}; to see the flights: {_program()} replay {folder} -o replay.html")
     for number, reason in evaluated.failed.items():

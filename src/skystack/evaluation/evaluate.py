@@ -283,12 +283,18 @@ def evaluate_no_op(experiment: Experiment, conditions: Conditions, out: Path | N
 
 
 def evaluation_folder(
-    out: Path, experiment: str, seed: int, stacking: bool, platform: str = OWN
+    out: Path,
+    experiment: str,
+    seed: int,
+    stacking: bool,
+    platform: str = OWN,
+    greedy: bool = True,
 ) -> Path:
     """The folder for the tables of an evaluation. Raises InputError for an invalid name."""
     check_name("the name of the experiment", experiment)
     kind = "stacked" if stacking else "plain"
-    return out / f"{experiment}-s{seed}-{platform}-{kind}"
+    sampled = "" if greedy else "-sampled"
+    return out / f"{experiment}-s{seed}-{platform}-{kind}{sampled}"
 
 
 def _evaluate(
@@ -303,8 +309,10 @@ def _evaluate(
 ) -> Evaluation:
     """Fly the scenarios, make the tables, write them if a folder is given, and compute the row."""
     cycles_note = check_cycles(task)
-    platform, stacking = conditions.platform, conditions.stacking
-    folder = None if out is None else evaluation_folder(out, name, trained_seed, stacking, platform)
+    platform, stacking, greedy = conditions.platform, conditions.stacking, conditions.greedy
+    folder = None
+    if out is not None:
+        folder = evaluation_folder(out, name, trained_seed, stacking, platform, greedy)
     failed = dict[int, str]()
     if platform == OWN:
         recordings = _fly_here(task, controller(), conditions, on_scenario)
@@ -318,9 +326,7 @@ def _evaluate(
         on_scenario(0)
         flown_as, adoption = partial(flown_type, platform), adoption_of(platform)
         episodes, clearances, wall_s = tabulate(task, recordings, folder, flown_as, adoption)
-    row = summarise(
-        name, task.name, trained_seed, platform, stacking, conditions.greedy, wall_s, episodes
-    )
+    row = summarise(name, task.name, trained_seed, platform, stacking, greedy, wall_s, episodes)
     row["paper"] = paper
     climbs = any(action.kind == "level" for action in task.actions)
     notes = platform_notes(platform, task.simulator.performance.types, climbs)

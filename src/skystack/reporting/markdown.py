@@ -28,6 +28,9 @@ def _parts(run: Run) -> Iterator[str]:
         ):
             if table.rows:
                 yield table.as_markdown()
+    if results.sampled:
+        yield "## Sampled actions\n"
+        yield tables.sampled(results).as_markdown()
     if results.comparisons:
         yield "## Pairwise comparisons\n"
         yield tables.comparisons(results).as_markdown()

@@ -129,6 +129,7 @@ def _page(run: Run, drawn: set[str], replays: Mapping[str, str | None]) -> bytes
         ],
         platforms=tables.platforms(results.platforms),
         comparisons=tables.comparisons(results),
+        sampled=tables.sampled(results),
         flown_in={row.platform for row in results.platforms},
         several_seeds=_several_seeds(results.rows),
         by_seed=tables.by_seed(results) if _several_seeds(results.rows) else None,

@@ -226,6 +226,8 @@ class Results(msgspec.Struct, frozen=True, kw_only=True):
     quick: bool
     platforms: list[Row] = []
     """The policies of the first seed in several simulators, on the same scenarios."""
+    sampled: list[Row] = []
+    """The same policies as in `rows`, with sampled actions."""
     comparisons: list[Comparison] = []
     kept: list[str] = []
     """Pieces that an earlier run had finished; `wall_s` does not include them."""
@@ -351,7 +353,7 @@ def read_run(folder: Path) -> Run:
     """Read a run folder's JSON files. Raises InputError that names a missing or damaged file."""
     path = folder / "results.json"
     results = decode(read_file(path), Results, str(path))
-    for table in ("rows", "platforms", "rows_by_seed"):
+    for table in ("rows", "sampled", "platforms", "rows_by_seed"):
         rows: list[Row] = getattr(results, table)
         # Rows that differ only in case would share files on some file systems.
         keys = [
@@ -362,6 +364,7 @@ def read_run(folder: Path) -> Run:
     ordered = msgspec.structs.replace(
         results,
         rows=in_order(results.rows),
+        sampled=in_order(results.sampled),
         platforms=in_order(results.platforms),
         rows_by_seed=sorted(results.rows_by_seed, key=lambda row: (row_order(row), row.seed or 0)),
         train=sorted(results.train, key=lambda run: (_experiment_order(run.experiment), run.seed)),

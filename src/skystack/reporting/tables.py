@@ -119,7 +119,7 @@ def brief(
             "clearances": _counts(row, is_trained)[0],
             "success": percent(row.success_rate),
             "exit offset": decimal(row.exit_offset_nm_mean),
-            "loss rate": percent(row.loss_of_separation_count / max(row.episodes, 1)),
+            "loss rate": _loss_rate(row),
         }
         for row in rows
     ]
@@ -150,6 +150,38 @@ def one_row(values: Mapping[str, Any]) -> Table:
         ("scenarios with a loss of separation", f"{lost} of {row.episodes}"),
     ]
     return Table(("measure", "value"), tuple(lines))
+
+
+def sampled(results: Results) -> Table:
+    """One line per row with sampled actions, beside the same policies' most probable actions."""
+    header = (
+        "row",
+        "paper",
+        "clearances",
+        "clearances, sampled",
+        "success",
+        "success, sampled",
+        "loss rate",
+        "loss rate, sampled",
+    )
+    lines = []
+    for row in results.sampled:
+        greedy = results.row(row.experiment, row.stacking)
+        both = [row] if greedy is None else [greedy, row]
+        missing = [NOTHING] * (2 - len(both))
+        lines.append(
+            (
+                row.name,
+                _paper(row),
+                *missing,
+                *(mean_and_std(each.clearances_mean, each.clearances_std) for each in both),
+                *missing,
+                *(percent(each.success_rate) for each in both),
+                *missing,
+                *(_loss_rate(each) for each in both),
+            )
+        )
+    return Table(header, tuple(lines))
 
 
 def platforms(rows: Sequence[Row]) -> Table:
@@ -328,6 +360,10 @@ def _rates(row: Row) -> tuple[str, ...]:
         decimal(row.exit_offset_nm_mean),
         f"{row.loss_of_separation_count} of {row.episodes}",
     )
+
+
+def _loss_rate(row: Row) -> str:
+    return percent(row.loss_of_separation_count / max(row.episodes, 1))
 
 
 def _paper(row: Row) -> str:

@@ -32,6 +32,18 @@ from skystack.reproduction.pieces import once
 from skystack.reproduction.plan import Plan
 
 
+class Way(NamedTuple):
+    """How a policy is flown."""
+
+    stacking: bool
+    greedy: bool
+    """Whether it takes the most probable action; otherwise it samples one."""
+
+    @property
+    def words(self) -> str:
+        return f"{'stacked' if self.stacking else 'plain'}{'' if self.greedy else ', sampled'}"
+
+
 class EvaluatedRow(NamedTuple):
     """A row of the comparison and the scenarios that it summarises."""
 
@@ -65,9 +77,8 @@ class Job(NamedTuple):
     seed: int
     """The training seed; 0 if the job does not train."""
     kind: Literal["train", "shipped", "no-op"] = "train"
-    """Train the experiment and evaluate the policy without and with stacking; evaluate the policy
-    shipped for the experiment, stacked; or evaluate the experiment's scenarios without
-    instructions."""
+    """Train the experiment and evaluate the policy in all `ways`; evaluate the policy shipped for
+    the experiment, stacked; or evaluate the experiment's scenarios without instructions."""
 
     @property
     def name(self) -> str:
@@ -76,6 +87,12 @@ class Job(NamedTuple):
         if self.kind == "shipped":
             return shipped_name(self.experiment.name)
         return f"{self.experiment.name}-s{self.seed}"
+
+    @property
+    def ways(self) -> tuple[Way, ...]:
+        """How a trained policy is flown."""
+        kinds = (True, False) if self.plan.with_sampled else (True,)
+        return tuple(Way(stacking, greedy) for greedy in kinds for stacking in (False, True))
 
     @property
     def folders(self) -> tuple[Path, ...]:
@@ -87,8 +104,10 @@ class Job(NamedTuple):
             seed = find_policy(self.experiment.name).description.seed
             return (evaluation_folder(evaluation, self.name, seed, True),)
         evaluations = (
-            evaluation_folder(evaluation, self.experiment.name, self.seed, stacking)
-            for stacking in (False, True)
+            evaluation_folder(
+                evaluation, self.experiment.name, self.seed, way.stacking, greedy=way.greedy
+            )
+            for way in self.ways
         )
         return (self.plan.training(self.name), *evaluations)
 
@@ -123,16 +142,17 @@ def _train_and_evaluate(job: Job, put: Callable[[Message], None]) -> JobResult:
     )
     put((name, "evaluating"))
     rows, cached_names = [], [f"training {name}"] * cached
-    for stacking in (False, True):
-        row, cached = evaluate_or_load(plan, policy, stacking)
+    for way in job.ways:
+        row, cached = evaluate_or_load(plan, policy, way)
         rows.append(row)
-        cached_names += [f"evaluation {name}, {'stacked' if stacking else 'plain'}"] * cached
+        cached_names += [f"evaluation {name}, {way.words}"] * cached
     return JobResult(train, tuple(rows), tuple(cached_names))
 
 
 def _evaluate_shipped(job: Job, put: Callable[[Message], None]) -> JobResult:
     put((job.name, "evaluating"))
-    row, cached = evaluate_or_load(job.plan, find_policy(job.experiment.name), True, job.name)
+    policy = find_policy(job.experiment.name)
+    row, cached = evaluate_or_load(job.plan, policy, Way(True, True), job.name)
     return JobResult(None, (row,), (f"evaluation {job.name}",) * cached)
 
 
@@ -175,17 +195,18 @@ def train_or_load(
 
 
 def evaluate_or_load(
-    plan: Plan, policy: Policy, stacking: bool, name: str | None = None
+    plan: Plan, policy: Policy, way: Way, name: str | None = None
 ) -> tuple[EvaluatedRow, bool]:
     """The evaluation of a policy, and whether it was cached.
 
     `name` is that of the row; by default that of the policy's experiment.
     """
     described = policy.description
-    conditions = Conditions(episodes=plan.episodes, stacking=stacking)
+    conditions = Conditions(episodes=plan.episodes, stacking=way.stacking, greedy=way.greedy)
     return _evaluate_or_load(
         plan,
-        (name or described.experiment, described.seed, stacking),
+        (name or described.experiment, described.seed),
+        way,
         described.sha256,
         lambda: evaluate(policy, conditions, plan.evaluation, name=name),
     )
@@ -197,16 +218,17 @@ def evaluate_no_op_or_load(plan: Plan, experiment: Experiment) -> tuple[Evaluate
     config = hashlib.sha256(to_toml(experiment)).hexdigest()
     return _evaluate_or_load(
         plan,
-        (no_op_name(experiment.task.name), 0, False),
+        (no_op_name(experiment.task.name), 0),
+        Way(False, True),
         config,
         lambda: evaluate_no_op(experiment, conditions, plan.evaluation),
     )
 
 
 def _evaluate_or_load(
-    plan: Plan, name: tuple[str, int, bool], what: str, fly: Callable[[], Evaluation]
+    plan: Plan, name: tuple[str, int], way: Way, what: str, fly: Callable[[], Evaluation]
 ) -> tuple[EvaluatedRow, bool]:
-    folder = evaluation_folder(plan.evaluation, *name)
+    folder = evaluation_folder(plan.evaluation, *name, way.stacking, greedy=way.greedy)
     key = {
         "what": what,
         "episodes": plan.episodes,

@@ -36,6 +36,8 @@ class Plan:
     """Other simulators, in which the policies of the first seed are flown."""
     with_shipped: bool = False
     """Also evaluate the policy that is shipped for each experiment."""
+    with_sampled: bool = False
+    """Also evaluate each policy with sampled actions, as in training."""
     checkpoint_every_s: float = CHECKPOINT_EVERY_S
 
     def training(self, name: str) -> Path:
@@ -86,16 +88,17 @@ def plan_families(
     experiments = tuple(load_experiment(name) for name in names)
     if quick:
         experiments = tuple(_quick(experiment) for experiment in experiments)
-    return Plan(experiments, seeds, episodes, out, quick, command, others)
+    return Plan(experiments, seeds, episodes, out, quick, command, others, with_sampled=not quick)
 
 
 def describe_plan(plan: Plan) -> str:
     """What a plan will do, in one sentence."""
     steps = ", ".join(f"{each.name} ({each.ppo.total_steps:,} steps)" for each in plan.experiments)
     seeds = f" with {plan.seeds} seeds each" if plan.seeds > 1 else ""
+    ways = ", with the most probable and with sampled actions" if plan.with_sampled else ""
     return (
         f"plan: train {steps}{seeds}; fly {plan.episodes:,} held-out scenarios with each policy, "
-        f"unstacked and stacked; write a report to {plan.out}"
+        f"unstacked and stacked{ways}; write a report to {plan.out}"
     )
 
 

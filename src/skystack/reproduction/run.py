@@ -46,15 +46,18 @@ def run_plan(plan: Plan, report: OnProgress, engine: Engine = run_in_processes) 
     make_folder(plan.out)
     jobs = engine(plan, report)
     by_row: dict[tuple[str, bool], list[EvaluatedRow]] = {}
+    sampled: dict[tuple[str, bool], list[EvaluatedRow]] = {}
     for job in jobs:
         for flown in job.flown:
-            by_row.setdefault((flown.row["experiment"], flown.row["stacking"]), []).append(flown)
+            rows = by_row if flown.row["greedy"] else sampled
+            rows.setdefault((flown.row["experiment"], flown.row["stacking"]), []).append(flown)
     cached_names = [name for job in jobs for name in job.kept]
     if any(experiment.task.name == "lateral" for experiment in plan.experiments):
         atomic_write(plan.out / "bound.json", fewest_clearances())
     results = {
         "rows": [_row(group) for group in by_row.values()],
         "rows_by_seed": [flown.row for group in by_row.values() for flown in group],
+        "sampled": [_row(group) for group in sampled.values()],
         "comparisons": _comparisons(by_row),
         "train": [job.train for job in jobs if job.train is not None],
         "wall_s": time.monotonic() - started_s,
