@@ -1,5 +1,6 @@
 """The documentation as a site: `python3 dev.py docs` builds it, without a network."""
 
+from importlib.util import find_spec
 from typing import Any
 
 from docutils import nodes  # type: ignore[import-untyped]
@@ -33,6 +34,10 @@ exclude_patterns = ["_build"]
 
 default_role = "code"
 """What stands in single backticks in docstrings is code there as in Markdown."""
+autodoc_mock_imports = [
+    name for name in ("pettingzoo", "stable_baselines3") if find_spec(name) is None
+]
+"""The site can be built without the packages of extras."""
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 autodoc_default_options = {"members": True}

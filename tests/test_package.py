@@ -91,5 +91,5 @@ HIDDEN = {
     "torch": "torch",
 }
 """Optional modules, and the packages that contain them."""
-NEEDS = r"(\S+) needs (\w+), which is not installed \(install skystack with the extra \[(\w+)\]\)"
+NEEDS = r"(\S+) needs (\w+), which is not installed \(install skystack with the extra \[(\w+)\]; .*"
 ROOT = Path(__file__).parents[1]

@@ -124,7 +124,7 @@ def missing_extra(feature: str, needs: str, extra: str) -> MissingExtraError:
     verb = "are" if " and " in needs else "is"
     error = MissingExtraError(
         f"{feature} needs {needs}, which {verb} not installed "
-        f"(install skystack with the extra [{extra}])"
+        f"(install skystack with the extra [{extra}]; in a checkout: pip install -e '.[{extra}]')"
     )
     error.name = needs
     return error

@@ -301,7 +301,7 @@ def test_names_the_extra_of_a_missing_engine(capsys, monkeypatch, tmp_path):
     monkeypatch.setattr(cluster, "find_spec", lambda name: None)
     code, _, err = run(capsys, "reproduce", "--engine", "ray", "--out", str(tmp_path / "out"))
     assert code == 2
-    assert err.splitlines()[-1].endswith("(install skystack with the extra [ray])")
+    assert err.splitlines()[-1].endswith("extra [ray]; in a checkout: pip install -e '.[ray]')")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -321,7 +321,7 @@ def test_names_the_extra_of_missing_tensorboard(capsys, monkeypatch, tmp_path):
     out = tmp_path / "out"
     code, _, err = run(capsys, "train", "lateral", "--tensorboard", "--out", str(out))
     assert code == 2
-    assert err.endswith("(install skystack with the extra [tensorboard])\n")
+    assert err.endswith("in a checkout: pip install -e '.[tensorboard]')\n")
     assert not out.exists()
 
 
@@ -444,6 +444,7 @@ MISTAKES = [
     (["train", "lateral", "--set", "ppo.total_steps=0"], "ppo.total_steps"),
     (["train", "lateral", "--seed", "-1"], "--seed"),
     (["train", "lateral", "--checkpoint-every", "-1"], "whole numbers from 0"),
+    (["train", "lateral", "--seed", "99999999999"], "whole numbers from 0 to 2147483647"),
     (["train", "lateral", "--outt", "x"], "did you mean --out"),
     (["train"], "EXPERIMENT"),
     (["reproduce", "latreal"], "did you mean 'lateral'"),

@@ -6,7 +6,7 @@ import sys
 
 from rich.table import Table
 
-from skystack.cli.console import count_scenarios, output, prose, show_progress
+from skystack.cli.console import STARTING, count_scenarios, output, prose, show_progress
 from skystack.learning.run import TrainingProgress
 
 HOSTILE = "[/b][red]\x1b[31m\x9b\u202e[link=http://x]:smile:\r"
@@ -22,10 +22,10 @@ class Terminal(io.StringIO):
         return True
 
 
-def terminal(monkeypatch):
+def terminal(monkeypatch, columns=200):
     """Both output streams, wide enough for one line. (Pytest would replace those of a fixture.)"""
     stream = Terminal()
-    for name, value in (("COLUMNS", "200"), ("TERM", "xterm"), ("LINES", "50")):
+    for name, value in (("COLUMNS", str(columns)), ("TERM", "xterm"), ("LINES", "50")):
         monkeypatch.setenv(name, value)
     monkeypatch.delenv("NO_COLOR", raising=False)
     monkeypatch.setattr(sys, "stdout", stream)
@@ -66,6 +66,22 @@ def test_shows_the_phases_of_jobs(monkeypatch):
     assert "1,000/2,000" in shown
     assert "evaluating" in shown
     assert "all jobs" in shown
+
+
+def test_names_and_figures_of_jobs_fit_80_columns(monkeypatch):
+    stream = terminal(monkeypatch, columns=80)
+    names = ("lateral-best-s0", "avoidance-large-s10")
+    with show_progress(2) as report:
+        assert STARTING in plain(stream)
+        for name in names:
+            measured = {"success": 0.95, "return": -12.3}
+            report(name, TrainingProgress(1_015_808, 60_000_000, 131_072.0, measured))
+    shown = RICH_CODES.sub("", stream.getvalue()).replace("\r", "\n").splitlines()
+    assert max(map(len, shown)) <= 80
+    for name in names:
+        line = next(line for line in reversed(shown) if name in line)
+        assert re.search(r"2 % 131,072 steps/s, 450 s left success 0\.95", line)
+    assert STARTING not in shown[-1]
 
 
 def test_phases_of_jobs_are_lines_without_a_terminal(capsys):

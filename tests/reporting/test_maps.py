@@ -2,17 +2,22 @@
 
 from dataclasses import replace
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
 from skystack.airspace.projection import METRES_PER_NM, WGS84, geodesic_leg
 from skystack.airspace.sector_file import Point, SectorEntry, make_sector
+from skystack.airspace.sectors import find_sector
 from skystack.airspace.xplus import XPlus, x_plus
 from skystack.reporting.maps import along, beside, route_maps, sector_map
 from skystack.reporting.style import as_png, house_style
+
+VALLEY = Path(__file__).parents[2] / "examples" / "own-sector" / "valley.json"
 
 
 def texts_of(axes):
@@ -33,7 +38,7 @@ def test_sector_map_names_fixes_levels_and_width(half_width_nm):
 
 def test_lengths_are_true_where_edges_are_curved():
     """Far north, over 7 degrees of latitude. The length of the exit edge is from pyproj."""
-    ring = [[11.0, 59.0], [19.0, 58.0], [19.0, 64.0], [11.0, 66.0]]
+    ring = [[5.0, 59.0], [25.0, 58.0], [19.0, 64.0], [11.0, 66.0]]
     fixes = {
         "S": {"lat": 58.0, "lon": 13.0},
         "N": {"lat": 65.0, "lon": 15.0},
@@ -53,6 +58,21 @@ def test_lengths_are_true_where_edges_are_curved():
     ends = sector.plane.to_degrees(bar.get_xydata())
     length_nm = geodesic_leg(*(tuple(map(float, end)) for end in ends))[1]
     assert length_nm == pytest.approx(20.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("sector", "is_drawn"), [("x-plus", True), (VALLEY, False)], ids=["x-plus", "valley"]
+)
+def test_width_of_the_exit_is_drawn_only_inside_the_area(sector, is_drawn):
+    sector = find_sector(sector)
+    with house_style():
+        (axes,) = sector_map(sector).axes
+    arrows = [text for text in axes.texts if not text.get_text()]  # the only one without a text
+    assert bool(arrows) == is_drawn
+    for arrow in arrows:
+        line = shapely.LineString([arrow.xy, arrow.xyann])
+        inner = line.interpolate(np.linspace(0.05, 0.95, 10), normalized=True)
+        assert all(shapely.Polygon(sector.area_nm).contains(point) for point in inner)
 
 
 def test_names_do_not_overlap_and_stay_inside():

@@ -79,7 +79,7 @@ def test_comparison_hides_the_counts_of_untrained_policies():
 def test_brief_table_has_the_main_figures():
     one, other = row(exit_offset_nm_mean=2.34), row(experiment="mine", task="lateral", paper=None)
     table = brief([one, other], Bound(1.62, 100))
-    assert table.header == ("row", "paper", "clearances", "success", "exit offset")
+    assert table.header == ("row", "paper", "clearances", "success", "exit offset, NM")
     assert table.rows == (
         ("damped and stacked", "7.2 ± 3.5", "7.2 ± 3.5", "98.8 %", "2.3"),
         ("mine, stacked", NOTHING, "7.2 ± 3.5", "98.8 %", NOTHING),
@@ -89,7 +89,7 @@ def test_brief_table_has_the_main_figures():
 
 def test_brief_table_omits_the_paper_if_it_has_no_value():
     table = brief([row(paper=None), row(paper=None, stacking=False)], Bound(1.62, 100))
-    assert table.header == ("row", "clearances", "success", "exit offset")
+    assert table.header == ("row", "clearances", "success", "exit offset, NM")
     assert table.rows[-1] == ("fewest possible", "1.6", NOTHING, NOTHING)
 
 
@@ -103,7 +103,7 @@ def test_brief_table_shows_lost_separation_for_avoidance_only():
         row(experiment="do-nothing-avoidance", stacking=False, **figures),
     ]
     table = brief(rows)
-    assert table.header == ("row", "clearances", "success", "exit offset", "loss rate")
+    assert table.header == ("row", "clearances", "success", "exit offset, NM", "loss rate")
     assert [(line[0], line[-1]) for line in table.rows] == [
         ("avoidance", "2.5 %"),
         ("stacked", "0.0 %"),
@@ -111,7 +111,7 @@ def test_brief_table_shows_lost_separation_for_avoidance_only():
         ("do nothing", "0.1 %"),
     ]
     vertical = brief([row(experiment="vertical", **figures | {"task": "vertical"})])
-    assert vertical.header == ("row", "clearances", "success", "exit offset")
+    assert vertical.header == ("row", "clearances", "success", "exit offset, NM")
     assert vertical.rows[0][0] == "stacked"
 
 
@@ -458,6 +458,10 @@ def test_estimates_and_comparisons_show_intervals():
             "10 % [0, 30]",
         ),
     )
+    one = [row_with_statistics(each.experiment, each.stacking, 1) for each in both.rows]
+    single = comparisons(results(rows=one, comparisons=both.comparisons)).rows[0]
+    assert (single[2], single[4]) == (NOTHING, NOTHING)
+    assert (single[1], single[3]) == ("-2.0 [-3.0, -1.0]", "-2.0 [-3.0, 1.0]")
     assert estimates(both.rows).rows[0] == (
         "damped and stacked",
         "7.2 [6.9, 7.5]",

@@ -371,7 +371,7 @@ def _integer(text: str, least: int, most: int = MAX_INT) -> int:
     except ValueError:
         number = least - 1
     if not least <= number <= most:
-        limit = f" to {most}" if most < MAX_INT else ""
+        limit = f" to {most}" if most < MAX_INT or number > most else ""
         raise argparse.ArgumentTypeError(f"{text!r} (allowed: whole numbers from {least}{limit})")
     return number
 

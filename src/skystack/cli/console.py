@@ -21,6 +21,7 @@ from rich.progress import (
     TextColumn,
     TimeElapsedColumn,
 )
+from rich.table import Column
 from rich.text import Text
 
 from skystack.errors import printable
@@ -58,8 +59,16 @@ def prose() -> Console:
     return PlainConsole(file=file)
 
 
+NARROW = 110
+"""In narrower terminals, progress is shown as a percentage and without the return."""
+STARTING = "starting processes and compiling ..."
+
+
 class _Description(ProgressColumn):
-    """The label of a progress bar."""
+    """The label of a progress bar, which is never shortened for the sake of the others."""
+
+    def __init__(self) -> None:
+        super().__init__(Column(no_wrap=True))
 
     def render(self, task: Task) -> Text:
         return Text(printable(task.description))
@@ -73,9 +82,10 @@ def show_progress(jobs: int = 1) -> Iterator[Callable[[str, TrainingProgress | s
     if not console.is_terminal:
         yield _PlainProgress(console, jobs).report
         return
+    narrow = console.width < NARROW
     columns = (
         _Description(),
-        BarColumn(bar_width=12),
+        BarColumn(bar_width=4 if narrow else 12),
         TextColumn("{task.fields[steps]}"),
         TextColumn("{task.fields[speed]}"),
         TextColumn("{task.fields[score]}"),
@@ -83,10 +93,12 @@ def show_progress(jobs: int = 1) -> Iterator[Callable[[str, TrainingProgress | s
     with Progress(*columns, console=console) as bars:
         tasks: dict[str, TaskID] = {}
         blank: dict[str, Any] = {"steps": "", "speed": "", "score": ""}
-        whole = bars.add_task("all jobs", total=jobs, visible=jobs > 1, **blank)
+        starting = blank | {"speed": STARTING}
+        whole = bars.add_task("all jobs", total=jobs, visible=jobs > 1, **starting)
 
         def report(name: str, step: TrainingProgress | str) -> None:
             if name not in tasks:
+                bars.update(whole, speed="")
                 tasks[name] = bars.add_task(name, total=None, **blank)
             if isinstance(step, str):
                 bars.update(tasks[name], speed=step)
@@ -98,9 +110,9 @@ def show_progress(jobs: int = 1) -> Iterator[Callable[[str, TrainingProgress | s
                 tasks[name],
                 total=step.total_steps,
                 completed=step.steps,
-                steps=f"{step.steps:,}/{step.total_steps:,}",
+                steps=_steps(step, narrow),
                 speed=_speed(step),
-                score=_score(step),
+                score=_score(step, narrow),
             )
 
         yield report
@@ -170,8 +182,14 @@ def _speed(step: TrainingProgress) -> str:
     return f"{step.steps_per_s:,.0f} steps/s, {left:.0f} s left"
 
 
-def _score(step: TrainingProgress) -> str:
+def _steps(step: TrainingProgress, narrow: bool) -> str:
+    if narrow:
+        return f"{100.0 * step.steps / step.total_steps:.0f} %"
+    return f"{step.steps:,}/{step.total_steps:,}"
+
+
+def _score(step: TrainingProgress, narrow: bool = False) -> str:
     success, mean_return = step.measured.get("success"), step.measured.get("return")
     if success is None or mean_return is None:
         return ""
-    return f"success {success:.2f} return {mean_return:.1f}"
+    return f"success {success:.2f}" + ("" if narrow else f" return {mean_return:.1f}")

@@ -36,16 +36,17 @@ def reproduce(options: argparse.Namespace) -> int:
 
     plan, engine = _plan(options), _engine(options)
     with locked_folder(plan.out, OWN_FOLDERS):
-        return _reproduce(plan, engine, options.json)
+        try:
+            return _reproduce(plan, engine, options.json)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt("interrupted; the same command resumes") from None
 
 
 def _plan(options: argparse.Namespace) -> Any:
     from skystack.reproduction.plan import QUICK_EPISODES, plan_families, plan_first_look
 
     quick, families = options.quick, options.families
-    if quick and not families:
-        families = ["lateral"]
-    name = "-".join([*families, *["quick"] * quick]) or "first-look"
+    name = "-".join([*(families or ["first-look"]), *["quick"] * quick])
     out = options.out or Path("runs") / name
     seeds, platforms = options.seeds, options.platforms
     episodes = options.episodes or (QUICK_EPISODES if quick else 1000)
@@ -55,7 +56,7 @@ def _plan(options: argparse.Namespace) -> Any:
     words += ["--quick"] * quick + [f"--platform {name}" for name in platforms]
     command = " ".join(words)
     if not families:
-        return plan_first_look(seeds, episodes, out, command, platforms)
+        return plan_first_look(seeds, episodes, out, quick, command, platforms)
     return plan_families(families, seeds, episodes, out, quick, command, platforms)
 
 
@@ -68,7 +69,8 @@ def _reproduce(plan: Any, engine: Any, as_json: bool) -> int:
     from skystack.reproduction.plan import describe_plan
     from skystack.reproduction.run import run_plan, run_platforms
 
-    say(describe_plan(plan))
+    for line in describe_plan(plan):
+        say(line)
     compile_for_one_core()
     with program_cache(), show_progress(len(jobs_of(plan))) as report:
         results = run_plan(plan, report, engine)
@@ -99,7 +101,8 @@ def _best_flown(plan: Any) -> Path | None:
     from skystack.reporting.results import read_run
 
     run = read_run(plan.out)
-    rows = [row for row in run.results.rows if row.stacking and not row.is_shipped]
+    rows = [row for row in run.results.drawn(run.results.rows) if row.stacking]
+    rows = [row for row in rows if not row.is_shipped]
     return run.evaluation(rows[-1]) if rows else None
 
 
@@ -245,7 +248,8 @@ def evaluate(options: argparse.Namespace) -> int:
             row["platform"],
             row["greedy"],
         )
-        say(f"written: {folder}; to see the flights: {_program()} replay {folder} -o replay.html")
+        say(f"written: {folder}")
+        say(f"to see the flights: {_program()} replay {folder} -o replay.html")
     for number, reason in evaluated.failed.items():
         report_error(f"{options.platform}: scenario {number} {reason}", FAILED)
     return FAILED if evaluated.failed else DONE
@@ -332,7 +336,8 @@ def replay(options: argparse.Namespace) -> int:
     written = write_replay(runs, options.output, **count)
     if options.json:
         print_json(written)
-    size = f"{written['scenarios']} scenarios, {written['bytes'] / 1e6:.1f} MB"
+    count = written["scenarios"]
+    size = f"{count} scenario{'s' * (count != 1)}, {written['bytes'] / 1e6:.1f} MB"
     say(f"written: {options.output} ({size})")
     return DONE
 

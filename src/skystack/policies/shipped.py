@@ -8,6 +8,8 @@ from skystack.errors import InputError, exists, unknown_name
 from skystack.io.files import AnyPath
 from skystack.learning.policy import Policy, load_policy
 
+MAX_LISTED = 3
+"""The maximum number of policies that an error message lists."""
 SHIPPED = Path(str(files("skystack").joinpath("policies")))
 
 
@@ -41,6 +43,9 @@ def find_policy(name: AnyPath) -> Policy:
     if not exists(folder / "policy.json"):
         if exists(folder / "metrics.jsonl"):
             raise InputError(f"{folder}: training is not finished (resume with train --resume)")
+        if exists(folder / "train") and (trained := sorted(folder.glob("train/*/policy.json"))):
+            names = ", ".join(str(each.parent) for each in trained[:MAX_LISTED])
+            raise InputError(f"{folder}: has several policies (allowed: one of {names}, ...)")
         also = "a folder with a policy.json, or "
         raise unknown_name("policy", name, shipped_policies(), [f"runs/{name}"], also)
     return load_policy(folder)

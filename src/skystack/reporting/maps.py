@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.path import Path as MapPath
 
 from skystack.airspace.projection import geodesic_leg
 from skystack.airspace.sector import Sector, turns_deg
@@ -174,7 +175,10 @@ def name_fixes(axes: Axes, sector: Sector, lines: Sequence[Polyline] = ()) -> No
 
 
 def _draw_width(axes: Axes, sector: Sector) -> Polyline:
-    """Draw the width of the last airway of the first route, from edge to edge."""
+    """Draw the width of the last airway of the first route, from edge to edge.
+
+    Draws nothing where that line would leave the area: there the exit edge is not an airway's end.
+    """
     right, *_, left = sector.route_table.exit_edge_nm[0].astype(np.float64)
     across = left - right
     width_nm = float(np.linalg.norm(across))
@@ -183,6 +187,8 @@ def _draw_width(axes: Axes, sector: Sector) -> Polyline:
     )
     inward = np.array([-across[1], across[0]]) / width_nm * DIMENSION_INSET_NM
     ends = np.stack([right, left]) + inward
+    if not _inside(sector, ends):
+        return np.empty((0, 2))
     arrow = {"arrowstyle": "<->", "color": INK, "linewidth": 0.9, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", ends[0], xytext=ends[1], arrowprops=arrow, zorder=5)
     upright_deg = (float(np.degrees(np.arctan2(across[1], across[0]))) + 90.0) % 180.0 - 90.0
@@ -201,6 +207,12 @@ def _draw_width(axes: Axes, sector: Sector) -> Polyline:
         zorder=6,
     )
     return along(ends)
+
+
+def _inside(sector: Sector, ends: Polyline) -> bool:
+    """Whether a line is inside the area, apart from its outermost hundredths."""
+    inner = ends[0] + np.linspace(0.01, 0.99, 50)[:, None] * (ends[1] - ends[0])
+    return bool(np.all(MapPath(sector.area_nm).contains_points(inner)))
 
 
 def _draw_scale(axes: Axes, sector: Sector) -> Polyline:

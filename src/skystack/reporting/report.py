@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from skystack.io.files import atomic_write
+from skystack.learning.experiment import experiment_names
 from skystack.reporting import tables
 from skystack.reporting.claims import Claim, check_claims, claims_table
 from skystack.reporting.figures import (
@@ -66,6 +67,8 @@ class FamilySection(NamedTuple):
     """What the scenario has in common with the paper's, in words; None if nothing."""
     replay: str | None
     """The file with the replay of the scenario, if there is one."""
+    tuned_missing: bool
+    """Whether the run lacks the family's experiment with changed settings."""
     sections: tuple[RowSection, ...]
     histograms: Picture | None
     separations: Picture | None
@@ -165,6 +168,7 @@ def _family(
         scenario=scenario,
         kind=kind_of_scenario(run, rows, scenario),
         replay=None,
+        tuned_missing=_tuned_missing(run, family),
         sections=tuple(_section(run, row, scenario) for row in drawn_rows),
         histograms=if_drawn(f"histograms-{family}", "Clearances per scenario, all rows"),
         separations=if_drawn(f"separations-{family}", "Minimum separation per scenario"),
@@ -177,6 +181,12 @@ def _family(
             for name in run.results.experiments_of(family)
         ),
     )
+
+
+def _tuned_missing(run: Run, family: str) -> bool:
+    """Whether the run lacks an existing experiment with changed settings."""
+    tuned = f"{family}-tuned"
+    return tuned in experiment_names() and run.results.row(tuned, True) is None
 
 
 def _tiles(run: Run) -> list[Tile]:

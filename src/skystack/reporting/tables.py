@@ -118,12 +118,12 @@ def brief(
             "paper": _paper(row),
             "clearances": _counts(row, is_trained)[0],
             "success": percent(row.success_rate),
-            "exit offset": decimal(row.exit_offset_nm_mean),
+            "exit offset, NM": decimal(row.exit_offset_nm_mean),
             "loss rate": _loss_rate(row),
         }
         for row in rows
     ]
-    header = ["row", "paper", "clearances", "success", "exit offset", "loss rate"]
+    header = ["row", "paper", "clearances", "success", "exit offset, NM", "loss rate"]
     if not any(row.paper for row in rows):
         header.remove("paper")
     if not any(row.family == "avoidance" for row in rows):
@@ -242,7 +242,7 @@ def comparisons(results: Results) -> Table:
     """One line per pair of rows: their difference, and the probability that the first is better.
 
     Better means that a seed of the first has fewer clearances, or more success, than a seed of the
-    second. Ties count half.
+    second. Ties count half. With a single seed of each there is no probability.
     """
     header = (
         "rows",
@@ -253,17 +253,19 @@ def comparisons(results: Results) -> Table:
     )
     lines = []
     for each in results.comparisons:
-        names = [results.row(name.experiment, name.stacking) for name in (each.first, each.second)]
-        first, second = ("?" if row is None else row.name for row in names)
+        pair = [results.row(name.experiment, name.stacking) for name in (each.first, each.second)]
+        first, second = ("?" if row is None else row.name for row in pair)
         clearances, success = each.measures["clearances"], each.measures["success"]
-        more = Estimate(*(1.0 - value for value in _ends_swapped(success.probability_less)))
+        fewer, less = clearances.probability_less, success.probability_less
+        more = Estimate(*(1.0 - value for value in _ends_swapped(less)))
+        several = any(row is not None and row.seeds > 1 for row in pair)
         lines.append(
             (
                 f"{first} against {second}",
                 interval(clearances.difference),
-                percent_interval(clearances.probability_less, 0),
+                percent_interval(fewer, 0) if several else NOTHING,
                 interval(Estimate(*(100.0 * value for value in success.difference))),
-                percent_interval(more, 0),
+                percent_interval(more, 0) if several else NOTHING,
             )
         )
     return Table(header, tuple(lines))

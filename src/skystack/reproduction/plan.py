@@ -59,12 +59,17 @@ def families_of_experiments() -> dict[str, list[str]]:
 
 
 def plan_first_look(
-    seeds: int, episodes: int, out: Path, command: str, platforms: Sequence[str] = ()
+    seeds: int,
+    episodes: int,
+    out: Path,
+    quick: bool,
+    command: str,
+    platforms: Sequence[str] = (),
 ) -> Plan:
-    """Plan full training runs of `FIRST_LOOK`, compared with the shipped policies."""
-    experiments = tuple(load_experiment(name) for name in FIRST_LOOK)
+    """Plan the training of `FIRST_LOOK`, compared with the shipped policies."""
     others = _other_platforms(platforms)
-    return Plan(experiments, seeds, episodes, out, False, command, others, with_shipped=True)
+    experiments = _experiments(FIRST_LOOK, quick)
+    return Plan(experiments, seeds, episodes, out, quick, command, others, with_shipped=True)
 
 
 def plan_families(
@@ -85,20 +90,24 @@ def plan_families(
             raise unknown_name("family", family, [*known, "all"])
         chosen = list(known) if family == "all" else [family]
         names += [name for key in chosen for name in known[key] if name not in names]
-    experiments = tuple(load_experiment(name) for name in names)
-    if quick:
-        experiments = tuple(_quick(experiment) for experiment in experiments)
+    experiments = _experiments(names, quick)
     return Plan(experiments, seeds, episodes, out, quick, command, others, with_sampled=not quick)
 
 
-def describe_plan(plan: Plan) -> str:
-    """What a plan will do, in one sentence."""
+def _experiments(names: Sequence[str], quick: bool) -> tuple[Experiment, ...]:
+    experiments = map(load_experiment, names)
+    return tuple(map(_quick, experiments) if quick else experiments)
+
+
+def describe_plan(plan: Plan) -> tuple[str, ...]:
+    """What a plan will do, in a few lines."""
     steps = ", ".join(f"{each.name} ({each.ppo.total_steps:,} steps)" for each in plan.experiments)
     seeds = f" with {plan.seeds} seeds each" if plan.seeds > 1 else ""
     ways = ", with the most probable and with sampled actions" if plan.with_sampled else ""
     return (
-        f"plan: train {steps}{seeds}; fly {plan.episodes:,} held-out scenarios with each policy, "
-        f"unstacked and stacked{ways}; write a report to {plan.out}"
+        f"plan: train {steps}{seeds};",
+        f"fly {plan.episodes:,} held-out scenarios with each policy, unstacked and stacked{ways};",
+        f"write a report to {plan.out}",
     )
 
 

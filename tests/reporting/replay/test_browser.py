@@ -120,6 +120,8 @@ def test_log_entries_lead_to_their_clearances(open_page, evaluation):
             in_row = [row["text"] for row in issued if row["cycle"] == issued[number]["cycle"]]
             assert current in in_row
         for number, row in enumerate(issued):
+            minutes, seconds = divmod(6 * row["cycle"], 60)
+            assert entries.nth(number).locator("time").inner_text() == f"{minutes}:{seconds:02}"
             stacked = f"{row['instructions']} instructions" if row["instructions"] > 1 else ""
             assert entries.nth(number).locator(".stacked").inner_text() == stacked
     assert any(row["instructions"] > 1 for row in issued)

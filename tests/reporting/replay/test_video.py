@@ -86,7 +86,7 @@ def test_missing_ffmpeg_names_the_extra_and_leaves_nothing(no_ffmpeg, evaluation
     assert main(["replay", str(evaluation), "-o", str(target), "--to", "60"]) == 2
     assert capsys.readouterr().err == (
         "skystack: a film as .mp4 needs ffmpeg, which is not installed "
-        "(install skystack with the extra [film])\n"
+        "(install skystack with the extra [film]; in a checkout: pip install -e '.[film]')\n"
     )
     assert list(tmp_path.iterdir()) == [no_ffmpeg]
 

@@ -65,7 +65,8 @@ class Panels {
     const item = element("li");
     const button = element("button");
     const stacked = issued.instructions > 1 ? counted(issued.instructions, "instruction") : "";
-    const time = element("time", "", minutes(issued.row * this.player.replay.cycle_s));
+    // The new cleared value is shown from `row`, one cycle after the clearance was issued.
+    const time = element("time", "", minutes((issued.row - 1) * this.player.replay.cycle_s));
     button.append(time, element("span", "text", issued.text), element("span", "stacked", stacked));
     button.addEventListener("click", () => {
       this.player.play(false);
