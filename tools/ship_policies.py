@@ -14,6 +14,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NoReturn
 
 from rich.console import Console
 
@@ -119,8 +120,15 @@ def revision() -> str | None:
     return found.stdout.strip()
 
 
+class _Parser(argparse.ArgumentParser):
+    """An argument parser that reports errors in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        raise InputError(message)
+
+
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = _Parser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("words", nargs="*", metavar="[RUN] [NAME ...]")
     how = parser.add_mutually_exclusive_group()
     how.add_argument(
@@ -153,9 +161,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sources = trained_policies(Path(run))
             names = _chosen(wanted, list(sources), run)
         now = revision()
-        for name in names:
+        policies = [
+            load_trained(sources[name], name) if sources else shipped.find_policy(name)
+            for name in names
+        ]
+        for name, policy in zip(names, policies, strict=True):
             source = sources.get(name)
-            policy = load_trained(source, name) if source else shipped.find_policy(name)
             found = measured_before(name) if options.cards else measure(name, policy, now, console)
             write(name, policy, found, source)
     except InputError as error:

@@ -49,6 +49,16 @@ def test_offset_is_the_distance_from_the_exit_fix_at_the_crossing(policy, sector
     assert flown.episodes["exits"].to_numpy().sum() == len(offsets)
 
 
+@pytest.mark.parametrize("before_nm", [0.0, 5.0])
+def test_no_offset_exceeds_half_the_width_of_the_exit(before_nm):
+    """The offset is measured from the middle of the exit, wherever it lies."""
+    settings = [f"task.exit_before_nm={before_nm}", "task.exit_nm=3.0", "task.disc_nm=20.0"]
+    flown = evaluate_no_op(load_experiment("lateral", settings), Conditions(episodes=200), None)
+    offsets = flown.episodes["exit_offset_nm"].drop_null().to_numpy()
+    assert len(offsets) >= 5
+    assert 1.5 < offsets.max() <= 3.01
+
+
 def test_row_without_an_exit_has_no_offset():
     # The shortest scenario that the task allows: only a perfect flight could end in it.
     experiment = load_experiment("lateral", ["task.cycles=98"])

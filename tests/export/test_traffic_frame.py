@@ -87,6 +87,18 @@ def test_long_scenarios_start_further_apart(tmp_path):
         traffic_frame(tmp_path / "far.parquet")
 
 
+@pytest.mark.parametrize("scenario", [True, -1, 10**30])
+def test_names_an_invalid_scenario(folder, scenario):
+    with pytest.raises(InputError, match="scenario is"):
+        traffic_frame(folder, scenario)
+
+
+@pytest.mark.parametrize("start", [datetime(2024, 1, 1), datetime.min.replace(tzinfo=UTC)])
+def test_names_an_invalid_start(folder, start):
+    with pytest.raises(InputError, match=r"start is .*time zone, from 1701 to 2049"):
+        traffic_frame(folder, start=start)
+
+
 def test_reads_the_file_of_simulate(tmp_path, capsys):
     target = tmp_path / "flown.parquet"
     assert main(["simulate", str(EXAMPLES / "head-on.json"), "-o", str(target)]) == 0

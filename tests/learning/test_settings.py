@@ -50,7 +50,7 @@ RANGES = {
     **{name: ([1e-9, 1e6], [0.0, 1_000_001.0]) for name in POSITIVE},
     **{name: ([1, 10**9], [0, 10**9 + 1]) for name in COUNTS},
     "total_steps": ([1, 10**10], [0, 10**10 + 1]),
-    "hidden": ([(), (1, 10**9)], [(0,), (10**9 + 1,)]),
+    "hidden": ([(), (1, 4096)], [(0,), (4097,)]),
 }
 """Allowed and rejected values of each setting."""
 

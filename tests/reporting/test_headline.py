@@ -57,6 +57,14 @@ def test_headline_of_the_papers_policy_and_of_ours(tmp_path):
     ]
 
 
+def test_quick_runs_are_called_so(tmp_path):
+    run = run_of(tmp_path, ROWS)
+    quick = msgspec.structs.replace(run.results, quick=True)
+    first, second = headline(Run(tmp_path, quick, None))
+    assert first.startswith("Lateral navigation with the paper's settings, trained briefly: ")
+    assert second.startswith("Lateral navigation with our own settings, trained briefly, stacked: ")
+
+
 def test_untrained_policies_are_not_mentioned(tmp_path):
     rows = [msgspec.structs.replace(each, success_rate=0.3) for each in ROWS[:3]]
     assert list(headline(run_of(tmp_path, [*rows, ROWS[3]]))) == []

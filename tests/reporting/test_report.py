@@ -79,8 +79,8 @@ def test_headline_states_what_stacking_achieved(page, reported):
     plain, stacked = found["lateral", False], found["lateral", True]
     assert plain["clearances_mean"] > stacked["clearances_mean"]
     assert (
-        "Lateral navigation with the paper's settings: stacking reduces the clearances per "
-        "scenario from "
+        "Lateral navigation with the paper's settings, trained briefly: stacking reduces the "
+        "clearances per scenario from "
         f"{plain['clearances_mean']:.1f} to {stacked['clearances_mean']:.1f}, "
         f"at {100.0 * stacked['success_rate']:.1f} % success."
     ) in page.text
@@ -112,7 +112,7 @@ def test_tiles_show_clearances_and_success_of_trained_policies(run):
     html = write_report(run).read_text()
     assert tiles_of(html) == [("Ours, stacked", "2.0", "50.0 % success"), bound]
     sentence = "2.0 clearances per scenario, at 50.0 % success (fewest possible: 1.6)."
-    assert f"Lateral navigation with our own settings, stacked: {sentence}" in html
+    assert f"Lateral navigation with our own settings, trained briefly, stacked: {sentence}" in html
 
 
 def test_untrained_policies_are_named_but_not_shown(run):
@@ -265,6 +265,26 @@ def test_names_a_missing_table_and_writes_no_report(run):
         write_report(run)
     assert not (run / "report.html").exists()
     assert not (run / "figures").exists()
+
+
+@pytest.mark.parametrize("obstacle", ["tables", "folder"])
+def test_a_report_that_fails_changes_nothing(run, obstacle, monkeypatch):
+    """Some faults of tables are noticed only when the replay is written, after the figures."""
+
+    def refuse(*words, **options):
+        raise InputError("its tables are from different evaluations")
+
+    write_report(run)
+    if obstacle == "tables":
+        monkeypatch.setattr(report, "write_replay", refuse)
+    else:
+        (run / "results.md").unlink()
+        (run / "results.md").mkdir()
+    change_row(run, "lateral", clearances_mean=77.7)
+    before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
+    with pytest.raises(InputError):
+        write_report(run)
+    assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
 
 
 def test_shows_other_simulators_only_if_used(run, page):

@@ -386,6 +386,22 @@ def test_names_cannot_lead_out_of_the_run_folder(run, name):
         read_run(run)
 
 
+@pytest.mark.parametrize(
+    ("field", "value"), [("success_rate", 7.0), ("excursion_rate", -0.1), ("clearances_std", -1.0)]
+)
+def test_rejects_impossible_values(run, field, value):
+    row = json.loads((run / "results.json").read_text())["rows"][0]
+    change(run / "results.json", rows=[row | {field: value}])
+    with pytest.raises(InputError, match=r"results\.json: damaged"):
+        read_run(run)
+
+
+def test_rejects_a_run_without_rows(run):
+    change(run / "results.json", rows=[])
+    with pytest.raises(InputError, match=r"results\.json: damaged"):
+        read_run(run)
+
+
 @pytest.mark.parametrize("table", ["rows", "rows_by_seed", "train", "sampled", "platforms"])
 def test_rejects_duplicates(table, run):
     path = run / "results.json"

@@ -145,3 +145,14 @@ def test_limit_of_cycles():
     assert msgspec.convert({"cycles": 10_000}, NavigationSettings).cycles == 10_000
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert({"cycles": 10_001}, NavigationSettings)
+
+
+def test_an_exit_before_the_fix_shortens_all_routes():
+    """20 NM at 465.94 kt are 25.8 cycles."""
+    whole, shorter = (
+        flight_times(
+            build_task(NavigationSettings(exit_before_nm=before_nm)).simulator, (300,), 4.0
+        )
+        for before_nm in (0.0, 20.0)
+    )
+    assert set(whole.fastest - shorter.fastest) <= {25, 26}

@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from skystack.errors import InputError
 from skystack.simulator.traffic import ticks
 from skystack.tasks.conformance import check_task
 from skystack.tasks.registry import build_task, build_training_task
@@ -199,9 +200,33 @@ def test_instructions_before_entry_can_be_refused(traffic_on):
     )
     refused = task.instruct(one_inside, action(LEFT_2))
     jax.tree.map(np.testing.assert_array_equal, refused, one_inside)
+    assert not bool(task.may_stack(one_inside, action(LEFT_2)))
+    assert bool(task.may_stack(one_inside, action(LEFT_1)))
     heard = task.instruct(one_inside, action(LEFT_1))
     assert heard.memory.counts.instructions.tolist() == [1.0, 0.0]
     assert float(heard.traffic.cleared_heading_deg[0]) == 35.0
+
+
+@pytest.mark.parametrize("timing", ["cycle", "stack"])
+def test_time_passes_while_instructions_are_refused(timing):
+    """A policy that always instructs the same aircraft issues nothing before it enters."""
+    task = build_training_task(NavigationSettings(control="entered", timing=timing))
+    state, entered = task.reset(jax.random.key(0)), []
+    step = jax.jit(task.step)
+    for _ in range(5):
+        state, _ = step(state, action(LEFT_1))
+        inner = getattr(state, "inner", state)
+        entered.append(bool(inner.memory.progress.entered[0]))
+    assert not any(entered)
+    assert float(inner.memory.progress.cycles) == 5.0
+    assert float(inner.memory.counts.instructions[0]) == 0.0
+
+
+@pytest.mark.parametrize("before_nm", [60.0, 40.0])
+def test_exits_must_lie_on_the_last_leg_inside_the_area(before_nm):
+    """The legs to the exits of X-Plus are 30 to 40 NM long."""
+    with pytest.raises(InputError, match=r"exit_before_nm is .*\(allowed in x-plus: inside"):
+        build_task(NavigationSettings(exit_before_nm=before_nm))
 
 
 @pytest.mark.parametrize("ends_early", [True, False])
@@ -244,8 +269,6 @@ def test_stacks_end_before_the_turn_would_reverse(task, traffic_on):
 
 
 def test_refuses_invalid_settings():
-    from skystack.errors import InputError
-
     for change, message in (
         ({"features": ("theta_g",)}, "did you mean"),
         ({"features": ()}, "empty"),

@@ -115,3 +115,16 @@ def test_reports_faults_in_one_line_and_writes_nothing(
     assert error.count("\n") == 1
     assert message.format(run=run) in error
     assert sorted(package.rglob("*")) == before
+
+
+@pytest.mark.parametrize("words", [["--foo"], ["--measure", "--cards"]])
+def test_wrong_options_give_one_line(words, capsys):
+    assert ship_policies.main(words) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_checks_all_policies_before_it_ships_one(tmp_path, package):
+    write_training(tmp_path / "run", "lateral", 0)
+    write_training(tmp_path / "run", "vertical", 0, sha256="0" * 64)
+    assert ship_policies.main([str(tmp_path / "run")]) == 2
+    assert not list(package.iterdir())

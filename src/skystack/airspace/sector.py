@@ -136,6 +136,10 @@ class Sector:
             )
         return self.routes.index(route)
 
+    def leg_nm(self, start: str, end: str) -> float:
+        """The geodesic distance between two fixes."""
+        return geodesic_leg(self.fixes[start], self.fixes[end])[1]
+
     def first_heading_deg(self, route: tuple[str, ...]) -> float:
         """Geodesic bearing of a route's first leg [deg]."""
         return geodesic_leg(self.fixes[route[0]], self.fixes[route[1]])[0]
@@ -181,14 +185,22 @@ class Sector:
         from shapely.affinity import translate  # noqa: PLC0415
         from shapely.ops import substring  # noqa: PLC0415
 
-        edge, scale = LineString(whole), float(self.plane.scale(fix_nm[1:])[0])
+        edge = LineString(whole)
         if self.exit_nm is not None:
-            middle, half = edge.project(Point(fix_nm)), self.exit_nm * scale
+            half = self.exit_nm * float(self.plane.scale(fix_nm[1:])[0])
+            middle = edge.project(Point(fix_nm))
             edge = substring(edge, max(middle - half, 0.0), middle + half)
-        if self.exit_before_nm:
-            inwards = self.fixes_nm[route[-3]] - fix_nm
-            edge = translate(edge, *(inwards * self.exit_before_nm * scale / np.hypot(*inwards)))
+        edge = translate(edge, *(self.exit_point_nm(route) - fix_nm))
         return np.array(edge.coords)
+
+    def exit_point_nm(self, route: tuple[str, ...]) -> Float[np.ndarray, "2"]:
+        """The point of a route's exit: the exit fix, or `exit_before_nm` before it on the leg."""
+        before, fix = (self.fixes_nm[name] for name in route[-3:-1])
+        back = (before - fix) / np.hypot(*(before - fix))
+        point: Float[np.ndarray, "2"] = fix + back * self.exit_before_nm * float(
+            self.plane.scale(fix[1:])[0]
+        )
+        return point
 
     def edge_through(self, fix: str) -> Float[np.ndarray, "points 2"]:
         """The edge of the area nearest to a fix, as points in the plane, counter-clockwise."""

@@ -90,7 +90,7 @@ def _reproduce(plan: Any, engine: Any, as_json: bool) -> int:
     for page in sorted(plan.out.glob("replay-*.html")):
         say(f"replay of one scenario: {page}")
     if (flown := _best_flown(plan)) is not None:
-        say(f"to replay more scenarios: {_program()} replay {flown} -o replay.html")
+        say(f"to replay more scenarios: {_program()} replay {_quoted(flown)} -o replay.html")
     for line in failed:
         report_error(line, FAILED)
     return FAILED if failed else DONE
@@ -104,6 +104,11 @@ def _best_flown(plan: Any) -> Path | None:
     rows = [row for row in run.results.drawn(run.results.rows) if row.stacking]
     rows = [row for row in rows if not row.is_shipped]
     return run.evaluation(rows[-1]) if rows else None
+
+
+def _quoted(path: Path) -> str:
+    """The path as a word of a shell command."""
+    return shlex.quote(str(path))
 
 
 def _program() -> str:
@@ -195,7 +200,7 @@ def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
         words += [word for change in options.changes for word in ("--set", change)]
         raise KeyboardInterrupt(f"interrupted; to resume: {shlex.join(words)}") from None
     say(f"{trained.wall_s:.0f} s; policy: {out / 'policy.json'}")
-    say(f"to evaluate it, stacked, on held-out scenarios: {_program()} evaluate {out}")
+    say(f"to evaluate it, stacked, on held-out scenarios: {_program()} evaluate {_quoted(out)}")
     if options.json:
         summary = [trained.summary]
         print_json({"rows": [], "rows_by_seed": [], "train": summary, "wall_s": trained.wall_s})
@@ -249,7 +254,7 @@ def evaluate(options: argparse.Namespace) -> int:
             row["greedy"],
         )
         say(f"written: {folder}")
-        say(f"to see the flights: {_program()} replay {folder} -o replay.html")
+        say(f"to see the flights: {_program()} replay {_quoted(folder)} -o replay.html")
     for number, reason in evaluated.failed.items():
         report_error(f"{options.platform}: scenario {number} {reason}", FAILED)
     return FAILED if evaluated.failed else DONE

@@ -72,8 +72,9 @@ def _cross(
 def _distance_to_exit_fix_nm(
     sector: Sector, route: Int[np.ndarray, " exits"], position_nm: Float[np.ndarray, "exits 2"]
 ) -> Float[np.ndarray, " exits"]:
-    """Geodesic distance from positions in the plane to the exit fixes of their routes."""
+    """Geodesic distance from positions in the plane to the exit points of their routes."""
     lat, lon = sector.plane.to_degrees(position_nm).T
-    fixes = np.array([sector.fixes[each[-2]] for each in sector.routes])[route]
-    metres = WGS84.inv(lon, lat, fixes[:, 1], fixes[:, 0])[2]
+    points = np.array([sector.exit_point_nm(each) for each in sector.routes])
+    exit_lat, exit_lon = sector.plane.to_degrees(points)[route].T
+    metres = WGS84.inv(lon, lat, exit_lon, exit_lat)[2]
     return np.asarray(metres) / METRES_PER_NM

@@ -84,7 +84,8 @@ def _read(path: Path, file: BinaryIO, columns: Sequence[str], filters: Any) -> p
     groups = _groups(path, head, filters or [])
     _check_head(path, head, needed, groups)
     texts = sorted(TEXT & set(needed))
-    with pq.ParquetFile(file, metadata=head, read_dictionary=texts) as parquet:
+    # Without pre-buffering, no thread of pyarrow can still hold the file when Python ends.
+    with pq.ParquetFile(file, metadata=head, read_dictionary=texts, pre_buffer=False) as parquet:
         empty = parquet.schema_arrow.empty_table().select(needed)
         parts, rows = [empty], 0
         for batch in parquet.iter_batches(

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from skystack.errors import InputError
+from skystack.errors import MAX_INT, InputError, checked_integer
 from skystack.evaluation.stored import has_column, read_table
 from skystack.io.files import AnyPath
 
@@ -40,6 +40,9 @@ def traffic_frame(path: AnyPath, scenario: int | None = None, start: datetime = 
     or if pandas is not installed.
     """
     pandas = _pandas()
+    if scenario is not None:
+        scenario = checked_integer("scenario", scenario, 0, MAX_INT)
+    begin = _checked_start(start)
     path = Path(path)
     file = path / "trajectories.parquet" if path.is_dir() else path
     numbered = has_column(file, "scenario")  # simulate flies a single scenario, without a number
@@ -62,7 +65,7 @@ def traffic_frame(path: AnyPath, scenario: int | None = None, start: datetime = 
     flight_id = [f"{scenario}-{sign}" for scenario, sign in signs]
     icao24 = {flight: f"{index:06x}" for index, flight in enumerate(dict.fromkeys(flight_id), 1)}
     head = {
-        "timestamp": pandas.Timestamp(start).tz_convert("UTC").as_unit("ns")
+        "timestamp": pandas.Timestamp(begin).as_unit("ns")
         + pandas.to_timedelta(elapsed_s, unit="s").as_unit("ns"),
         "flight_id": flight_id,
         "icao24": [icao24[flight] for flight in flight_id],
@@ -70,6 +73,15 @@ def traffic_frame(path: AnyPath, scenario: int | None = None, start: datetime = 
     }
     tail = {"scenario": number, "status": table["status"].to_pylist()}
     return pandas.DataFrame(head | values | tail)
+
+
+def _checked_start(start: Any) -> datetime:
+    """The start in UTC. Raises InputError unless it is a time with a time zone, 1700 to 2050."""
+    if not isinstance(start, datetime) or start.tzinfo is None or not 1700 < start.year < 2050:
+        raise InputError(
+            f"start is {start!r} (allowed: a datetime with a time zone, from 1701 to 2049)"
+        )
+    return start.astimezone(UTC)
 
 
 def _pandas() -> Any:

@@ -143,17 +143,43 @@ def make_folder(path: Path) -> Path:
 
 
 @contextmanager
-def scratch_folder(prefix: str, within: Path | None = None) -> Iterator[Path]:
-    """A temporary folder, deleted afterwards; in the system's temporary folder by default."""
+def scratch_folder(prefix: str, within: Path | None = None, suffix: str = "") -> Iterator[Path]:
+    """A temporary folder, deleted afterwards; in the system's temporary folder by default.
+
+    Raises InputError if it cannot be made in the folder `within`.
+    """
     folder: tempfile.TemporaryDirectory[str] | None = None
     try:
         with defer_signals():
-            folder = tempfile.TemporaryDirectory("", prefix, within, ignore_cleanup_errors=True)
+            try:
+                folder = tempfile.TemporaryDirectory(
+                    suffix, prefix, within, ignore_cleanup_errors=True
+                )
+            except OSError as error:
+                if within is None:
+                    raise
+                raise not_written(within, error) from None
         yield Path(folder.name)
     finally:
         with defer_signals():
             if folder is not None:
                 folder.cleanup()
+
+
+def publish(folder: Path, target: Path) -> None:
+    """Move all files of a folder to the same places in another one of the same file system.
+
+    Raises InputError, and moves nothing, if a folder is where a file belongs.
+    """
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    places = [target / path.relative_to(folder) for path in files]
+    for place in places:
+        if place.is_dir():
+            raise InputError(f"{place}: is a folder (allowed: a file)")
+    with defer_signals():
+        for path, place in zip(files, places, strict=True):
+            make_folder(place.parent)
+            path.replace(place)
 
 
 def _sync_folder(folder: Path) -> None:

@@ -1,5 +1,6 @@
 """Locks on run folders that are in use, and deletion of those that a failed run leaves empty."""
 
+import shutil
 import time
 import warnings
 from collections.abc import Iterable, Iterator
@@ -23,16 +24,19 @@ def locked_folder(folder: Path, below: Iterable[str] = ()) -> Iterator[None]:
     """Lock a run folder, which is created if it does not exist.
 
     The operating system releases the lock when the process ends, however it ends. Temporary files
-    that killed processes left in the folder are deleted, as are those in the subfolders `below`
-    (glob patterns) of the same run. On failure, a folder that holds only the lock is deleted.
-    Raises InputError if another process holds the lock.
+    and folders that killed processes left in the folder are deleted, as are those in the subfolders
+    `below` (glob patterns) of the same run. On failure, a folder that holds only the lock is
+    deleted. Raises InputError if another process holds the lock.
     """
     with delete_empty_on_failure(folder):
         lock = _acquire(folder)
         try:
             for each in (folder, *(inner for pattern in below for inner in folder.glob(pattern))):
                 for leftover in each.glob(f".*{TEMPORARY_SUFFIX}"):
-                    leftover.unlink(missing_ok=True)
+                    if leftover.is_dir():
+                        shutil.rmtree(leftover, ignore_errors=True)
+                    else:
+                        leftover.unlink(missing_ok=True)
             yield
         except BaseException:
             if not any(path.is_file() for path in folder.rglob("*") if path != folder / LOCK):

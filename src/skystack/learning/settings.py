@@ -8,6 +8,7 @@ Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
 Count = Annotated[int, msgspec.Meta(ge=1, le=1_000_000_000)]
+Units = Annotated[int, msgspec.Meta(ge=1, le=4096)]
 
 
 class Pretraining(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -30,7 +31,7 @@ class PPOSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Discount factor (paper)."""
     entropy: NotNegative = 0.01
     """Entropy coefficient (paper)."""
-    hidden: tuple[Count, ...] = (64, 64)
+    hidden: tuple[Units, ...] = (64, 64)
     """Units of the hidden layers, with ReLU activations (paper)."""
     final_learning_rate: Fraction = 1.0
     """The final learning rate as a fraction of the initial one; the schedule is linear."""

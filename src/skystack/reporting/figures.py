@@ -50,14 +50,14 @@ HISTOGRAMS = {"lateral": {*OVERVIEW["lateral"], "lateral-large-plain", "lateral-
 """The rows in the combined histograms, where these are not all."""
 
 
-def write_figures(run: Path) -> list[Path]:
-    """Draw all figures into `figures/`, each as PNG and SVG.
+def write_figures(run: Path, folder: Path | None = None) -> list[Path]:
+    """Draw all figures of a run into a folder, by default its `figures/`, as PNG and SVG.
 
     Raises InputError that names a missing or damaged file.
     """
     with house_style():
         figures = list(_figures(read_run(run)))  # read everything before writing
-        folder = make_folder(run / "figures")
+        folder = make_folder(run / "figures" if folder is None else folder)
         return [path for name, figure in figures for path in save(figure, folder / name)]
 
 

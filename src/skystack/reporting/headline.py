@@ -11,11 +11,12 @@ def headline(run: Run) -> Iterator[str]:
 
     A policy that is not trained is not mentioned.
     """
+    quick = ", trained briefly" if run.results.quick else ""
     for family in run.results.families:
         plain, stacked = (_row(run, family, way) for way in (False, True))
         if plain is not None and stacked is not None:
             yield (
-                f"{family_title(family)} with the paper's settings: stacking reduces the "
+                f"{family_title(family)} with the paper's settings{quick}: stacking reduces the "
                 f"clearances per scenario from {decimal(plain.clearances_mean)} to "
                 f"{decimal(stacked.clearances_mean)}, at {percent(stacked.success_rate)} success."
             )
@@ -23,7 +24,7 @@ def headline(run: Run) -> Iterator[str]:
         if best is not None:
             least = "" if bound is None else decimal(bound.clearances_mean)
             yield (
-                f"{family_title(family)} with our own settings, stacked: "
+                f"{family_title(family)} with our own settings{quick}, stacked: "
                 f"{decimal(best.clearances_mean)} clearances per scenario, at "
                 f"{percent(best.success_rate)} success{least and f' (fewest possible: {least})'}."
             )

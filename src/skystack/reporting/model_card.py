@@ -13,7 +13,6 @@ import jinja2
 import msgspec
 
 from skystack.evaluation.evaluate import policy_task
-from skystack.evaluation.paper import paper_row
 from skystack.learning.experiment import (
     Experiment,
     experiment_from,
@@ -53,7 +52,7 @@ def card(name: str, policy: Policy, measured: Measured) -> str:
     described = policy.description
     experiment = experiment_from(described.config, f"policy {name}")
     task, kind = policy_task(policy), find_task(experiment.task.name)
-    paper = [paper_row(described.experiment, row["stacking"]) for row in measured.rows]
+    paper = [row["paper"] for row in measured.rows]
     environment = jinja2.Environment(
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from skystack.io.files import atomic_write
+from skystack.io.files import TEMPORARY_SUFFIX, atomic_write, publish, scratch_folder
 from skystack.learning.experiment import experiment_names
 from skystack.reporting import tables
 from skystack.reporting.claims import Claim, check_claims, claims_table
@@ -51,6 +51,10 @@ class RowSection(NamedTuple):
     """In the order of issue, all aircraft together."""
 
 
+Pictures = Mapping[str, str]
+"""The SVG texts of the figures by name."""
+
+
 class FamilySection(NamedTuple):
     """The section of the report on the experiments of one task."""
 
@@ -88,23 +92,27 @@ class Tile(NamedTuple):
 def write_report(run: Path) -> Path:
     """Write `figures/`, `results.md`, replays and `report.html`; return the path of the report.
 
-    Raises InputError that names a missing or damaged file.
+    Raises InputError that names a missing or damaged file. The files of an earlier report are then
+    unchanged.
     """
-    drawn = {path.stem for path in write_figures(run)}
-    contents, path = read_run(run), run / "report.html"
-    atomic_write(run / "results.md", as_markdown(contents).encode())
-    replays = {
-        family: _write_replay(contents, family, rows)
-        for family, rows in contents.results.families.items()
-    }
-    atomic_write(path, _page(contents, drawn, replays))
-    return path
+    contents = read_run(run)
+    with scratch_folder(".report.", run, TEMPORARY_SUFFIX) as scratch:
+        drawn = write_figures(run, scratch / "figures")
+        pictures = {path.stem: path.read_text("utf-8") for path in drawn if path.suffix == ".svg"}
+        atomic_write(scratch / "results.md", as_markdown(contents).encode())
+        replays = {
+            family: _write_replay(contents, family, rows, scratch)
+            for family, rows in contents.results.families.items()
+        }
+        atomic_write(scratch / "report.html", _page(contents, pictures, replays))
+        publish(scratch, run)
+    return run / "report.html"
 
 
-def _write_replay(run: Run, family: str, rows: Sequence[Row]) -> str | None:
+def _write_replay(run: Run, family: str, rows: Sequence[Row], folder: Path) -> str | None:
     """Write the replay of a family's scenario, one policy without and with stacking, if flown.
 
-    Returns the name of the file in the run folder.
+    Returns the name of the file in the folder.
     """
     flown = [row for row in run.results.drawn(rows) if not row.is_no_op and not row.is_shipped]
     stacked = [row for row in flown if row.stacking]
@@ -114,20 +122,22 @@ def _write_replay(run: Run, family: str, rows: Sequence[Row]) -> str | None:
     plain = [row for row in flown if (row.experiment, row.stacking) == (last.experiment, False)]
     name = f"replay-{family}.html"
     shown = [run.evaluation(row) for row in (*plain, last)]
-    write_replay(shown, run.folder / name, only=typical_scenario(run, rows))
+    write_replay(shown, folder / name, only=typical_scenario(run, rows))
     return name
 
 
-def _page(run: Run, drawn: set[str], replays: Mapping[str, str | None]) -> bytes:
+def _page(run: Run, pictures: Pictures, replays: Mapping[str, str | None]) -> bytes:
     results, claims = run.results, check_claims(run)
     return render(
         "report.html.jinja",
         results=results,
         headline=list(headline(run)),
         tiles=_tiles(run),
-        setting={name: _picture(run, name, SETTING[name]) for name in SETTING if name in drawn},
+        setting={
+            name: _picture(pictures, name, SETTING[name]) for name in SETTING if name in pictures
+        },
         families=[
-            _family(run, drawn, claims, *family)._replace(replay=replays[family[0]])
+            _family(run, pictures, claims, *family)._replace(replay=replays[family[0]])
             for family in results.families.items()
         ],
         platforms=tables.platforms(results.platforms),
@@ -149,13 +159,13 @@ def _several_seeds(rows: Sequence[Row]) -> bool:
 
 
 def _family(
-    run: Run, drawn: set[str], claims: Sequence[Claim], family: str, rows: list[Row]
+    run: Run, pictures: Pictures, claims: Sequence[Claim], family: str, rows: list[Row]
 ) -> FamilySection:
     scenario, drawn_rows = typical_scenario(run, rows), run.results.drawn(rows)
     bound = run.bound_of(family)
 
     def if_drawn(name: str, words: str) -> Picture | None:
-        return _picture(run, name, words) if name in drawn else None
+        return _picture(pictures, name, words) if name in pictures else None
 
     return FamilySection(
         name=family,
@@ -169,7 +179,7 @@ def _family(
         kind=kind_of_scenario(run, rows, scenario),
         replay=None,
         tuned_missing=_tuned_missing(run, family),
-        sections=tuple(_section(run, row, scenario) for row in drawn_rows),
+        sections=tuple(_section(run, pictures, row, scenario) for row in drawn_rows),
         histograms=if_drawn(f"histograms-{family}", "Clearances per scenario, all rows"),
         separations=if_drawn(f"separations-{family}", "Minimum separation per scenario"),
         convergence=if_drawn(
@@ -177,7 +187,7 @@ def _family(
         ),
         success=if_drawn(f"success-{family}", "Success during training, all experiments"),
         curves=tuple(
-            _picture(run, f"learning-{name}", f"Learning curves: {experiment_title(name)}")
+            _picture(pictures, f"learning-{name}", f"Learning curves: {experiment_title(name)}")
             for name in run.results.experiments_of(family)
         ),
     )
@@ -215,15 +225,15 @@ def _overview() -> set[str]:
     return {slug for slugs in OVERVIEW.values() for slug in slugs}
 
 
-def _section(run: Run, row: Row, number: int) -> RowSection:
+def _section(run: Run, pictures: Pictures, row: Row, number: int) -> RowSection:
     scenario = read_scenario(run.evaluation(row), number)
     issued = [clearance for track in scenario.tracks for clearance in track.clearances]
     return RowSection(
         title=row.title,
         is_open=row.slug in _overview() or row.family not in OVERVIEW,
-        flights=_picture(run, f"trajectory-{row.slug}", _alternative_text(scenario)),
+        flights=_picture(pictures, f"trajectory-{row.slug}", _alternative_text(scenario)),
         histogram=_picture(
-            run, f"histogram-{row.slug}", f"Histogram of clearances per scenario: {row.name}"
+            pictures, f"histogram-{row.slug}", f"Histogram of clearances per scenario: {row.name}"
         ),
         clearances=clearances_text(scenario.clearances),
         issued=tuple(sorted(issued, key=lambda clearance: clearance.cycle)),
@@ -240,6 +250,5 @@ def _alternative_text(scenario: FlownScenario) -> str:
     return f"Scenario {scenario.number}: {flights}"
 
 
-def _picture(run: Run, name: str, words: str) -> Picture:
-    drawing = (run.folder / "figures" / f"{name}.svg").read_text("utf-8")
-    return picture_of(drawing, words)
+def _picture(pictures: Pictures, name: str, words: str) -> Picture:
+    return picture_of(pictures[name], words)

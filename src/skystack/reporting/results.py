@@ -20,6 +20,8 @@ from skystack.tasks.registry import tasks
 Figure = Annotated[float, msgspec.Meta(ge=-1e15, le=1e15)]
 Count = Annotated[int, msgspec.Meta(ge=0, le=10**15)]
 Number = Figure | None
+Rate = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] | None
+NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e15)] | None
 """A value that could not be measured is null, because JSON has no NaN."""
 
 SIMULATORS = {OWN: "skystack", "bluebird": "BluebirdDT", "bluesky": "BlueSky"}
@@ -146,20 +148,20 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     seed: Count | None = None
     """The training seed; only in `rows_by_seed`."""
     episodes: Count
-    clearances_mean: Number
-    clearances_std: Number
-    instructions_mean: Number
-    exit_offset_nm_mean: Number = None
+    clearances_mean: NotNegative
+    clearances_std: NotNegative
+    instructions_mean: NotNegative
+    exit_offset_nm_mean: NotNegative = None
     """The mean distance from the exit fix at the exit; old files do not state it."""
-    success_rate: Number
-    correct_exit_rate: Number
-    excursion_rate: Number
-    few_clearances_rate: Number
+    success_rate: Rate
+    correct_exit_rate: Rate
+    excursion_rate: Rate
+    few_clearances_rate: Rate
     loss_of_separation_count: Count
     paper: Paper | None = None
     wall_s: Number = None
     """The wall time of the evaluation."""
-    same_clearances_rate: Number = None
+    same_clearances_rate: Rate = None
     """The share of scenarios with the same clearances as in skystack; only in `platforms`."""
     statistics: dict[str, Statistics] = {}
     """By measure (`skystack.evaluation.statistics`); only in `rows`."""
@@ -216,7 +218,7 @@ class Training(msgspec.Struct, frozen=True):
 class Results(msgspec.Struct, frozen=True, kw_only=True):
     """The contents of `results.json`."""
 
-    rows: list[Row]
+    rows: Annotated[list[Row], msgspec.Meta(min_length=1)]
     rows_by_seed: list[Row]
     train: list[Training]
     wall_s: Figure

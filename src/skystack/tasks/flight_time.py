@@ -39,7 +39,7 @@ class FlightTimes(NamedTuple):
 
 
 def flight_times(simulator: Simulator, levels_fl: tuple[int, ...], disc_nm: float) -> FlightTimes:
-    """Flight times from the near side of the disc around the first fix to the exit fix.
+    """Flight times from the near side of the disc around the first fix to the exit.
 
     `disc_nm` is the radius of the disc. Routes are flown along geodesic legs, and speeds are the
     level speeds of all types at all levels.
@@ -48,7 +48,8 @@ def flight_times(simulator: Simulator, levels_fl: tuple[int, ...], disc_nm: floa
     table = simulator.sector.route_table
     leg = np.arange(table.leg_nm.shape[1])
     to_exit_nm = np.where(leg < table.last_fix[:, None] - 1, table.leg_nm, 0.0).sum(axis=1)
-    distance_nm = np.maximum(to_exit_nm.astype(np.float64) - disc_nm, 0.0)
+    shorter_nm = disc_nm + simulator.sector.exit_before_nm
+    distance_nm = np.maximum(to_exit_nm.astype(np.float64) - shorter_nm, 0.0)
 
     def cycles(kt: float) -> Int[np.ndarray, " routes"]:
         return np.maximum(np.ceil(distance_nm / (kt * CYCLE_S / 3600.0)), 1.0).astype(np.int64)

@@ -137,12 +137,23 @@ class NavigationTask:
     def may_stack(
         self, state: NavigationState, action: Int[Array, "*batch"]
     ) -> Bool[Array, "*batch"]:
-        return self.table.may_stack(state.traffic, action)
+        allowed = self.table.may_stack(state.traffic, action)
+        if self.settings.control == "entered":
+            allowed &= jnp.any(self._instructed(state, action), axis=0)
+        return allowed
 
-    def instruct(self, state: NavigationState, action: Int[Array, "*batch"]) -> NavigationState:
+    def _instructed(
+        self, state: NavigationState, action: Int[Array, "*batch"]
+    ) -> Bool[Array, "aircraft *batch"]:
+        """The aircraft that an action instructs: one, or none."""
         instructed = self.table.addressed(state.traffic, action) & state.traffic.active
         if self.settings.control == "entered":
             instructed &= state.memory.progress.entered
+        return instructed
+
+    def instruct(self, state: NavigationState, action: Int[Array, "*batch"]) -> NavigationState:
+        instructed = self._instructed(state, action)
+        if self.settings.control == "entered":
             action = jnp.where(jnp.any(instructed, axis=0), action, NO_OP)
         return NavigationState(
             self.table.instruct(state.traffic, action),

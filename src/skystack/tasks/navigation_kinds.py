@@ -3,6 +3,10 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
+import jax.numpy as jnp
+import numpy as np
+
+from skystack.airspace.geometry import inside_area
 from skystack.airspace.sector import Sector
 from skystack.airspace.sectors import sector_from
 from skystack.errors import InputError, unknown_name
@@ -33,6 +37,7 @@ def build_navigation(settings: NavigationSettings) -> NavigationTask:
         sector = replace(sector, levels_fl=_checked_levels(settings.levels_fl))
     if settings.exit_nm is not None or settings.exit_before_nm:
         sector = replace(sector, exit_nm=settings.exit_nm, exit_before_nm=settings.exit_before_nm)
+        _check_exits(sector)
     vertical = settings.name == VERTICAL
     simulator = Simulator(sector, _performance(settings), own_navigation=vertical)
     _check_names("features", settings.features, FEATURES)
@@ -77,7 +82,14 @@ def describe_navigation(settings: NavigationSettings) -> TaskDescription:
     """The description of the task with the given settings."""
     reward = settings.reward
     exit_level = " at its exit level" if settings.actions == "levels" else ""
-    criteria = (f"every aircraft leaves through its exit{exit_level}", "there is no excursion")
+    width = settings.exit_nm
+    within = "" if width is None else f", at most {width:g} NM from the middle of the exit"
+    airway = settings.airway_nm
+    beyond = "" if airway is None else f", also none of more than {airway:g} NM from the route"
+    criteria = (
+        f"every aircraft leaves through its exit{exit_level}{within}",
+        f"there is no excursion{beyond}",
+    )
     return TaskDescription(
         summary=_summary(settings),
         observed=tuple(_observed(settings)),
@@ -207,6 +219,20 @@ def _checked_levels(levels_fl: tuple[int, int]) -> tuple[int, int]:
             "the lower first)"
         )
     return levels_fl
+
+
+def _check_exits(sector: Sector) -> None:
+    """Raise InputError unless all exits are inside the area, on the leg to the exit fix."""
+    if not sector.exit_before_nm:
+        return
+    legs_nm = [sector.leg_nm(*route[-3:-1]) for route in sector.routes]
+    points = np.array([sector.exit_point_nm(route) for route in sector.routes])
+    inside = np.asarray(inside_area(jnp.asarray(points, dtype=jnp.float32), sector.area_nm))
+    if sector.exit_before_nm >= min(legs_nm) or not inside.all():
+        raise InputError(
+            f"task.exit_before_nm is {sector.exit_before_nm:g} (allowed in {sector.name}: inside "
+            f"the area, and less than {min(legs_nm):.1f}, the shortest leg to an exit)"
+        )
 
 
 def _check_names(where: str, names: tuple[str, ...], known: Iterable[str]) -> None:

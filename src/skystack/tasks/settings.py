@@ -82,12 +82,12 @@ class NavigationSettings(TaskSettings, frozen=True, forbid_unknown_fields=True):
     """The types of aircraft; each aircraft draws one. If empty, all are B753."""
     disc_nm: Annotated[float, msgspec.Meta(ge=0.0, le=50.0)] = 4.0
     """Radius of the disc around the first fix in which aircraft start. Not used by `vertical`."""
-    exit_nm: Annotated[float, msgspec.Meta(gt=0.0, le=50.0)] | None = None
+    exit_nm: Annotated[float, msgspec.Meta(ge=0.1, le=50.0)] | None = None
     """Half the width of an exit: how far from the exit fix an aircraft may leave. None means the
     whole edge of the sector that has the exit fix."""
     exit_before_nm: Annotated[float, msgspec.Meta(ge=0.0, le=20.0)] = 0.0
     """How far inside the sector an exit lies, along the leg to the exit fix."""
-    airway_nm: Annotated[float, msgspec.Meta(gt=0.0, le=50.0)] | None = None
+    airway_nm: Annotated[float, msgspec.Meta(ge=0.1, le=50.0)] | None = None
     """The distance from the centreline beyond which an aircraft has made an excursion. None means
     that only leaving the sector is one."""
     control: Literal["always", "entered"] = "always"

@@ -12,7 +12,7 @@ from skystack.reporting.replay.page import write_replay
 from tests.docs.blocks import ROOT
 
 from .browser import PHONE, viewing
-from .meeting import AHEAD_NM, BESIDE_NM, CLOSING_NM, EVIL, FIRST_LOSS, LAST_LOSS
+from .meeting import AHEAD_NM, BESIDE_NM, CLOSING_NM, EVIL, FIRST_LOSS, LAST_LOSS, meeting
 
 
 @pytest.fixture(scope="module")
@@ -106,6 +106,16 @@ def test_clearance_appears_in_the_row_after_its_cycle(open_page):
         assert viewer.row == 41
         strip = viewer.page.locator(".strip").nth(1)
         assert "H270→280" in strip.inner_text()
+
+
+def test_a_heading_and_a_level_at_once_are_one_clearance(browser, fly, tmp_path):
+    combined = {"cycle": 40, "callsign": "AC2", "heading_deg": 280, "fl": 320}
+    write_replay([fly("combined", meeting(combined))], tmp_path / "page.html")
+    with viewing(browser, tmp_path / "page.html", "scenario=0&cycle=60") as viewer:
+        assert viewer.log == ["AC2 turn right heading 280, climb FL320"]
+        assert "1 of 1 clearance" in viewer.page.locator(".count").inner_text()
+        assert viewer.page.locator("#scenario").inner_text().startswith("0: 1 clearance")
+        assert "1: H280 FL320" in viewer.page.locator(".strip").nth(1).inner_text()
 
 
 def test_log_entries_lead_to_their_clearances(open_page, evaluation):

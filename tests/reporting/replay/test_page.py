@@ -114,6 +114,13 @@ def test_rejects_invalid_options(capsys, evaluation, tmp_path, monkeypatch, word
     assert list(tmp_path.iterdir()) == []
 
 
+def test_no_second_after_the_end_is_drawn(capsys, alone, tmp_path):
+    """The flight ends after ten cycles of six seconds."""
+    code, _, err = run(capsys, alone, "-o", tmp_path / "still.png", "--from", 61)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "--from 61 --to 60 (allowed: times from 0 to 60 s" in err
+
+
 def test_airways_follow_geodesics(far_north):
     """Points on the geodesics of curved legs are within 0.06 NM of the drawn lines."""
     replay = read_replay(far_north)

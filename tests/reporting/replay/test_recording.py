@@ -15,7 +15,7 @@ from skystack.evaluation.writing import write_table
 from skystack.reporting.replay.recording import as_json, read_replay
 
 from .conftest import SCENARIOS
-from .meeting import AHEAD_NM, BESIDE_NM, CLOSING_NM, EVIL, FIRST_LOSS, LAST_LOSS
+from .meeting import AHEAD_NM, BESIDE_NM, CLOSING_NM, EVIL, FIRST_LOSS, LAST_LOSS, meeting
 
 TABLES = ("episodes", "aircraft", "trajectories", "clearances")
 
@@ -225,3 +225,14 @@ def test_reads_a_single_scenario(evaluation):
     missing = rf"has no scenario {SCENARIOS} \(found: 0 to {SCENARIOS - 1}\)"
     with pytest.raises(InputError, match=missing):
         read_replay(evaluation, only=SCENARIOS)
+
+
+def test_a_heading_and_a_level_at_once_are_one_transmission(fly):
+    combined = {"cycle": 40, "callsign": "AC2", "heading_deg": 280, "fl": 320}
+    later = {"cycle": 41, "callsign": "AC2", "heading_deg": 290}
+    (scenario,) = read_replay(fly("combined", meeting(combined, later))).scenarios
+    assert [each.kind for each in scenario.clearances] == ["heading", "level", "heading"]
+    assert [each.text for each in scenario.transmissions] == [
+        "AC2 turn right heading 280, climb FL320",
+        "AC2 turn right heading 290",
+    ]

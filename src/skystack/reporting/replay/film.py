@@ -70,7 +70,7 @@ def span_of(replays: tuple[Replay, ...], number: int, from_s: int, to_s: int | N
     scenarios = [_scenario(replay, number) for replay in replays]
     last = max(scenario.cycles for scenario in scenarios)
     end = last if to_s is None else to_s // CYCLE_S
-    if not 0 <= from_s // CYCLE_S <= end <= last:
+    if not (0 <= from_s <= last * CYCLE_S and from_s // CYCLE_S <= end <= last):
         raise InputError(
             f"--from {from_s} --to {end * CYCLE_S if to_s is None else to_s} (allowed: times from "
             f"0 to {last * CYCLE_S} s, the earlier one first)"
@@ -285,7 +285,7 @@ class _FilmScene(_Scene):
 
 
 def _title(replay: Replay, scenario: ReplayScenario, row: int) -> str:
-    issued = sum(each.cycle < row for each in scenario.clearances)
+    issued = sum(each.cycle < row for each in scenario.transmissions)
     minutes, seconds = divmod(row * CYCLE_S, 60)
     count = f"{issued} clearance{'' if issued == 1 else 's'}"
     return f"{replay.title}\n{count}, time {minutes:02d}:{seconds:02d}"
@@ -328,7 +328,7 @@ def _write_losses(axes: Axes, scenario: ReplayScenario, row: int) -> list[Text]:
 
 def _write_clearances(axes: Axes, scenario: ReplayScenario, row: int) -> list[Text]:
     """Write the last clearances below the panel, the latest first."""
-    issued = [each for each in scenario.clearances if each.cycle < row]
+    issued = [each for each in scenario.transmissions if each.cycle < row]
     texts = []
     for line, each in enumerate(issued[: -LATEST - 1 : -1]):
         recent = row - each.cycle <= 5

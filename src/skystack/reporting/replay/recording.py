@@ -97,6 +97,13 @@ class ReplayScenario:
     failures: tuple[Failure, ...] = ()
     """Why it did not succeed; empty if it did, or if the tables do not tell."""
 
+    @property
+    def transmissions(self) -> list[RecordedClearance]:
+        """The clearances, without the second element of those with a heading and a level."""
+        return list({(each.cycle, each.aircraft): each for each in self.clearances[::-1]}.values())[
+            ::-1
+        ]
+
 
 @dataclass(frozen=True)
 class Replay:

@@ -39,20 +39,28 @@ function unpackAircraft(packed, parts) {
   };
 }
 
+/** The clearances without the second element of those with a heading and a level. */
+function transmissionsOf(clearances) {
+  const said = new Set();
+  return clearances.filter(({ aircraft, cycle }) => said.size < said.add(`${aircraft} ${cycle}`).size);
+}
+
 /** One scenario of one run, ready to be drawn. */
 function unpackScenario(packed, parts) {
   const aircraft = packed.aircraft.map((each) => unpackAircraft(each, parts));
+  const clearances = packed.clearances.map((issued) => ({
+    ...issued,
+    callsign: aircraft[issued.aircraft].callsign,
+    row: issued.cycle + 1, // the first that shows it as cleared
+  }));
   return {
     cycles: packed.cycles,
     success: packed.success,
     failures: packed.failures,
     aircraft,
     losses: packed.losses,
-    clearances: packed.clearances.map((issued) => ({
-      ...issued,
-      callsign: aircraft[issued.aircraft].callsign,
-      row: issued.cycle + 1, // the first that shows it as cleared
-    })),
+    clearances,
+    transmissions: transmissionsOf(clearances),
   };
 }
 

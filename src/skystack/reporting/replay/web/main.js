@@ -117,7 +117,7 @@ async function copyLink() {
 function fillScenarios() {
   replay.runs[0].scenarios.forEach(({ number }, index) => {
     const flown = replay.runs.map((run) => run.scenarios[index]);
-    const counts = flown.map((each) => each.clearances.length).join(" and ");
+    const counts = flown.map((each) => transmissionsOf(each.clearances).length).join(" and ");
     const lost = flown.some((each) => each.losses.length) ? ", loss of separation" : "";
     const reasons = new Set(flown.flatMap((each) => each.failures.map(({ reason }) => reason)));
     const why = [...reasons].map((each) => REASONS.get(each) ?? each).join(", ");

@@ -55,7 +55,7 @@ class Panels {
     this.verdict.dataset.good = scenario.success !== false && !scenario.losses.length;
     this.rows = scenario.aircraft.map((aircraft) => this.strip(aircraft));
     this.strips.replaceChildren(...this.rows.map((row) => row.item));
-    this.entries = scenario.clearances.map((issued) => this.entry(issued));
+    this.entries = scenario.transmissions.map((issued) => this.entry(issued));
     this.log.replaceChildren(...this.entries.map((entry) => entry.item));
     this.shown = null; // the number of clearances in the log that have been issued
     if (!this.entries.length) this.log.append(element("li", "none", "No clearances."));
@@ -97,9 +97,10 @@ class Panels {
   /** Updates what changes from row to row; `isShown` tells which aircraft are on the radar. */
   show(row, isShown) {
     const issued = this.scenario.clearances.filter((each) => each.row <= row);
-    const all = this.scenario.clearances.length;
+    const count = this.scenario.transmissions.filter((each) => each.row <= row).length;
+    const all = this.scenario.transmissions.length;
     const instructions = issued.reduce((sum, each) => sum + each.instructions, 0);
-    const number = element("strong", "", String(issued.length));
+    const number = element("strong", "", String(count));
     const detail = element("span", "detail", ` (${counted(instructions, "instruction")})`);
     this.count.replaceChildren(number, ` of ${counted(all, "clearance")}`, detail);
     const own = new Map(this.scenario.aircraft.map(({ callsign }) => [callsign, []]));
@@ -108,7 +109,7 @@ class Panels {
       this.showStrip(each, row, own.get(each.aircraft.callsign));
       each.item.classList.toggle("hidden-level", !isShown(each.aircraft));
     }
-    this.showLog(issued.length);
+    this.showLog(count);
   }
 
   /** Writes the measured line and the level filter over the radar. */
@@ -138,7 +139,8 @@ class Panels {
       return `${each.kind === "level" ? "FL" : "H"}${value.padStart(3, "0")}`;
     });
     const more = own.length > STRIP_CLEARANCES ? "… " : "";
-    const text = own.length ? `${own.length}: ${more}${values.join(" ")}` : "no clearances yet";
+    const count = new Set(own.map((each) => each.row)).size;
+    const text = own.length ? `${count}: ${more}${values.join(" ")}` : "no clearances yet";
     setText(summary, text);
     button.setAttribute("aria-pressed", String(this.player.isSelected(aircraft.callsign)));
   }
