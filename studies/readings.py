@@ -1,0 +1,301 @@
+"""Readings of the paper: which of the choices that it leaves open leads to its numbers.
+
+    python -m studies.readings [READING ...] [--seeds 3] [--avoidance] [--out DIR]
+
+A reading is a set of choices, `FACTORS`. Each reading trains the paper's policies (undamped,
+damped, 37 actions; with `--avoidance` instead the two of lateral navigation and avoidance) and
+evaluates them on the same 1,000 held-out scenarios: with the most probable or a sampled action,
+unstacked and stacked. The result is a Markdown table, the reading nearest to the paper first.
+Finished work in DIR is reused, so the command can be interrupted and repeated. READING is `ours` or
+factors joined by `+`; by default all of `READINGS`.
+
+The distance between a reading and the paper was fixed before any reading was trained: the mean of
+abs(ln(ours / paper)) over the means and the standard deviations of the paper's rows, values below
+0.1 taken as 0.1. It is 0 for the paper's numbers and 0.69 where all are wrong by a factor of two.
+"""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from pathlib import Path
+from statistics import mean
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+import skystack
+from skystack.compilation.cores import cores
+from skystack.compilation.programs import compile_for_one_core, program_cache
+from skystack.errors import InputError, unknown_name
+from skystack.evaluation.evaluate import Conditions, evaluate
+from skystack.evaluation.paper import PAPER
+from skystack.learning.experiment import Experiment, load_experiment
+from skystack.reporting.tables import NOTHING, Table, mean_and_std, percent
+from skystack.reproduction.jobs import Way, train_or_load
+from skystack.reproduction.pieces import once
+from skystack.reproduction.plan import Plan
+
+EPISODES = 1000
+LEAST = 0.1
+"""Smaller means and standard deviations count as this."""
+LATERAL = ("lateral-undamped", "lateral", "lateral-large")
+AVOIDANCE = ("avoidance", "avoidance-large")
+UNDAMPED = "lateral-undamped"
+
+
+class Factor(NamedTuple):
+    """A choice that the paper leaves open, made differently than in our experiments."""
+
+    description: str
+    changes: tuple[str, ...] = ()
+    """Changed settings of all experiments."""
+    damped: tuple[str, ...] = ()
+    """Changed settings of the damped lateral experiments."""
+    avoidance: tuple[str, ...] = ()
+    """Changed settings of the avoidance experiments, whose damping has another weight."""
+
+
+def _damping(description: str, name: str, share: float, *changes: str) -> Factor:
+    """A damping term whose weight is a multiple of the paper's."""
+    off = ("task.reward.damping=0.0",) if name != "damping" else ()
+    lateral = (*off, f"task.reward.{name}={0.25 * share:g}")
+    weight = f"{name}={0.3 * share:g}"
+    first = ("pretraining.reward.damping=0.0",) if off else ()
+    avoidance = (*off, f"task.reward.{weight}", *first, f"pretraining.reward.{weight}")
+    return Factor(description, changes, lateral, avoidance)
+
+
+LEG = 'task.features=["theta_f","theta_sf","d_leg","delta_t"]'
+FACTORS = {
+    "constant": Factor("400 kt and 2,000 ft/min", ("task.performance=constant",)),
+    "small-updates": Factor("2,048 samples an update", ("ppo.environments=16",)),
+    "minibatch-64": Factor("minibatches of 64", ("ppo.minibatch=64",)),
+    "unscaled": Factor("rewards not scaled", ("ppo.reward_scale=1.0",)),
+    "sb3": Factor(
+        "the three above, as in Stable-Baselines3",
+        ("ppo.environments=16", "ppo.minibatch=64", "ppo.reward_scale=1.0"),
+    ),
+    "raw-observations": Factor(
+        "observations not normalised", ("ppo.normalise_observations=false",)
+    ),
+    "raw-advantages": Factor("advantages not normalised", ("ppo.normalise_advantages=false",)),
+    "in-full": _damping("damping paid in full for each aircraft", "damping", 2.0),
+    "shared-counter": _damping("one counter of damping", "shared_damping", 1.0),
+    "sum": _damping("rewards summed over aircraft", "damping", 2.0, "task.reward.centreline=2.0"),
+    "leg": Factor(
+        "centreline of the active leg",
+        (LEG, "task.reward.centreline=0.0", "task.reward.leg=1.0"),
+    ),
+    "entered": Factor("instructions only after entry", ("task.control=entered",)),
+    "full-time": Factor("scenarios always last 300 cycles", ("task.ends_early=false",)),
+    "exit-1": Factor("exit within 1 NM of the fix", ("task.exit_nm=1.0",)),
+    "exit-before": Factor("exit 1 NM before the fix", ("task.exit_before_nm=1.0",)),
+    "airways": Factor("excursions by airway", ("task.airway_nm=10.0",)),
+}
+READINGS: tuple[tuple[str, ...], ...] = (
+    (),
+    *((name,) for name in FACTORS),
+    ("constant", "in-full"),
+    ("sb3", "constant"),
+    ("sb3", "in-full"),
+    ("sb3", "constant", "in-full"),
+    ("sb3", "constant", "shared-counter"),
+    ("sb3", "constant", "raw-observations"),
+)
+"""Each reading as the names of its factors; the first is ours."""
+
+
+WAYS = tuple(Way(stacking, greedy) for stacking in (False, True) for greedy in (True, False))
+
+
+def name_of(reading: Sequence[str]) -> str:
+    """The name of a reading on the command line."""
+    return "+".join(reading) or "ours"
+
+
+def variant(experiment: str, reading: Sequence[str]) -> Experiment:
+    """An experiment under a reading. Its name has only the factors that affect it."""
+    changes: list[str] = []
+    names = [experiment]
+    for name in reading:
+        own = _changes(FACTORS[name], experiment)
+        changes += own
+        names += [name] * bool(own)
+    return msgspec.structs.replace(load_experiment(experiment, changes), name=".".join(names))
+
+
+def _changes(factor: Factor, experiment: str) -> tuple[str, ...]:
+    if experiment == UNDAMPED:
+        return factor.changes
+    if experiment in AVOIDANCE:
+        return factor.changes + factor.avoidance
+    return factor.changes + factor.damped
+
+
+def distance(rows: Sequence[tuple[tuple[float, float], tuple[float, float]]]) -> float:
+    """The mean of abs(ln(ours / paper)) over pairs of (mean, standard deviation)."""
+    ours, paper = (np.maximum(np.array(side), LEAST) for side in zip(*rows, strict=True))
+    return float(np.mean(np.abs(np.log(ours / paper))))
+
+
+def measure(experiment: Experiment, seed: int, out: Path) -> list[dict[str, Any]]:
+    """Train and evaluate a variant in all `WAYS`: one row each."""
+    plan = Plan((experiment,), 1, EPISODES, out, quick=False, command="")
+    with program_cache():
+        policy, _, _ = train_or_load(plan, experiment, seed, lambda progress: None)
+        record, key = _record(experiment, seed, out, policy.description.sha256)
+        record.parent.mkdir(parents=True, exist_ok=True)
+
+        def fly() -> list[dict[str, Any]]:
+            return [
+                dict(evaluate(policy, Conditions(0, EPISODES, way.stacking, way.greedy)).row)
+                for way in WAYS
+            ]
+
+        rows: list[dict[str, Any]] = once(record, key, fly)[0]
+    return rows
+
+
+def _record(experiment: Experiment, seed: int, out: Path, sha256: str) -> tuple[Path, Any]:
+    """The file of the rows of a training, and what they depend on."""
+    key = {"policy": sha256, "episodes": EPISODES, "version": skystack.__version__}
+    return out / "rows" / f"{experiment.name}-s{seed}.json", key
+
+
+def _measure_in_process(words: tuple[str, tuple[str, ...], int, Path]) -> list[dict[str, Any]]:
+    name, reading, seed, out = words
+    return measure(variant(name, reading), seed, out)
+
+
+def _pieces(
+    readings: Sequence[tuple[str, ...]], experiments: Sequence[str], seeds: int
+) -> Iterator[tuple[str, str, tuple[str, ...], int]]:
+    """Each training once, seed by seed: name of the variant, experiment, reading and seed."""
+    seen = set()
+    for seed in range(seeds):
+        for reading in readings:
+            for experiment in experiments:
+                name = variant(experiment, reading).name
+                if (name, seed) not in seen:
+                    seen.add((name, seed))
+                    yield name, experiment, reading, seed
+
+
+def run(
+    readings: Sequence[tuple[str, ...]], experiments: Sequence[str], seeds: int, out: Path
+) -> dict[tuple[str, int], list[dict[str, Any]]]:
+    """Train and evaluate all variants, one process per core. Returns rows by variant and seed."""
+    pieces, found = list(_pieces(readings, experiments, seeds)), {}
+    started = time.monotonic()
+    pool = ProcessPoolExecutor(len(cores()), get_context("spawn"), compile_for_one_core)
+    with pool:
+        futures = {
+            pool.submit(_measure_in_process, (experiment, reading, seed, out)): (name, seed)
+            for name, experiment, reading, seed in pieces
+        }
+        try:
+            for number, future in enumerate(as_completed(futures), start=1):
+                found[futures[future]] = future.result()
+                minutes = (time.monotonic() - started) / 60.0
+                sys.stderr.write(f"{number} of {len(pieces)} trainings, {minutes:.0f} min\n")
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return found
+
+
+class Score(NamedTuple):
+    """The distance of a reading from the paper, and its rows."""
+
+    reading: str
+    greedy: bool
+    distance: float
+    cells: tuple[str, ...]
+    success: str
+    """The success of the damped policy, stacked, of the seed where it is lowest."""
+
+
+def scores(
+    readings: Sequence[tuple[str, ...]],
+    experiments: Sequence[str],
+    seeds: int,
+    found: dict[tuple[str, int], list[dict[str, Any]]],
+) -> list[Score]:
+    """One score per reading and kind of action, nearest to the paper first."""
+    result = []
+    for reading in readings:
+        for greedy in (True, False):
+            pairs, cells = [], []
+            for (experiment, stacking), paper in PAPER.items():
+                if experiment not in experiments:
+                    continue
+                name, way = variant(experiment, reading).name, WAYS.index(Way(stacking, greedy))
+                rows = [found[name, seed][way] for seed in range(seeds)]
+                ours = [mean(row[f"clearances_{what}"] for row in rows) for what in ("mean", "std")]
+                pairs.append(((ours[0], ours[1]), paper))
+                cells.append(mean_and_std(*ours))
+            stacked = WAYS.index(Way(True, greedy))
+            name = variant(experiments[-2], reading).name
+            success = min(found[name, seed][stacked]["success_rate"] for seed in range(seeds))
+            label = name_of(reading)
+            near = distance(pairs)
+            result.append(Score(label, greedy, near, tuple(cells), percent(success)))
+    return sorted(result, key=lambda score: score.distance)
+
+
+def table(found: Sequence[Score], experiments: Sequence[str]) -> str:
+    """A Markdown table of scores; the first line has the paper's numbers."""
+    rows = [name for name in PAPER if name[0] in experiments]
+    titles = [f"{name}{', stacked' if stacking else ''}" for name, stacking in rows]
+    paper = (mean_and_std(*PAPER[row]) for row in rows)
+    lines = [("the paper", NOTHING, NOTHING, *paper, NOTHING)]
+    for each in found:
+        action = "most probable" if each.greedy else "sampled"
+        lines.append((each.reading, action, f"{each.distance:.2f}", *each.cells, each.success))
+    header = ("reading", "actions", "distance", *titles, "lowest success")
+    return Table(header, tuple(lines)).as_markdown()
+
+
+def _chosen(names: Sequence[str]) -> list[tuple[str, ...]]:
+    """The readings with the given names; any combination of factors is allowed."""
+    readings = []
+    for name in names:
+        factors = () if name == "ours" else tuple(name.split("+"))
+        for factor in factors:
+            if factor not in FACTORS:
+                raise unknown_name("factor", factor, ["ours", *FACTORS])
+        readings.append(factors)
+    return readings or list(READINGS)
+
+
+def main() -> int:
+    """Returns the exit code: 0 success, 2 invalid input."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("readings", nargs="*", metavar="READING")
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--avoidance", action="store_true")
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--out", type=Path, default=Path("runs/readings"))
+    options = parser.parse_args()
+    experiments = AVOIDANCE if options.avoidance else LATERAL
+    try:
+        readings = _chosen(options.readings)
+        found = run(readings, experiments, options.seeds, options.out)
+    except InputError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    ranked = scores(readings, experiments, options.seeds, found)
+    if options.json:
+        sys.stdout.write(json.dumps([each._asdict() for each in ranked]) + "\n")
+    else:
+        sys.stdout.write(table(ranked, experiments))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
