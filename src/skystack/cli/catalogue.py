@@ -70,7 +70,7 @@ def catalogue_table(found: dict[str, Any]) -> list[Table]:
 
 
 def _policies_table(policies: dict[str, Any]) -> Table:
-    table = Table(title="policies, stacked", title_justify="left", box=None)
+    table = Table(title="policies (one seed each), stacked", title_justify="left", box=None)
     table.add_column("", no_wrap=True)
     for name in ("clearances", "success", "losses of\nseparation", "clearances\nin the paper"):
         table.add_column(Text(name), justify="right", no_wrap=True)
