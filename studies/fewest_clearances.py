@@ -1,6 +1,7 @@
 """The fewest clearances with which turns in 10-degree steps complete the lateral scenarios.
 
-    python -m studies.fewest_clearances [--scenarios 100] [--seed 0] [--json] [-o FILE]
+    python -m studies.fewest_clearances [--scenarios 100] [--seed 0] [--exit-nm NM] [--json]
+        [-o FILE]
 
 This is a lower bound on the clearances per scenario for controllers that turn in steps of 10
 degrees: two aircraft on the evaluation scenarios, flown and scored by the lateral task itself.
@@ -173,11 +174,16 @@ def draw(task: NavigationTask, seed: int, scenarios: int) -> list[list[Traffic]]
     return [[alone(s, a) for a in range(task.aircraft)] for s in range(scenarios)]
 
 
-def measure(scenarios: int, seed: int, console: Console) -> dict[str, Any]:
-    """The result as written to JSON. Raises RuntimeError if `MOST` clearances are not enough."""
+def measure(
+    scenarios: int, seed: int, console: Console, exit_nm: float | None = None
+) -> dict[str, Any]:
+    """The result as written to JSON. Raises RuntimeError if `MOST` clearances are not enough.
+
+    `exit_nm` is half the width of the exits, by default that of the whole edge.
+    """
     started = time.perf_counter()
-    search = Search(build_navigation(NavigationSettings(aircraft=1)))
-    traffic = draw(build_navigation(NavigationSettings()), seed, scenarios)
+    search = Search(build_navigation(NavigationSettings(aircraft=1, exit_nm=exit_nm)))
+    traffic = draw(build_navigation(NavigationSettings(exit_nm=exit_nm)), seed, scenarios)
     fewest = []
     for index, aircraft in enumerate(track(traffic, "searching", console=console)):
         plans = [search.fewest(alone, MOST) for alone in aircraft]
@@ -202,6 +208,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--scenarios", type=int, default=100, help="number of scenarios (default 100)"
     )
     parser.add_argument("--seed", type=int, default=0, help="evaluation seed (default 0)")
+    parser.add_argument("--exit-nm", type=float, help="half the width of the exits (default: all)")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("-o", dest="file", type=Path, help="also write the JSON object to a file")
     options = parser.parse_args(arguments)
@@ -209,6 +216,8 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         raise InputError(f"--scenarios is {options.scenarios} (allowed: 1 or more)")
     if not 0 <= options.seed < 2**32:
         raise InputError(f"--seed is {options.seed} (allowed: 0 to {2**32 - 1})")
+    if options.exit_nm is not None and not 0.1 <= options.exit_nm <= 50.0:
+        raise InputError(f"--exit-nm is {options.exit_nm} (allowed: 0.1 to 50)")
     if options.file and not options.file.parent.is_dir():
         raise InputError(f"-o {options.file}: there is no folder {options.file.parent}")
     return options
@@ -219,7 +228,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     console = Console(stderr=True)
     try:
         options = _options(arguments)
-        result = measure(options.scenarios, options.seed, console)
+        result = measure(options.scenarios, options.seed, console, options.exit_nm)
         text = json.dumps(result) + "\n"
         if options.file:
             atomic_write(options.file, text.encode())

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 
 import msgspec
 import pytest
@@ -87,6 +88,21 @@ def test_card_shows_the_measured_numbers():
     rows[-1] |= {"success_rate": 1.0}
     text = card("lateral", find_policy("lateral"), msgspec.structs.replace(found, rows=rows))
     assert "None of 10,000 scenarios fails" in text
+
+
+def test_card_states_the_reading_of_the_paper():
+    policy, found = find_policy("lateral"), read_measured(SHIPPED / "lateral")
+    config = json.loads(json.dumps(policy.description.config))
+    config["task"] |= {"exit_nm": 5.0, "airway_nm": 10.0}
+    config["ppo"]["normalise_observations"] = False
+    described = msgspec.structs.replace(policy.description, config=config)
+    text = card("lateral", replace(policy, description=described), found)
+    assert (
+        "- every aircraft leaves through its exit, at most 5 NM from the middle of the exit" in text
+    )
+    assert "- there is no excursion, also none of more than 10 NM from the route" in text
+    assert "Observations are normalised" not in text
+    assert "Observations are normalised first." in card_of("lateral")
 
 
 def test_lists_the_rewards_of_both_parts_of_training():

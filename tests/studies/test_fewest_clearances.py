@@ -214,11 +214,33 @@ def test_fails_if_more_clearances_are_needed_than_tried(capsys, monkeypatch):
     assert printed.out == ""
 
 
+def test_narrow_exits_are_searched(monkeypatch):
+    """The search itself is not repeated: it flies whatever task it is given."""
+    searched = []
+
+    class Found:
+        def __init__(self, task):
+            searched.append(task)
+
+        def fewest(self, traffic, most):
+            return ()
+
+    monkeypatch.setattr(fewest_clearances, "Search", Found)
+    assert fewest_clearances.main(["--scenarios", "1", "--exit-nm", "5"]) == 0
+    (task,) = searched
+    whole = x_plus().route_table.exit_edge_nm
+    exits = task.sector.route_table.exit_edge_nm
+    widths = [np.linalg.norm(edges[:, 0] - edges[:, -1], axis=1) for edges in (whole, exits)]
+    assert widths[0] == pytest.approx(20.0, abs=0.2)
+    assert widths[1] == pytest.approx(10.0, abs=0.01)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["--scenarios", "0"], "--scenarios is 0 (allowed: 1 or more)"),
         (["--seed", "-1"], "--seed is -1 (allowed: 0 to 4294967295)"),
+        (["--exit-nm", "0"], "--exit-nm is 0.0 (allowed: 0.1 to 50)"),
         (["-o", "nowhere/fewest.json"], "-o nowhere/fewest.json: there is no folder nowhere"),
     ],
 )
