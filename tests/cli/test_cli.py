@@ -393,7 +393,8 @@ def test_reproduces_end_to_end(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(plan, "families_of_experiments", lambda: {"lateral": names})
     monkeypatch.setattr(plan, "QUICK_STEPS", 8192)
     out_folder = tmp_path / "run"
-    command = ("reproduce", "--quick", "--episodes", "12", "--json", "--out", str(out_folder))
+    command = ("reproduce", "lateral", "--quick", "--episodes", "12", "--json")
+    command = (*command, "--out", str(out_folder))
     code, out, err = run(capsys, *command)
     assert code == 0, err
     assert "reused" not in err
