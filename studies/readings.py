@@ -106,6 +106,10 @@ READINGS: tuple[tuple[str, ...], ...] = (
     ("sb3", "constant", "in-full"),
     ("sb3", "constant", "shared-counter"),
     ("sb3", "constant", "raw-observations"),
+    ("small-updates", "in-full"),
+    ("small-updates", "entered"),
+    ("small-updates", "in-full", "entered"),
+    ("small-updates", "shared-counter", "entered"),
 )
 """Each reading as the names of its factors; the first is ours."""
 
