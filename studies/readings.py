@@ -18,12 +18,12 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 from statistics import mean
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -34,6 +34,8 @@ from skystack.compilation.programs import compile_for_one_core, program_cache
 from skystack.errors import InputError, unknown_name
 from skystack.evaluation.evaluate import Conditions, evaluate
 from skystack.evaluation.paper import PAPER
+from skystack.evaluation.summary import RowValues
+from skystack.io.files import make_folder
 from skystack.learning.experiment import Experiment, load_experiment
 from skystack.reporting.tables import NOTHING, Table, mean_and_std, percent
 from skystack.reproduction.jobs import Way, train_or_load
@@ -45,6 +47,8 @@ LEAST = 0.1
 """Smaller means and standard deviations count as this."""
 LATERAL = ("lateral-undamped", "lateral", "lateral-large")
 AVOIDANCE = ("avoidance", "avoidance-large")
+Rows = dict[tuple[str, int], list[RowValues]]
+"""By the name of a variant and its seed: one row for each of `WAYS`."""
 UNDAMPED = "lateral-undamped"
 
 
@@ -71,14 +75,16 @@ def _damping(description: str, name: str, share: float, *changes: str) -> Factor
 
 
 LEG = 'task.features=["theta_f","theta_sf","d_leg","delta_t"]'
+SMALL_UPDATES = ("ppo.environments=16",)
+MINIBATCH_64 = ("ppo.minibatch=64",)
+UNSCALED = ("ppo.reward_scale=1.0",)
 FACTORS = {
     "constant": Factor("400 kt and 2,000 ft/min", ("task.performance=constant",)),
-    "small-updates": Factor("2,048 samples an update", ("ppo.environments=16",)),
-    "minibatch-64": Factor("minibatches of 64", ("ppo.minibatch=64",)),
-    "unscaled": Factor("rewards not scaled", ("ppo.reward_scale=1.0",)),
+    "small-updates": Factor("2,048 samples per update", SMALL_UPDATES),
+    "minibatch-64": Factor("minibatches of 64", MINIBATCH_64),
+    "unscaled": Factor("rewards not scaled", UNSCALED),
     "sb3": Factor(
-        "the three above, as in Stable-Baselines3",
-        ("ppo.environments=16", "ppo.minibatch=64", "ppo.reward_scale=1.0"),
+        "the three above, as in Stable-Baselines3", SMALL_UPDATES + MINIBATCH_64 + UNSCALED
     ),
     "raw-observations": Factor(
         "observations not normalised", ("ppo.normalise_observations=false",)
@@ -112,8 +118,6 @@ READINGS: tuple[tuple[str, ...], ...] = (
     ("small-updates", "shared-counter", "entered"),
 )
 """Each reading as the names of its factors; the first is ours."""
-
-
 WAYS = tuple(Way(stacking, greedy) for stacking in (False, True) for greedy in (True, False))
 
 
@@ -147,66 +151,51 @@ def distance(rows: Sequence[tuple[tuple[float, float], tuple[float, float]]]) ->
     return float(np.mean(np.abs(np.log(ours / paper))))
 
 
-def measure(experiment: Experiment, seed: int, out: Path) -> list[dict[str, Any]]:
-    """Train and evaluate a variant in all `WAYS`: one row each."""
+def measure(experiment: Experiment, seed: int, out: Path) -> list[RowValues]:
+    """Train and evaluate a variant in all `WAYS`: one row each. Finished work in `out` is reused.
+
+    Only the rows are kept: the tables of all flights would take gigabytes.
+    """
     plan = Plan((experiment,), 1, EPISODES, out, quick=False, command="")
     with program_cache():
         policy, _, _ = train_or_load(plan, experiment, seed, lambda progress: None)
-        record, key = _record(experiment, seed, out, policy.description.sha256)
-        record.parent.mkdir(parents=True, exist_ok=True)
 
-        def fly() -> list[dict[str, Any]]:
+        def fly() -> list[RowValues]:
             return [
-                dict(evaluate(policy, Conditions(0, EPISODES, way.stacking, way.greedy)).row)
+                evaluate(policy, Conditions(0, EPISODES, way.stacking, way.greedy)).row
                 for way in WAYS
             ]
 
-        rows: list[dict[str, Any]] = once(record, key, fly)[0]
+        sha256 = policy.description.sha256
+        key = {"policy": sha256, "episodes": EPISODES, "version": skystack.__version__}
+        record = make_folder(out / "rows") / f"{experiment.name}-s{seed}.json"
+        rows: list[RowValues] = once(record, key, fly)[0]
     return rows
 
 
-def _record(experiment: Experiment, seed: int, out: Path, sha256: str) -> tuple[Path, Any]:
-    """The file of the rows of a training, and what they depend on."""
-    key = {"policy": sha256, "episodes": EPISODES, "version": skystack.__version__}
-    return out / "rows" / f"{experiment.name}-s{seed}.json", key
+def variants(
+    readings: Sequence[tuple[str, ...]], experiments: Sequence[str]
+) -> dict[str, Experiment]:
+    """All variants by name. Readings share those that their factors leave alone."""
+    found = (variant(experiment, reading) for reading in readings for experiment in experiments)
+    return {each.name: each for each in found}
 
 
-def _measure_in_process(words: tuple[str, tuple[str, ...], int, Path]) -> list[dict[str, Any]]:
-    name, reading, seed, out = words
-    return measure(variant(name, reading), seed, out)
-
-
-def _pieces(
-    readings: Sequence[tuple[str, ...]], experiments: Sequence[str], seeds: int
-) -> Iterator[tuple[str, str, tuple[str, ...], int]]:
-    """Each training once, seed by seed: name of the variant, experiment, reading and seed."""
-    seen = set()
-    for seed in range(seeds):
-        for reading in readings:
-            for experiment in experiments:
-                name = variant(experiment, reading).name
-                if (name, seed) not in seen:
-                    seen.add((name, seed))
-                    yield name, experiment, reading, seed
-
-
-def run(
-    readings: Sequence[tuple[str, ...]], experiments: Sequence[str], seeds: int, out: Path
-) -> dict[tuple[str, int], list[dict[str, Any]]]:
-    """Train and evaluate all variants, one process per core. Returns rows by variant and seed."""
-    pieces, found = list(_pieces(readings, experiments, seeds)), {}
+def run(trained: Iterable[Experiment], seeds: int, out: Path) -> Rows:
+    """Train and evaluate variants, one process per core, all of a seed before the next seed."""
+    pieces, found = [(each, seed) for seed in range(seeds) for each in trained], Rows()
     started = time.monotonic()
     pool = ProcessPoolExecutor(len(cores()), get_context("spawn"), compile_for_one_core)
     with pool:
         futures = {
-            pool.submit(_measure_in_process, (experiment, reading, seed, out)): (name, seed)
-            for name, experiment, reading, seed in pieces
+            pool.submit(measure, experiment, seed, out): (experiment.name, seed)
+            for experiment, seed in pieces
         }
         try:
             for number, future in enumerate(as_completed(futures), start=1):
                 found[futures[future]] = future.result()
                 minutes = (time.monotonic() - started) / 60.0
-                sys.stderr.write(f"{number} of {len(pieces)} trainings, {minutes:.0f} min\n")
+                sys.stderr.write(f"{number} of {len(pieces)} training runs, {minutes:.0f} min\n")
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
@@ -228,13 +217,13 @@ def scores(
     readings: Sequence[tuple[str, ...]],
     experiments: Sequence[str],
     seeds: int,
-    found: dict[tuple[str, int], list[dict[str, Any]]],
+    found: Rows,
 ) -> list[Score]:
     """One score per reading and kind of action, nearest to the paper first."""
     result = []
     for reading in readings:
         for greedy in (True, False):
-            pairs, cells = [], []
+            pairs, cells, success = [], [], NOTHING
             for (experiment, stacking), paper in PAPER.items():
                 if experiment not in experiments:
                     continue
@@ -243,12 +232,9 @@ def scores(
                 ours = [mean(row[f"clearances_{what}"] for row in rows) for what in ("mean", "std")]
                 pairs.append(((ours[0], ours[1]), paper))
                 cells.append(mean_and_std(*ours))
-            stacked = WAYS.index(Way(True, greedy))
-            name = variant(experiments[-2], reading).name
-            success = min(found[name, seed][stacked]["success_rate"] for seed in range(seeds))
-            label = name_of(reading)
-            near = distance(pairs)
-            result.append(Score(label, greedy, near, tuple(cells), percent(success)))
+                if stacking:  # the paper reports one stacked row, of the damped policy
+                    success = percent(min(row["success_rate"] for row in rows))
+            result.append(Score(name_of(reading), greedy, distance(pairs), tuple(cells), success))
     return sorted(result, key=lambda score: score.distance)
 
 
@@ -279,17 +265,27 @@ def _chosen(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 def main() -> int:
     """Returns the exit code: 0 success, 2 invalid input."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("readings", nargs="*", metavar="READING")
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--avoidance", action="store_true")
-    parser.add_argument("--json", action="store_true")
-    parser.add_argument("--out", type=Path, default=Path("runs/readings"))
+    parser = argparse.ArgumentParser(
+        description=(__doc__ or "").partition("\n")[0],
+        epilog="factors: " + "; ".join(f"{k}: {each.description}" for k, each in FACTORS.items()),
+    )
+    parser.add_argument(
+        "readings", nargs="*", metavar="READING", help="ours, or factors joined by + (default: all)"
+    )
+    parser.add_argument("--seeds", type=int, default=3, help="seeds per reading (default 3)")
+    parser.add_argument(
+        "--avoidance", action="store_true", help="train the avoidance policies instead"
+    )
+    parser.add_argument("--json", action="store_true", help="print the scores as JSON")
+    parser.add_argument(
+        "--out", type=Path, default=Path("runs/readings"), help="folder (default runs/readings)"
+    )
     options = parser.parse_args()
     experiments = AVOIDANCE if options.avoidance else LATERAL
     try:
         readings = _chosen(options.readings)
-        found = run(readings, experiments, options.seeds, options.out)
+        trained = variants(readings, experiments).values()
+        found = run(trained, options.seeds, options.out)
     except InputError as error:
         sys.stderr.write(f"{error}\n")
         return 2

@@ -14,11 +14,11 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
 
 from rich.console import Console
 
 import skystack
+from skystack.cli.arguments import Parser
 from skystack.errors import InputError, unknown_name
 from skystack.evaluation.evaluate import Conditions, evaluate
 from skystack.evaluation.summary import aggregate
@@ -120,15 +120,8 @@ def revision() -> str | None:
     return found.stdout.strip()
 
 
-class _Parser(argparse.ArgumentParser):
-    """An argument parser that reports errors in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        raise InputError(message)
-
-
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = _Parser(description=(__doc__ or "").partition("\n")[0])
+    parser = Parser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("words", nargs="*", metavar="[RUN] [NAME ...]")
     how = parser.add_mutually_exclusive_group()
     how.add_argument(

@@ -9,6 +9,7 @@ from skystack.airspace.projection import METRES_PER_NM, WGS84
 from skystack.airspace.sector import Sector, turns_deg
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
+from tests.sectors import FAR_NORTH
 
 SQUARE = Sector(
     name="square",
@@ -83,29 +84,13 @@ def test_exit_edges_contain_the_exit_fix():
     assert east == pytest.approx(np.array([corner * (1, -1), corner]), abs=1e-5)
 
 
-NORTHERN = Sector(
-    "northern",
-    (62.0, 10.0),
-    ((61.0, 8.0), (61.0, 12.0), (63.0, 12.0), (63.0, 8.0)),
-    (100, 400),
-    {
-        "WO": (62.0, 7.5),
-        "WEST": (62.0, 8.0),
-        "MIDDLE": (62.1, 10.0),
-        "EAST": (62.2, 12.0),
-        "EO": (62.25, 12.5),
-    },
-    (("WO", "WEST", "MIDDLE", "EAST", "EO"),),
-)
-
-
 def distance_nm(sector, point_nm, fix):
     lat, lon = sector.plane.to_degrees(point_nm)
     return WGS84.inv(lon, lat, *sector.fixes[fix][::-1])[2] / METRES_PER_NM
 
 
 @pytest.mark.parametrize(
-    ("sector", "route", "fix"), [(SQUARE, 0, "NDOOR"), (x_plus(), 0, None), (NORTHERN, 0, "EAST")]
+    ("sector", "route", "fix"), [(SQUARE, 0, "NDOOR"), (x_plus(), 0, None), (FAR_NORTH, 0, "EASTE")]
 )
 @pytest.mark.parametrize("exit_nm", [0.5, 5.0])
 def test_narrow_exits_end_at_the_given_distance_from_the_fix(sector, route, fix, exit_nm):
@@ -118,15 +103,15 @@ def test_narrow_exits_end_at_the_given_distance_from_the_fix(sector, route, fix,
     assert np.dot(along, along_whole) > 0.0  # the inside stays to the left
 
 
-@pytest.mark.parametrize("sector", [SQUARE, x_plus(), NORTHERN])
+@pytest.mark.parametrize("sector", [SQUARE, x_plus(), FAR_NORTH])
 def test_exits_wider_than_the_edge_are_the_edge(sector):
-    wide = replace(sector, exit_nm=100.0).route_table.exit_edge_nm
+    wide = replace(sector, exit_nm=1000.0).route_table.exit_edge_nm
     corners = sector.route_table.exit_edge_nm
     assert wide[:, [0, -1]] == pytest.approx(corners[:, [0, -1]], abs=1e-4)
 
 
 @pytest.mark.parametrize(
-    ("sector", "fix", "before"), [(SQUARE, "NDOOR", "MIDDLE"), (NORTHERN, "EAST", "MIDDLE")]
+    ("sector", "fix", "before"), [(SQUARE, "NDOOR", "MIDDLE"), (FAR_NORTH, "EASTE", "WESTE")]
 )
 def test_exits_can_lie_before_the_exit_fix(sector, fix, before):
     """The exit fix and the middle of the exit are on the last leg, so many miles apart."""

@@ -16,9 +16,9 @@ from skystack.evaluation.evaluate import (
     agent_task,
     evaluate,
     evaluate_no_op,
-    evaluation_folder,
     policy_task,
 )
+from skystack.evaluation.summary import evaluation_folder
 from skystack.learning.experiment import Experiment, load_experiment
 from skystack.policies.facts import Facts, facts
 from skystack.policies.shipped import find_policy

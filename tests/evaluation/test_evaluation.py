@@ -13,12 +13,11 @@ from skystack.evaluation.evaluate import (
     Conditions,
     evaluate,
     evaluate_no_op,
-    evaluation_folder,
     policy_task,
 )
 from skystack.evaluation.paper import paper_row
 from skystack.evaluation.rollout import NO_OP_CONTROLLER, Controller, fly, network_controller
-from skystack.evaluation.summary import aggregate
+from skystack.evaluation.summary import aggregate, evaluation_folder
 from skystack.evaluation.tables import make_tables
 from skystack.learning.experiment import load_experiment
 from skystack.learning.policy import Policy

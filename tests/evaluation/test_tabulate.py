@@ -8,7 +8,7 @@ import pytest
 
 from skystack.errors import InputError
 from skystack.evaluation import evaluate, rollout, writing
-from skystack.evaluation.evaluate import Conditions, evaluation_folder, policy_task
+from skystack.evaluation.evaluate import Conditions, policy_task
 from skystack.evaluation.rollout import (
     NO_OP_CONTROLLER,
     concatenate,
@@ -17,6 +17,7 @@ from skystack.evaluation.rollout import (
     parts_of,
     prepare,
 )
+from skystack.evaluation.summary import evaluation_folder
 from skystack.evaluation.tables import make_tables
 from skystack.evaluation.tabulate import TABLES, tabulate
 from skystack.evaluation.writing import EVALUATION

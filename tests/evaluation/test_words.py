@@ -6,10 +6,11 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
-from skystack.evaluation.evaluate import Conditions, evaluate, evaluation_folder, policy_task
+from skystack.evaluation.evaluate import Conditions, evaluate, policy_task
 from skystack.evaluation.followed import STATUS, follow
 from skystack.evaluation.rollout import NO_OP_CONTROLLER, fly, network_controller
 from skystack.evaluation.stored import stored_scenario
+from skystack.evaluation.summary import evaluation_folder
 from skystack.evaluation.tables import make_tables
 from skystack.evaluation.tabulate import tabulate
 from skystack.platforms.flight import fly_scenario

@@ -4,7 +4,8 @@ from functools import cache
 
 import pytest
 
-from skystack.evaluation.evaluate import Conditions, evaluate, evaluation_folder
+from skystack.evaluation.evaluate import Conditions, evaluate
+from skystack.evaluation.summary import evaluation_folder
 from skystack.policies.shipped import find_policy
 
 EPISODES = 3

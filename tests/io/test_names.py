@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from skystack.cli import main
 from skystack.errors import InputError
 from skystack.evaluation import evaluate
-from skystack.evaluation.evaluate import evaluation_folder
+from skystack.evaluation.summary import evaluation_folder
 from skystack.io.names import MAX_NAME_CHARS, as_name, check_name
 from skystack.learning import run as training
 from skystack.learning.experiment import to_toml

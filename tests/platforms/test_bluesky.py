@@ -16,7 +16,8 @@ bluesky = pytest.importorskip("bluesky")
 from skystack.airspace.sector import turns_deg  # noqa: E402
 from skystack.airspace.xplus import x_plus  # noqa: E402
 from skystack.errors import InputError, PlatformError  # noqa: E402
-from skystack.evaluation.evaluate import Conditions, evaluate, evaluation_folder  # noqa: E402
+from skystack.evaluation.evaluate import Conditions, evaluate  # noqa: E402
+from skystack.evaluation.summary import evaluation_folder  # noqa: E402
 from skystack.export.scenario import export_scenario  # noqa: E402
 from skystack.platforms.bluesky import BlueSky  # noqa: E402
 from skystack.platforms.bluesky_scenario import TYPES, levels_fl, scenario_text  # noqa: E402

@@ -7,7 +7,7 @@ import pytest
 from skystack.airspace.projection import METRES_PER_NM, WGS84
 from skystack.airspace.xplus import x_plus
 from skystack.reporting.radar import draw_scale_bar
-from tests.tasks.test_tracking import FAR_NORTH
+from tests.sectors import FAR_NORTH
 
 
 @pytest.mark.parametrize("sector", [x_plus(), FAR_NORTH], ids=lambda sector: sector.name)

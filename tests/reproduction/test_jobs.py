@@ -19,7 +19,7 @@ from skystack.reproduction.jobs import (
     run_job,
     train_or_load,
 )
-from skystack.reproduction.plan import Plan, plan_first_look
+from skystack.reproduction.plan import Plan, make_plan
 
 SMALL = ("ppo.total_steps=1024", "ppo.environments=8", "ppo.steps=32", "ppo.minibatch=64")
 STACKED = Way(stacking=True, greedy=True)
@@ -147,7 +147,7 @@ def test_sampled_actions_are_evaluated_beside_the_most_probable_ones(plan, exper
 
 
 def test_jobs_of_a_first_look_include_shipped_policies_and_doing_nothing(tmp_path):
-    plan = plan_first_look(2, 3, tmp_path, False, "command")
+    plan = make_plan([], 2, 3, tmp_path, False, "command")
     jobs = jobs_of(plan)
     assert [job.name for job in jobs] == [
         *("lateral-s0", "lateral-best-s0", "lateral-s1", "lateral-best-s1"),

@@ -7,13 +7,13 @@ from contextlib import nullcontext
 import pytest
 
 from skystack.policies.shipped import SHIPPED
-from skystack.reproduction.plan import plan_families
+from skystack.reproduction.plan import make_plan
 from skystack.reproduction.run import run_platforms
 
 
 def test_first_seed_is_flown_on_other_platforms(tmp_path):
     pytest.importorskip("bluebird_dt")
-    plan = plan_families(["lateral"], 1, 3, tmp_path, False, "command", ["bluebird", "bluebird"])
+    plan = make_plan(["lateral"], 1, 3, tmp_path, False, "command", ["bluebird", "bluebird"])
     best = plan.experiments[-1]
     plan = plan.__class__(**vars(plan) | {"experiments": (best,)})
     shutil.copytree(SHIPPED / best.name, tmp_path / "train" / f"{best.name}-s0")

@@ -1,6 +1,7 @@
 """Readings of the paper: their settings, their distance from it, and their table."""
 
 import math
+from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
@@ -66,14 +67,30 @@ def test_the_nearest_reading_comes_first_and_shares_what_it_can():
     assert cells[3][3:] == ["100.0 ± 5.0", "11.0 ± 5.0", "11.0 ± 5.0", "100.0 ± 5.0", "50.0 %"]
 
 
-def test_every_training_is_done_once_and_seeds_are_in_order():
-    pieces = list(readings._pieces(READINGS, LATERAL, 2))
-    keys = [(name, seed) for name, _, _, seed in pieces]
-    assert len(set(keys)) == len(keys)
-    assert [seed for _, _, _, seed in pieces] == sorted(seed for _, _, _, seed in pieces)
-    assert {name for name, _ in keys} == {
+def test_every_training_is_done_once_and_seeds_are_in_order(monkeypatch, tmp_path):
+    pieces = []
+
+    class Pool:
+        def __init__(self, *words):
+            pass
+
+        __enter__ = __exit__ = lambda *words: None
+
+        def submit(self, measure, experiment, seed, out):
+            pieces.append((experiment.name, seed))
+            done = Future()
+            done.set_result([experiment.name])
+            return done
+
+    monkeypatch.setattr(readings, "ProcessPoolExecutor", Pool)
+    trained = readings.variants(READINGS, LATERAL)
+    found = readings.run(trained.values(), 2, tmp_path)
+    assert len(set(pieces)) == len(pieces)
+    assert [seed for _, seed in pieces] == sorted(seed for _, seed in pieces)
+    assert {name for name, _ in pieces} == {
         variant(each, reading).name for each in LATERAL for reading in READINGS
     }
+    assert found == {(name, seed): [name] for name, seed in pieces}
 
 
 def test_trains_and_evaluates_in_all_ways_and_reuses_the_rows(tmp_path: Path, monkeypatch):

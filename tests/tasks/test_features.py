@@ -12,9 +12,8 @@ from skystack.airspace.xplus import x_plus
 from skystack.simulator.traffic import start, ticks
 from skystack.tasks import features
 from skystack.tasks.tracking import Tracker
+from tests.sectors import FAR_NORTH
 from tests.tasks.memories import with_fields
-
-from .test_tracking import FAR_NORTH
 
 SECTOR = x_plus()
 STRAIGHT = ("HERON", "CRANE", "EGL", "MACAW", "QUAIL", "SWIFT")

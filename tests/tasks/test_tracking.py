@@ -19,6 +19,7 @@ from skystack.tasks import progress as progress_module
 from skystack.tasks.features import centreline_distance, distance_in_hand, next_fix_distance
 from skystack.tasks.progress import ProgressTracker
 from skystack.tasks.tracking import Tracker
+from tests.sectors import FAR_NORTH
 from tests.tasks.memories import with_fields
 
 SQUARE = ((-1.2, -1.2), (-1.2, 1.2), (1.2, 1.2), (1.2, -1.2))
@@ -36,21 +37,6 @@ HAIRPIN = Sector(
         "EO": (0.0, 1.35),
     },
     (("WO", "S1", "S2", "S3", "EE", "EO"),),
-)
-FAR_NORTH = Sector(
-    "far north",
-    (64.0, 15.0),
-    ((60.0, 9.0), (62.0, 21.0), (68.0, 21.0), (67.0, 9.0)),
-    (200, 400),
-    {
-        "WESTO": (65.8, 8.6),
-        "WESTE": (65.8, 9.0),
-        "EASTE": (65.8, 21.0),
-        "EASTO": (65.8, 21.4),
-        "SOUTO": (60.5, 15.0),
-        "SOUTH": (61.0, 15.0),
-    },
-    (("WESTO", "WESTE", "EASTE", "EASTO"), ("EASTO", "EASTE", "SOUTH", "SOUTO")),
 )
 
 

@@ -27,12 +27,11 @@ from skystack.evaluation.evaluate import (
     Conditions,
     agent_task,
     evaluate,
-    evaluation_folder,
     policy_task,
 )
 from skystack.evaluation.simulate import simulate_file
 from skystack.evaluation.stored import stored_scenario
-from skystack.evaluation.summary import aggregate
+from skystack.evaluation.summary import aggregate, evaluation_folder
 from skystack.export.onnx_file import export_onnx
 from skystack.learning import ppo
 from skystack.learning.checkpoint import load_checkpoint, save_checkpoint

@@ -136,10 +136,6 @@ class Sector:
             )
         return self.routes.index(route)
 
-    def leg_nm(self, start: str, end: str) -> float:
-        """The geodesic distance between two fixes."""
-        return geodesic_leg(self.fixes[start], self.fixes[end])[1]
-
     def first_heading_deg(self, route: tuple[str, ...]) -> float:
         """Geodesic bearing of a route's first leg [deg]."""
         return geodesic_leg(self.fixes[route[0]], self.fixes[route[1]])[0]
@@ -187,8 +183,7 @@ class Sector:
 
         edge = LineString(whole)
         if self.exit_nm is not None:
-            half = self.exit_nm * float(self.plane.scale(fix_nm[1:])[0])
-            middle = edge.project(Point(fix_nm))
+            half, middle = self._scaled(self.exit_nm, fix_nm), edge.project(Point(fix_nm))
             edge = substring(edge, max(middle - half, 0.0), middle + half)
         edge = translate(edge, *(self.exit_point_nm(route) - fix_nm))
         return np.array(edge.coords)
@@ -196,11 +191,15 @@ class Sector:
     def exit_point_nm(self, route: tuple[str, ...]) -> Float[np.ndarray, "2"]:
         """The point of a route's exit: the exit fix, or `exit_before_nm` before it on the leg."""
         before, fix = (self.fixes_nm[name] for name in route[-3:-1])
-        back = (before - fix) / np.hypot(*(before - fix))
-        point: Float[np.ndarray, "2"] = fix + back * self.exit_before_nm * float(
-            self.plane.scale(fix[1:])[0]
+        leg = before - fix
+        point: Float[np.ndarray, "2"] = fix + leg / np.hypot(*leg) * self._scaled(
+            self.exit_before_nm, fix
         )
         return point
+
+    def _scaled(self, distance_nm: float, point_nm: Float[np.ndarray, "2"]) -> float:
+        """A true distance as one in the plane, near a point."""
+        return distance_nm * float(self.plane.scale(point_nm[1:])[0])
 
     def edge_through(self, fix: str) -> Float[np.ndarray, "points 2"]:
         """The edge of the area nearest to a fix, as points in the plane, counter-clockwise."""

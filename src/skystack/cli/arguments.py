@@ -14,7 +14,7 @@ from skystack.io.streams import StandardOutput
 from skystack.simulator.limits import MAX_CYCLES
 
 
-class _Parser(argparse.ArgumentParser):
+class Parser(argparse.ArgumentParser):
     """An argument parser that reports errors in one line, with the nearest option."""
 
     def error(self, message: str) -> NoReturn:
@@ -74,7 +74,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 
 def build_parser() -> Commands:
     """The parser of the command line with all verbs and arguments."""
-    parser = _Parser(
+    parser = Parser(
         prog="skystack",
         description="Online action-stacking for air traffic control.",
         epilog="`skystack VERB --help` describes the arguments of a verb.",
@@ -86,9 +86,9 @@ def build_parser() -> Commands:
     subparsers = parser.add_subparsers(title="verbs", dest="verb", required=True, metavar="VERB")
     parsers: dict[str, argparse.ArgumentParser] = {}
 
-    def verb(name: str, does: str, run: Callable[[argparse.Namespace], int]) -> _Parser:
+    def verb(name: str, does: str, run: Callable[[argparse.Namespace], int]) -> Parser:
         sentence = f"{does[0].upper()}{does[1:]}."
-        sub: _Parser = subparsers.add_parser(
+        sub: Parser = subparsers.add_parser(
             name, help=does, description=sentence, allow_abbrev=False
         )
         sub.set_defaults(run=run)
@@ -96,7 +96,7 @@ def build_parser() -> Commands:
         parsers[name] = sub
         return sub
 
-    def platform(sub: _Parser) -> None:
+    def platform(sub: Parser) -> None:
         sub.add_argument(
             "--platform",
             default="skystack",

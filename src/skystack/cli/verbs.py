@@ -43,7 +43,7 @@ def reproduce(options: argparse.Namespace) -> int:
 
 
 def _plan(options: argparse.Namespace) -> Any:
-    from skystack.reproduction.plan import QUICK_EPISODES, plan_families, plan_first_look
+    from skystack.reproduction.plan import QUICK_EPISODES, make_plan
 
     quick, families = options.quick, options.families
     name = "-".join([*(families or ["first-look"]), *["quick"] * quick])
@@ -55,9 +55,7 @@ def _plan(options: argparse.Namespace) -> Any:
     words += ["--engine ray"] * (options.engine == "ray")
     words += ["--quick"] * quick + [f"--platform {name}" for name in platforms]
     command = " ".join(words)
-    if not families:
-        return plan_first_look(seeds, episodes, out, quick, command, platforms)
-    return plan_families(families, seeds, episodes, out, quick, command, platforms)
+    return make_plan(families, seeds, episodes, out, quick, command, platforms)
 
 
 def _reproduce(plan: Any, engine: Any, as_json: bool) -> int:
@@ -101,8 +99,8 @@ def _best_flown(plan: Any) -> Path | None:
     from skystack.reporting.results import read_run
 
     run = read_run(plan.out)
-    rows = [row for row in run.results.drawn(run.results.rows) if row.stacking]
-    rows = [row for row in rows if not row.is_shipped]
+    drawn = run.results.drawn(run.results.rows)
+    rows = [row for row in drawn if row.stacking and not row.is_shipped]
     return run.evaluation(rows[-1]) if rows else None
 
 
@@ -211,8 +209,8 @@ def evaluate(options: argparse.Namespace) -> int:
     from skystack.agents.find import find_agent
     from skystack.cli.console import count_scenarios, output
     from skystack.compilation.programs import compile_for_one_core, program_cache
-    from skystack.evaluation.evaluate import Conditions, evaluate, evaluation_folder
-    from skystack.evaluation.summary import aggregate
+    from skystack.evaluation.evaluate import Conditions, evaluate
+    from skystack.evaluation.summary import aggregate, evaluation_folder
     from skystack.reporting.tables import one_row
 
     started = time.monotonic()

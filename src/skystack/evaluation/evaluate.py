@@ -24,11 +24,17 @@ from skystack.evaluation.rollout import (
     network_controller,
     prepare,
 )
-from skystack.evaluation.summary import RowValues, no_op_name, summarise, trained_name
+from skystack.evaluation.summary import (
+    RowValues,
+    evaluation_folder,
+    no_op_name,
+    summarise,
+    trained_name,
+)
 from skystack.evaluation.tabulate import tabulate
 from skystack.io.files import AnyPath, make_folder, scratch_folder
 from skystack.io.locks import delete_empty_on_failure
-from skystack.io.names import as_name, check_name
+from skystack.io.names import as_name
 from skystack.learning.experiment import (
     Experiment,
     experiment_from,
@@ -280,21 +286,6 @@ def evaluate_no_op(experiment: Experiment, conditions: Conditions, out: Path | N
     plain = conditions._replace(stacking=False)
     name = no_op_name(task.name)
     return _evaluate(name, 0, task, lambda: NO_OP_CONTROLLER, plain, out, lambda done: None)
-
-
-def evaluation_folder(
-    out: Path,
-    experiment: str,
-    seed: int,
-    stacking: bool,
-    platform: str = OWN,
-    greedy: bool = True,
-) -> Path:
-    """The folder for the tables of an evaluation. Raises InputError for an invalid name."""
-    check_name("the name of the experiment", experiment)
-    kind = "stacked" if stacking else "plain"
-    sampled = "" if greedy else "-sampled"
-    return out / f"{experiment}-s{seed}-{platform}-{kind}{sampled}"
 
 
 def _evaluate(

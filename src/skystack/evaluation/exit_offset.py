@@ -1,7 +1,8 @@
 """The exit offset: the distance from the exit fix at which an aircraft crosses the exit edge.
 
 The paper accepts an exit anywhere along the edge on which the exit fix lies, but the controller of
-the next sector expects the aircraft at the fix.
+the next sector expects the aircraft at the fix. If a task moves the exit inside the area
+(`task.exit_before_nm`), the distance is measured from where the exit meets the leg.
 """
 
 import numpy as np
@@ -29,7 +30,7 @@ def exit_offsets_nm(
         after_nm = np.asarray(recording.traffic.position_nm)[at].astype(np.float64)
         route = np.asarray(recording.start.route)[scenario, aircraft]
         crossing_nm = _crossing_nm(sector, route, before_nm, after_nm)
-        offsets[scenario, aircraft] = _distance_to_exit_fix_nm(sector, route, crossing_nm)
+        offsets[scenario, aircraft] = _distance_to_exit_nm(sector, route, crossing_nm)
     return offsets
 
 
@@ -69,7 +70,7 @@ def _cross(
     return product
 
 
-def _distance_to_exit_fix_nm(
+def _distance_to_exit_nm(
     sector: Sector, route: Int[np.ndarray, " exits"], position_nm: Float[np.ndarray, "exits 2"]
 ) -> Float[np.ndarray, " exits"]:
     """Geodesic distance from positions in the plane to the exit points of their routes."""

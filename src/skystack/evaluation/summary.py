@@ -1,10 +1,14 @@
 """Rows of the comparison: the reported numbers of an evaluation."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+
+from skystack.io.names import check_name
+from skystack.platforms.registry import OWN
 
 RowValues = dict[str, Any]
 
@@ -29,6 +33,21 @@ def shipped_name(experiment: str) -> str:
 def trained_name(experiment: str) -> str:
     """The experiment of a row, also of one with a shipped policy."""
     return experiment.removesuffix(_SHIPPED)
+
+
+def evaluation_folder(
+    out: Path,
+    experiment: str,
+    seed: int,
+    stacking: bool,
+    platform: str = OWN,
+    greedy: bool = True,
+) -> Path:
+    """The folder for the tables of an evaluation. Raises InputError for an invalid name."""
+    check_name("the name of the experiment", experiment)
+    kind = "stacked" if stacking else "plain"
+    sampled = "" if greedy else "-sampled"
+    return out / f"{experiment}-s{seed}-{platform}-{kind}{sampled}"
 
 
 def summarise(

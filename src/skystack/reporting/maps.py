@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.path import Path as MapPath
+from shapely import LineString, Polygon
 
 from skystack.airspace.projection import geodesic_leg
 from skystack.airspace.sector import Sector, turns_deg
@@ -211,8 +211,8 @@ def _draw_width(axes: Axes, sector: Sector) -> Polyline:
 
 def _inside(sector: Sector, ends: Polyline) -> bool:
     """Whether a line is inside the area, apart from its outermost hundredths."""
-    inner = ends[0] + np.linspace(0.01, 0.99, 50)[:, None] * (ends[1] - ends[0])
-    return bool(np.all(MapPath(sector.area_nm).contains_points(inner)))
+    inner = ends[0] + np.array([[0.01], [0.99]]) * (ends[1] - ends[0])
+    return bool(Polygon(sector.area_nm).contains(LineString(inner)))
 
 
 def _draw_scale(axes: Axes, sector: Sector) -> Polyline:

@@ -10,7 +10,7 @@ import msgspec
 
 from skystack.errors import InputError, error_context
 from skystack.evaluation.statistics import Estimate
-from skystack.evaluation.summary import is_no_op, no_op_name, trained_name
+from skystack.evaluation.summary import evaluation_folder, is_no_op, no_op_name, trained_name
 from skystack.io.files import MOST_BYTES, read_whole
 from skystack.io.json_file import decode
 from skystack.io.names import Name
@@ -20,9 +20,9 @@ from skystack.tasks.registry import tasks
 Figure = Annotated[float, msgspec.Meta(ge=-1e15, le=1e15)]
 Count = Annotated[int, msgspec.Meta(ge=0, le=10**15)]
 Number = Figure | None
-Rate = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] | None
-NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e15)] | None
 """A value that could not be measured is null, because JSON has no NaN."""
+NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e15)] | None
+Rate = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] | None
 
 SIMULATORS = {OWN: "skystack", "bluebird": "BluebirdDT", "bluesky": "BlueSky"}
 """Names of the platforms, in the order of the tables."""
@@ -318,9 +318,10 @@ class Run:
             for one in self.results.rows_by_seed
             if (one.experiment, one.platform, one.stacking) == key and one.seed is not None
         )
-        way = "stacked" if row.stacking else "plain"
         return [
-            self.folder / "evaluation" / f"{row.experiment}-s{seed}-{row.platform}-{way}"
+            evaluation_folder(
+                self.folder / "evaluation", row.experiment, seed, row.stacking, row.platform
+            )
             for seed in seeds or [0]
         ]
 

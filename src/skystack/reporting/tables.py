@@ -117,7 +117,7 @@ def brief(
             "row": row.name.removeprefix(f"{row.family}, "),
             "paper": _paper(row),
             "clearances": _counts(row, is_trained)[0],
-            "success": percent(row.success_rate),
+            "success": _success(row),
             "exit offset, NM": decimal(row.exit_offset_nm_mean),
             "loss rate": _loss_rate(row),
         }
@@ -139,10 +139,10 @@ def one_row(values: Mapping[str, Any]) -> Table:
     row = msgspec.convert(values, Row)
     lost = row.loss_of_separation_count
     lines = [
-        ("clearances per scenario", mean_and_std(row.clearances_mean, row.clearances_std)),
+        ("clearances per scenario", _clearances(row)),
         *([("clearances in the paper", _paper(row))] if row.paper else []),
         ("instructions per scenario", decimal(row.instructions_mean)),
-        ("success", percent(row.success_rate)),
+        ("success", _success(row)),
         ("correct exit", percent(row.correct_exit_rate)),
         ("excursion", percent(row.excursion_rate)),
         ("few clearances", percent(row.few_clearances_rate)),
@@ -166,21 +166,13 @@ def sampled(results: Results) -> Table:
     )
     lines = []
     for row in results.sampled:
-        greedy = results.row(row.experiment, row.stacking)
-        both = [row] if greedy is None else [greedy, row]
-        missing = [NOTHING] * (2 - len(both))
-        lines.append(
-            (
-                row.name,
-                _paper(row),
-                *missing,
-                *(mean_and_std(each.clearances_mean, each.clearances_std) for each in both),
-                *missing,
-                *(percent(each.success_rate) for each in both),
-                *missing,
-                *(_loss_rate(each) for each in both),
-            )
+        pair = (results.row(row.experiment, row.stacking), row)
+        cells = (
+            NOTHING if each is None else cell(each)
+            for cell in (_clearances, _success, _loss_rate)
+            for each in pair
         )
+        lines.append((row.name, _paper(row), *cells))
     return Table(header, tuple(lines))
 
 
@@ -202,8 +194,8 @@ def platforms(rows: Sequence[Row]) -> Table:
             row.policy,
             _paper(row),
             SIMULATORS.get(row.platform, row.platform),
-            mean_and_std(row.clearances_mean, row.clearances_std),
-            percent(row.success_rate),
+            _clearances(row),
+            _success(row),
             percent(row.correct_exit_rate),
             f"{row.loss_of_separation_count} of {row.episodes}",
             percent(row.same_clearances_rate),
@@ -297,7 +289,7 @@ def seeds_side_by_side(results: Results, rows: Sequence[Row]) -> Table:
     lines = []
     for row in rows:
         cells = {
-            each.seed: f"{decimal(each.clearances_mean)}, {percent(each.success_rate)}"
+            each.seed: f"{decimal(each.clearances_mean)}, {_success(each)}"
             for each in results.rows_by_seed
             if (each.experiment, each.stacking) == (row.experiment, row.stacking)
         }
@@ -350,18 +342,26 @@ _MEASURED = (
 def _counts(row: Row, is_trained: Callable[[Row], bool]) -> tuple[str, ...]:
     if not row.is_no_op and not is_trained(row):
         return ("not trained", NOTHING)
-    return mean_and_std(row.clearances_mean, row.clearances_std), decimal(row.instructions_mean)
+    return _clearances(row), decimal(row.instructions_mean)
 
 
 def _rates(row: Row) -> tuple[str, ...]:
     return (
-        percent(row.success_rate),
+        _success(row),
         percent(row.correct_exit_rate),
         percent(row.excursion_rate),
         percent(row.few_clearances_rate),
         decimal(row.exit_offset_nm_mean),
         f"{row.loss_of_separation_count} of {row.episodes}",
     )
+
+
+def _clearances(row: Row) -> str:
+    return mean_and_std(row.clearances_mean, row.clearances_std)
+
+
+def _success(row: Row) -> str:
+    return percent(row.success_rate)
 
 
 def _loss_rate(row: Row) -> str:

@@ -18,11 +18,15 @@ from skystack.evaluation.evaluate import (
     Evaluation,
     evaluate,
     evaluate_no_op,
-    evaluation_folder,
 )
 from skystack.evaluation.statistics import MEASURES
 from skystack.evaluation.stored import read_table
-from skystack.evaluation.summary import RowValues, no_op_name, shipped_name
+from skystack.evaluation.summary import (
+    RowValues,
+    evaluation_folder,
+    no_op_name,
+    shipped_name,
+)
 from skystack.evaluation.tabulate import TABLES
 from skystack.learning.experiment import Experiment, to_toml
 from skystack.learning.policy import Policy, load_policy

@@ -58,21 +58,7 @@ def families_of_experiments() -> dict[str, list[str]]:
     return {family: names for family, names in families.items() if names}
 
 
-def plan_first_look(
-    seeds: int,
-    episodes: int,
-    out: Path,
-    quick: bool,
-    command: str,
-    platforms: Sequence[str] = (),
-) -> Plan:
-    """Plan the training of `FIRST_LOOK`, compared with the shipped policies."""
-    others = _other_platforms(platforms)
-    experiments = _experiments(FIRST_LOOK, quick)
-    return Plan(experiments, seeds, episodes, out, quick, command, others, with_shipped=True)
-
-
-def plan_families(
+def make_plan(
     families: Sequence[str],
     seeds: int,
     episodes: int,
@@ -81,22 +67,31 @@ def plan_families(
     command: str,
     platforms: Sequence[str] = (),
 ) -> Plan:
-    """Plan the experiments of some families. Raises InputError for unknown ones or platforms."""
+    """Plan the experiments of some families, also with sampled actions unless it is quick.
+
+    Without a family, plan `FIRST_LOOK` beside the shipped policies. Raises InputError for unknown
+    families or platforms.
+    """
     others = _other_platforms(platforms)
     known = families_of_experiments()
-    names: list[str] = []
+    names: list[str] = [] if families else list(FIRST_LOOK)
     for family in families:
         if family != "all" and family not in known:
             raise unknown_name("family", family, [*known, "all"])
         chosen = list(known) if family == "all" else [family]
         names += [name for key in chosen for name in known[key] if name not in names]
-    experiments = _experiments(names, quick)
-    return Plan(experiments, seeds, episodes, out, quick, command, others, with_sampled=not quick)
-
-
-def _experiments(names: Sequence[str], quick: bool) -> tuple[Experiment, ...]:
-    experiments = map(load_experiment, names)
-    return tuple(map(_quick, experiments) if quick else experiments)
+    experiments = tuple(map(load_experiment, names))
+    return Plan(
+        tuple(map(_quick, experiments)) if quick else experiments,
+        seeds,
+        episodes,
+        out,
+        quick,
+        command,
+        others,
+        with_shipped=not families,
+        with_sampled=bool(families) and not quick,
+    )
 
 
 def describe_plan(plan: Plan) -> tuple[str, ...]:

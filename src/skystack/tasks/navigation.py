@@ -19,7 +19,6 @@ from skystack.simulator.fleet import AircraftType
 from skystack.simulator.generator import Scenarios
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import Traffic
-from skystack.stacking import NO_OP
 from skystack.tasks import features, metrics, rewards
 from skystack.tasks.actions import ActionTable
 from skystack.tasks.contract import Action, AircraftStatus, Metric, Outcome
@@ -137,28 +136,22 @@ class NavigationTask:
     def may_stack(
         self, state: NavigationState, action: Int[Array, "*batch"]
     ) -> Bool[Array, "*batch"]:
-        allowed = self.table.may_stack(state.traffic, action)
-        if self.settings.control == "entered":
-            allowed &= jnp.any(self._instructed(state, action), axis=0)
-        return allowed
-
-    def _instructed(
-        self, state: NavigationState, action: Int[Array, "*batch"]
-    ) -> Bool[Array, "aircraft *batch"]:
-        """The aircraft that an action instructs: one, or none."""
-        instructed = self.table.addressed(state.traffic, action) & state.traffic.active
-        if self.settings.control == "entered":
-            instructed &= state.memory.progress.entered
-        return instructed
+        return self.table.may_stack(self._reachable(state), action)
 
     def instruct(self, state: NavigationState, action: Int[Array, "*batch"]) -> NavigationState:
-        instructed = self._instructed(state, action)
-        if self.settings.control == "entered":
-            action = jnp.where(jnp.any(instructed, axis=0), action, NO_OP)
+        reachable = self._reachable(state)
+        instructed = self.table.addressed(reachable, action) & reachable.active
         return NavigationState(
-            self.table.instruct(state.traffic, action),
+            self.table.instruct(reachable, action)._replace(active=state.traffic.active),
             self.tracker.instruct(state.memory, instructed, action),
         )
+
+    def _reachable(self, state: NavigationState) -> Traffic:
+        """The traffic, in which only the aircraft that can be instructed are active."""
+        if self.settings.control == "always":
+            return state.traffic
+        active = state.traffic.active & state.memory.progress.entered
+        return state.traffic._replace(active=active)
 
     def end_burst(self, state: NavigationState) -> NavigationState:
         """End the burst, so that the next instruction starts a new one."""

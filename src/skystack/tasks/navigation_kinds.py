@@ -225,7 +225,8 @@ def _check_exits(sector: Sector) -> None:
     """Raise InputError unless all exits are inside the area, on the leg to the exit fix."""
     if not sector.exit_before_nm:
         return
-    legs_nm = [sector.leg_nm(*route[-3:-1]) for route in sector.routes]
+    table = sector.route_table
+    legs_nm = table.leg_nm[np.arange(len(sector.routes)), table.last_fix - 2].tolist()
     points = np.array([sector.exit_point_nm(route) for route in sector.routes])
     inside = np.asarray(inside_area(jnp.asarray(points, dtype=jnp.float32), sector.area_nm))
     if sector.exit_before_nm >= min(legs_nm) or not inside.all():

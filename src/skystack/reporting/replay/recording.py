@@ -100,9 +100,10 @@ class ReplayScenario:
     @property
     def transmissions(self) -> list[RecordedClearance]:
         """The clearances, without the second element of those with a heading and a level."""
-        return list({(each.cycle, each.aircraft): each for each in self.clearances[::-1]}.values())[
-            ::-1
-        ]
+        first: dict[tuple[int, int], RecordedClearance] = {}
+        for each in self.clearances:
+            first.setdefault((each.cycle, each.aircraft), each)
+        return list(first.values())
 
 
 @dataclass(frozen=True)
