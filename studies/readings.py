@@ -37,7 +37,8 @@ from skystack.evaluation.paper import PAPER
 from skystack.evaluation.summary import RowValues
 from skystack.io.files import make_folder
 from skystack.learning.experiment import Experiment, load_experiment
-from skystack.reporting.tables import NOTHING, Table, mean_and_std, percent
+from skystack.reporting.table import Table
+from skystack.reporting.tables import NOTHING, mean_and_std, percent
 from skystack.reproduction.jobs import Way, train_or_load
 from skystack.reproduction.pieces import once
 from skystack.reproduction.plan import Plan

@@ -22,7 +22,7 @@ from skystack.learning.run import Trained
 from skystack.reporting import comparison, report, results, trainings
 from skystack.reporting.replay import page
 from skystack.reporting.results import Results, Run
-from skystack.reporting.tables import Table
+from skystack.reporting.table import Table
 from skystack.reproduction import run as reproduction
 from tests.reporting.rows import row
 

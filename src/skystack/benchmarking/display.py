@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from skystack.benchmarking.figures import Figure
-from skystack.reporting.tables import Table
+from skystack.reporting.table import Table
 
 
 def figures_table(figures: Sequence[Figure]) -> Table:

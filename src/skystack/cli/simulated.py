@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from skystack.reporting.tables import Table
+from skystack.reporting.table import Table
 
 
 def losses_line(summary: dict[str, Any]) -> str:

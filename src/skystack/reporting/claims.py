@@ -19,7 +19,8 @@ from skystack.evaluation.statistics import Estimate
 from skystack.evaluation.stored import read_table
 from skystack.reporting.learning_curves import LEARNED, at_the_end, steps_until
 from skystack.reporting.results import Row, RowName, Run, Update
-from skystack.reporting.tables import NOTHING, Table, interval, percent_interval
+from skystack.reporting.table import Table
+from skystack.reporting.tables import NOTHING, interval, percent_interval
 
 REPRODUCED, CHANGED, MISSED = "reproduced", "reproduced with changed settings", "not reproduced"
 UNDECIDED = "cannot be judged"

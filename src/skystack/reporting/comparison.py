@@ -15,7 +15,8 @@ from skystack.reporting.learning_curves import overlaid_curves
 from skystack.reporting.page import Picture, picture_of, render
 from skystack.reporting.results import Update, family_order, family_title
 from skystack.reporting.style import as_svg, house_style
-from skystack.reporting.tables import NOTHING, Table
+from skystack.reporting.table import Table
+from skystack.reporting.tables import NOTHING
 from skystack.reporting.trainings import RunRow, Runs, TrainingRun, differences
 
 WIDEST = 40

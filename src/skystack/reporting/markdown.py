@@ -6,6 +6,7 @@ from skystack.errors import printable
 from skystack.reporting import tables
 from skystack.reporting.claims import check_claims, claims_table
 from skystack.reporting.results import Run, family_title
+from skystack.reporting.table import plain_markdown
 
 
 def as_markdown(run: Run) -> str:
@@ -16,7 +17,7 @@ def as_markdown(run: Run) -> str:
 def _parts(run: Run) -> Iterator[str]:
     results, claims = run.results, check_claims(run)
     command, made = printable(results.command).replace("`", "'"), (results.machine, results.version)
-    machine, version = map(tables.plain_markdown, made)
+    machine, version = map(plain_markdown, made)
     yield f"`{command}`; {machine}; skystack {version}\n"
     for family, rows in results.families.items():
         yield f"## {family_title(family)}\n"

@@ -27,6 +27,7 @@ from skystack.reporting.results import (
     family_title,
     read_run,
 )
+from skystack.reporting.table import Table
 from skystack.reporting.trajectories import clearances_text
 from skystack.reporting.typical import CANDIDATES, kind_of_scenario, typical_scenario
 
@@ -60,10 +61,10 @@ class FamilySection(NamedTuple):
 
     name: str
     title: str
-    brief: tables.Table
-    comparison: tables.Table
-    estimates: tables.Table
-    claims: tables.Table
+    brief: Table
+    comparison: Table
+    estimates: Table
+    claims: Table
     bound: Bound | None
     scenario: int
     """The number of the scenario that is drawn."""

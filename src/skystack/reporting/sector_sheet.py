@@ -11,7 +11,7 @@ from skystack.errors import InputError
 from skystack.io.files import atomic_write, check_output
 from skystack.reporting.maps import sector_map
 from skystack.reporting.style import as_png, as_svg, house_style
-from skystack.reporting.tables import Table
+from skystack.reporting.table import Table
 from skystack.simulator.performance import performance
 from skystack.simulator.simulator import Simulator
 from skystack.tasks.flight_time import FlightTimes, flight_times
