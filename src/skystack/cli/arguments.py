@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, NoReturn
 
 import skystack
 from skystack.cli import verbs
+from skystack.cli.reproduce import reproduce
 from skystack.errors import MAX_INT, InputError
 from skystack.io.streams import StandardOutput
 from skystack.simulator.limits import MAX_CYCLES
@@ -114,7 +115,9 @@ def build_parser() -> Commands:
     verb("list", "list experiments, tasks, sectors, policies and other names", verbs.list_all)
 
     sub = verb(
-        "reproduce", "train, evaluate, compare with the paper and write a report", verbs.reproduce
+        "reproduce",
+        "train, evaluate, compare with the paper and write a report",
+        reproduce,
     )
     _reproduce_arguments(sub)
 

@@ -1,6 +1,11 @@
 """Lines that all verbs print alike; for tables and progress see `skystack.cli.console`."""
 
 import json
+import os
+import shlex
+import shutil
+import sys
+from pathlib import Path
 from typing import Any
 
 from skystack.errors import printable
@@ -29,3 +34,15 @@ def print_line(line: str) -> None:
 def print_json(value: Any) -> None:
     """Print a JSON object on standard output, in ASCII."""
     StandardOutput().write(json.dumps(value, indent=1) + "\n")
+
+
+def quoted(path: Path) -> str:
+    """The path as a word of a shell command."""
+    return shlex.quote(str(path))
+
+
+def program() -> str:
+    """The words that start skystack in this shell."""
+    if shutil.which("skystack"):
+        return "skystack"
+    return f"{shlex.quote(os.path.relpath(sys.executable))} -m skystack"
