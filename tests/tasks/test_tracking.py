@@ -231,7 +231,7 @@ def test_excursions_are_of_active_aircraft_that_entered():
     [(9.9, 10.0, False), (10.1, 10.0, True), (-10.1, 10.0, True), (10.1, None, False)],
 )
 def test_leaving_the_airway_is_an_excursion(north_nm, airway_nm, expected):
-    """X-Plus is not used here: on the first leg of the hairpin the airway is east-west."""
+    """The first leg of the hairpin leads east, so the aircraft is north or south of it."""
     west = HAIRPIN.fixes_nm["WO"][0]
     at = jnp.asarray([[west + 30.0, north_nm]], dtype=jnp.float32)
     traffic = scene([300], 0.0)._replace(position_nm=at)

@@ -65,7 +65,7 @@ STARTING = "starting processes and compiling ..."
 
 
 class _Description(ProgressColumn):
-    """The label of a progress bar, which is never shortened for the sake of the others."""
+    """The label of a progress bar. It is never shortened to make room for other columns."""
 
     def __init__(self) -> None:
         super().__init__(Column(no_wrap=True))

@@ -149,7 +149,9 @@ def report(options: argparse.Namespace) -> int:
     if others or not is_reproduction(first):
         return _compare(options)
     if options.output:
-        raise InputError(f"report: -o is for comparisons; the report of {first} is in that folder")
+        raise InputError(
+            f"report: -o is for comparisons; the report of {first} is always in its folder"
+        )
     path = write_report(first)
     show_results(first, json.loads((first / "results.json").read_bytes()), options.json)
     say(f"report: {path}")

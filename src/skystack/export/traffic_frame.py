@@ -76,7 +76,7 @@ def traffic_frame(path: AnyPath, scenario: int | None = None, start: datetime = 
 
 
 def _checked_start(start: Any) -> datetime:
-    """The start in UTC. Raises InputError unless it is a time with a time zone, 1700 to 2050."""
+    """The start in UTC. Raises InputError unless it has a time zone and is from 1701 to 2049."""
     if not isinstance(start, datetime) or start.tzinfo is None or not 1700 < start.year < 2050:
         raise InputError(
             f"start is {start!r} (allowed: a datetime with a time zone, from 1701 to 2049)"

@@ -84,7 +84,7 @@ class NavigationSettings(TaskSettings, frozen=True, forbid_unknown_fields=True):
     """Radius of the disc around the first fix in which aircraft start. Not used by `vertical`."""
     exit_nm: Annotated[float, msgspec.Meta(ge=0.1, le=50.0)] | None = None
     """Half the width of an exit: how far from the exit fix an aircraft may leave. None means the
-    whole edge of the sector that has the exit fix."""
+    whole edge on which the exit fix lies."""
     exit_before_nm: Annotated[float, msgspec.Meta(ge=0.0, le=20.0)] = 0.0
     """How far inside the sector an exit lies, along the leg to the exit fix."""
     airway_nm: Annotated[float, msgspec.Meta(ge=0.1, le=50.0)] | None = None

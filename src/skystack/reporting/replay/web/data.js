@@ -41,8 +41,8 @@ function unpackAircraft(packed, parts) {
 
 /** The clearances without the second element of those with a heading and a level. */
 function transmissionsOf(clearances) {
-  const said = new Set();
-  return clearances.filter(({ aircraft, cycle }) => said.size < said.add(`${aircraft} ${cycle}`).size);
+  const seen = new Set();
+  return clearances.filter(({ aircraft, cycle }) => seen.size < seen.add(`${aircraft} ${cycle}`).size);
 }
 
 /** One scenario of one run, ready to be drawn. */
