@@ -17,4 +17,4 @@ FAR_NORTH = Sector(
     },
     (("WESTO", "WESTE", "EASTE", "EASTO"), ("EASTO", "EASTE", "SOUTH", "SOUTO")),
 )
-"""Six degrees of latitude around 64 N, where a degree of longitude is half as long."""
+"""From 60 N to 68 N, where a degree of longitude is at most half as long as at the equator."""

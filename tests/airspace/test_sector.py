@@ -114,7 +114,7 @@ def test_exits_wider_than_the_edge_are_the_edge(sector):
     ("sector", "fix", "before"), [(SQUARE, "NDOOR", "MIDDLE"), (FAR_NORTH, "EASTE", "WESTE")]
 )
 def test_exits_can_lie_before_the_exit_fix(sector, fix, before):
-    """The exit fix and the middle of the exit are on the last leg, so many miles apart."""
+    """The middle of the exit is on the last leg, two miles before the exit fix."""
     inner = replace(sector, exit_before_nm=2.0, exit_nm=3.0).route_table.exit_edge_nm[0]
     middle = inner[[0, -1]].astype(np.float64).mean(axis=0)
     assert distance_nm(sector, middle, fix) == pytest.approx(2.0, abs=0.02)

@@ -22,7 +22,7 @@ READERS = {
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """The folder of the site, built as without the packages of extras."""
+    """The folder of the site, built as where the packages of extras are missing."""
     pytest.importorskip("sphinx")
     folder = tmp_path_factory.mktemp("documentation") / "site"
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "docs", str(folder)]

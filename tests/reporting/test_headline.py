@@ -57,7 +57,7 @@ def test_headline_of_the_papers_policy_and_of_ours(tmp_path):
     ]
 
 
-def test_quick_runs_are_called_so(tmp_path):
+def test_headline_says_if_training_was_shortened(tmp_path):
     run = run_of(tmp_path, ROWS)
     quick = msgspec.structs.replace(run.results, quick=True)
     first, second = headline(Run(tmp_path, quick, None))

@@ -139,7 +139,7 @@ def test_sampled_actions_are_evaluated_beside_the_most_probable_ones(plan, exper
         "lateral-s1-skystack-stacked-sampled",
     ]
     assert all(each.exists() for each in job.folders)
-    # An untrained network is nearly uniform, so sampled actions hardly ever are all the same.
+    # An untrained network is nearly uniform, so most sampled actions are instructions.
     assert flown[2].row["instructions_mean"] > 50.0
     cached = run_job(job, lambda message: None)
     assert len(cached.kept) == 5

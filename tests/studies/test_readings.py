@@ -52,7 +52,7 @@ def rows_of(mean, success=1.0):
     return [{"clearances_mean": mean, "clearances_std": 5.0, "success_rate": success} for _ in WAYS]
 
 
-def test_the_nearest_reading_comes_first_and_shares_what_it_can():
+def test_the_nearest_reading_comes_first_and_shares_unaffected_policies():
     two = [(), ("in-full",)]
     names = {variant(each, reading).name for each in LATERAL for reading in two}
     assert len(names) == 5  # the undamped policy is the same
