@@ -17,10 +17,7 @@ abs(ln(ours / paper)) over the means and the standard deviations of the paper's 
 import argparse
 import json
 import sys
-import time
-from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from statistics import mean
 from typing import NamedTuple
@@ -29,8 +26,7 @@ import msgspec
 import numpy as np
 
 import skystack
-from skystack.compilation.cores import cores
-from skystack.compilation.programs import compile_for_one_core, program_cache
+from skystack.compilation.programs import program_cache
 from skystack.errors import InputError, unknown_name
 from skystack.evaluation.evaluate import Conditions, evaluate
 from skystack.evaluation.paper import PAPER
@@ -42,6 +38,7 @@ from skystack.reporting.tables import NOTHING, mean_and_std, percent
 from skystack.reproduction.jobs import Way, train_or_load
 from skystack.reproduction.pieces import once
 from skystack.reproduction.plan import Plan
+from studies.parallel import run_pieces
 
 EPISODES = 1000
 LEAST = 0.1
@@ -182,25 +179,14 @@ def variants(
     return {each.name: each for each in found}
 
 
-def run(trained: Iterable[Experiment], seeds: int, out: Path) -> Rows:
+def run(trained: Collection[Experiment], seeds: int, out: Path) -> Rows:
     """Train and evaluate variants, one process per core, all of a seed before the next seed."""
-    pieces, found = [(each, seed) for seed in range(seeds) for each in trained], Rows()
-    started = time.monotonic()
-    pool = ProcessPoolExecutor(len(cores()), get_context("spawn"), compile_for_one_core)
-    with pool:
-        futures = {
-            pool.submit(measure, experiment, seed, out): (experiment.name, seed)
-            for experiment, seed in pieces
-        }
-        try:
-            for number, future in enumerate(as_completed(futures), start=1):
-                found[futures[future]] = future.result()
-                minutes = (time.monotonic() - started) / 60.0
-                sys.stderr.write(f"{number} of {len(pieces)} training runs, {minutes:.0f} min\n")
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-    return found
+    pieces = [(each, seed, out) for seed in range(seeds) for each in trained]
+    rows = run_pieces(measure, pieces, "training runs")
+    return {
+        (experiment.name, seed): each
+        for (experiment, seed, _), each in zip(pieces, rows, strict=True)
+    }
 
 
 class Score(NamedTuple):

@@ -51,8 +51,9 @@ def run_command(text):
         for group in re.findall(r"\[(.*?)\]", text):
             assert set(group.split(",")) <= set(extras["optional-dependencies"]), text
     elif program.startswith("python"):
-        module = Path(*words[1].split(".")).with_suffix(".py") if words[0] == "-m" else words[0]
-        assert (ROOT / module).exists(), text
+        path = ROOT / (Path(*words[1].split(".")) if words[0] == "-m" else words[0])
+        files = (path, path.with_suffix(".py"), path / "__main__.py")
+        assert any(file.is_file() for file in files), text
         assert words[0] != "dev.py" or words[1] in dev.EXTRAS, text
     elif words[0] in PARSED_ONLY:
         parse(words)
@@ -107,7 +108,7 @@ def test_every_link_resolves(page):
 def test_documents_every_check_study_and_tool():
     text = "\n".join(page.read_text() for page in PAGES)
     commands = {
-        ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__main__")
         for folder in ("verification", "studies", "tools")
         for path in (ROOT / folder).rglob("*.py")
         if "__main__" in path.read_text()

@@ -32,6 +32,7 @@ def transitions(rewards, terminated, truncated):
         reward=column(rewards, jnp.float32),
         terminated=column(terminated, bool),
         truncated=column(truncated, bool),
+        discount=jnp.full((STEPS, 1), GAMMA),
     )
 
 
@@ -79,6 +80,22 @@ def test_advantages_are_returns_minus_values_if_lambda_is_one():
         returns = reward + GAMMA * returns
         expected.append(returns)
     np.testing.assert_allclose(found[:, 0], np.array(expected[::-1]) - values, rtol=1e-4, atol=1e-5)
+
+
+def test_a_step_of_several_time_steps_is_worth_as_much_as_the_steps_in_it():
+    """With lambda 1: rewards on steps 0, 3 and 4, the first of which takes three time steps."""
+    rng = np.random.default_rng(2)
+    never = np.zeros(STEPS, dtype=bool)
+    rewards = np.where(np.isin(np.arange(STEPS), [1, 2]), 0.0, rng.normal(size=STEPS))
+    zero = jnp.zeros((STEPS, 1))
+    settings = PPOSettings(gamma=GAMMA, gae_lambda=1.0, steps=STEPS, environments=1, minibatch=1)
+    plain = transitions(rewards, never, never)
+    expected = ppo.compute_gae(plain, zero, zero, settings)[:, 0]
+    merged = np.append(np.delete(rewards, [1, 2]), [0.0, 0.0])
+    steps = transitions(merged, never, never)
+    steps = steps._replace(discount=steps.discount.at[0].set(GAMMA**3))
+    found = ppo.compute_gae(steps, zero, zero, settings)[:, 0]
+    np.testing.assert_allclose(found[:-2], np.delete(expected, [1, 2]), rtol=1e-5)
 
 
 @given(st.lists(st.integers(1, 40), min_size=1, max_size=5), st.integers(0, 1000))
@@ -225,7 +242,7 @@ def outcome(reward, ended):
     return Outcome(reward[None], ended[None], never[None], ended, {"success": ended})
 
 
-def learn_sign(seed):
+def learn_sign(seed, head=None):
     settings = PPOSettings(
         total_steps=20_000,
         learning_rate=3e-3,
@@ -236,8 +253,8 @@ def learn_sign(seed):
         reward_scale=1.0,
     )
     task = OneByOne(SignTask())
-    learner = ppo.init(task, settings, jax.random.key(seed))
-    update = jax.jit(lambda state: ppo.update(task, settings, state))
+    learner = ppo.init(task, settings, jax.random.key(seed), head)
+    update = jax.jit(lambda state: ppo.update(task, settings, state, head))
     measured = []
     for _ in range(settings.updates):
         learner, values = update(learner)
@@ -249,6 +266,14 @@ def test_learns_a_task_with_a_known_solution():
     """Guessing returns 2.5, always being correct 5."""
     _, returns = learn_sign(seed=0)
     assert returns[0] == pytest.approx(2.5, abs=0.6)
+    assert np.mean(returns[-5:]) > 4.7
+
+
+def test_learns_with_logits_that_a_head_makes_of_the_outputs():
+    """With the only output x, the logits are x and -x."""
+    head = network.Head(1, lambda outputs: jnp.concatenate([outputs, -outputs]))
+    learner, returns = learn_sign(seed=0, head=head)
+    assert learner.parameters.actor[-1][1].shape == (1,)
     assert np.mean(returns[-5:]) > 4.7
 
 

@@ -4,6 +4,7 @@ The networks are two separate fully connected networks (section "Agent Training 
 the paper).
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -11,6 +12,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from skystack.learning.inference import Layers, Normaliser
+
+
+class Head(NamedTuple):
+    """A policy network whose outputs are not the logits of the actions."""
+
+    outputs: int
+    """The number of outputs."""
+    logits: Callable[[Float[Array, "outputs n"]], Float[Array, "actions n"]]
+    """Maps the outputs to one logit per action."""
 
 
 class Parameters(NamedTuple):
@@ -26,12 +36,12 @@ def init(
     """Orthogonal weights and zero biases, which give a nearly uniform initial policy."""
     actor_key, critic_key = jax.random.split(key)
     return Parameters(
-        _init_layers(actor_key, (observation_size, *hidden, actions), last_gain=0.01),
-        _init_layers(critic_key, (observation_size, *hidden, 1), last_gain=1.0),
+        init_layers(actor_key, (observation_size, *hidden, actions), last_gain=0.01),
+        init_layers(critic_key, (observation_size, *hidden, 1), last_gain=1.0),
     )
 
 
-def _init_layers(key: PRNGKeyArray, sizes: tuple[int, ...], last_gain: float) -> Layers:
+def init_layers(key: PRNGKeyArray, sizes: tuple[int, ...], last_gain: float) -> Layers:
     layers = []
     for index, layer_key in enumerate(jax.random.split(key, len(sizes) - 1)):
         gain = last_gain if index == len(sizes) - 2 else 2.0**0.5

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skystack.learning import network
 from skystack.learning.inference import Normaliser, forward, normalise
-from skystack.learning.network import Parameters
+from skystack.learning.network import Head, Parameters
 from skystack.learning.settings import PPOSettings
 from skystack.tasks.batch import choose, reset_many
 from skystack.tasks.contract import Metrics, Outcome, Task, TaskState
@@ -52,6 +52,8 @@ class Transitions(NamedTuple):
     """The scaled reward."""
     terminated: Bool[Array, "steps environments"]
     truncated: Bool[Array, "steps environments"]
+    discount: Float[Array, "steps environments"]
+    """The discount of everything after the step: gamma, if the step takes one time step."""
 
 
 class Episodes(NamedTuple):
@@ -76,11 +78,14 @@ def optimiser(settings: PPOSettings) -> optax.GradientTransformation:
     )
 
 
-def init(task: Task, settings: PPOSettings, key: PRNGKeyArray) -> TrainState:
+def init(
+    task: Task, settings: PPOSettings, key: PRNGKeyArray, head: Head | None = None
+) -> TrainState:
     """A train state with random weights and new scenarios."""
     network_key, scenario_key, key = jax.random.split(key, 3)
     size = len(task.observation_names)
-    parameters = network.init(network_key, size, settings.hidden, len(task.action_names))
+    outputs = len(task.action_names) if head is None else head.outputs
+    parameters = network.init(network_key, size, settings.hidden, outputs)
     scenarios = reset_many(task, scenario_key, settings.environments)
     return TrainState(
         parameters=parameters,
@@ -97,21 +102,22 @@ def init(task: Task, settings: PPOSettings, key: PRNGKeyArray) -> TrainState:
 
 
 def update(
-    task: Task, settings: PPOSettings, train_state: TrainState
+    task: Task, settings: PPOSettings, train_state: TrainState, head: Head | None = None
 ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
     """One update: collect, compute advantages, learn. A pure function, to be compiled.
 
-    Returns the train state, and the update's metrics by name.
+    Without a `head`, the policy network has one output per action. Returns the train state, and the
+    update's metrics by name.
     """
     key, collect_key, learn_key = jax.random.split(train_state.key, 3)
     train_state = train_state._replace(key=key)
-    train_state, transitions, episodes = collect(task, settings, train_state, collect_key)
+    train_state, transitions, episodes = collect(task, settings, train_state, collect_key, head)
     raw_observation = _columns(transitions.observation)
     observation = normalise(train_state.normaliser, raw_observation, columns=True)
     values, next_values = compute_values(train_state, transitions, observation)
     advantages = compute_gae(transitions, values, next_values, settings)
     batch = _pack(observation, transitions, values, advantages)
-    train_state, losses = learn(settings, train_state, batch, learn_key)
+    train_state, losses = learn(settings, train_state, batch, learn_key, head)
     normaliser = train_state.normaliser
     if settings.normalise_observations:
         normaliser = network.update_normaliser(normaliser, raw_observation)
@@ -120,7 +126,11 @@ def update(
 
 
 def collect(
-    task: Task, settings: PPOSettings, train_state: TrainState, key: PRNGKeyArray
+    task: Task,
+    settings: PPOSettings,
+    train_state: TrainState,
+    key: PRNGKeyArray,
+    head: Head | None = None,
 ) -> tuple[TrainState, Transitions, Episodes]:
     """Collect `steps` steps of each environment with the current policy.
 
@@ -138,9 +148,7 @@ def collect(
     ) -> tuple[TrainState, tuple[Transitions, Episodes]]:
         observation = train_state.observations
         normalised = normalise(train_state.normaliser, observation, columns=True)
-        log_probabilities = jax.nn.log_softmax(
-            forward(train_state.parameters.actor, normalised, columns=True), axis=0
-        )
+        log_probabilities = _log_probabilities(train_state.parameters, normalised, head)
         action = sample_actions(log_probabilities, uniforms)
         scenarios, outcome = task.step(train_state.scenarios, action)
         final_observation = _observe(task, scenarios)
@@ -154,6 +162,8 @@ def collect(
             reward=reward * settings.reward_scale,
             terminated=outcome.terminated[AGENT],
             truncated=outcome.truncated[AGENT],
+            discount=settings.gamma ** (1.0 if outcome.steps is None else outcome.steps)
+            * jnp.ones_like(reward),
         )
         train_state = train_state._replace(
             scenarios=choose(ended, fresh, scenarios),
@@ -220,11 +230,11 @@ def compute_gae(
     The value after a termination is 0; after a truncation it is the value of the final observation.
     Advantages do not propagate from one scenario to the previous one.
     """
-    target = transitions.reward + settings.gamma * jnp.where(
+    target = transitions.reward + transitions.discount * jnp.where(
         transitions.terminated, 0.0, next_values
     )
     ended = transitions.terminated | transitions.truncated
-    decay = settings.gamma * settings.gae_lambda * (1.0 - ended.astype(jnp.float32))
+    decay = transitions.discount * settings.gae_lambda * (1.0 - ended.astype(jnp.float32))
 
     def backward(
         next_advantage: Float[Array, " environments"], step: tuple[Array, Array]
@@ -243,6 +253,7 @@ def learn(
     train_state: TrainState,
     batch: Float[Array, "rows samples"],
     key: PRNGKeyArray,
+    head: Head | None = None,
 ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
     """Make `epochs` passes over shuffled minibatches. An incomplete last minibatch is dropped."""
     size = min(settings.minibatch, batch.shape[1])
@@ -253,7 +264,7 @@ def learn(
     def loss_of(
         vector: Float[Array, " weights"], minibatch: Float[Array, "rows minibatch"]
     ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
-        return loss(as_parameters(vector), minibatch, settings)
+        return loss(as_parameters(vector), minibatch, settings, head)
 
     def gradient_step(
         carry: tuple[Float[Array, " weights"], optax.OptState],
@@ -323,7 +334,10 @@ def _pack(
 
 
 def loss(
-    parameters: Parameters, minibatch: Float[Array, "rows minibatch"], settings: PPOSettings
+    parameters: Parameters,
+    minibatch: Float[Array, "rows minibatch"],
+    settings: PPOSettings,
+    head: Head | None = None,
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
     """The PPO loss of one minibatch: clipped surrogate, value error and entropy.
 
@@ -331,9 +345,7 @@ def loss(
     """
     observation = minibatch[:-_EXTRA_ROWS]
     action, old_log_probability, advantage, value_target = minibatch[-_EXTRA_ROWS:]
-    log_probabilities = jax.nn.log_softmax(
-        forward(parameters.actor, observation, columns=True), axis=0
-    )
+    log_probabilities = _log_probabilities(parameters, observation, head)
     entropy = -jnp.mean(jnp.sum(jnp.exp(log_probabilities) * log_probabilities, axis=0))
     change = _select(log_probabilities, action.astype(jnp.int32)) - old_log_probability
     ratio = jnp.exp(change)
@@ -351,6 +363,13 @@ def loss(
         "kl": jnp.mean(ratio - 1.0 - change),
         "clip_fraction": jnp.mean((jnp.abs(ratio - 1.0) > settings.clip).astype(jnp.float32)),
     }
+
+
+def _log_probabilities(
+    parameters: Parameters, observation: Float[Array, "observation n"], head: Head | None
+) -> Float[Array, "actions n"]:
+    outputs = forward(parameters.actor, observation, columns=True)
+    return jax.nn.log_softmax(outputs if head is None else head.logits(outputs), axis=0)
 
 
 def _select(

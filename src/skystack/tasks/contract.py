@@ -69,6 +69,8 @@ class Outcome(NamedTuple):
     """The scenario has ended for all agents."""
     metrics: Metrics
     """The metrics of the scenario so far. They are final once it has ended."""
+    steps: Float[Array, "*batch"] | None = None
+    """The number of time steps taken, by which later rewards are discounted; None means one."""
 
 
 @runtime_checkable

@@ -1,0 +1,66 @@
+"""The paper's method and its neighbours: frame skip, FiGAR, TempoRL, options, absolute clearances.
+
+    python -m studies.neighbours [PROBLEM ...] [--method METHOD ...] [--seeds 5] [--out DIR]
+
+Trains every method on every problem (lateral, vertical, avoidance) with the same rewards, the same
+features, the same learner and the same number of simulated cycles, and flies the same 1,000
+held-out scenarios. Prints a Markdown table for each problem, and one for stacking itself: only in
+training, only in flight, in both, in neither. Finished work in DIR is reused, so the command can be
+interrupted and repeated.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from skystack.errors import InputError, unknown_name
+from studies.neighbours.compare import run, stacking_table, table
+from studies.neighbours.methods import METHODS, PROBLEMS, STACKING
+
+
+def _check(names: Sequence[str], known: Sequence[str], what: str) -> list[str]:
+    for name in names:
+        if name not in known:
+            raise unknown_name(what, name, known)
+    return list(names or known)
+
+
+def main() -> int:
+    """Returns the exit code: 0 success, 2 invalid input."""
+    parser = argparse.ArgumentParser(
+        description=(__doc__ or "").partition("\n")[0], epilog=f"methods: {'; '.join(METHODS)}"
+    )
+    parser.add_argument(
+        "problems", nargs="*", metavar="PROBLEM", help=f"{', '.join(PROBLEMS)} (default: all)"
+    )
+    parser.add_argument("--method", action="append", default=[], help="default: all")
+    parser.add_argument("--seeds", type=int, default=5, help="seeds per method (default 5)")
+    parser.add_argument("--json", action="store_true", help="print the results as JSON")
+    parser.add_argument(
+        "--out", type=Path, default=Path("runs/neighbours"), help="folder (default runs/neighbours)"
+    )
+    options = parser.parse_args()
+    try:
+        problems = _check(options.problems, list(PROBLEMS), "problem")
+        methods = _check(options.method, list(METHODS), "method")
+        if options.seeds < 1:
+            raise InputError(f"--seeds is {options.seeds} (allowed: 1 or more)")
+        results = run(problems, methods, options.seeds, options.out)
+    except InputError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    if options.json:
+        named = {" / ".join(key): found for key, found in results.items()}
+        sys.stdout.write(json.dumps(named) + "\n")
+        return 0
+    for problem in problems:
+        sys.stdout.write(f"{problem}\n\n{table(problem, results).as_markdown()}\n")
+        if any(method in METHODS and METHODS[method].ways is STACKING for method in methods):
+            sys.stdout.write(f"{stacking_table(problem, results).as_markdown()}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,141 @@
+"""Absolute clearances, "turn heading 240" and "climb FL340", instead of changes by ten degrees."""
+
+from dataclasses import dataclass, replace
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from skystack.simulator.performance import TICKS_PER_FL
+from skystack.simulator.simulator import instruct
+from skystack.simulator.traffic import NO_TURN, SHORTEST, Clearance, Traffic
+from skystack.tasks.actions import STEP_FL, ActionTable, turns
+from skystack.tasks.contract import Action, Kind, Outcome
+from skystack.tasks.navigation import NavigationState, NavigationTask
+from skystack.tasks.wrapper import TaskWrapper
+
+HIGHEST_FL = 600.0
+
+
+@dataclass(frozen=True)
+class AbsoluteTable(ActionTable):
+    """The changes of its actions are the new values. A value that is already cleared is not issued
+    again, so it does not count as an instruction."""
+
+    def addressed(
+        self, traffic: Traffic, action: Int[Array, "*batch"]
+    ) -> Bool[Array, "aircraft *batch"]:
+        heading_deg, level_ticks = self._values(action)
+        other_heading = traffic.cleared_heading_deg != heading_deg
+        other_level = traffic.cleared_level_ticks != level_ticks
+        other = other_heading if "heading" in self.kinds else other_level
+        return super().addressed(traffic, action) & other
+
+    def may_stack(self, traffic: Traffic, action: Int[Array, "*batch"]) -> Bool[Array, "*batch"]:
+        return jnp.any(self.addressed(traffic, action) & traffic.active, axis=0)
+
+    def instruct(self, traffic: Traffic, action: Int[Array, "*batch"]) -> Traffic:
+        addressed = self.addressed(traffic, action)
+        heading_deg, level_ticks = self._values(action)
+        turns = addressed & ("heading" in self.kinds)
+        return instruct(
+            traffic,
+            Clearance(
+                jnp.where(turns, SHORTEST, NO_TURN),
+                jnp.where(turns, heading_deg, traffic.cleared_heading_deg),
+                addressed & ("level" in self.kinds),
+                jnp.broadcast_to(level_ticks, addressed.shape),
+            ),
+        )
+
+    def _values(
+        self, action: Int[Array, "*batch"]
+    ) -> tuple[Float[Array, "1 *batch"], Float[Array, "1 *batch"]]:
+        """The heading [deg] and the level [ticks] of an action."""
+        level_fl = self._change(action, "level")
+        return self._change(action, "heading"), TICKS_PER_FL * level_fl
+
+
+def absolute_headings(aircraft: int, step_deg: int) -> AbsoluteTable:
+    """Every heading in steps from north, for each aircraft."""
+    return AbsoluteTable(_actions(aircraft, "heading", range(0, 360, step_deg)))
+
+
+def absolute_levels(aircraft: int, levels_fl: tuple[int, int]) -> AbsoluteTable:
+    """Every level of the sector, for each aircraft."""
+    lowest, highest = levels_fl
+    return AbsoluteTable(_actions(aircraft, "level", range(lowest, highest + 1, STEP_FL)))
+
+
+def _actions(aircraft: int, kind: Kind, values: range) -> tuple[Action, ...]:
+    named = (
+        Action(f"aircraft {index + 1} {kind} {value:03d}", index, kind, value)
+        for index in range(aircraft)
+        for value in values
+    )
+    return (Action("none"), *named)
+
+
+@dataclass(frozen=True)
+class WithClearedValues(TaskWrapper[NavigationTask]):
+    """A task whose observation also has the cleared headings and levels, as absolute actions need.
+
+    The paper's features have only angles relative to the cleared heading.
+    """
+
+    @property
+    def observation_names(self) -> tuple[str, ...]:
+        each = [f"{name}_{index + 1}" for name in ("sin", "cos", "level") for index in self._range]
+        return (*self.task.observation_names, *each)
+
+    @property
+    def _range(self) -> range:
+        return range(self.task.aircraft)
+
+    def reset(self, key: PRNGKeyArray) -> NavigationState:
+        return self.task.reset(key)
+
+    def observe(self, state: NavigationState) -> Float[Array, "observation *batch"]:
+        traffic = state.traffic
+        heading = jnp.radians(traffic.cleared_heading_deg)
+        level_fl = traffic.cleared_level_ticks / TICKS_PER_FL
+        directions = [0.5 + 0.5 * jnp.sin(heading), 0.5 + 0.5 * jnp.cos(heading)]
+        return jnp.concatenate([self.task.observe(state), *directions, level_fl / HIGHEST_FL])
+
+    def may_stack(
+        self, state: NavigationState, action: Int[Array, "*batch"]
+    ) -> Bool[Array, "*batch"]:
+        return self.task.may_stack(state, action)
+
+    def instruct(self, state: NavigationState, action: Int[Array, "*batch"]) -> NavigationState:
+        return self.task.instruct(state, action)
+
+    def advance(self, state: NavigationState) -> tuple[NavigationState, Outcome]:
+        return self.task.advance(state)
+
+    def step(
+        self, state: NavigationState, action: Int[Array, "*batch"]
+    ) -> tuple[NavigationState, Outcome]:
+        return self.task.step(state, action)
+
+
+def with_absolute_actions(task: NavigationTask, step_deg: int) -> WithClearedValues:
+    """The task with absolute headings or levels instead of its own actions."""
+    if "level" in task.table.kinds:
+        table = absolute_levels(task.aircraft, task.sector.levels_fl)
+    else:
+        table = absolute_headings(task.aircraft, step_deg)
+    return WithClearedValues(replace(task, table=table))
+
+
+def with_large_changes(task: NavigationTask, sizes: range) -> NavigationTask:
+    """The task with changes of several sizes: turns [deg] or climbs and descents [FL]."""
+    kind: Kind = "level" if "level" in task.table.kinds else "heading"
+    if kind == "heading":
+        return replace(task, table=turns(task.aircraft, tuple(sizes)))
+    actions = (
+        Action(f"aircraft {index + 1} level {sign * size:+d} FL", index, kind, sign * size)
+        for index in range(task.aircraft)
+        for sign in (-1, 1)
+        for size in sizes
+    )
+    return replace(task, table=replace(task.table, actions=(Action("none"), *actions)))

@@ -1,0 +1,116 @@
+"""Train and fly every method on every problem, and tabulate the results."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import mean
+from typing import Any
+
+import skystack
+from skystack.compilation.programs import program_cache
+from skystack.io.files import make_folder
+from skystack.learning.experiment import to_toml
+from skystack.reporting.table import Table
+from skystack.reporting.tables import NOTHING, mean_and_std, percent
+from skystack.reproduction.pieces import once
+from studies.neighbours import learner, temporl
+from studies.neighbours.flights import fly
+from studies.neighbours.methods import METHODS, PROBLEMS, STACKING, Way, build, experiment_of
+from studies.parallel import run_pieces
+
+SCENARIOS = 1000
+Result = dict[str, Any]
+"""`cycles_to_good`, `train_s`, and for the name of each way the values of `flights.fly`."""
+Results = dict[tuple[str, str], list[Result]]
+"""The results of all seeds by problem and method."""
+TITLES = {
+    ("small changes", Way()): "small changes",
+    ("small changes", Way(stacked=True)): "stacking (the paper)",
+    ("frozen time", Way(stacked=True)): "stacking, trained in frozen time",
+}
+"""The names of the first rows; each other method has one row."""
+
+
+def measure(problem: str, method: str, seed: int, out: Path) -> Result:
+    """Train one policy and fly it in all ways of its method. Finished work in `out` is reused."""
+    chosen, cycles = METHODS[method], PROBLEMS[problem].cycles
+    experiment = experiment_of(PROBLEMS[problem])
+
+    def work() -> Result:
+        train = temporl.train if chosen.learner == "temporl" else learner.train
+        trained = train(chosen, experiment, cycles, seed)
+        tasks, rows = build(chosen, experiment), {}
+        for way in chosen.ways:
+            decide = trained.decide if way.greedy else trained.sample
+            rows[way.name] = fly(tasks, decide, trained.weights, way, SCENARIOS)
+        return {"cycles_to_good": trained.cycles_to_good, "train_s": trained.train_s, **rows}
+
+    key = {
+        "experiment": to_toml(experiment).decode(),
+        "cycles": cycles,
+        "scenarios": SCENARIOS,
+        "decision": chosen.decision,
+        "ways": [way.name for way in chosen.ways],
+        "version": skystack.__version__,
+    }
+    name = f"{problem}-{method}-s{seed}.json".replace(", ", "-").replace(" ", "-")
+    with program_cache():
+        result: Result = once(make_folder(out) / name, key, work)[0]
+    return result
+
+
+def run(problems: Sequence[str], methods: Sequence[str], seeds: int, out: Path) -> Results:
+    """All results, one process per core, all of a seed before the next seed."""
+    pieces = [
+        (problem, method, seed, out)
+        for seed in range(seeds)
+        for problem in problems
+        for method in methods
+        if method in PROBLEMS[problem].methods
+    ]
+    results: Results = {}
+    for piece, result in zip(pieces, run_pieces(measure, pieces, "training runs"), strict=True):
+        results.setdefault(piece[:2], []).append(result)
+    return results
+
+
+def table(problem: str, results: Results) -> Table:
+    """The methods on one problem."""
+    rows = []
+    for (name, method), found in results.items():
+        if name != problem:
+            continue
+        named = {way: title for (each, way), title in TITLES.items() if each == method}
+        for way, title in (named or {Way(): method}).items():
+            first = [result["cycles_to_good"] for result in found]
+            to_good = f"{mean(first) / 1000:.0f} k" if None not in first else NOTHING
+            train_s = f"{mean(result['train_s'] for result in found):.0f} s"
+            rows.append((title, *_cells([result[way.name] for result in found]), to_good, train_s))
+    header = ("method", *HEADER, f"cycles to {percent(learner.GOOD)}", "training")
+    return Table(header, tuple(rows))
+
+
+def stacking_table(problem: str, results: Results) -> Table:
+    """Stacking in training and in flight, each with and without; drawn actions; the check."""
+    rows = []
+    for method, training in (("small changes", "a cycle per action"), ("frozen time", "frozen")):
+        for way in STACKING if (problem, method) in results else ():
+            cells = _cells([result[way.name] for result in results[problem, method]])
+            rows.append((training, way.name, *cells))
+    return Table(("training", "flight", *HEADER), tuple(rows))
+
+
+HEADER = ("clearances", "seeds", "success", "losses")
+
+
+def _cells(rows: Sequence[dict[str, float]]) -> tuple[str, ...]:
+    """Clearances (means over scenarios and seeds), the range of the seeds' means, success and the
+    least of the seeds, and losses of separation per 1,000 scenarios."""
+    means = [row["clearances_mean"] for row in rows]
+    success = [row["success_rate"] for row in rows]
+    losses = mean(row["losses"] for row in rows) * 1000.0 / SCENARIOS
+    return (
+        mean_and_std(mean(means), mean(row["clearances_std"] for row in rows)),
+        f"{min(means):.1f} to {max(means):.1f}",
+        f"{percent(mean(success))} ({percent(min(success))})",
+        f"{losses:.1f}",
+    )

@@ -1,0 +1,110 @@
+"""Train with PPO until a budget of simulated cycles is used up."""
+
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from skystack.evaluation.rollout import TracedPolicy
+from skystack.learning import ppo
+from skystack.learning.experiment import Experiment
+from skystack.learning.inference import forward, normalise
+from skystack.learning.network import Head
+from skystack.learning.seeds import training_key
+from skystack.tasks.observations import flatten_observation
+from studies.neighbours.methods import Build, Method, build
+
+GOOD = 0.8
+"""The share of scenarios in which all aircraft leave through their exits that counts as learned."""
+WINDOW = 100
+"""At least so many consecutive scenarios are averaged."""
+
+
+class Trained(NamedTuple):
+    """A trained policy and what its training took."""
+
+    decide: TracedPolicy
+    """The most probable decision."""
+    sample: TracedPolicy
+    weights: Any
+    cycles_to_good: int | None
+    """The cycles after which `GOOD` of the last scenarios succeeded; None if they never did."""
+    train_s: float
+    """Time for training, without compilation."""
+
+
+class Budget:
+    """Counts the simulated cycles of a training, and notes when it is good.
+
+    Only the cycles of finished scenarios count; at the end, each environment is in one more.
+    """
+
+    def __init__(self) -> None:
+        self.cycles = 0.0
+        self.good_after: int | None = None
+        self._scenarios = self._good = 0.0
+
+    def add(self, measured: dict[str, Any]) -> None:
+        """Add an update with its measured values: means over the scenarios that ended."""
+        episodes = float(measured["episodes"])
+        if not episodes:
+            return
+        self.cycles += episodes * float(measured["cycles"])
+        self._scenarios += episodes
+        self._good += episodes * float(measured["correct_exit"])
+        if self._scenarios < WINDOW:
+            return
+        if self.good_after is None and self._good >= GOOD * self._scenarios:
+            self.good_after = round(self.cycles)
+        self._scenarios = self._good = 0.0
+
+
+def train(method: Method, experiment: Experiment, cycles: int, seed: int) -> Trained:
+    """Train a method, first with the rewards of pre-training if the experiment has any."""
+    settings, budget, train_s = experiment.ppo, Budget(), 0.0
+    target = build(method, experiment)
+    head = target.head
+    phases = [(cycles, target)]
+    if experiment.pretraining is not None:
+        share = experiment.pretraining.steps / settings.total_steps
+        phases.insert(0, (round(share * cycles), build(method, experiment, pretraining=True)))
+    state = jax.jit(partial(ppo.init, target.trained, settings, head=head))(training_key(seed))
+    for until, phase in phases:
+        update = compiled_update(phase, experiment, state)
+        started = time.perf_counter()
+        while budget.cycles < until:
+            state, measured = update(state)
+            budget.add(jax.device_get(measured))
+        train_s += time.perf_counter() - started
+    weights = state.parameters.actor, state.normaliser
+    greedy, sampled = (network_policy(head, greedy) for greedy in (True, False))
+    return Trained(greedy, sampled, weights, budget.good_after, train_s)
+
+
+def compiled_update(
+    phase: Build, experiment: Experiment, state: ppo.TrainState
+) -> Callable[..., Any]:
+    """The compiled `ppo.update` of a phase."""
+    update = partial(ppo.update, phase.trained, experiment.ppo, head=phase.head)
+    compiled: Callable[..., Any] = jax.jit(update).lower(state).compile()
+    return compiled
+
+
+def network_policy(head: Head | None, greedy: bool) -> TracedPolicy:
+    """The most probable or a sampled action of weights (actor, normaliser)."""
+
+    def decide(
+        weights: Any, observation: Float[Array, " observation"], key: PRNGKeyArray
+    ) -> Int[Array, ""]:
+        actor, normaliser = weights
+        logits = forward(actor, normalise(normaliser, flatten_observation(observation)))
+        if head is not None:
+            logits = head.logits(logits[:, None])[:, 0]
+        chosen = jnp.argmax(logits) if greedy else jax.random.categorical(key, logits)
+        return chosen.astype(jnp.int32)
+
+    return decide

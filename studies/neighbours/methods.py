@@ -1,0 +1,209 @@
+"""What a decision is in each method, and what it can express."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Literal, NamedTuple
+
+import msgspec
+
+from skystack.learning.experiment import Experiment, load_experiment
+from skystack.learning.network import Head
+from skystack.tasks.contract import Task
+from skystack.tasks.navigation import NavigationTask
+from skystack.tasks.registry import build_task
+from skystack.tasks.stacked_steps import StackedSteps
+from studies.neighbours.absolute import with_absolute_actions, with_large_changes
+from studies.neighbours.decisions import (
+    Decisions,
+    MakeDecisions,
+    MakeHead,
+    conditional_head,
+    held,
+    independent_head,
+    options,
+    repeated,
+    repetitions,
+)
+
+MOST = 10
+"""The most cycles of one decision."""
+SIZES = range(10, 91, 10)
+"""The sizes of large changes and of options: degrees or flight levels."""
+
+
+class Way(NamedTuple):
+    """How a trained policy is evaluated."""
+
+    stacked: bool = False
+    greedy: bool = True
+    look_ahead: bool = False
+    """Whether a clearance is checked before it is issued, see `flights.worse`."""
+
+    @property
+    def name(self) -> str:
+        """For tables and files."""
+        action = "greedy" if self.greedy else "sampled"
+        checked = ", checked" if self.look_ahead else ""
+        return f"{'stacked' if self.stacked else 'unstacked'}, {action}{checked}"
+
+
+ALONE = (Way(),)
+STACKING = (
+    Way(),
+    Way(greedy=False),
+    Way(stacked=True),
+    Way(stacked=True, greedy=False),
+    Way(stacked=True, look_ahead=True),
+)
+
+
+def _same(task: NavigationTask) -> Task:
+    return task
+
+
+class Method(NamedTuple):
+    """A method: the decisions that a policy learns to take."""
+
+    decision: str
+    """What one decision is."""
+    expresses: str
+    """What one decision can clear, and what it cannot."""
+    task: Callable[[NavigationTask], Task] = _same
+    """The task that the decisions are made of."""
+    decisions: MakeDecisions | None = None
+    """Decisions of several cycles. None means that every action of the task is one."""
+    head: MakeHead | None = None
+    learner: Literal["ppo", "temporl"] = "ppo"
+    ways: tuple[Way, ...] = ALONE
+
+
+METHODS = {
+    "small changes": Method(
+        "one change by 10, or none, every cycle",
+        "changes by 10; a larger one is a burst, and stacking makes it one clearance",
+        ways=STACKING,
+    ),
+    "frozen time": Method(
+        "one change by 10 while time is frozen, or the end of the burst",
+        "the same, and it is trained with the states that stacking visits",
+        task=StackedSteps,
+        ways=STACKING,
+    ),
+    **{
+        f"frame skip {cycles}": Method(
+            f"one change by 10 in each of {cycles} cycles, or none in any",
+            f"multiples of {10 * cycles} only",
+            decisions=partial(repeated, cycles=cycles),
+        )
+        for cycles in (2, 5, 10)
+    },
+    **{
+        f"every {cycles} cycles": Method(
+            f"one change by 10, or none, every {cycles} cycles",
+            f"changes by 10, at most one in {6 * cycles} s",
+            decisions=partial(held, cycles=cycles),
+        )
+        for cycles in (2, 5, 10)
+    },
+    "FiGAR": Method(
+        f"one change by 10, or none, in each of 1 to {MOST} cycles; independent heads",
+        f"changes by 10 to {10 * MOST}, and waiting; the same length for every action",
+        decisions=partial(repetitions, most=MOST),
+        head=partial(independent_head, most=MOST),
+    ),
+    "TempoRL, PPO": Method(
+        f"one change by 10, or none, in each of 1 to {MOST} cycles; the length by the action",
+        f"changes by 10 to {10 * MOST}, and waiting",
+        decisions=partial(repetitions, most=MOST),
+        head=partial(conditional_head, most=MOST),
+    ),
+    "TempoRL, DQN": Method(
+        "the same, learned with a second Q-network for the length",
+        f"changes by 10 to {10 * MOST}, and waiting",
+        decisions=partial(repetitions, most=MOST),
+        learner="temporl",
+    ),
+    "options": Method(
+        f"one change by 10 in each of 1 to {len(SIZES)} cycles, or one cycle without any",
+        f"changes by 10 to {SIZES[-1]}; waiting is decided every cycle",
+        decisions=partial(options, most=len(SIZES)),
+    ),
+    "large changes": Method(
+        f"one change by 10 to {SIZES[-1]}, or none, every cycle",
+        f"changes by 10 to {SIZES[-1]} at once (the paper's 37 actions)",
+        task=partial(with_large_changes, sizes=SIZES),
+    ),
+    "absolute, 10": Method(
+        "one heading (36) or level, or none, every cycle",
+        "any change in steps of 10 at once; needs absolute values in its observation",
+        task=partial(with_absolute_actions, step_deg=10),
+    ),
+    "absolute, 5": Method(
+        "one heading (72), or none, every cycle",
+        "any change in steps of 5 at once; needs absolute values in its observation",
+        task=partial(with_absolute_actions, step_deg=5),
+    ),
+}
+
+
+class Problem(NamedTuple):
+    """A task, its rewards and the budget for training on it."""
+
+    experiment: str
+    cycles: int
+    """The budget: simulated cycles, summed over all environments."""
+    methods: tuple[str, ...] = tuple(METHODS)
+
+
+PROBLEMS = {
+    "lateral": Problem("lateral", 4_000_000),
+    "vertical": Problem(
+        "vertical", 2_000_000, tuple(name for name in METHODS if name != "absolute, 5")
+    ),
+    "avoidance": Problem("avoidance-tuned", 10_000_000),
+}
+LEARNER = (
+    "ppo.learning_rate=5e-4",
+    "ppo.final_learning_rate=1.0",
+    "ppo.gae_lambda=0.98",
+    "ppo.environments=64",
+    "ppo.steps=64",
+    "ppo.epochs=8",
+    "ppo.minibatch=512",
+)
+"""The same for all methods. The learning rate is constant, because the number of decisions in the
+budget is not known in advance."""
+
+
+def experiment_of(problem: Problem) -> Experiment:
+    """The experiment of a problem, with the settings of the study."""
+    return load_experiment(problem.experiment, LEARNER)
+
+
+class Build(NamedTuple):
+    """A method applied to the task of an experiment."""
+
+    trained: Task
+    """The task whose step is one decision."""
+    flown: Task
+    """The task for flights. Without frozen time, which is only for training."""
+    head: Head | None
+    loss_below_nm: float
+    """A smaller separation is a loss."""
+
+
+def build(method: Method, experiment: Experiment, pretraining: bool = False) -> Build:
+    """The tasks of a method for an experiment; with its rewards of pre-training if asked for."""
+    settings, first = experiment.task, experiment.pretraining
+    if pretraining and first is not None:
+        settings = msgspec.structs.replace(settings, reward=first.reward)
+    task = build_task(settings)
+    if not isinstance(task, NavigationTask):
+        raise TypeError(f"{task.name} is not a task of the paper")
+    trained = method.task(task)
+    actions = len(trained.action_names)
+    if method.decisions is not None:
+        trained = Decisions(trained, method.decisions(actions), experiment.ppo.gamma)
+    head = None if method.head is None else method.head(actions)
+    flown = trained.task if isinstance(trained, StackedSteps) else trained
+    return Build(trained, flown, head, task.sector.loss_below_nm)

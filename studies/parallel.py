@@ -1,0 +1,36 @@
+"""Run the pieces of a study in processes, one per core, and show how many are finished."""
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from typing import TypeVar
+
+from skystack.compilation.cores import cores
+from skystack.compilation.programs import compile_for_one_core
+
+Result = TypeVar("Result")
+
+
+def run_pieces(
+    work: Callable[..., Result], pieces: Sequence[tuple[object, ...]], what: str
+) -> list[Result]:
+    """The results of all pieces, in order. `work` gets the elements of a piece as arguments.
+
+    Pieces start in order. If one fails, those that have not started are cancelled. `what` names the
+    pieces in the progress, which is written to standard error.
+    """
+    started = time.monotonic()
+    pool = ProcessPoolExecutor(len(cores()), get_context("spawn"), compile_for_one_core)
+    with pool:
+        futures = [pool.submit(work, *piece) for piece in pieces]
+        try:
+            for number, future in enumerate(as_completed(futures), start=1):
+                future.result()
+                minutes = (time.monotonic() - started) / 60.0
+                sys.stderr.write(f"{number} of {len(pieces)} {what}, {minutes:.0f} min\n")
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return [future.result() for future in futures]
