@@ -160,7 +160,7 @@ PROBLEMS = {
     "vertical": Problem(
         "vertical", 2_000_000, tuple(name for name in METHODS if name != "absolute, 5")
     ),
-    "avoidance": Problem("avoidance-tuned", 10_000_000),
+    "avoidance": Problem("avoidance-tuned", 6_000_000),
 }
 LEARNER = (
     "ppo.learning_rate=5e-4",
