@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from skystack.compilation.cores import cores
 from skystack.compilation.programs import compile_for_one_core
+from skystack.reproduction.processes import end_with_parent
 
 Result = TypeVar("Result")
 
@@ -22,7 +23,7 @@ def run_pieces(
     pieces in the progress, which is written to standard error.
     """
     started = time.monotonic()
-    pool = ProcessPoolExecutor(len(cores()), get_context("spawn"), compile_for_one_core)
+    pool = ProcessPoolExecutor(len(cores()), get_context("spawn"), _start)
     with pool:
         futures = [pool.submit(work, *piece) for piece in pieces]
         try:
@@ -34,3 +35,9 @@ def run_pieces(
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     return [future.result() for future in futures]
+
+
+def _start() -> None:
+    """Prepare a process of the pool."""
+    end_with_parent()
+    compile_for_one_core()

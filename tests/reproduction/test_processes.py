@@ -40,9 +40,9 @@ def wait():
     """The work of a worker: print its process number and wait."""
     import os
 
-    from skystack.reproduction.processes import _end_with_parent
+    from skystack.reproduction.processes import end_with_parent
 
-    _end_with_parent()
+    end_with_parent()
     sys.stdout.write(f"{os.getpid()}\n")
     sys.stdout.flush()
     time.sleep(10 * TIMEOUT_S)

@@ -27,7 +27,7 @@ def run_in_processes(plan: Plan, report: OnProgress) -> list[JobResult]:
     context = multiprocessing.get_context("spawn")
     manager = SyncManager(ctx=context)
     with starting_processes():
-        manager.start(_end_with_parent)
+        manager.start(end_with_parent)
     with _cleanup_on_failure(jobs), manager:
         messages: Messages = manager.Queue()
         free_cores = manager.Queue()
@@ -83,13 +83,13 @@ def _cleanup_on_failure(jobs: Sequence[Job]) -> Iterator[None]:
 
 def _pin(free_cores: Any) -> None:
     """Pin this process to one core: two trainings on the same core slow each other down."""
-    _end_with_parent()
+    end_with_parent()
     core = free_cores.get()
     if core is not None:
         os.sched_setaffinity(0, {core})
 
 
-def _end_with_parent() -> None:
+def end_with_parent() -> None:
     """Exit when the parent ends. A killed parent cannot stop its workers, which hold its locks."""
     parent = multiprocessing.parent_process()
     if parent is not None:

@@ -1,0 +1,58 @@
+"""Pieces of a study in processes."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from studies.parallel import run_pieces
+from tests.waiting import wait_until
+
+ROOT = Path(__file__).parents[2]
+
+
+def describe(name, number):
+    if number < 0:
+        raise ValueError(name)
+    return f"{name} {number}"
+
+
+def test_results_are_in_the_order_of_the_pieces(capsys):
+    pieces = [("a", 1), ("b", 2), ("c", 3)]
+    assert run_pieces(describe, pieces, "pieces") == ["a 1", "b 2", "c 3"]
+    assert "3 of 3 pieces, 0 min" in capsys.readouterr().err
+
+
+def test_a_failed_piece_fails_the_study():
+    with pytest.raises(ValueError, match="bad"):
+        run_pieces(describe, [("a", 1), ("bad", -1), ("c", 3)], "pieces")
+
+
+def report_and_wait(folder):
+    Path(folder, str(os.getpid())).touch()
+    signal.pause()
+
+
+def is_running(pid):
+    try:
+        return "Z" not in Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+
+
+def test_its_processes_end_with_it_if_it_is_killed(tmp_path):
+    code = (
+        "from tests.studies.test_parallel import report_and_wait\n"
+        "from studies.parallel import run_pieces\n"
+        f"run_pieces(report_and_wait, [({str(tmp_path)!r},)], 'pieces')"
+    )
+    study = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT)
+    wait_until(lambda: any(tmp_path.iterdir()))
+    pid = int(next(tmp_path.iterdir()).name)
+    assert is_running(pid)
+    study.kill()
+    study.wait()
+    wait_until(lambda: not is_running(pid))
