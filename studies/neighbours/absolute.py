@@ -10,10 +10,13 @@ from skystack.simulator.simulator import instruct
 from skystack.simulator.traffic import NO_TURN, SHORTEST, Clearance, Traffic
 from skystack.tasks.actions import STEP_FL, ActionTable, turns
 from skystack.tasks.contract import Action, Kind, Outcome
+from skystack.tasks.features import FEATURES
 from skystack.tasks.navigation import NavigationState, NavigationTask
 from skystack.tasks.wrapper import TaskWrapper
 
 HIGHEST_FL = 600.0
+ANGLES = ("theta_f", "theta_sf")
+"""The features that are turns from the cleared heading to the next two fixes."""
 
 
 @dataclass(frozen=True)
@@ -76,30 +79,35 @@ def _actions(aircraft: int, kind: Kind, values: range) -> tuple[Action, ...]:
 
 
 @dataclass(frozen=True)
-class WithClearedValues(TaskWrapper[NavigationTask]):
-    """A task whose observation also has the cleared headings and levels, as absolute actions need.
+class WithAbsoluteValues(TaskWrapper[NavigationTask]):
+    """A task whose observation also has absolute values, which absolute actions need.
 
-    The paper's features have only angles relative to the cleared heading.
+    For each aircraft: the cleared heading and the bearings to the next two fixes, as sine and
+    cosine, the cleared level and the exit level. The paper's features are relative to the
+    clearance.
     """
 
     @property
     def observation_names(self) -> tuple[str, ...]:
-        each = [f"{name}_{index + 1}" for name in ("sin", "cos", "level") for index in self._range]
+        kinds = (f"{part} {angle}" for angle in ("heading", *ANGLES) for part in ("sin", "cos"))
+        names = (*kinds, "cleared level", "exit level")
+        aircraft = range(1, self.task.aircraft + 1)
+        each = (f"{name} {number}" for name in names for number in aircraft)
         return (*self.task.observation_names, *each)
-
-    @property
-    def _range(self) -> range:
-        return range(self.task.aircraft)
 
     def reset(self, key: PRNGKeyArray) -> NavigationState:
         return self.task.reset(key)
 
     def observe(self, state: NavigationState) -> Float[Array, "observation *batch"]:
-        traffic = state.traffic
-        heading = jnp.radians(traffic.cleared_heading_deg)
-        level_fl = traffic.cleared_level_ticks / TICKS_PER_FL
-        directions = [0.5 + 0.5 * jnp.sin(heading), 0.5 + 0.5 * jnp.cos(heading)]
-        return jnp.concatenate([self.task.observe(state), *directions, level_fl / HIGHEST_FL])
+        traffic, sector = state.traffic, self.task.sector
+        heading_deg = traffic.cleared_heading_deg
+        turns_deg = [FEATURES[name].value(sector, traffic, state.memory) for name in ANGLES]
+        bearings_deg = [heading_deg, *(heading_deg + turn_deg for turn_deg in turns_deg)]
+        angles = [jnp.radians(bearing_deg) for bearing_deg in bearings_deg]
+        parts = [0.5 + 0.5 * part(angle) for angle in angles for part in (jnp.sin, jnp.cos)]
+        levels = [traffic.cleared_level_ticks, state.memory.plan.exit_level_ticks]
+        scaled = [level / TICKS_PER_FL / HIGHEST_FL for level in levels]
+        return jnp.concatenate([self.task.observe(state), *parts, *scaled])
 
     def may_stack(
         self, state: NavigationState, action: Int[Array, "*batch"]
@@ -118,13 +126,13 @@ class WithClearedValues(TaskWrapper[NavigationTask]):
         return self.task.step(state, action)
 
 
-def with_absolute_actions(task: NavigationTask, step_deg: int) -> WithClearedValues:
+def with_absolute_actions(task: NavigationTask, step_deg: int) -> WithAbsoluteValues:
     """The task with absolute headings or levels instead of its own actions."""
     if "level" in task.table.kinds:
         table = absolute_levels(task.aircraft, task.sector.levels_fl)
     else:
         table = absolute_headings(task.aircraft, step_deg)
-    return WithClearedValues(replace(task, table=table))
+    return WithAbsoluteValues(replace(task, table=table))
 
 
 def with_large_changes(task: NavigationTask, sizes: range) -> NavigationTask:

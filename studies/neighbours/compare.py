@@ -10,11 +10,19 @@ from skystack.compilation.programs import program_cache
 from skystack.io.files import make_folder
 from skystack.learning.experiment import to_toml
 from skystack.reporting.table import Table
-from skystack.reporting.tables import NOTHING, mean_and_std, percent
+from skystack.reporting.tables import NOTHING, percent
 from skystack.reproduction.pieces import once
 from studies.neighbours import learner, temporl
 from studies.neighbours.flights import fly
-from studies.neighbours.methods import METHODS, PROBLEMS, STACKING, Way, build, experiment_of
+from studies.neighbours.methods import (
+    METHODS,
+    PROBLEMS,
+    STACKING,
+    VERSION,
+    Way,
+    build,
+    experiment_of,
+)
 from studies.parallel import run_pieces
 
 SCENARIOS = 1000
@@ -33,7 +41,7 @@ TITLES = {
 def measure(problem: str, method: str, seed: int, out: Path) -> Result:
     """Train one policy and fly it in all ways of its method. Finished work in `out` is reused."""
     chosen, cycles = METHODS[method], PROBLEMS[problem].cycles
-    experiment = experiment_of(PROBLEMS[problem])
+    experiment = experiment_of(PROBLEMS[problem], chosen)
 
     def work() -> Result:
         train = temporl.train if chosen.learner == "temporl" else learner.train
@@ -50,7 +58,7 @@ def measure(problem: str, method: str, seed: int, out: Path) -> Result:
         "scenarios": SCENARIOS,
         "decision": chosen.decision,
         "ways": [way.name for way in chosen.ways],
-        "version": skystack.__version__,
+        "version": [skystack.__version__, VERSION],
     }
     name = f"{problem}-{method}-s{seed}.json".replace(", ", "-").replace(" ", "-")
     with program_cache():
@@ -99,18 +107,22 @@ def stacking_table(problem: str, results: Results) -> Table:
     return Table(("training", "flight", *HEADER), tuple(rows))
 
 
-HEADER = ("clearances", "seeds", "success", "losses")
+HEADER = ("clearances", "learned", "success", "losses")
 
 
 def _cells(rows: Sequence[dict[str, float]]) -> tuple[str, ...]:
-    """Clearances (means over scenarios and seeds), the range of the seeds' means, success and the
-    least of the seeds, and losses of separation per 1,000 scenarios."""
-    means = [row["clearances_mean"] for row in rows]
+    """Clearances of the seeds that learned, mean and range; their number; success of all seeds,
+    mean and lowest; and losses of separation per 1,000 scenarios.
+
+    A policy that fails often needs few clearances, so its number of them says nothing.
+    """
+    learned = [row for row in rows if row["success_rate"] >= learner.GOOD]
+    means = [row["clearances_mean"] for row in learned]
     success = [row["success_rate"] for row in rows]
     losses = mean(row["losses"] for row in rows) * 1000.0 / SCENARIOS
     return (
-        mean_and_std(mean(means), mean(row["clearances_std"] for row in rows)),
-        f"{min(means):.1f} to {max(means):.1f}",
+        f"{mean(means):.1f} ({min(means):.1f} to {max(means):.1f})" if means else NOTHING,
+        f"{len(learned)} of {len(rows)}",
         f"{percent(mean(success))} ({percent(min(success))})",
         f"{losses:.1f}",
     )

@@ -40,7 +40,8 @@ def fly(
     """Fly the first scenarios of an evaluation seed: one row of the table.
 
     A clearance is a decision that instructs an aircraft, or a stack. A success is a scenario in
-    which every aircraft leaves through its exit without an excursion, whatever their number.
+    which every aircraft leaves through its exit without an excursion, regardless of the number of
+    clearances.
     """
     keys = scenario_keys(seed, np.arange(scenarios, dtype=np.int32))
     program = jax.jit(jax.vmap(partial(_fly_one, tasks, decide, way), in_axes=(None, 0)))
@@ -87,15 +88,17 @@ def _fly_one(
 def worse(
     task: Task, loss_below_nm: float, without: TaskState, instructed: TaskState
 ) -> Bool[Array, ""]:
-    """Whether a clearance leads to a loss of separation or an excursion within five minutes that
-    would not occur without it, if nothing else is cleared."""
+    """Whether a clearance leads to a loss of separation, or to an excursion, within five minutes
+    that would not occur without it, if nothing else is cleared. `task` is a navigation task."""
 
-    def harm(state: TaskState) -> Bool[Array, ""]:
-        def cycle(state: TaskState, _: None) -> tuple[TaskState, Bool[Array, ""]]:
-            state, outcome = task.advance(state)
-            lost = outcome.metrics["min_separation_nm"] < loss_below_nm
-            return state, lost | outcome.metrics["excursion"]
+    def harms(state: TaskState) -> Bool[Array, "2"]:
+        def cycle(state: TaskState, _: None) -> tuple[TaskState, Bool[Array, "2"]]:
+            before = state.memory.progress.excursion
+            state = task.advance(state)[0]
+            lost = state.memory.separation.last_nm < loss_below_nm
+            left = jnp.any(state.memory.progress.excursion & ~before)
+            return state, jnp.stack([lost, left])
 
-        return jax.lax.scan(cycle, state, length=LOOK_AHEAD_CYCLES)[1].any()
+        return jax.lax.scan(cycle, state, length=LOOK_AHEAD_CYCLES)[1].any(axis=0)
 
-    return harm(instructed) & ~harm(without)
+    return jnp.any(harms(instructed) & ~harms(without))

@@ -13,7 +13,6 @@ from skystack.evaluation.rollout import TracedPolicy
 from skystack.learning import ppo
 from skystack.learning.experiment import Experiment
 from skystack.learning.inference import forward, normalise
-from skystack.learning.network import Head
 from skystack.learning.seeds import training_key
 from skystack.tasks.observations import flatten_observation
 from studies.neighbours.methods import Build, Method, build
@@ -21,14 +20,14 @@ from studies.neighbours.methods import Build, Method, build
 GOOD = 0.8
 """The share of scenarios in which all aircraft leave through their exits that counts as learned."""
 WINDOW = 100
-"""At least so many consecutive scenarios are averaged."""
+"""Averages cover at least this many scenarios."""
 
 
 class Trained(NamedTuple):
     """A trained policy and what its training took."""
 
     decide: TracedPolicy
-    """The most probable decision."""
+    """The best decision."""
     sample: TracedPolicy
     weights: Any
     cycles_to_good: int | None
@@ -38,9 +37,9 @@ class Trained(NamedTuple):
 
 
 class Budget:
-    """Counts the simulated cycles of a training, and notes when it is good.
+    """Counts the simulated cycles of a training, and records when it first reaches `GOOD`.
 
-    Only the cycles of finished scenarios count; at the end, each environment is in one more.
+    The scenarios are those of the training, with its random actions. Unfinished ones do not count.
     """
 
     def __init__(self) -> None:
@@ -81,7 +80,7 @@ def train(method: Method, experiment: Experiment, cycles: int, seed: int) -> Tra
             budget.add(jax.device_get(measured))
         train_s += time.perf_counter() - started
     weights = state.parameters.actor, state.normaliser
-    greedy, sampled = (network_policy(head, greedy) for greedy in (True, False))
+    greedy, sampled = (network_policy(target, greedy) for greedy in (True, False))
     return Trained(greedy, sampled, weights, budget.good_after, train_s)
 
 
@@ -94,17 +93,29 @@ def compiled_update(
     return compiled
 
 
-def network_policy(head: Head | None, greedy: bool) -> TracedPolicy:
-    """The most probable or a sampled action of weights (actor, normaliser)."""
+def network_policy(tasks: Build, greedy: bool) -> TracedPolicy:
+    """The best or a sampled decision of weights (actor, normaliser)."""
 
     def decide(
         weights: Any, observation: Float[Array, " observation"], key: PRNGKeyArray
     ) -> Int[Array, ""]:
         actor, normaliser = weights
         logits = forward(actor, normalise(normaliser, flatten_observation(observation)))
-        if head is not None:
-            logits = head.logits(logits[:, None])[:, 0]
-        chosen = jnp.argmax(logits) if greedy else jax.random.categorical(key, logits)
-        return chosen.astype(jnp.int32)
+        if tasks.head is not None:
+            logits = tasks.head.logits(logits[:, None])[:, 0]
+        if not greedy:
+            decision = jax.random.categorical(key, logits)
+        elif tasks.lengths is None:
+            decision = jnp.argmax(logits)
+        else:
+            decision = best_action_and_length(logits, tasks.lengths)
+        return decision.astype(jnp.int32)
 
     return decide
+
+
+def best_action_and_length(logits: Float[Array, " decisions"], lengths: int) -> Int[Array, ""]:
+    """The most probable action, with any length, and its most probable length."""
+    by_action = logits.reshape(-1, lengths)
+    action = jnp.argmax(jax.nn.logsumexp(by_action, axis=1))
+    return action * lengths + jnp.argmax(by_action[action])

@@ -27,6 +27,8 @@ from studies.neighbours.decisions import (
 
 MOST = 10
 """The most cycles of one decision."""
+TYPICAL = 5
+"""The typical number of cycles of a decision of 1 to `MOST`."""
 SIZES = range(10, 91, 10)
 """The sizes of large changes and of options: degrees or flight levels."""
 
@@ -73,6 +75,11 @@ class Method(NamedTuple):
     decisions: MakeDecisions | None = None
     """Decisions of several cycles. None means that every action of the task is one."""
     head: MakeHead | None = None
+    lengths: int | None = None
+    """The number of lengths of each action: the decision is the best action, then its best length.
+    None means that the most probable decision is taken."""
+    cycles: int = 1
+    """The typical length of a decision. Updates collect as many cycles with every method."""
     learner: Literal["ppo", "temporl"] = "ppo"
     ways: tuple[Way, ...] = ALONE
 
@@ -91,9 +98,10 @@ METHODS = {
     ),
     **{
         f"frame skip {cycles}": Method(
-            f"one change by 10 in each of {cycles} cycles, or none in any",
-            f"multiples of {10 * cycles} only",
+            f"the same action in {cycles} consecutive cycles",
+            f"changes by {10 * cycles} and its multiples",
             decisions=partial(repeated, cycles=cycles),
+            cycles=cycles,
         )
         for cycles in (2, 5, 10)
     },
@@ -102,31 +110,37 @@ METHODS = {
             f"one change by 10, or none, every {cycles} cycles",
             f"changes by 10, at most one in {6 * cycles} s",
             decisions=partial(held, cycles=cycles),
+            cycles=cycles,
         )
         for cycles in (2, 5, 10)
     },
     "FiGAR": Method(
-        f"one change by 10, or none, in each of 1 to {MOST} cycles; independent heads",
+        f"the same action in 1 to {MOST} cycles; action and length are independent",
         f"changes by 10 to {10 * MOST}, and waiting; the same length for every action",
         decisions=partial(repetitions, most=MOST),
         head=partial(independent_head, most=MOST),
+        lengths=MOST,
+        cycles=TYPICAL,
     ),
     "TempoRL, PPO": Method(
-        f"one change by 10, or none, in each of 1 to {MOST} cycles; the length by the action",
+        f"the same action in 1 to {MOST} cycles; the length depends on the action",
         f"changes by 10 to {10 * MOST}, and waiting",
         decisions=partial(repetitions, most=MOST),
         head=partial(conditional_head, most=MOST),
+        lengths=MOST,
+        cycles=TYPICAL,
     ),
     "TempoRL, DQN": Method(
-        "the same, learned with a second Q-network for the length",
+        "the same, learned with Q-networks for the action and for the length",
         f"changes by 10 to {10 * MOST}, and waiting",
         decisions=partial(repetitions, most=MOST),
         learner="temporl",
     ),
     "options": Method(
-        f"one change by 10 in each of 1 to {len(SIZES)} cycles, or one cycle without any",
+        f"the same change in 1 to {len(SIZES)} cycles, or one cycle without any",
         f"changes by 10 to {SIZES[-1]}; waiting is decided every cycle",
         decisions=partial(options, most=len(SIZES)),
+        cycles=2,
     ),
     "large changes": Method(
         f"one change by 10 to {SIZES[-1]}, or none, every cycle",
@@ -135,12 +149,12 @@ METHODS = {
     ),
     "absolute, 10": Method(
         "one heading (36) or level, or none, every cycle",
-        "any change in steps of 10 at once; needs absolute values in its observation",
+        "any heading or level that is a multiple of 10",
         task=partial(with_absolute_actions, step_deg=10),
     ),
     "absolute, 5": Method(
         "one heading (72), or none, every cycle",
-        "any change in steps of 5 at once; needs absolute values in its observation",
+        "any heading that is a multiple of 5",
         task=partial(with_absolute_actions, step_deg=5),
     ),
 }
@@ -156,28 +170,41 @@ class Problem(NamedTuple):
 
 
 PROBLEMS = {
-    "lateral": Problem("lateral", 4_000_000),
+    "lateral": Problem("lateral", 2_000_000),
     "vertical": Problem(
-        "vertical", 2_000_000, tuple(name for name in METHODS if name != "absolute, 5")
+        "vertical", 1_000_000, tuple(name for name in METHODS if name != "absolute, 5")
     ),
-    "avoidance": Problem("avoidance-tuned", 6_000_000),
+    "avoidance": Problem("avoidance-tuned", 4_000_000),
 }
-LEARNER = (
-    "ppo.learning_rate=5e-4",
+VERSION = 2
+"""Increased when results of earlier versions no longer count."""
+SAMPLES, MINIBATCH = 8192, 256
+SETTINGS = (
+    "task.reward.count_criterion=false",
+    "ppo.learning_rate=3e-4",
     "ppo.final_learning_rate=1.0",
-    "ppo.gae_lambda=0.98",
+    "ppo.gae_lambda=0.95",
     "ppo.environments=64",
-    "ppo.steps=64",
-    "ppo.epochs=8",
-    "ppo.minibatch=512",
+    "ppo.epochs=10",
 )
-"""The same for all methods. The learning rate is constant, because the number of decisions in the
-budget is not known in advance."""
+"""The same for all methods. The learning rate is the default of Stable-Baselines3, since the
+paper's was chosen for small changes; it is constant, since the number of decisions in the budget is
+not known in advance. The number of instructions is no criterion, since it is not that of clearances
+in all methods."""
 
 
-def experiment_of(problem: Problem) -> Experiment:
-    """The experiment of a problem, with the settings of the study."""
-    return load_experiment(problem.experiment, LEARNER)
+def experiment_of(problem: Problem, method: Method) -> Experiment:
+    """The experiment of a problem, with the settings of the study.
+
+    Every update has about `SAMPLES` cycles and as many gradient steps, however long decisions are.
+    """
+    changes = [
+        f"ppo.steps={SAMPLES // 64 // method.cycles}",
+        f"ppo.minibatch={MINIBATCH // method.cycles}",
+    ]
+    if load_experiment(problem.experiment).pretraining is not None:
+        changes.append("pretraining.reward.count_criterion=false")
+    return load_experiment(problem.experiment, [*SETTINGS, *changes])
 
 
 class Build(NamedTuple):
@@ -188,6 +215,8 @@ class Build(NamedTuple):
     flown: Task
     """The task for flights. Without frozen time, which is only for training."""
     head: Head | None
+    lengths: int | None
+    """As in `Method`."""
     loss_below_nm: float
     """A smaller separation is a loss."""
 
@@ -206,4 +235,4 @@ def build(method: Method, experiment: Experiment, pretraining: bool = False) -> 
         trained = Decisions(trained, method.decisions(actions), experiment.ppo.gamma)
     head = None if method.head is None else method.head(actions)
     flown = trained.task if isinstance(trained, StackedSteps) else trained
-    return Build(trained, flown, head, task.sector.loss_below_nm)
+    return Build(trained, flown, head, method.lengths, task.sector.loss_below_nm)

@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 from skystack.learning.experiment import load_experiment
@@ -69,9 +70,25 @@ def test_observes_the_cleared_values_in_range(headings, levels):
         headings.reset(jax.random.key(2)), action(headings, "aircraft 1 heading 090")
     )
     named = dict(zip(headings.observation_names, headings.observe(state).tolist(), strict=True))
-    assert named["sin_1"] == pytest.approx(1.0)
-    assert named["cos_1"] == pytest.approx(0.5)
-    assert named["level_2"] == pytest.approx(0.5)  # FL300 of FL600
+    assert named["sin heading 1"] == pytest.approx(1.0)
+    assert named["cos heading 1"] == pytest.approx(0.5)
+    assert named["cleared level 2"] == pytest.approx(0.5)  # FL300 of FL600
+    assert named["exit level 2"] == pytest.approx(0.5)
+
+
+def test_observes_the_bearing_to_the_next_fix(headings):
+    """The same after any clearance, and that of the plane's geometry."""
+    state = headings.reset(jax.random.key(4))
+    sector, traffic = headings.task.sector, state.traffic
+    fix = sector.fixes_nm[sector.routes[int(traffic.route[0])][1]]
+    east, north = fix - np.asarray(traffic.position_nm[0])
+    distance = np.hypot(east, north)
+    for heading in ("010", "270"):
+        turned = headings.instruct(state, action(headings, f"aircraft 1 heading {heading}"))
+        values = headings.observe(turned).tolist()
+        named = dict(zip(headings.observation_names, values, strict=True))
+        assert named["sin theta_f 1"] == pytest.approx(0.5 + 0.5 * east / distance, abs=1e-3)
+        assert named["cos theta_f 1"] == pytest.approx(0.5 + 0.5 * north / distance, abs=1e-3)
 
 
 def test_large_changes_are_the_papers_37_actions():
