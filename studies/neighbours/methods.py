@@ -170,11 +170,11 @@ class Problem(NamedTuple):
 
 
 PROBLEMS = {
-    "lateral": Problem("lateral", 2_000_000),
+    "lateral": Problem("lateral", 4_000_000),
     "vertical": Problem(
         "vertical", 1_000_000, tuple(name for name in METHODS if name != "absolute, 5")
     ),
-    "avoidance": Problem("avoidance-tuned", 4_000_000),
+    "avoidance": Problem("avoidance-tuned", 8_000_000),
 }
 VERSION = 2
 """Increased when results of earlier versions no longer count."""

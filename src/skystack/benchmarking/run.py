@@ -55,7 +55,10 @@ def measure_skystack(effort: Effort, on_group: Callable[[str], None]) -> list[Fi
             (f"training, {name}", partial(alone, training_figures, name, effort.repetitions))
             for name in effort.trainings
         ),
-        ("training on a GPU", partial(alone, accelerator_figures, "lateral", effort.repetitions)),
+        *(
+            (f"on a GPU, {name}", partial(alone, accelerator_figures, name, effort.repetitions))
+            for name in effort.trainings
+        ),
         *[("time to success", partial(success_figures, effort.seeds))] * (effort.seeds > 0),
         ("decisions", partial(alone, decision_figures, FASTEST_EXPERIMENT, effort.scenarios)),
     ]
