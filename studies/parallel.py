@@ -1,5 +1,6 @@
 """Run the pieces of a study in processes, one per core, and show how many are finished."""
 
+import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -9,9 +10,11 @@ from typing import TypeVar
 
 from skystack.compilation.cores import cores
 from skystack.compilation.programs import compile_for_one_core
-from skystack.reproduction.processes import end_with_parent
+from skystack.reproduction.processes import end_with_parent, stop_workers
 
 Result = TypeVar("Result")
+INTERRUPTED = 130
+"""The exit code of a study that was interrupted with Ctrl-C."""
 
 
 def run_pieces(
@@ -19,25 +22,31 @@ def run_pieces(
 ) -> list[Result]:
     """The results of all pieces, in order. `work` gets the elements of a piece as arguments.
 
-    Pieces start in order. If one fails, those that have not started are cancelled. `what` names the
-    pieces in the progress, which is written to standard error.
+    Pieces start in order. If one fails, the others are stopped. Raises SystemExit after Ctrl-C.
+    `what` names the pieces in the progress, which is written to standard error.
     """
     started = time.monotonic()
     pool = ProcessPoolExecutor(len(cores()), get_context("spawn"), _start)
-    with pool:
+    try:
         futures = [pool.submit(work, *piece) for piece in pieces]
-        try:
-            for number, future in enumerate(as_completed(futures), start=1):
-                future.result()
-                minutes = (time.monotonic() - started) / 60.0
-                sys.stderr.write(f"{number} of {len(pieces)} {what}, {minutes:.0f} min\n")
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-    return [future.result() for future in futures]
+        for number, future in enumerate(as_completed(futures), start=1):
+            future.result()
+            minutes = (time.monotonic() - started) / 60.0
+            sys.stderr.write(f"{number} of {len(pieces)} {what}, {minutes:.0f} min\n")
+        return [future.result() for future in futures]
+    except KeyboardInterrupt:
+        stop_workers()
+        sys.stderr.write("interrupted: the same command resumes\n")
+        raise SystemExit(INTERRUPTED) from None
+    except BaseException:
+        stop_workers()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def _start() -> None:
-    """Prepare a process of the pool."""
+    """Prepare a process of the pool. Only the parent answers Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent()
     compile_for_one_core()

@@ -30,7 +30,9 @@ def _check(names: Sequence[str], known: Sequence[str], what: str) -> list[str]:
 def main() -> int:
     """Returns the exit code: 0 success, 2 invalid input."""
     parser = argparse.ArgumentParser(
-        description=(__doc__ or "").partition("\n")[0], epilog=f"methods: {'; '.join(METHODS)}"
+        prog="python -m studies.neighbours",
+        description=(__doc__ or "").partition("\n")[0],
+        epilog=f"methods: {', '.join(METHODS)}",
     )
     parser.add_argument(
         "problems", nargs="*", metavar="PROBLEM", help=f"{', '.join(PROBLEMS)} (default: all)"
@@ -47,6 +49,9 @@ def main() -> int:
         methods = _check(options.method, list(METHODS), "method")
         if options.seeds < 1:
             raise InputError(f"--seeds is {options.seeds} (allowed: 1 or more)")
+        for problem in problems:
+            if not set(methods) & set(PROBLEMS[problem].methods):
+                raise unknown_name(f"method of {problem}", methods[0], PROBLEMS[problem].methods)
         results = run(problems, methods, options.seeds, options.out)
     except InputError as error:
         sys.stderr.write(f"{error}\n")

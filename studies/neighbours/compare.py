@@ -1,5 +1,6 @@
 """Train and fly every method on every problem, and tabulate the results."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import mean
@@ -60,7 +61,7 @@ def measure(problem: str, method: str, seed: int, out: Path) -> Result:
         "ways": [way.name for way in chosen.ways],
         "version": [skystack.__version__, VERSION],
     }
-    name = f"{problem}-{method}-s{seed}.json".replace(", ", "-").replace(" ", "-")
+    name = re.sub(r"[^A-Za-z0-9]+", "-", f"{problem} {method} s{seed}") + ".json"
     with program_cache():
         result: Result = once(make_folder(out) / name, key, work)[0]
     return result
@@ -93,7 +94,7 @@ def table(problem: str, results: Results) -> Table:
             to_good = f"{mean(first) / 1000:.0f} k" if None not in first else NOTHING
             train_s = f"{min(result['train_s'] for result in found):.0f} s"
             rows.append((title, *_cells([result[way.name] for result in found]), to_good, train_s))
-    header = ("method", *HEADER, f"cycles to {percent(learner.GOOD)}", "training")
+    header = ("method", *HEADER, f"cycles to {learner.GOOD:.0%}", "training")
     return Table(header, tuple(rows))
 
 

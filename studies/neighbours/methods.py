@@ -122,7 +122,7 @@ METHODS = {
         lengths=MOST,
         cycles=TYPICAL,
     ),
-    "TempoRL, PPO": Method(
+    "TempoRL (PPO)": Method(
         f"the same action in 1 to {MOST} cycles; the length depends on the action",
         f"changes by 10 to {10 * MOST}, and waiting",
         decisions=partial(repetitions, most=MOST),
@@ -130,7 +130,7 @@ METHODS = {
         lengths=MOST,
         cycles=TYPICAL,
     ),
-    "TempoRL, DQN": Method(
+    "TempoRL (DQN)": Method(
         "the same, learned with Q-networks for the action and for the length",
         f"changes by 10 to {10 * MOST}, and waiting",
         decisions=partial(repetitions, most=MOST),
@@ -147,12 +147,12 @@ METHODS = {
         f"changes by 10 to {SIZES[-1]} at once (the paper's 37 actions)",
         task=partial(with_large_changes, sizes=SIZES),
     ),
-    "absolute, 10": Method(
+    "absolute 10": Method(
         "one heading (36) or level, or none, every cycle",
         "any heading or level that is a multiple of 10",
         task=partial(with_absolute_actions, step_deg=10),
     ),
-    "absolute, 5": Method(
+    "absolute 5": Method(
         "one heading (72), or none, every cycle",
         "any heading that is a multiple of 5",
         task=partial(with_absolute_actions, step_deg=5),
@@ -172,7 +172,7 @@ class Problem(NamedTuple):
 PROBLEMS = {
     "lateral": Problem("lateral", 4_000_000),
     "vertical": Problem(
-        "vertical", 1_000_000, tuple(name for name in METHODS if name != "absolute, 5")
+        "vertical", 1_000_000, tuple(name for name in METHODS if name != "absolute 5")
     ),
     "avoidance": Problem("avoidance-tuned", 8_000_000),
 }

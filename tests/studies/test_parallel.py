@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from studies.parallel import run_pieces
+from studies.parallel import INTERRUPTED, run_pieces
 from tests.waiting import wait_until
 
 ROOT = Path(__file__).parents[2]
@@ -43,16 +43,39 @@ def is_running(pid):
         return False
 
 
-def test_its_processes_end_with_it_if_it_is_killed(tmp_path):
+@pytest.fixture
+def study(tmp_path):
+    """A study in its own session whose only piece waits, and the identifier of its worker."""
     code = (
         "from tests.studies.test_parallel import report_and_wait\n"
         "from studies.parallel import run_pieces\n"
         f"run_pieces(report_and_wait, [({str(tmp_path)!r},)], 'pieces')"
     )
-    study = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT)
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
     wait_until(lambda: any(tmp_path.iterdir()))
-    pid = int(next(tmp_path.iterdir()).name)
-    assert is_running(pid)
-    study.kill()
-    study.wait()
-    wait_until(lambda: not is_running(pid))
+    worker = int(next(tmp_path.iterdir()).name)
+    assert is_running(worker)
+    yield process, worker
+    process.kill()
+    process.stderr.close()
+
+
+def test_its_processes_end_with_it_if_it_is_killed(study):
+    process, worker = study
+    process.kill()
+    process.wait()
+    wait_until(lambda: not is_running(worker))
+
+
+def test_says_that_it_resumes_after_an_interruption(study):
+    process, worker = study
+    os.killpg(process.pid, signal.SIGINT)
+    assert process.wait() == INTERRUPTED
+    assert process.stderr.read() == "interrupted: the same command resumes\n"
+    wait_until(lambda: not is_running(worker))

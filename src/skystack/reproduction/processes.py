@@ -50,7 +50,7 @@ def run_in_processes(plan: Plan, report: OnProgress) -> list[JobResult]:
                 "cached: run the same command again to resume"
             ) from None
         except BaseException:
-            _stop_workers()
+            stop_workers()
             raise
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
@@ -58,7 +58,7 @@ def run_in_processes(plan: Plan, report: OnProgress) -> list[JobResult]:
             listener.join(timeout=5.0)
 
 
-def _stop_workers() -> None:
+def stop_workers() -> None:
     """Terminate the workers: their results are no longer needed."""
     for child in multiprocessing.active_children():
         if not child.name.startswith("SyncManager"):
