@@ -15,6 +15,7 @@ from skystack.learning.experiment import Experiment
 from skystack.learning.inference import forward, normalise
 from skystack.learning.seeds import training_key
 from skystack.tasks.observations import flatten_observation
+from skystack.tasks.stacked_steps import StackedSteps
 from studies.neighbours.methods import Build, Method, build
 
 GOOD = 0.8
@@ -40,9 +41,12 @@ class Budget:
     """Counts the simulated cycles of a training, and records when it first reaches `GOOD`.
 
     The scenarios are those of the training, with its random actions. Unfinished ones do not count.
+    In frozen time, every step counts like a cycle: a policy may issue many instructions in each.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, steps: int | None = None) -> None:
+        """`steps` is the number of steps of an update in frozen time."""
+        self.steps = steps
         self.cycles = 0.0
         self.good_after: int | None = None
         self._scenarios = self._good = 0.0
@@ -50,9 +54,11 @@ class Budget:
     def add(self, measured: dict[str, Any]) -> None:
         """Add an update with its measured values: means over the scenarios that ended."""
         episodes = float(measured["episodes"])
+        self.cycles += self.steps or 0.0
         if not episodes:
             return
-        self.cycles += episodes * float(measured["cycles"])
+        if self.steps is None:
+            self.cycles += episodes * float(measured["cycles"])
         self._scenarios += episodes
         self._good += episodes * float(measured["correct_exit"])
         if self._scenarios < WINDOW:
@@ -64,8 +70,9 @@ class Budget:
 
 def train(method: Method, experiment: Experiment, cycles: int, seed: int) -> Trained:
     """Train a method, first with the rewards of pre-training if the experiment has any."""
-    settings, budget, train_s = experiment.ppo, Budget(), 0.0
+    settings, train_s = experiment.ppo, 0.0
     target = build(method, experiment)
+    budget = Budget(settings.samples if isinstance(target.trained, StackedSteps) else None)
     head = target.head
     phases = [(cycles, target)]
     if experiment.pretraining is not None:

@@ -95,6 +95,13 @@ def test_learned_is_a_share_of_enough_scenarios():
     assert budget.good_after == 17_000
 
 
+def test_in_frozen_time_steps_are_budgeted():
+    budget = Budget(steps=8192)
+    budget.add({"episodes": 0.0, "cycles": float("nan"), "correct_exit": float("nan")})
+    budget.add({"episodes": 100.0, "cycles": 10.0, "correct_exit": 0.9})
+    assert (budget.cycles, budget.good_after) == (16384, 16384)
+
+
 def test_the_page_describes_every_method():
     text = (ROOT / "docs/neighbours.md").read_text()
     described = dict(re.findall(r"^\| ([^|]+?) +\| ([^|]+\| [^|]+?) +\|$", text, re.MULTILINE))
