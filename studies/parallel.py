@@ -23,7 +23,7 @@ def run_pieces(
     """The results of all pieces, in order. `work` gets the elements of a piece as arguments.
 
     Pieces start in order. If one fails, the others are stopped. Raises SystemExit after Ctrl-C.
-    `what` names the pieces in the progress, which is written to standard error.
+    `what` names the pieces in the progress messages on standard error.
     """
     started = time.monotonic()
     pool = ProcessPoolExecutor(len(cores()), get_context("spawn"), _start)
@@ -32,11 +32,11 @@ def run_pieces(
         for number, future in enumerate(as_completed(futures), start=1):
             future.result()
             minutes = (time.monotonic() - started) / 60.0
-            sys.stderr.write(f"{number} of {len(pieces)} {what}, {minutes:.0f} min\n")
+            sys.stderr.write(f"{number} of {len(pieces)} {what} finished, {minutes:.0f} min\n")
         return [future.result() for future in futures]
     except KeyboardInterrupt:
         stop_workers()
-        sys.stderr.write("interrupted: the same command resumes\n")
+        sys.stderr.write("interrupted: run the same command again to resume\n")
         raise SystemExit(INTERRUPTED) from None
     except BaseException:
         stop_workers()
@@ -46,7 +46,7 @@ def run_pieces(
 
 
 def _start() -> None:
-    """Prepare a process of the pool. Only the parent answers Ctrl-C."""
+    """Prepare a process of the pool. Only the parent handles Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent()
     compile_for_one_core()

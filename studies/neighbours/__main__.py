@@ -1,12 +1,13 @@
 """The paper's method and its neighbours: frame skip, FiGAR, TempoRL, options, absolute clearances.
 
-    python -m studies.neighbours [PROBLEM ...] [--method METHOD ...] [--seeds 5] [--out DIR]
+    python -m studies.neighbours [PROBLEM ...] [--method METHOD ...] [--seeds 5] [--json]
+        [--out DIR]
 
-Trains every method on every problem (lateral, vertical, avoidance) with the same rewards, the same
-features, the same learner and the same number of simulated cycles, and flies the same 1,000
-held-out scenarios. Prints a Markdown table for each problem, and one for stacking itself: only in
-training, only in flight, in both, in neither. Finished work in DIR is reused, so the command can be
-interrupted and repeated.
+Trains every method on every problem (lateral, vertical, avoidance) with the same rewards and
+budget, and evaluates it on the same 1,000 held-out scenarios. Prints a Markdown table for each
+problem, and one for stacking itself: only in training, only at inference, in both, in neither.
+`docs/neighbours.md` lists what else is equal and what is not. Finished work in DIR is reused, so
+the command can be interrupted and repeated.
 """
 
 import argparse
@@ -37,11 +38,19 @@ def main() -> int:
     parser.add_argument(
         "problems", nargs="*", metavar="PROBLEM", help=f"{', '.join(PROBLEMS)} (default: all)"
     )
-    parser.add_argument("--method", action="append", default=[], help="default: all")
+    parser.add_argument(
+        "--method",
+        action="append",
+        default=[],
+        help="a method to train; may be repeated (default: all)",
+    )
     parser.add_argument("--seeds", type=int, default=5, help="seeds per method (default 5)")
     parser.add_argument("--json", action="store_true", help="print the results as JSON")
     parser.add_argument(
-        "--out", type=Path, default=Path("runs/neighbours"), help="folder (default runs/neighbours)"
+        "--out",
+        type=Path,
+        default=Path("runs/neighbours"),
+        help="folder for results (default runs/neighbours)",
     )
     options = parser.parse_args()
     try:
@@ -51,7 +60,7 @@ def main() -> int:
             raise InputError(f"--seeds is {options.seeds} (allowed: 1 or more)")
         for problem in problems:
             if not set(methods) & set(PROBLEMS[problem].methods):
-                raise unknown_name(f"method of {problem}", methods[0], PROBLEMS[problem].methods)
+                raise unknown_name(f"method for {problem}", methods[0], PROBLEMS[problem].methods)
         results = run(problems, methods, options.seeds, options.out)
     except InputError as error:
         sys.stderr.write(f"{error}\n")

@@ -1,4 +1,4 @@
-"""Absolute clearances, "turn heading 240" and "climb FL340", instead of changes by ten degrees."""
+"""Absolute clearances, "fly heading 240" and "climb to FL240", instead of changes of ten."""
 
 from dataclasses import dataclass, replace
 
@@ -16,13 +16,15 @@ from skystack.tasks.wrapper import TaskWrapper
 
 HIGHEST_FL = 600.0
 ANGLES = ("theta_f", "theta_sf")
-"""The features that are turns from the cleared heading to the next two fixes."""
+"""The features that give the turn from the cleared heading to each of the next two fixes."""
 
 
 @dataclass(frozen=True)
 class AbsoluteTable(ActionTable):
-    """The changes of its actions are the new values. A value that is already cleared is not issued
-    again, so it does not count as an instruction."""
+    """An action table whose `change` is the new value itself.
+
+    A value that is already cleared is not issued again, so it does not count as an instruction.
+    """
 
     def addressed(
         self, traffic: Traffic, action: Int[Array, "*batch"]
@@ -59,12 +61,12 @@ class AbsoluteTable(ActionTable):
 
 
 def absolute_headings(aircraft: int, step_deg: int) -> AbsoluteTable:
-    """Every heading in steps from north, for each aircraft."""
+    """Every heading that is a multiple of `step_deg`, for each aircraft."""
     return AbsoluteTable(_actions(aircraft, "heading", range(0, 360, step_deg)))
 
 
 def absolute_levels(aircraft: int, levels_fl: tuple[int, int]) -> AbsoluteTable:
-    """Every level of the sector, for each aircraft."""
+    """Every tenth flight level of the sector, for each aircraft."""
     lowest, highest = levels_fl
     return AbsoluteTable(_actions(aircraft, "level", range(lowest, highest + 1, STEP_FL)))
 
@@ -80,11 +82,11 @@ def _actions(aircraft: int, kind: Kind, values: range) -> tuple[Action, ...]:
 
 @dataclass(frozen=True)
 class WithAbsoluteValues(TaskWrapper[NavigationTask]):
-    """A task whose observation also has absolute values, which absolute actions need.
+    """A task whose observation also has the absolute values of the actions.
 
     For each aircraft: the cleared heading and the bearings to the next two fixes, as sine and
     cosine, the cleared level and the exit level. The paper's features are relative to the
-    clearance.
+    cleared values.
     """
 
     @property

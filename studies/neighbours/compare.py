@@ -36,7 +36,7 @@ TITLES = {
     ("small changes", Way(stacked=True)): "stacking (the paper)",
     ("frozen time", Way(stacked=True)): "stacking, trained in frozen time",
 }
-"""The names of the first rows; each other method has one row."""
+"""Row names of the methods with several rows; each other method has one row."""
 
 
 def measure(problem: str, method: str, seed: int, out: Path) -> Result:
@@ -57,7 +57,6 @@ def measure(problem: str, method: str, seed: int, out: Path) -> Result:
         "experiment": to_toml(experiment).decode(),
         "cycles": cycles,
         "scenarios": SCENARIOS,
-        "decision": chosen.decision,
         "ways": [way.name for way in chosen.ways],
         "version": [skystack.__version__, VERSION],
     }
@@ -68,7 +67,7 @@ def measure(problem: str, method: str, seed: int, out: Path) -> Result:
 
 
 def run(problems: Sequence[str], methods: Sequence[str], seeds: int, out: Path) -> Results:
-    """All results, one process per core, all of a seed before the next seed."""
+    """All results, one process per core. All methods are run for a seed before the next seed."""
     pieces = [
         (problem, method, seed, out)
         for seed in range(seeds)
@@ -99,23 +98,29 @@ def table(problem: str, results: Results) -> Table:
 
 
 def stacking_table(problem: str, results: Results) -> Table:
-    """Stacking in training and in flight, each with and without; drawn actions; the check."""
+    """Stacking in training, at inference, in both or in neither.
+
+    Also with sampled actions, and with clearances checked.
+    """
     rows = []
-    for method, training in (("small changes", "a cycle per action"), ("frozen time", "frozen")):
+    for method, training in (
+        ("small changes", "one action per cycle"),
+        ("frozen time", "frozen time"),
+    ):
         for way in STACKING if (problem, method) in results else ():
             cells = _cells([result[way.name] for result in results[problem, method]])
             rows.append((training, way.name, *cells))
-    return Table(("training", "flight", *HEADER), tuple(rows))
+    return Table(("training", "evaluation", *HEADER), tuple(rows))
 
 
 HEADER = ("clearances", "learned", "success", "losses")
 
 
 def _cells(rows: Sequence[dict[str, float]]) -> tuple[str, ...]:
-    """Clearances of the seeds that learned, mean and range; their number; success of all seeds,
-    mean and lowest; and losses of separation per 1,000 scenarios.
+    """Four cells: clearances of the seeds that learned (mean and range), the number of those seeds,
+    success over all seeds (mean and lowest), and scenarios with a loss of separation per 1,000.
 
-    A policy that fails often needs few clearances, so its number of them says nothing.
+    A policy that fails often needs few clearances, so its number of clearances says nothing.
     """
     learned = [row for row in rows if row["success_rate"] >= learner.GOOD]
     means = [row["clearances_mean"] for row in learned]

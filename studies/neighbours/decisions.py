@@ -88,27 +88,27 @@ class Decisions(TaskWrapper[Task]):
 
 
 def repeated(actions: int, cycles: int) -> tuple[Decision, ...]:
-    """Frame skip: every action in each of several cycles."""
+    """Frame skip: each action, repeated for `cycles` cycles."""
     return tuple((action,) * cycles for action in range(actions))
 
 
 def held(actions: int, cycles: int) -> tuple[Decision, ...]:
-    """A longer time between decisions: every action once, followed by cycles without any."""
+    """A longer decision interval: each action once, then the no-op."""
     return tuple((action,) + (NO_OP,) * (cycles - 1) for action in range(actions))
 
 
 def repetitions(actions: int, most: int) -> tuple[Decision, ...]:
-    """Every action in 1 to `most` cycles; action by action, short before long."""
+    """Each action repeated for 1 to `most` cycles, ordered by action, then by length."""
     return tuple((action,) * cycles for action in range(actions) for cycles in range(1, most + 1))
 
 
 def options(actions: int, most: int) -> tuple[Decision, ...]:
-    """One cycle without an action, and every instruction in 1 to `most` cycles."""
+    """One cycle of the no-op, and each instruction repeated for 1 to `most` cycles."""
     return ((NO_OP,), *repetitions(actions, most)[most:])
 
 
 def independent_head(actions: int, most: int) -> Head:
-    """FiGAR's (Sharma et al. 2017): the number of cycles does not depend on the action."""
+    """FiGAR's head (Sharma et al. 2017): the number of cycles does not depend on the action."""
 
     def logits(outputs: Float[Array, "outputs n"]) -> Float[Array, "decisions n"]:
         action, cycles = outputs[:actions], outputs[actions:]
@@ -118,7 +118,7 @@ def independent_head(actions: int, most: int) -> Head:
 
 
 def conditional_head(actions: int, most: int) -> Head:
-    """TempoRL's (Biedenkapp et al. 2021): the number of cycles depends on the action."""
+    """TempoRL's head (Biedenkapp et al. 2021): the number of cycles depends on the action."""
 
     def logits(outputs: Float[Array, "outputs n"]) -> Float[Array, "decisions n"]:
         action = jax.nn.log_softmax(outputs[:actions], axis=0)

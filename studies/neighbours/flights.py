@@ -39,9 +39,9 @@ def fly(
 ) -> dict[str, float]:
     """Fly the first scenarios of an evaluation seed: one row of the table.
 
-    A clearance is a decision that instructs an aircraft, or a stack. A success is a scenario in
-    which every aircraft leaves through its exit without an excursion, regardless of the number of
-    clearances.
+    A decision that instructs an aircraft counts as one clearance, and so does a stack. A success is
+    a scenario in which every aircraft makes a correct exit and no excursion, regardless of the
+    number of clearances.
     """
     keys = scenario_keys(seed, np.arange(scenarios, dtype=np.int32))
     program = jax.jit(jax.vmap(partial(_fly_one, tasks, decide, way), in_axes=(None, 0)))
@@ -88,8 +88,11 @@ def _fly_one(
 def worse(
     task: Task, loss_below_nm: float, without: TaskState, instructed: TaskState
 ) -> Bool[Array, ""]:
-    """Whether a clearance leads to a loss of separation, or to an excursion, within five minutes
-    that would not occur without it, if nothing else is cleared. `task` is a navigation task."""
+    """Whether a clearance adds a loss of separation, or an excursion, within five minutes.
+
+    Both futures are flown without further clearances. An excursion does not count as added if any
+    aircraft makes one anyway. `task` is a navigation task.
+    """
 
     def harms(state: TaskState) -> Bool[Array, "2"]:
         def cycle(state: TaskState, _: None) -> tuple[TaskState, Bool[Array, "2"]]:

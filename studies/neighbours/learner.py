@@ -19,29 +19,30 @@ from skystack.tasks.stacked_steps import StackedSteps
 from studies.neighbours.methods import Build, Method, build
 
 GOOD = 0.8
-"""The share of scenarios in which all aircraft leave through their exits that counts as learned."""
+"""A policy has learned if all aircraft make a correct exit in this share of scenarios."""
 WINDOW = 100
-"""Averages cover at least this many scenarios."""
+"""The success rate in training is averaged over at least this many scenarios."""
 
 
 class Trained(NamedTuple):
-    """A trained policy and what its training took."""
+    """A trained policy and the cost of its training."""
 
     decide: TracedPolicy
-    """The best decision."""
+    """The greedy policy."""
     sample: TracedPolicy
     weights: Any
     cycles_to_good: int | None
-    """The cycles after which `GOOD` of the last scenarios succeeded; None if they never did."""
+    """The number of cycles until the share of correct exits reached `GOOD`; None if never."""
     train_s: float
     """Time for training, without compilation."""
 
 
 class Budget:
-    """Counts the simulated cycles of a training, and records when it first reaches `GOOD`.
+    """Counts the simulated cycles of a training run, and records when it first reaches `GOOD`.
 
-    The scenarios are those of the training, with its random actions. Unfinished ones do not count.
-    In frozen time, every step counts like a cycle: a policy may issue many instructions in each.
+    Measured on the training scenarios, with sampled actions. Unfinished scenarios are not counted.
+    In frozen time, every step counts as one cycle, because a policy may issue many instructions in
+    one cycle.
     """
 
     def __init__(self, steps: int | None = None) -> None:
@@ -101,7 +102,7 @@ def compiled_update(
 
 
 def network_policy(tasks: Build, greedy: bool) -> TracedPolicy:
-    """The best or a sampled decision of weights (actor, normaliser)."""
+    """A policy with weights (actor, normaliser) that takes the best decision or samples one."""
 
     def decide(
         weights: Any, observation: Float[Array, " observation"], key: PRNGKeyArray
@@ -122,7 +123,8 @@ def network_policy(tasks: Build, greedy: bool) -> TracedPolicy:
 
 
 def best_action_and_length(logits: Float[Array, " decisions"], lengths: int) -> Int[Array, ""]:
-    """The most probable action, with any length, and its most probable length."""
+    """The action with the highest probability summed over its lengths, and that action's most
+    probable length."""
     by_action = logits.reshape(-1, lengths)
     action = jnp.argmax(jax.nn.logsumexp(by_action, axis=1))
     return action * lengths + jnp.argmax(by_action[action])

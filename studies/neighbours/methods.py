@@ -26,9 +26,9 @@ from studies.neighbours.decisions import (
 )
 
 MOST = 10
-"""The most cycles of one decision."""
+"""The maximum number of cycles of a decision."""
 TYPICAL = 5
-"""The typical number of cycles of a decision of 1 to `MOST`."""
+"""The assumed mean length of a decision of 1 to `MOST` cycles."""
 SIZES = range(10, 91, 10)
 """The sizes of large changes and of options: degrees or flight levels."""
 
@@ -69,37 +69,38 @@ class Method(NamedTuple):
     decision: str
     """What one decision is."""
     expresses: str
-    """What one decision can clear, and what it cannot."""
+    """The clearances that one decision can express."""
     task: Callable[[NavigationTask], Task] = _same
-    """The task that the decisions are made of."""
+    """Makes the task whose actions form the decisions."""
     decisions: MakeDecisions | None = None
-    """Decisions of several cycles. None means that every action of the task is one."""
+    """Decisions of several cycles. None: each action of the task is a decision."""
     head: MakeHead | None = None
     lengths: int | None = None
-    """The number of lengths of each action: the decision is the best action, then its best length.
-    None means that the most probable decision is taken."""
+    """The number of lengths per action, if the greedy decision is the best action, then its best
+    length. None: the greedy decision is the most probable one."""
     cycles: int = 1
-    """The typical length of a decision. Updates collect as many cycles with every method."""
+    """The typical length of a decision. Updates are scaled by it, so that all methods collect about
+    the same number of cycles."""
     learner: Literal["ppo", "temporl"] = "ppo"
     ways: tuple[Way, ...] = ALONE
 
 
 METHODS = {
     "small changes": Method(
-        "one change by 10, or none, every cycle",
-        "changes by 10; a larger one is a burst, and stacking makes it one clearance",
+        "one change of 10, or none, every cycle",
+        "changes of 10; a larger one is a burst, which stacking compiles into one clearance",
         ways=STACKING,
     ),
     "frozen time": Method(
-        "one change by 10 while time is frozen, or the end of the burst",
-        "the same, and it is trained with the states that stacking visits",
+        "one change of 10 while time is frozen, or the end of the stack",
+        "the same, but training also covers the states that stacking visits",
         task=StackedSteps,
         ways=STACKING,
     ),
     **{
         f"frame skip {cycles}": Method(
             f"the same action in {cycles} consecutive cycles",
-            f"changes by {10 * cycles} and its multiples",
+            f"changes of {10 * cycles}; larger multiples take several decisions",
             decisions=partial(repeated, cycles=cycles),
             cycles=cycles,
         )
@@ -107,16 +108,16 @@ METHODS = {
     },
     **{
         f"every {cycles} cycles": Method(
-            f"one change by 10, or none, every {cycles} cycles",
-            f"changes by 10, at most one in {6 * cycles} s",
+            f"one change of 10, or none, every {cycles} cycles",
+            f"changes of 10, at most one in {6 * cycles} s",
             decisions=partial(held, cycles=cycles),
             cycles=cycles,
         )
         for cycles in (2, 5, 10)
     },
     "FiGAR": Method(
-        f"the same action in 1 to {MOST} cycles; action and length are independent",
-        f"changes by 10 to {10 * MOST}, and waiting; the same length for every action",
+        f"the same action in 1 to {MOST} cycles; chosen independently of the action",
+        f"changes of 10 to {10 * MOST}, and waiting",
         decisions=partial(repetitions, most=MOST),
         head=partial(independent_head, most=MOST),
         lengths=MOST,
@@ -124,7 +125,7 @@ METHODS = {
     ),
     "TempoRL (PPO)": Method(
         f"the same action in 1 to {MOST} cycles; the length depends on the action",
-        f"changes by 10 to {10 * MOST}, and waiting",
+        f"changes of 10 to {10 * MOST}, and waiting",
         decisions=partial(repetitions, most=MOST),
         head=partial(conditional_head, most=MOST),
         lengths=MOST,
@@ -132,28 +133,28 @@ METHODS = {
     ),
     "TempoRL (DQN)": Method(
         "the same, learned with Q-networks for the action and for the length",
-        f"changes by 10 to {10 * MOST}, and waiting",
+        f"changes of 10 to {10 * MOST}, and waiting",
         decisions=partial(repetitions, most=MOST),
         learner="temporl",
     ),
     "options": Method(
         f"the same change in 1 to {len(SIZES)} cycles, or one cycle without any",
-        f"changes by 10 to {SIZES[-1]}; waiting is decided every cycle",
+        f"changes of 10 to {SIZES[-1]}; waiting is decided every cycle",
         decisions=partial(options, most=len(SIZES)),
         cycles=2,
     ),
     "large changes": Method(
-        f"one change by 10 to {SIZES[-1]}, or none, every cycle",
-        f"changes by 10 to {SIZES[-1]} at once (the paper's 37 actions)",
+        f"one change of 10 to {SIZES[-1]}, or none, every cycle",
+        f"changes of 10 to {SIZES[-1]} at once (the paper's 37 actions)",
         task=partial(with_large_changes, sizes=SIZES),
     ),
     "absolute 10": Method(
-        "one heading (36) or level, or none, every cycle",
+        "one of 36 headings, one level, or none, every cycle",
         "any heading or level that is a multiple of 10",
         task=partial(with_absolute_actions, step_deg=10),
     ),
     "absolute 5": Method(
-        "one heading (72), or none, every cycle",
+        "one of 72 headings, or none, every cycle",
         "any heading that is a multiple of 5",
         task=partial(with_absolute_actions, step_deg=5),
     ),
@@ -177,7 +178,7 @@ PROBLEMS = {
     "avoidance": Problem("avoidance-tuned", 8_000_000),
 }
 VERSION = 2
-"""Increased when results of earlier versions no longer count."""
+"""Increased when earlier results are no longer valid."""
 SAMPLES, MINIBATCH = 8192, 256
 SETTINGS = (
     "task.reward.count_criterion=false",
@@ -187,16 +188,17 @@ SETTINGS = (
     "ppo.environments=64",
     "ppo.epochs=10",
 )
-"""The same for all methods. The learning rate is the default of Stable-Baselines3, since the
-paper's was chosen for small changes; it is constant, since the number of decisions in the budget is
-not known in advance. The number of instructions is no criterion, since it is not that of clearances
-in all methods."""
+"""The same for all methods. The learning rate is the default of Stable-Baselines3, so that it
+favours no method. It is constant, because the number of updates in the budget is not known in
+advance. There is no criterion for the number of instructions, because in some methods one clearance
+takes several."""
 
 
 def experiment_of(problem: Problem, method: Method) -> Experiment:
     """The experiment of a problem, with the settings of the study.
 
-    Every update has about `SAMPLES` cycles and as many gradient steps, however long decisions are.
+    Every update has about `SAMPLES` cycles and the same number of gradient steps, whatever the
+    length of decisions. The number of cycles is nominal: it assumes the method's typical length.
     """
     changes = [
         f"ppo.steps={SAMPLES // 64 // method.cycles}",
@@ -213,7 +215,7 @@ class Build(NamedTuple):
     trained: Task
     """The task whose step is one decision."""
     flown: Task
-    """The task for flights. Without frozen time, which is only for training."""
+    """The task used in evaluation: without the frozen-time steps, which are only for training."""
     head: Head | None
     lengths: int | None
     """As in `Method`."""
@@ -222,13 +224,13 @@ class Build(NamedTuple):
 
 
 def build(method: Method, experiment: Experiment, pretraining: bool = False) -> Build:
-    """The tasks of a method for an experiment; with its rewards of pre-training if asked for."""
+    """The tasks of a method for an experiment, with the pre-training rewards if `pretraining`."""
     settings, first = experiment.task, experiment.pretraining
     if pretraining and first is not None:
         settings = msgspec.structs.replace(settings, reward=first.reward)
     task = build_task(settings)
     if not isinstance(task, NavigationTask):
-        raise TypeError(f"{task.name} is not a task of the paper")
+        raise TypeError(f"{task.name} is not a navigation task")
     trained = method.task(task)
     actions = len(trained.action_names)
     if method.decisions is not None:

@@ -1,9 +1,9 @@
 """TempoRL with deep Q-networks (Biedenkapp et al. 2021, "TempoRL: Learning When to Act").
 
-A first network values actions, as in double DQN; a second one values the number of cycles for which
-the chosen action is repeated. The first learns from single cycles. The second learns from runs of
-cycles inside repetitions, since a repetition contains all shorter ones: its target is the
-discounted rewards of the run plus the first network's value after it.
+A first network estimates the values of actions, as in double DQN; a second one those of the number
+of cycles for which the chosen action is repeated. The first learns from single cycles. The second
+learns from runs of cycles inside repetitions, since a repetition contains all shorter ones: its
+target is the discounted rewards of the run plus the first network's value after it.
 """
 
 import time
@@ -34,10 +34,10 @@ REPLAY_CYCLES = 4096
 SAMPLES_PER_CYCLE = 10
 """How many times each cycle is sampled on average, about as often as in PPO."""
 EXPLORED = 0.3
-"""The share of the budget in which random decisions fall from all to `LEAST_RANDOM`."""
+"""The share of the budget over which epsilon falls from 1 to `LEAST_RANDOM`."""
 LEAST_RANDOM = 0.05
 TARGET_RATE = 0.005
-"""The share of the networks that the target networks take over with each gradient step."""
+"""The rate of the soft update of the target networks, at each gradient step."""
 
 
 class Networks(NamedTuple):
@@ -48,14 +48,14 @@ class Networks(NamedTuple):
 
 
 class Replay(NamedTuple):
-    """The last cycles of all environments, as rings along the first axis."""
+    """The last cycles of all environments, as ring buffers along the first axis."""
 
     observation: Float[Array, "cycles environments observation"]
     action: Int[Array, "cycles environments"]
     reward: Float[Array, "cycles environments"]
     ended: Bool[Array, "cycles environments"]
     remaining: Int[Array, "cycles environments"]
-    """Cycles of the repetition that follow; 0 in its last."""
+    """The remaining cycles of the repetition; 0 in its last cycle."""
     following: Float[Array, "cycles environments observation"]
     """The observation after the cycle, before an ended scenario is replaced."""
 
@@ -229,15 +229,15 @@ def _collect(
 
 
 class Runs(NamedTuple):
-    """Runs of cycles inside repetitions, from random cycles to random later ones."""
+    """Runs of consecutive cycles within one repetition, with random start and length."""
 
     observation: Float[Array, "n observation"]
     action: Int[Array, " n"]
     reward: Float[Array, " n"]
-    """Discounted to the first cycle."""
+    """The sum of rewards, discounted to the first cycle."""
     cycles: Int[Array, " n"]
     discount: Float[Array, " n"]
-    """Of everything after the run; 0 if the scenario ended."""
+    """The discount factor for everything after the run; 0 if the scenario ended."""
     following: Float[Array, "n observation"]
 
 
@@ -246,8 +246,8 @@ def sample_runs(
 ) -> Runs:
     """Random runs of random lengths from the first `filled` cycles of the ring.
 
-    Runs do not cross from one round of collection to the next, so they never cross the newest
-    cycle, where the ring is overwritten.
+    A run stays within one round of collection, so it never joins the newest cycle to the oldest one
+    in the ring.
     """
     cycle_key, environment_key, length_key = jax.random.split(key, 3)
     first = jax.random.randint(cycle_key, (samples,), 0, filled)
@@ -278,7 +278,7 @@ def sample_runs(
 def _gradient_step(settings: PPOSettings, state: State, key: PRNGKeyArray) -> tuple[State, None]:
     filled = jnp.minimum(state.rounds * CYCLES, REPLAY_CYCLES)
     runs = sample_runs(state.replay, filled, settings.gamma, settings.minibatch, key)
-    # The first network learns from the first cycle of each run, the second from the whole run.
+    # The first network learns from single cycles, the second from runs.
     single_key = jax.random.fold_in(key, 0)
     ones = state.replay._replace(remaining=jnp.zeros_like(state.replay.remaining))
     singles = sample_runs(ones, filled, settings.gamma, settings.minibatch, single_key)
@@ -302,7 +302,7 @@ def _gradient_step(settings: PPOSettings, state: State, key: PRNGKeyArray) -> tu
 
 
 def _target(networks: Networks, state: State, runs: Runs) -> Float[Array, " n"]:
-    """Double DQN: the online network chooses the next action, the target network values it."""
+    """Double DQN: the online network chooses the next action, the target network evaluates it."""
     following = normalise(state.normaliser, runs.following)
     best = jnp.argmax(forward(networks.action, following), axis=1)
     value = _chosen(forward(state.targets.action, following), best)

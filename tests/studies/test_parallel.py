@@ -23,7 +23,7 @@ def describe(name, number):
 def test_results_are_in_the_order_of_the_pieces(capsys):
     pieces = [("a", 1), ("b", 2), ("c", 3)]
     assert run_pieces(describe, pieces, "pieces") == ["a 1", "b 2", "c 3"]
-    assert "3 of 3 pieces, 0 min" in capsys.readouterr().err
+    assert "3 of 3 pieces finished, 0 min" in capsys.readouterr().err
 
 
 def test_a_failed_piece_fails_the_study():
@@ -45,7 +45,7 @@ def is_running(pid):
 
 @pytest.fixture
 def study(tmp_path):
-    """A study in its own session whose only piece waits, and the identifier of its worker."""
+    """A study in its own session, whose only piece waits, and the process id of its worker."""
     code = (
         "from tests.studies.test_parallel import report_and_wait\n"
         "from studies.parallel import run_pieces\n"
@@ -66,7 +66,7 @@ def study(tmp_path):
     process.stderr.close()
 
 
-def test_its_processes_end_with_it_if_it_is_killed(study):
+def test_workers_end_if_the_study_is_killed(study):
     process, worker = study
     process.kill()
     process.wait()
@@ -77,5 +77,5 @@ def test_says_that_it_resumes_after_an_interruption(study):
     process, worker = study
     os.killpg(process.pid, signal.SIGINT)
     assert process.wait() == INTERRUPTED
-    assert process.stderr.read() == "interrupted: the same command resumes\n"
+    assert process.stderr.read() == "interrupted: run the same command again to resume\n"
     wait_until(lambda: not is_running(worker))

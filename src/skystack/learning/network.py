@@ -15,7 +15,7 @@ from skystack.learning.inference import Layers, Normaliser
 
 
 class Head(NamedTuple):
-    """A policy network whose outputs are not the logits of the actions."""
+    """How to compute the logits of the actions from the outputs of a policy network."""
 
     outputs: int
     """The number of outputs."""

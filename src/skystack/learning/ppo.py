@@ -53,7 +53,8 @@ class Transitions(NamedTuple):
     terminated: Bool[Array, "steps environments"]
     truncated: Bool[Array, "steps environments"]
     discount: Float[Array, "steps environments"]
-    """The discount of everything after the step: gamma, if the step takes one time step."""
+    """The discount factor for everything after the step: gamma to the power of the number of time
+    steps it takes."""
 
 
 class Episodes(NamedTuple):

@@ -70,7 +70,8 @@ class Outcome(NamedTuple):
     metrics: Metrics
     """The metrics of the scenario so far. They are final once it has ended."""
     steps: Float[Array, "*batch"] | None = None
-    """The number of time steps taken, by which later rewards are discounted; None means one."""
+    """The number of time steps taken; None means one. Later rewards are discounted by gamma to this
+    power."""
 
 
 @runtime_checkable

@@ -36,7 +36,7 @@ def test_has_every_heading_or_level_for_each_aircraft(headings, levels):
 
 
 def test_a_heading_is_cleared_once(headings):
-    """The same heading again is not an instruction; it turns nobody else."""
+    """The same heading again is not an instruction; no other aircraft turns."""
     state = headings.reset(jax.random.key(1))
     before = state.traffic.cleared_heading_deg
     second = action(headings, "aircraft 2 heading 240")
@@ -77,7 +77,7 @@ def test_observes_the_cleared_values_in_range(headings, levels):
 
 
 def test_observes_the_bearing_to_the_next_fix(headings):
-    """The same after any clearance, and that of the plane's geometry."""
+    """The bearing does not depend on the clearance and agrees with plane geometry."""
     state = headings.reset(jax.random.key(4))
     sector, traffic = headings.task.sector, state.traffic
     fix = sector.fixes_nm[sector.routes[int(traffic.route[0])][1]]

@@ -81,7 +81,7 @@ def test_trains_and_flies_and_reuses_the_result(method, monkeypatch, tmp_path):
     assert compare.measure("vertical", method, 1, tmp_path) == found
 
 
-def test_learned_is_a_share_of_enough_scenarios():
+def test_records_when_enough_scenarios_reach_80_percent():
     budget = Budget()
     budget.add({"episodes": 0.0, "cycles": float("nan"), "correct_exit": float("nan")})
     assert budget.cycles == 0.0
@@ -95,7 +95,7 @@ def test_learned_is_a_share_of_enough_scenarios():
     assert budget.good_after == 17_000
 
 
-def test_in_frozen_time_steps_are_budgeted():
+def test_budget_counts_steps_in_frozen_time():
     budget = Budget(steps=8192)
     budget.add({"episodes": 0.0, "cycles": float("nan"), "correct_exit": float("nan")})
     budget.add({"episodes": 100.0, "cycles": 10.0, "correct_exit": 0.9})
@@ -111,7 +111,7 @@ def test_the_page_describes_every_method():
 
 
 @pytest.mark.parametrize("problem", PROBLEMS)
-def test_every_update_has_as_many_cycles_and_gradient_steps(problem):
+def test_updates_of_all_methods_have_equal_nominal_cycles_and_gradient_steps(problem):
     for method in METHODS.values():
         settings = experiment_of(PROBLEMS[problem], method).ppo
         cycles = settings.samples * method.cycles

@@ -36,7 +36,7 @@ def equal(first, second):
         np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-5)
 
 
-def test_a_decision_is_its_actions_one_by_one(task, step):
+def test_a_decision_equals_its_actions_flown_one_by_one(task, step):
     """In a batch with decisions of other lengths."""
     decisions = ((0,), (1, 1, 1), (3, 0, 4, 4, 0, 2))
     start = reset_many(task, jax.random.key(3), len(decisions))
@@ -58,7 +58,7 @@ def test_a_decision_is_its_actions_one_by_one(task, step):
 
 
 def test_a_decision_ends_with_the_scenario(task):
-    """The time limit comes in the third of ten cycles, and nothing is flown or paid after it."""
+    """The time limit is reached in the third of ten cycles, and no cycle is flown after it."""
     wrapped = Decisions(task, ((0,) * 10,), GAMMA)
     state = task.reset(jax.random.key(0))
     early = state.memory.progress._replace(cycles=jnp.asarray(197.0))

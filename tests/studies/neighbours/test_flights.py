@@ -33,7 +33,8 @@ def test_agrees_with_the_evaluation_of_the_package(name, stacked):
 
 
 def test_the_best_decision_is_the_best_action_and_then_its_best_length():
-    """No action has probability 0.6, equally for three lengths; another has 0.4 for one."""
+    """The no-op has probability 0.6, spread equally over three lengths. The other action has 0.4,
+    of which 0.35 is for one length."""
     probabilities = jnp.array([0.2, 0.2, 0.2, 0.05, 0.35, 0.0])
     decision = learner.best_action_and_length(jnp.log(probabilities), 3)
     assert int(jnp.argmax(probabilities)) == 4
@@ -42,7 +43,7 @@ def test_the_best_decision_is_the_best_action_and_then_its_best_length():
 
 @pytest.fixture(scope="module")
 def head_on():
-    """Two aircraft 30 NM apart on reciprocal tracks that pass 8 NM beside each other."""
+    """Two aircraft 34 NM apart on reciprocal tracks 7.8 NM apart."""
     task = build_task(NavigationSettings())
     sector = task.sector
     route = sector.routes.index(("HERON", "CRANE", "EGL", "MACAW", "QUAIL", "SWIFT"))

@@ -38,7 +38,7 @@ def filled_replay(rng):
     )
 
 
-def test_runs_are_those_inside_repetitions():
+def test_runs_stay_inside_repetitions():
     replay = filled_replay(np.random.default_rng(0))
     filled = 10 * CYCLES
     traced = jax.tree.map(jnp.asarray, replay)
