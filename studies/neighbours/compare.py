@@ -93,7 +93,7 @@ def table(problem: str, results: Results) -> Table:
             to_good = f"{mean(first) / 1000:.0f} k" if None not in first else NOTHING
             train_s = f"{min(result['train_s'] for result in found):.0f} s"
             rows.append((title, *_cells([result[way.name] for result in found]), to_good, train_s))
-    header = ("method", *HEADER, f"cycles to {learner.GOOD:.0%}", "training")
+    header = ("method", *HEADER, f"cycles to {100.0 * learner.GOOD:.0f} %", "training")
     return Table(header, tuple(rows))
 
 
