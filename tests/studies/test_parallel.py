@@ -47,6 +47,9 @@ def is_running(pid):
 def study(tmp_path):
     """A study in its own session, whose only piece waits, and the process id of its worker."""
     code = (
+        # A test run in the background ignores Ctrl-C, and so would the study.
+        "import signal\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from tests.studies.test_parallel import report_and_wait\n"
         "from studies.parallel import run_pieces\n"
         f"run_pieces(report_and_wait, [({str(tmp_path)!r},)], 'pieces')"
