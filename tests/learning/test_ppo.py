@@ -32,7 +32,6 @@ def transitions(rewards, terminated, truncated):
         reward=column(rewards, jnp.float32),
         terminated=column(terminated, bool),
         truncated=column(truncated, bool),
-        discount=jnp.full((STEPS, 1), GAMMA),
     )
 
 
@@ -93,7 +92,7 @@ def test_a_step_of_several_time_steps_is_worth_as_much_as_the_steps_in_it():
     expected = ppo.compute_gae(plain, zero, zero, settings)[:, 0]
     merged = np.append(np.delete(rewards, [1, 2]), [0.0, 0.0])
     steps = transitions(merged, never, never)
-    steps = steps._replace(discount=steps.discount.at[0].set(GAMMA**3))
+    steps = steps._replace(time_steps=jnp.ones((STEPS, 1)).at[0].set(3.0))
     found = ppo.compute_gae(steps, zero, zero, settings)[:, 0]
     np.testing.assert_allclose(found[:-2], np.delete(expected, [1, 2]), rtol=1e-5)
 

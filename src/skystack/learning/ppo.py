@@ -52,9 +52,8 @@ class Transitions(NamedTuple):
     """The scaled reward."""
     terminated: Bool[Array, "steps environments"]
     truncated: Bool[Array, "steps environments"]
-    discount: Float[Array, "steps environments"]
-    """The discount factor for everything after the step: gamma to the power of the number of time
-    steps it takes."""
+    time_steps: Float[Array, "steps environments"] | None = None
+    """The number of time steps that each step takes; None means one."""
 
 
 class Episodes(NamedTuple):
@@ -163,8 +162,7 @@ def collect(
             reward=reward * settings.reward_scale,
             terminated=outcome.terminated[AGENT],
             truncated=outcome.truncated[AGENT],
-            discount=settings.gamma ** (1.0 if outcome.steps is None else outcome.steps)
-            * jnp.ones_like(reward),
+            time_steps=outcome.steps,
         )
         train_state = train_state._replace(
             scenarios=choose(ended, fresh, scenarios),
@@ -231,11 +229,11 @@ def compute_gae(
     The value after a termination is 0; after a truncation it is the value of the final observation.
     Advantages do not propagate from one scenario to the previous one.
     """
-    target = transitions.reward + transitions.discount * jnp.where(
-        transitions.terminated, 0.0, next_values
-    )
+    time_steps = transitions.time_steps
+    discount = settings.gamma if time_steps is None else settings.gamma**time_steps
+    target = transitions.reward + discount * jnp.where(transitions.terminated, 0.0, next_values)
     ended = transitions.terminated | transitions.truncated
-    decay = transitions.discount * settings.gae_lambda * (1.0 - ended.astype(jnp.float32))
+    decay = discount * settings.gae_lambda * (1.0 - ended.astype(jnp.float32))
 
     def backward(
         next_advantage: Float[Array, " environments"], step: tuple[Array, Array]
