@@ -8,7 +8,8 @@ ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 _FENCE = re.compile(r"^```(?P<language>\w+)\n(?P<text>.*?)^```$", re.DOTALL | re.MULTILINE)
-_COMMAND = re.compile(r"^    (?P<text>(?:skystack|python3?|pip) .*)$", re.MULTILINE)
+_COMMAND = re.compile(r"^    (?P<text>(?:skystack|python3?|pip) (?:.*\\\n)*.*)$", re.MULTILINE)
+_CONTINUED = re.compile(r"\\\n\s*")
 _INLINE = re.compile(r"`(?P<text>skystack [^`]+)`")
 
 
@@ -18,7 +19,8 @@ class Block(NamedTuple):
     start: int
     """Its position on the page."""
     language: str
-    """`python`, `toml`, `json`; `command` for a shell command; `inline` for one in a sentence."""
+    """`python`, `toml`, `json`; `command` for a shell command, whose lines are joined; `inline` for
+    one in a sentence."""
     text: str
 
 
@@ -26,7 +28,9 @@ def blocks(page: Path) -> list[Block]:
     """All blocks of a page, in order."""
     text = page.read_text()
     found = [Block(m.start(), m["language"], m["text"]) for m in _FENCE.finditer(text)]
-    found += [Block(m.start(), "command", m["text"]) for m in _COMMAND.finditer(text)]
+    found += [
+        Block(m.start(), "command", _CONTINUED.sub("", m["text"])) for m in _COMMAND.finditer(text)
+    ]
     found += [Block(m.start(), "inline", m["text"]) for m in _INLINE.finditer(text)]
     return sorted(found)
 
