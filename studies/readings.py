@@ -27,7 +27,7 @@ import numpy as np
 
 import skystack
 from skystack.compilation.programs import program_cache
-from skystack.errors import InputError, unknown_name
+from skystack.errors import InputError, checked_integer, unknown_name
 from skystack.evaluation.evaluate import Conditions, evaluate
 from skystack.evaluation.paper import PAPER
 from skystack.evaluation.summary import RowValues
@@ -271,6 +271,7 @@ def main() -> int:
     experiments = AVOIDANCE if options.avoidance else LATERAL
     try:
         readings = _chosen(options.readings)
+        checked_integer("--seeds", options.seeds, 1)
         trained = variants(readings, experiments).values()
         found = run(trained, options.seeds, options.out)
     except InputError as error:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from skystack.errors import LONGEST_LINE, InputError, checked_integer, unknown_name
+from skystack.errors import LONGEST_LINE, InputError, check_known, checked_integer, unknown_name
 
 
 def test_message_is_one_printable_line():
@@ -18,6 +18,13 @@ def test_truncates_a_long_message():
 def test_suggests_no_name_among_very_many():
     names = [f"FIX{number}" for number in range(200_000)]
     assert "did you mean" not in str(unknown_name("fix", "FIX200000", names))
+
+
+def test_names_the_first_unknown_name():
+    check_known("fix", [], {})
+    check_known("fix", ["EGL", "ALB"], {"EGL": 1, "ALB": 2})
+    with pytest.raises(InputError, match=r"^unknown fix 'ALBA'; did you mean 'ALB'"):
+        check_known("fix", ["EGL", "ALBA", "XYZ"], ["EGL", "ALB"])
 
 
 def test_reports_a_name_too_long_for_a_path_as_unknown():

@@ -2,7 +2,7 @@
 
 import difflib
 import operator
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -105,6 +105,13 @@ def unknown_name(
         near += difflib.get_close_matches(name, names, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     return InputError(f"unknown {kind} {name!r}{hint} (allowed: {also}{', '.join(names)})")
+
+
+def check_known(kind: str, names: Iterable[str], allowed: Collection[str]) -> None:
+    """Raise InputError for the first name that does not exist."""
+    for name in names:
+        if name not in allowed:
+            raise unknown_name(kind, name, allowed)
 
 
 def exists(path: str | Path) -> bool:

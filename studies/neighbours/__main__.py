@@ -13,19 +13,11 @@ the command can be interrupted and repeated.
 import argparse
 import json
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
-from skystack.errors import InputError, unknown_name
+from skystack.errors import InputError, check_known, checked_integer, unknown_name
 from studies.neighbours.compare import run, stacking_table, table
-from studies.neighbours.methods import METHODS, PROBLEMS, STACKING
-
-
-def _check(names: Sequence[str], known: Sequence[str], what: str) -> list[str]:
-    for name in names:
-        if name not in known:
-            raise unknown_name(what, name, known)
-    return list(names or known)
+from studies.neighbours.methods import METHODS, PROBLEMS
 
 
 def main() -> int:
@@ -54,10 +46,10 @@ def main() -> int:
     )
     options = parser.parse_args()
     try:
-        problems = _check(options.problems, list(PROBLEMS), "problem")
-        methods = _check(options.method, list(METHODS), "method")
-        if options.seeds < 1:
-            raise InputError(f"--seeds is {options.seeds} (allowed: 1 or more)")
+        check_known("problem", options.problems, PROBLEMS)
+        check_known("method", options.method, METHODS)
+        checked_integer("--seeds", options.seeds, 1)
+        problems, methods = options.problems or list(PROBLEMS), options.method or list(METHODS)
         for problem in problems:
             if not set(methods) & set(PROBLEMS[problem].methods):
                 raise unknown_name(f"method for {problem}", methods[0], PROBLEMS[problem].methods)
@@ -71,8 +63,9 @@ def main() -> int:
         return 0
     for problem in problems:
         sys.stdout.write(f"{problem}\n\n{table(problem, results).as_markdown()}\n")
-        if any(method in METHODS and METHODS[method].ways is STACKING for method in methods):
-            sys.stdout.write(f"{stacking_table(problem, results).as_markdown()}\n")
+        stacking = stacking_table(problem, results)
+        if stacking.rows:
+            sys.stdout.write(f"{stacking.as_markdown()}\n")
     return 0
 
 

@@ -3,13 +3,13 @@
 from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int
 
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import instruct
 from skystack.simulator.traffic import NO_TURN, SHORTEST, Clearance, Traffic
-from skystack.tasks.actions import STEP_FL, ActionTable, turns
-from skystack.tasks.contract import Action, Kind, Outcome
+from skystack.tasks.actions import STEP_FL, ActionTable, level_changes, turns
+from skystack.tasks.contract import Action, Kind
 from skystack.tasks.features import FEATURES
 from skystack.tasks.navigation import NavigationState, NavigationTask
 from skystack.tasks.wrapper import TaskWrapper
@@ -41,12 +41,12 @@ class AbsoluteTable(ActionTable):
     def instruct(self, traffic: Traffic, action: Int[Array, "*batch"]) -> Traffic:
         addressed = self.addressed(traffic, action)
         heading_deg, level_ticks = self._values(action)
-        turns = addressed & ("heading" in self.kinds)
+        turned = addressed & ("heading" in self.kinds)
         return instruct(
             traffic,
             Clearance(
-                jnp.where(turns, SHORTEST, NO_TURN),
-                jnp.where(turns, heading_deg, traffic.cleared_heading_deg),
+                jnp.where(turned, SHORTEST, NO_TURN),
+                jnp.where(turned, heading_deg, traffic.cleared_heading_deg),
                 addressed & ("level" in self.kinds),
                 jnp.broadcast_to(level_ticks, addressed.shape),
             ),
@@ -97,9 +97,6 @@ class WithAbsoluteValues(TaskWrapper[NavigationTask]):
         each = (f"{name} {number}" for name in names for number in aircraft)
         return (*self.task.observation_names, *each)
 
-    def reset(self, key: PRNGKeyArray) -> NavigationState:
-        return self.task.reset(key)
-
     def observe(self, state: NavigationState) -> Float[Array, "observation *batch"]:
         traffic, sector = state.traffic, self.task.sector
         heading_deg = traffic.cleared_heading_deg
@@ -110,22 +107,6 @@ class WithAbsoluteValues(TaskWrapper[NavigationTask]):
         levels = [traffic.cleared_level_ticks, state.memory.plan.exit_level_ticks]
         scaled = [level / TICKS_PER_FL / HIGHEST_FL for level in levels]
         return jnp.concatenate([self.task.observe(state), *parts, *scaled])
-
-    def may_stack(
-        self, state: NavigationState, action: Int[Array, "*batch"]
-    ) -> Bool[Array, "*batch"]:
-        return self.task.may_stack(state, action)
-
-    def instruct(self, state: NavigationState, action: Int[Array, "*batch"]) -> NavigationState:
-        return self.task.instruct(state, action)
-
-    def advance(self, state: NavigationState) -> tuple[NavigationState, Outcome]:
-        return self.task.advance(state)
-
-    def step(
-        self, state: NavigationState, action: Int[Array, "*batch"]
-    ) -> tuple[NavigationState, Outcome]:
-        return self.task.step(state, action)
 
 
 def with_absolute_actions(task: NavigationTask, step_deg: int) -> WithAbsoluteValues:
@@ -139,13 +120,8 @@ def with_absolute_actions(task: NavigationTask, step_deg: int) -> WithAbsoluteVa
 
 def with_large_changes(task: NavigationTask, sizes: range) -> NavigationTask:
     """The task with changes of several sizes: turns [deg] or climbs and descents [FL]."""
-    kind: Kind = "level" if "level" in task.table.kinds else "heading"
-    if kind == "heading":
-        return replace(task, table=turns(task.aircraft, tuple(sizes)))
-    actions = (
-        Action(f"aircraft {index + 1} level {sign * size:+d} FL", index, kind, sign * size)
-        for index in range(task.aircraft)
-        for sign in (-1, 1)
-        for size in sizes
-    )
-    return replace(task, table=replace(task.table, actions=(Action("none"), *actions)))
+    if "level" in task.table.kinds:
+        table = level_changes(task.aircraft, task.sector.levels_fl, tuple(sizes))
+    else:
+        table = turns(task.aircraft, tuple(sizes))
+    return replace(task, table=table)

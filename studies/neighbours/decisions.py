@@ -11,12 +11,12 @@ from functools import cached_property
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int
 
 from skystack.learning.network import Head
 from skystack.stacking import NO_OP
 from skystack.tasks.batch import choose
-from skystack.tasks.contract import Observation, Outcome, Task, TaskState
+from skystack.tasks.contract import Outcome, Task, TaskState
 from skystack.tasks.wrapper import TaskWrapper
 
 Decision = tuple[int, ...]
@@ -46,12 +46,6 @@ class Decisions(TaskWrapper[Task]):
         for row, each in zip(actions, self.decisions, strict=True):
             row[: len(each)] = each
         return actions, lengths
-
-    def reset(self, key: PRNGKeyArray) -> TaskState:
-        return self.task.reset(key)
-
-    def observe(self, state: TaskState) -> Observation:
-        return self.task.observe(state)
 
     def step(self, state: TaskState, action: Int[Array, "*batch"]) -> tuple[TaskState, Outcome]:
         actions, lengths = map(jnp.asarray, self._table)

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +18,7 @@ from skystack.tasks.observations import flatten_observation
 from skystack.tasks.stacked_steps import StackedSteps
 from studies.neighbours.methods import Build, Method, build
 
+State = TypeVar("State")
 GOOD = 0.8
 """A policy has learned if all aircraft make a correct exit in this share of scenarios."""
 WINDOW = 100
@@ -49,6 +50,8 @@ class Budget:
         """`steps` is the number of steps of an update in frozen time."""
         self.steps = steps
         self.cycles = 0.0
+        self.train_s = 0.0
+        """Time spent, without compilation."""
         self.good_after: int | None = None
         self._scenarios = self._good = 0.0
 
@@ -68,11 +71,21 @@ class Budget:
             self.good_after = round(self.cycles)
         self._scenarios = self._good = 0.0
 
+    def spend(
+        self, until: float, update: Callable[[State], tuple[State, Any]], state: State
+    ) -> State:
+        """The train state after updates until so many cycles have been simulated."""
+        started = time.perf_counter()
+        while self.cycles < until:
+            state, measured = update(state)
+            self.add(jax.device_get(measured))
+        self.train_s += time.perf_counter() - started
+        return state
+
 
 def train(method: Method, experiment: Experiment, cycles: int, seed: int) -> Trained:
     """Train a method, first with the rewards of pre-training if the experiment has any."""
-    settings, train_s = experiment.ppo, 0.0
-    target = build(method, experiment)
+    settings, target = experiment.ppo, build(method, experiment)
     budget = Budget(settings.samples if isinstance(target.trained, StackedSteps) else None)
     head = target.head
     phases = [(cycles, target)]
@@ -81,15 +94,10 @@ def train(method: Method, experiment: Experiment, cycles: int, seed: int) -> Tra
         phases.insert(0, (round(share * cycles), build(method, experiment, pretraining=True)))
     state = jax.jit(partial(ppo.init, target.trained, settings, head=head))(training_key(seed))
     for until, phase in phases:
-        update = compiled_update(phase, experiment, state)
-        started = time.perf_counter()
-        while budget.cycles < until:
-            state, measured = update(state)
-            budget.add(jax.device_get(measured))
-        train_s += time.perf_counter() - started
+        state = budget.spend(until, compiled_update(phase, experiment, state), state)
     weights = state.parameters.actor, state.normaliser
     greedy, sampled = (network_policy(target, greedy) for greedy in (True, False))
-    return Trained(greedy, sampled, weights, budget.good_after, train_s)
+    return Trained(greedy, sampled, weights, budget.good_after, budget.train_s)
 
 
 def compiled_update(

@@ -116,7 +116,7 @@ METHODS = {
         for cycles in (2, 5, 10)
     },
     "FiGAR": Method(
-        f"the same action in 1 to {MOST} cycles; chosen independently of the action",
+        f"the same action in 1 to {MOST} cycles; the length is independent of the action",
         f"changes of 10 to {10 * MOST}, and waiting",
         decisions=partial(repetitions, most=MOST),
         head=partial(independent_head, most=MOST),
@@ -179,13 +179,13 @@ PROBLEMS = {
 }
 VERSION = 3
 """Increased when earlier results are no longer valid."""
-SAMPLES, MINIBATCH = 8192, 256
+SAMPLES, ENVIRONMENTS, MINIBATCH = 8192, 64, 256
 SETTINGS = (
     "task.reward.count_criterion=false",
     "ppo.learning_rate=3e-4",
     "ppo.final_learning_rate=1.0",
     "ppo.gae_lambda=0.95",
-    "ppo.environments=64",
+    f"ppo.environments={ENVIRONMENTS}",
     "ppo.epochs=10",
 )
 """The same for all methods. The learning rate is the default of Stable-Baselines3, so that it
@@ -201,7 +201,7 @@ def experiment_of(problem: Problem, method: Method) -> Experiment:
     length of decisions. The number of cycles is nominal: it assumes the method's typical length.
     """
     changes = [
-        f"ppo.steps={SAMPLES // 64 // method.cycles}",
+        f"ppo.steps={SAMPLES // ENVIRONMENTS // method.cycles}",
         f"ppo.minibatch={MINIBATCH // method.cycles}",
     ]
     if load_experiment(problem.experiment).pretraining is not None:

@@ -6,7 +6,6 @@ learns from runs of cycles inside repetitions, since a repetition contains all s
 target is the discounted rewards of the run plus the first network's value after it.
 """
 
-import time
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -84,13 +83,9 @@ def train(method: Method, experiment: Experiment, cycles: int, seed: int) -> Tra
     state = jax.jit(partial(init, task, settings))(training_key(seed))
     rounds = cycles / (CYCLES * settings.environments)
     program = jax.jit(partial(one_round, task, settings, rounds * EXPLORED)).lower(state).compile()
-    started = time.perf_counter()
-    while budget.cycles < cycles:
-        state, measured = program(state)
-        budget.add(jax.device_get(measured))
-    train_s = time.perf_counter() - started
+    state = budget.spend(cycles, program, state)
     weights = state.networks, state.normaliser
-    return Trained(decide, decide, weights, budget.good_after, train_s)
+    return Trained(decide, decide, weights, budget.good_after, budget.train_s)
 
 
 def decide(
@@ -124,7 +119,7 @@ def init(task: Task, settings: PPOSettings, key: PRNGKeyArray) -> State:
     )
     scenarios = reset_many(task, scenario_key, settings.environments)
     shape = (REPLAY_CYCLES, settings.environments)
-    whole = jnp.zeros(settings.environments, dtype=jnp.int32)
+    zeros = jnp.zeros(settings.environments, dtype=jnp.int32)
     observation = jnp.zeros((*shape, size))
     nothing, no = jnp.zeros(shape, dtype=jnp.int32), jnp.zeros(shape, dtype=bool)
     return State(
@@ -134,8 +129,8 @@ def init(task: Task, settings: PPOSettings, key: PRNGKeyArray) -> State:
         initial_normaliser(size),
         scenarios,
         flatten_observation(task.observe(scenarios), batch_axes=1),
-        whole,
-        whole,
+        zeros,
+        zeros,
         Replay(observation, nothing, jnp.zeros(shape), no, nothing, observation),
         jnp.zeros((), dtype=jnp.int32),
         key,

@@ -140,13 +140,16 @@ def turns(aircraft: int, sizes_deg: tuple[int, ...]) -> ActionTable:
     )
 
 
-def level_changes(aircraft: int, levels_fl: tuple[int, int]) -> ActionTable:
-    """Descents and climbs by ten flight levels for each aircraft, within the sector's levels.
+def level_changes(
+    aircraft: int, levels_fl: tuple[int, int], sizes_fl: tuple[int, ...] = (STEP_FL,)
+) -> ActionTable:
+    """Descents and climbs of the given sizes for each aircraft, within the sector's levels.
 
-    The paper's vertical action space: 3 actions for one aircraft, descend before climb.
+    By default of ten flight levels, the paper's vertical action space: 3 actions for one aircraft,
+    descend before climb.
     """
     changes = (
         Action(f"aircraft {index + 1} level {step:+d} FL", index, "level", step)
-        for index, step in _changes(aircraft, (STEP_FL,))
+        for index, step in _changes(aircraft, sizes_fl)
     )
     return _table(changes, levels_fl)

@@ -38,9 +38,6 @@ def reset_many(task: Task, key: PRNGKeyArray, scenarios: int) -> TaskState:
 class OneByOne(TaskWrapper[Task]):
     """Adapts a task written for one scenario to batches, batch axis last. For custom tasks."""
 
-    def reset(self, key: PRNGKeyArray) -> TaskState:
-        return self.task.reset(key)
-
     def observe(self, state: TaskState) -> Observation:
         return jax.vmap(self.task.observe, -1, -1)(state)
 

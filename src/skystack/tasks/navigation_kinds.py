@@ -1,6 +1,6 @@
 """The paper's tasks, `lateral`, `vertical` and `avoidance`, built from checked settings."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import jax.numpy as jnp
@@ -9,7 +9,7 @@ import numpy as np
 from skystack.airspace.geometry import inside_area
 from skystack.airspace.sector import Sector
 from skystack.airspace.sectors import sector_from
-from skystack.errors import InputError, unknown_name
+from skystack.errors import InputError, check_known
 from skystack.simulator.entries import first_fixes
 from skystack.simulator.fleet import fleet
 from skystack.simulator.generator import LateralScenarios, VerticalScenarios
@@ -40,8 +40,8 @@ def build_navigation(settings: NavigationSettings) -> NavigationTask:
         _check_exits(sector)
     vertical = settings.name == VERTICAL
     simulator = Simulator(sector, _performance(settings), own_navigation=vertical)
-    _check_names("features", settings.features, FEATURES)
-    _check_names("pair_features", settings.pair_features, PAIR_FEATURES)
+    check_known("feature in task.features", settings.features, FEATURES)
+    check_known("feature in task.pair_features", settings.pair_features, PAIR_FEATURES)
     if not settings.features:
         raise InputError(f"task.features is empty (allowed: {', '.join(sorted(FEATURES))})")
     if vertical != (settings.actions == "levels"):
@@ -234,9 +234,3 @@ def _check_exits(sector: Sector) -> None:
             f"task.exit_before_nm is {sector.exit_before_nm:g} (allowed in {sector.name}: inside "
             f"the area, and less than {min(legs_nm):.1f}, the shortest leg to an exit)"
         )
-
-
-def _check_names(where: str, names: tuple[str, ...], known: Iterable[str]) -> None:
-    for name in names:
-        if name not in known:
-            raise unknown_name(f"feature in task.{where}", name, known)

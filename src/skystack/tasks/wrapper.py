@@ -4,14 +4,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from skystack.tasks.contract import Metric, Task
+from jaxtyping import Array, Bool, Int, PRNGKeyArray
+
+from skystack.tasks.contract import Metric, Observation, Outcome, Task, TaskState
 
 Wrapped = TypeVar("Wrapped", bound=Task)
 
 
 @dataclass(frozen=True)
 class TaskWrapper(Generic[Wrapped]):
-    """Forwards names, version and metrics of the wrapped task, for which policies are trained."""
+    """Forwards everything to the wrapped task; subclasses override what they change."""
 
     task: Wrapped
 
@@ -38,3 +40,21 @@ class TaskWrapper(Generic[Wrapped]):
     @property
     def observation_names(self) -> tuple[str, ...]:
         return self.task.observation_names
+
+    def reset(self, key: PRNGKeyArray) -> TaskState:
+        return self.task.reset(key)
+
+    def observe(self, state: TaskState) -> Observation:
+        return self.task.observe(state)
+
+    def instruct(self, state: TaskState, action: Int[Array, "*batch"]) -> TaskState:
+        return self.task.instruct(state, action)
+
+    def may_stack(self, state: TaskState, action: Int[Array, "*batch"]) -> Bool[Array, "*batch"]:
+        return self.task.may_stack(state, action)
+
+    def advance(self, state: TaskState) -> tuple[TaskState, Outcome]:
+        return self.task.advance(state)
+
+    def step(self, state: TaskState, action: Int[Array, "*batch"]) -> tuple[TaskState, Outcome]:
+        return self.task.step(state, action)

@@ -1,11 +1,11 @@
 """Pieces of work, tables, and the page that describes the methods."""
 
 import re
+import sys
 from pathlib import Path
 
 import pytest
 
-from skystack.errors import InputError
 from skystack.reporting.tables import NOTHING
 from studies.neighbours import __main__ as command
 from studies.neighbours import compare
@@ -119,7 +119,17 @@ def test_updates_of_all_methods_have_equal_nominal_cycles_and_gradient_steps(pro
         assert settings.samples // settings.minibatch == pytest.approx(32, abs=2)
 
 
-def test_refuses_unknown_names():
-    with pytest.raises(InputError, match="did you mean 'lateral'"):
-        command._check(["latral"], list(PROBLEMS), "problem")
-    assert command._check([], ["a", "b"], "problem") == ["a", "b"]
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["latral"], "unknown problem 'latral'; did you mean 'lateral'?"),
+        (["--method", "figar"], "unknown method 'figar'"),
+        (["vertical", "--method", "absolute 5"], "unknown method for vertical 'absolute 5'"),
+        (["--seeds", "0"], "--seeds is 0 (allowed: whole numbers from 1)"),
+    ],
+)
+def test_refuses_bad_arguments_before_training(words, message, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["neighbours", *words])
+    monkeypatch.setattr(command, "run", None)
+    assert command.main() == 2
+    assert capsys.readouterr().err.startswith(message)
