@@ -9,11 +9,13 @@ import pytest
 
 pytest.importorskip("bluebird_dt")
 
+from skystack.airspace.projection import METRES_PER_NM, WGS84
 from skystack.airspace.sectors import sector_named
 from skystack.errors import InputError, PlatformError
 from skystack.platforms.bluebird import Bluebird
 from skystack.platforms.flight import fly_scenario
 from skystack.platforms.instruction import Instruction
+from skystack.platforms.own import Skystack
 from skystack.platforms.protocol import Platform
 from skystack.simulator.scenario_file import load_scenario
 from tests.scenarios import EXAMPLES, MINIMAL, changed, load, renamed
@@ -56,6 +58,42 @@ def test_obeys_heading_and_level_of_one_transmission(platform, tmp_path):
     assert second.fl[0] == pytest.approx(302.5, abs=1e-9)
     # AC2 was not instructed, so its cleared heading is its actual one.
     assert second.cleared_heading_deg[1] == second.heading_deg[1]
+
+
+PEL_SWIFT = ["PEL", "GOOSE", "ALB", "EGL", "MACAW", "QUAIL", "SWIFT"]
+HERON_ROBIN = ["HERON", "CRANE", "EGL", "FINCH", "ROBIN"]
+DIRECT = {
+    "sector": "x-plus",
+    "cycles": 180,
+    "performance": "constant",
+    "aircraft": [
+        {"callsign": "AC1", "route": PEL_SWIFT, "lat": 0.75, "lon": -0.8, "fl": 300},
+        {"callsign": "AC2", "route": HERON_ROBIN, "lat": -0.5, "lon": -0.35, "fl": 300}
+        | {"own_navigation": True},
+    ],
+    "clearances": [
+        {"cycle": 3, "callsign": "AC1", "direct_to": "GOOSE"},
+        {"cycle": 40, "callsign": "AC1", "heading_deg": 90},
+        {"cycle": 60, "callsign": "AC1", "direct_to": "MACAW"},  # a later fix
+        {"cycle": 20, "callsign": "AC2", "direct_to": "FINCH", "fl": 340},
+        {"cycle": 28, "callsign": "AC2", "direct_to": "EGL"},  # before the turn is complete
+        {"cycle": 50, "callsign": "AC2", "direct_to": "FINCH"},
+        {"cycle": 50, "callsign": "AC2", "heading_deg": 20},  # replaces the fix
+        {"cycle": 70, "callsign": "AC2", "direct_to": "EGL"},  # behind it: a turn of 160 degrees
+    ],
+}
+
+
+@pytest.mark.parametrize("performance", ["table", "constant"])
+def test_flies_direct_to_fixes_like_our_simulator(platform, performance, tmp_path):
+    scenario = load(DIRECT | {"performance": performance}, tmp_path)
+    theirs, ours = (fly_scenario(each, scenario).reports for each in (platform, Skystack()))
+    for row, (their, our) in enumerate(zip(theirs, ours, strict=True)):
+        apart_m = WGS84.inv(their.lon, their.lat, our.lon, our.lat)[2]
+        assert max(apart_m) < 0.02 * METRES_PER_NM, row
+        np.testing.assert_allclose(our.cleared_fl, their.cleared_fl, err_msg=str(row))
+        turned = (our.heading_deg - their.heading_deg + 180.0) % 360.0 - 180.0
+        assert np.abs(turned).max() < 0.05, row
 
 
 def test_flights_do_not_depend_on_earlier_ones(platform, tmp_path):

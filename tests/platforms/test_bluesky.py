@@ -204,6 +204,29 @@ def test_heading_clearance_ends_own_navigation(platform):
     np.testing.assert_array_equal(column(reports, "cleared_heading_deg")[3:, 0], 123.0)
 
 
+def test_flies_direct_to_a_fix_and_then_along_the_route(platform):
+    """The turn begins at once; the fix is passed, and the rest of the route is flown."""
+    away_deg = round(SECTOR.first_heading_deg(BENT)) + 20
+    flown = scenario(
+        navigating("AC1", BENT),
+        clearances=(
+            ScheduledClearance(2, "AC1", heading_deg=away_deg),
+            ScheduledClearance(12, "AC1", direct_to=BENT[2]),
+        ),
+        cycles=200,
+    )
+    reports = fly(platform, flown)
+    lat, lon = column(reports, "lat")[:, 0], column(reports, "lon")[:, 0]
+    heading = column(reports, "heading_deg")[:, 0]
+    assert heading[12] == away_deg != heading[13]
+    position_nm = SECTOR.plane.to_plane(lat, lon)
+    for name in BENT[2:]:
+        assert np.linalg.norm(position_nm - SECTOR.fixes_nm[name], axis=1).min() < 1.5
+    # On own navigation the cleared heading is the actual one.
+    cleared = column(reports, "cleared_heading_deg")[:, 0]
+    np.testing.assert_array_equal(cleared[13:], heading[13:])
+
+
 def test_flights_do_not_depend_on_earlier_ones(platform):
     first = {id(flown): fly(platform, flown) for flown in (INSTRUCTED, NAVIGATING)}
     for flown in (INSTRUCTED, NAVIGATING):

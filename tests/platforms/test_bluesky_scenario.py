@@ -98,6 +98,17 @@ def test_own_navigation_gets_all_fixes_but_the_first():
     assert ["LNAV", "BAW12", "ON"] in commands
 
 
+def test_direct_to_a_fix_replaces_the_route_by_the_rest():
+    flown = scenario(ScheduledClearance(5, "BAW12", direct_to="EGL"))
+    route = flown.aircraft[0].route
+    commands = [command for time_s, command in lines(flown) if time_s == 30]
+    points = [flown.sector.fixes[name] for name in route[route.index("EGL") :]]
+    assert commands[0] == "DELRTE BAW12"
+    assert commands[-1] == "LNAV BAW12 ON"
+    added = [[float(number) for number in line.split()[2:]] for line in commands[1:-1]]
+    np.testing.assert_allclose(added, points, atol=1e-9)
+
+
 def test_without_own_navigation_there_is_no_route():
     assert not any(command.startswith(("ADDWPT", "LNAV")) for _, command in lines(scenario()))
 

@@ -59,6 +59,14 @@ TRANSLATIONS = [
         "AC1 maintain flight level three hundred",
     ),
     (
+        Instruction("AC1", direct_to="EGL", level_fl=220, vertical="descend"),
+        [("route_direct_to", "EGL"), ("change_flight_level_to", 220)],
+        ["ALT AC1 FL220"],  # fixes are positions, see test_bluesky_scenario
+        "PROCEED DIRECT TO EGL / DESCEND TO FL220",
+        "AC1 resume own navigation direct EGL, descend FL220",
+        "AC1 resume own navigation direct EGL, descend flight level two two zero",
+    ),
+    (
         LONG_WAY,
         [("change_heading_to_by_direction", (90, "left"))],
         ["HDG AC1 090"],

@@ -94,7 +94,11 @@ def test_levels_have_the_right_value(level_fl):
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({}, "an instruction to AC1 needs heading_deg or level_fl"),
+        ({}, "an instruction to AC1 needs heading_deg, direct_to or level_fl"),
+        (
+            {"heading_deg": 45, "direct_to": "EGL"},
+            "direct_to is 'EGL' (allowed: only without heading_deg)",
+        ),
         ({"heading_deg": 361}, "heading_deg is 361 (allowed: 0 to 360)"),
         ({"heading_deg": -1}, "heading_deg is -1 (allowed: 0 to 360)"),
         ({"level_fl": -10}, "level_fl is -10 (allowed: 0 or more)"),

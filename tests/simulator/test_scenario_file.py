@@ -98,7 +98,7 @@ REFUSED = [
     (
         (*C0, "heading_deg"),
         ...,
-        "clearances[0] has neither a heading nor a level (allowed: heading_deg, fl or both)",
+        "clearances[0] has no heading, fix or level (allowed: heading_deg or direct_to, fl, or bot",
     ),
     (
         (*C0, "heading_deg"),
@@ -112,6 +112,26 @@ REFUSED = [
         ("clearances", 0),
         {"cycle": 3, "callsign": "AC1", "fl": 310, "turn": "left"},
         'clearances[0].turn is "left" (allowed: only together with heading_deg)',
+    ),
+    (
+        (*C0, "direct_to"),
+        "EGL",
+        'clearances[0].direct_to is "EGL" (allowed: only without heading_deg)',
+    ),
+    (
+        ("clearances", 0),
+        {"cycle": 3, "callsign": "AC1", "direct_to": "EGLE"},
+        "clearances[0].direct_to: unknown fix of the route 'EGLE'; did you mean 'EGL'? (allowed: ",
+    ),
+    (
+        ("clearances", 0),
+        {"cycle": 3, "callsign": "AC1", "direct_to": "GOOSE"},  # of another route
+        "clearances[0].direct_to: unknown fix of the route 'GOOSE' (allowed: ",
+    ),
+    (
+        ("clearances", 0),
+        {"cycle": 3, "callsign": "AC1", "direct_to": "HERON"},  # where the route starts
+        "clearances[0].direct_to: unknown fix of the route 'HERON' (allowed: ",
     ),
 ]
 

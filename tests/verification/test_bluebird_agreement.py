@@ -32,11 +32,12 @@ def platforms():
         ("dateline", "constant", 2),
     ],
 )
-@pytest.mark.parametrize("own_navigation", [False, True])
-def test_random_flights_agree_row_by_row(platforms, sector, model, own_navigation, rollouts):
-    bound = agreement.OWN_NAVIGATION if own_navigation else agreement.INSTRUCTED
+@pytest.mark.parametrize("kind", agreement.KINDS)
+def test_random_flights_agree_row_by_row(platforms, sector, model, kind, rollouts):
+    # In these flights no fly-by turn begins a second apart.
+    bound = agreement.BOUNDS[kind] if kind == agreement.INSTRUCTED else agreement.TO_FIXES
     seeds, place = range(rollouts), agreement.sector_of(sector)
-    found = agreement.measure(platforms, seeds, model, own_navigation, place)
+    found = agreement.measure(platforms, seeds, model, kind, place)
     for name, value, limit in zip(bound._fields, found.worst, bound, strict=True):
         assert value <= limit, name
     assert found.worst.position_nm > 0.0  # two simulators, not one twice
@@ -47,7 +48,9 @@ def test_random_scenarios_contain_every_kind_of_clearance(platforms):
     ours, _ = platforms
     turns, long_turns, compound, level_only, unfinished = set(), 0, 0, 0, 0
     for seed in range(6):
-        scenario = agreement.random_scenario(seed, "table", False, agreement.sector_of("x-plus"))
+        scenario = agreement.random_scenario(
+            seed, "table", agreement.INSTRUCTED, agreement.sector_of("x-plus")
+        )
         index = {one.callsign: place for place, one in enumerate(scenario.aircraft)}
         reports = fly_scenario(ours, scenario).reports
         for cycle, clearances in scenario.transmissions().items():

@@ -55,7 +55,7 @@ BOUNDS = {
 }
 """The bounds for one cycle. From "the level" on, the closed form of the cycle is the reference."""
 
-CLEARED = ("cleared_heading_deg", "cleared_level_ticks", "pending_turn")
+CLEARED = ("cleared_heading_deg", "cleared_level_ticks", "pending_turn", "cleared_fix")
 """The only fields that `instruct` may change."""
 PHYSICAL = tuple(name for name in Traffic._fields if name not in CLEARED)
 
@@ -64,6 +64,8 @@ def changed(a: Rows, b: Rows, fields: tuple[str, ...] = Traffic._fields) -> Valu
     """The number of fields of each aircraft that differ in any bit except the sign of zero."""
     total = np.zeros(a.level_ticks.shape)
     for name in fields:
+        if getattr(a, name) is None:  # an optional field
+            continue
         differs = getattr(a, name) != getattr(b, name)
         total += differs.any(axis=2) if name == "position_nm" else differs
     return total

@@ -44,7 +44,7 @@ def simulate_file(
     status = np.array(STATUS)[followed.status].reshape(-1)
     table = pa.table(flight_rows(scenario, flight) | {"status": status})
     if output is not None:
-        embedded = {"aircraft": _aircraft(scenario), "clearances": _clearances(flight)}
+        embedded = {"aircraft": _aircraft(scenario), "clearances": _clearances(scenario, flight)}
         performance, types = scenario.performance, scenario.fleet
         write_table(output, table, scenario.sector, performance, types, embedded)
     least_nm = followed.min_separation_nm
@@ -79,11 +79,22 @@ def _aircraft(scenario: Scenario) -> list[dict[str, Any]]:
     ]
 
 
-def _clearances(flight: Flight) -> list[dict[str, Any]]:
-    """The clearances as rows of an evaluation's table; a heading with a level gives two rows."""
+def _clearances(scenario: Scenario, flight: Flight) -> list[dict[str, Any]]:
+    """The clearances as rows of an evaluation's table; a heading with a level gives two rows.
+
+    The value of a clearance direct to a fix is the fix's index in the route.
+    """
+    routes = {each.callsign: each.route for each in scenario.aircraft}
     rows = []
     for cycle, each in flight.issued:
-        parts = (("heading", each.heading_deg, each.turn), ("level", each.level_fl, each.vertical))
+        fix = None
+        if each.direct_to is not None:
+            fix = routes[each.callsign].index(each.direct_to)
+        parts = (
+            ("heading", each.heading_deg, each.turn),
+            ("direct", fix, None),
+            ("level", each.level_fl, each.vertical),
+        )
         for kind, value, direction in parts:
             if value is not None:
                 row = {"cycle": cycle, "callsign": each.callsign, "kind": kind, "value": value}

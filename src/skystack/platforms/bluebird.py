@@ -120,25 +120,28 @@ class Bluebird:
 
         aircraft = self._aircraft
         selected = [each.selected_instructions for each in aircraft]
-        own_navigation = [
-            chosen.heading is None or each.on_route
-            for chosen, each in zip(selected, aircraft, strict=True)
-        ]
         return Report(
             lat=column([each.lat for each in aircraft]),
             lon=wrap_longitude(column([each.lon for each in aircraft]) + self._origin_lon_deg),
             fl=column([each.fl for each in aircraft]),
             heading_deg=column([each.heading for each in aircraft]),
-            cleared_heading_deg=column(
-                [
-                    each.heading if own else chosen.heading
-                    for each, chosen, own in zip(aircraft, selected, own_navigation, strict=True)
-                ]
-            ),
+            cleared_heading_deg=column([_cleared_heading_deg(each) for each in aircraft]),
             cleared_fl=column([chosen.fl for chosen in selected]),
             ground_speed_kt=column([each.ground_speed or each.speed_tas for each in aircraft]),
             vertical_speed_ft_min=column([each.vertical_speed for each in aircraft]),
         )
+
+
+def _cleared_heading_deg(aircraft: Any) -> float:
+    """The cleared heading; on own navigation the actual one.
+
+    An aircraft whose own navigation has ended may still be turning to the last fix.
+    """
+    cleared = aircraft.selected_instructions.heading
+    if cleared is None and not aircraft.on_route:
+        cleared = aircraft.heading_changing_to
+    on_own_navigation = cleared is None or aircraft.on_route
+    return float(aircraft.heading if on_own_navigation else cleared)
 
 
 def _simulator(scenario: Scenario, names: Mapping[str, str]) -> Any:

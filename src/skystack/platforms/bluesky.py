@@ -104,13 +104,17 @@ class BlueSky:
         if instruction.level_fl is not None:
             self._check_level(index, instruction.level_fl)
         command = replace(instruction, callsign=self._callsigns[index])
-        _process(clearance_commands(command, self._models[index]))
+        _process(clearance_commands(command, self._scenario, self._scenario.aircraft[index]))
         if instruction.heading_deg is not None:
             selected = bluesky.traf.ap.trk[index]
             wrong = abs((selected - instruction.heading_deg + 180.0) % 360.0 - 180.0) > _TOLERANCE
             if wrong or bluesky.traf.swlnav[index]:
                 raise PlatformError(f"BlueSky refused {instruction}")
             self._cleared_heading_deg[index] = instruction.heading_deg % 360
+        if instruction.direct_to is not None:
+            if not bluesky.traf.swlnav[index]:
+                raise PlatformError(f"BlueSky refused {instruction}")
+            self._cleared_heading_deg[index] = np.nan  # on own navigation, the actual heading
         if instruction.level_fl is not None:
             selected = bluesky.traf.selalt[index] / _M_PER_FL
             if abs(selected - instruction.level_fl) > _TOLERANCE:

@@ -94,26 +94,32 @@ def start_commands(scenario: Scenario, callsigns: Iterable[str]) -> list[str]:
             f"SPD {callsign} {speed}",
         ]
         if aircraft.own_navigation:
-            commands += _route_commands(scenario, callsign, aircraft)
+            commands += _route_commands(scenario, callsign, aircraft.route[1:])
         commands.append(f"VNAV {callsign} OFF")
     return commands
 
 
-def _route_commands(scenario: Scenario, callsign: str, aircraft: Aircraft) -> list[str]:
-    """The route as fly-by waypoints, without the first fix, which is at the start."""
-    fixes = [scenario.sector.fixes[name] for name in aircraft.route[1:]]
-    waypoints = [f"ADDWPT {callsign} {lat:.10f} {lon:.10f}" for lat, lon in fixes]
+def _route_commands(scenario: Scenario, callsign: str, fixes: tuple[str, ...]) -> list[str]:
+    """Fixes as fly-by waypoints, and the command to fly along them."""
+    points = [scenario.sector.fixes[name] for name in fixes]
+    waypoints = [f"ADDWPT {callsign} {lat:.10f} {lon:.10f}" for lat, lon in points]
     return [*waypoints, f"LNAV {callsign} ON"]
 
 
 def clearance_commands(
-    instruction: Instruction, model: TablePerformance | ConstantPerformance
+    instruction: Instruction, scenario: Scenario, aircraft: Aircraft
 ) -> list[str]:
-    """An instruction as BlueSky commands, with the rate [ft/min] for a change of level.
+    """An instruction to an aircraft as BlueSky commands.
 
-    By default BlueSky's autopilot would climb and descend at 1,500 ft/min.
+    Fixes are given as positions: direct to a fix, the rest of the route replaces BlueSky's. A
+    change of level includes its rate [ft/min]; by default BlueSky's autopilot would climb and
+    descend at 1,500 ft/min.
     """
-    commands = bluesky_commands(instruction)
+    commands, model = bluesky_commands(instruction), scenario.performance_of(aircraft.type)
+    if instruction.direct_to is not None:
+        fixes = aircraft.route[aircraft.route.index(instruction.direct_to) :]
+        commands.append(f"DELRTE {instruction.callsign}")
+        commands += _route_commands(scenario, instruction.callsign, fixes)
     if instruction.level_fl is not None:
         commands.append(f"VS {instruction.callsign} {model.rate_ft_min:.6f}")
     return commands
@@ -155,11 +161,12 @@ def scenario_text(scenario: Scenario) -> str:
                 f"callsign is {aircraft.callsign!r} "
                 "(allowed in a BlueSky scenario file: capital letters and digits)"
             )
-    model_of = {one.callsign: scenario.performance_of(one.type) for one in scenario.aircraft}
-    timed = [(0, command) for command in start_commands(scenario, model_of)]
+    aircraft_of = {one.callsign: one for one in scenario.aircraft}
+    timed = [(0, command) for command in start_commands(scenario, aircraft_of)]
     for cycle, given_then in scenario.transmissions().items():
         for given in given_then:
-            commands = clearance_commands(_instruction(given), model_of[given.callsign])
+            aircraft = aircraft_of[given.callsign]
+            commands = clearance_commands(_instruction(given), scenario, aircraft)
             timed += [(cycle, command) for command in commands]
     for aircraft in scenario.aircraft:
         timed += _speed_commands(scenario, aircraft)
@@ -195,7 +202,12 @@ def _instruction(given: ScheduledClearance) -> Instruction:
             f"turn is {given.turn!r} in cycle {given.cycle} for {given.callsign} "
             "(allowed in a BlueSky scenario file: shortest)"
         )
-    return Instruction(given.callsign, heading_deg=given.heading_deg, level_fl=given.fl)
+    return Instruction(
+        given.callsign,
+        heading_deg=given.heading_deg,
+        level_fl=given.fl,
+        direct_to=given.direct_to,
+    )
 
 
 def _clock(cycle: int) -> str:

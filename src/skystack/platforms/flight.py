@@ -45,7 +45,14 @@ def command_of(given: ScheduledClearance) -> Instruction:
     """A file's clearance as an instruction to a platform."""
     directions: dict[str | None, Literal["left", "right"]] = {"left": "left", "right": "right"}
     turn = directions.get(given.turn)
-    return Instruction(given.callsign, given.heading_deg, turn, turn is not None, given.fl)
+    return Instruction(
+        given.callsign,
+        given.heading_deg,
+        turn,
+        turn is not None,
+        given.fl,
+        direct_to=given.direct_to,
+    )
 
 
 def _with_wording(

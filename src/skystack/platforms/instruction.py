@@ -12,7 +12,7 @@ from skystack.errors import InputError
 
 @dataclass(frozen=True)
 class Instruction:
-    """An absolute heading, level or both. Raises InputError for an invalid combination."""
+    """A heading or a fix, a level, or both. Raises InputError for an invalid combination."""
 
     callsign: str
     heading_deg: int | None = None
@@ -24,10 +24,16 @@ class Instruction:
     level_fl: int | None = None
     vertical: Literal["climb", "descend"] | None = None
     """The direction of the level change; None if the aircraft is at the level."""
+    direct_to: str | None = None
+    """The fix of its route to which the aircraft flies, and from there along the route."""
 
     def __post_init__(self) -> None:
-        if self.heading_deg is None and self.level_fl is None:
-            raise InputError(f"an instruction to {self.callsign} needs heading_deg or level_fl")
+        if self.heading_deg is None and self.level_fl is None and self.direct_to is None:
+            raise InputError(
+                f"an instruction to {self.callsign} needs heading_deg, direct_to or level_fl"
+            )
+        if self.heading_deg is not None and self.direct_to is not None:
+            raise InputError(f"direct_to is {self.direct_to!r} (allowed: only without heading_deg)")
         if self.heading_deg is not None and not 0 <= self.heading_deg <= 360:
             raise InputError(f"heading_deg is {self.heading_deg} (allowed: 0 to 360)")
         if self.level_fl is not None and self.level_fl < 0:

@@ -12,6 +12,7 @@ from skystack.platforms.protocol import Report, check_types
 from skystack.simulator.scenario_file import Scenario
 from skystack.simulator.simulator import Simulator, instruct
 from skystack.simulator.traffic import (
+    DIRECT,
     LEFT,
     NO_TURN,
     RIGHT,
@@ -52,12 +53,17 @@ class Skystack:
         if instruction.heading_deg is not None:
             turn = {"left": LEFT, "right": RIGHT}[instruction.turn or "left"]
             turn = turn if instruction.by_direction else SHORTEST
+        fix = 0
+        if instruction.direct_to is not None:
+            route = self._scenario.aircraft[int(np.argmax(one))].route
+            turn, fix = DIRECT, route.index(instruction.direct_to)
         changes_level = instruction.level_fl is not None
         clearance = Clearance(
             turn=jnp.asarray(np.where(one, turn, NO_TURN).astype(np.int32)),
             heading_deg=jnp.full(len(one), float((instruction.heading_deg or 0) % 360)),
             changes_level=jnp.asarray(one & changes_level),
             level_ticks=jnp.full(len(one), ticks(float(instruction.level_fl or 0))),
+            fix=jnp.full(len(one), fix, dtype=jnp.int32),
         )
         self._traffic = instruct(self._traffic, clearance)
 

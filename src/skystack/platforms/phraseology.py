@@ -31,6 +31,8 @@ def _phrase(
     if instruction.heading_deg is not None:
         verb = f"turn {instruction.turn}" if instruction.turn else "fly"
         parts.append(f"{verb} heading {heading(instruction.heading_deg)}")
+    if instruction.direct_to is not None:
+        parts.append(f"resume own navigation direct {instruction.direct_to}")
     if instruction.level_fl is not None:
         parts.append(f"{instruction.vertical or 'maintain'} {level(instruction.level_fl)}")
     return f"{instruction.callsign} {', '.join(parts)}"

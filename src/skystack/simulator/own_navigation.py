@@ -14,7 +14,7 @@ from skystack.airspace.geometry import (
     wrap_360,
 )
 from skystack.airspace.sector import RouteTable, Sector
-from skystack.simulator.traffic import NO_TURN, Traffic
+from skystack.simulator.traffic import NO_TURN, RADIUS_UNKNOWN, Traffic
 
 BANK_PER_TURN = 0.4
 """Degrees of bank per degree of turn, within the limits below."""
@@ -37,6 +37,8 @@ def steer(
     They fly the geodesic to it. Returns the traffic with its turns updated, and each aircraft's
     turn rate [deg/s]: the rate of the arc during a fly-by turn, otherwise `turn_rate_deg_s`.
     """
+    if traffic.cleared_fix is not None:
+        traffic = _begin_direct(traffic, sector)
     traffic = _sequence(traffic, sector, route_end_nm)
     own = traffic.own_navigation
     target = fix_of(sector.route_table, traffic.route, traffic.next_fix)
@@ -53,6 +55,24 @@ def steer(
         turn_radius_nm=radius,
     )
     return traffic, jnp.where(fly_by, arc, turn_rate_deg_s)
+
+
+def _begin_direct(traffic: Traffic, sector: Sector) -> Traffic:
+    """Begin the turns to the fixes that aircraft have just been cleared direct to.
+
+    An aircraft that has flown past the last fix is not on own navigation after that, but still
+    makes the turn, as in BluebirdDT.
+    """
+    begins = traffic.own_navigation & (traffic.turn_radius_nm == RADIUS_UNKNOWN)
+    target = fix_of(sector.route_table, traffic.route, traffic.next_fix)
+    course = bearing(sector.plane.geodesic_direction(traffic.position_nm, target))
+    turn = wrap_180(course - traffic.heading_deg)
+    radius = _radius_nm(jnp.abs(turn), traffic.ground_speed_kt)
+    return traffic._replace(
+        flown_heading_deg=jnp.where(begins, wrap_360(course), traffic.flown_heading_deg),
+        turn_deg=jnp.where(begins, turn, traffic.turn_deg),
+        turn_radius_nm=jnp.where(begins, radius, traffic.turn_radius_nm),
+    )
 
 
 def _sequence(traffic: Traffic, sector: Sector, route_end_nm: float) -> Traffic:
@@ -73,7 +93,7 @@ def _sequence(traffic: Traffic, sector: Sector, route_end_nm: float) -> Traffic:
         radius * jnp.tan(jnp.radians(jnp.minimum(turn, 179.0)) / 2.0), EARLIEST_TURN_RADII * radius
     )
     turns = own & ~at_last & (distance <= lead)
-    ended = own & at_last & ((distance <= route_end_nm) | _flown_past(traffic, offset, distance))
+    ended = own & at_last & ((distance <= route_end_nm) | _flown_past(traffic, inbound, distance))
     return traffic._replace(
         next_fix=jnp.where(turns, traffic.next_fix + 1, traffic.next_fix),
         turn_radius_nm=jnp.where(turns, radius, traffic.turn_radius_nm),
@@ -113,11 +133,15 @@ def _radius_nm(
 
 def _flown_past(
     traffic: Traffic,
-    offset_nm: Float[Array, "aircraft 2 *batch"],
+    inbound: Float[Array, "aircraft 2 *batch"],
     distance_nm: Float[Array, "aircraft *batch"],
 ) -> Bool[Array, "aircraft *batch"]:
-    """Whether the last fix is behind and inside the current turn, so that it cannot be reached."""
-    ahead = dot(offset_nm, direction(traffic.heading_deg))
+    """Whether the last fix is behind and inside the current turn, so that it cannot be reached.
+
+    `inbound` is the initial direction of the geodesic to it: far away, that of the straight line in
+    the plane may differ by degrees.
+    """
+    ahead = distance_nm * dot(inbound, direction(traffic.heading_deg)) / length(inbound)
     lateral = jnp.sqrt(jnp.maximum(distance_nm**2 - ahead**2, 0.0))
     behind = (traffic.turn_radius_nm > 0.0) & (ahead < 0.0)
     return behind & (lateral <= 2.0 * traffic.turn_radius_nm)

@@ -10,6 +10,7 @@ from typing import Annotated
 import jax.numpy as jnp
 import msgspec
 from msgspec import Meta
+from msgspec.structs import replace as replace_fields
 
 from skystack.airspace.projection import geodesic_leg
 from skystack.airspace.sector import MAX_DISTANCE_NM, Sector
@@ -48,6 +49,8 @@ class ScheduledClearance(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     turn: Name | None = None
     """A name in `TURNS`. None means "shortest"."""
     fl: int | None = None
+    direct_to: Name | None = None
+    """A fix of the aircraft's route, on own navigation."""
 
 
 class _AircraftEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -125,7 +128,12 @@ class Scenario:
     def simulator(self) -> Simulator:
         """The simulator for the scenario."""
         own_navigation = any(aircraft.own_navigation for aircraft in self.aircraft)
-        return Simulator(self.sector, self.model(), own_navigation)
+        return Simulator(self.sector, self.model(), own_navigation or self.has_directs)
+
+    @property
+    def has_directs(self) -> bool:
+        """Whether aircraft are cleared direct to fixes."""
+        return any(clearance.direct_to is not None for clearance in self.clearances)
 
     def initial_traffic(self, simulator: Simulator) -> Traffic:
         """The aircraft at cycle 0, in level flight.
@@ -139,7 +147,7 @@ class Scenario:
         position = self.sector.plane.to_plane(
             [each.lat for each in aircraft], [each.lon for each in aircraft]
         )
-        return start(
+        traffic = start(
             position_nm=jnp.asarray(position, dtype=jnp.float32),
             heading_deg=jnp.array([each.heading_deg for each in aircraft], dtype=jnp.float32),
             level_ticks=level,
@@ -150,22 +158,24 @@ class Scenario:
             own_navigation=jnp.array([each.own_navigation for each in aircraft]),
             kind=kind,
         )
+        fix = jnp.zeros_like(traffic.next_fix) if self.has_directs else None
+        return traffic._replace(cleared_fix=fix)
 
     def transmissions(self) -> dict[int, list[ScheduledClearance]]:
         """The clearances before each cycle, by cycle, at most one per aircraft.
 
         Several clearances of one aircraft in the same cycle are merged: a later one replaces only
-        the elements (heading or level) that it contains.
+        the elements (heading or fix, level) that it contains.
         """
         merged: dict[int, dict[str, ScheduledClearance]] = {}
         for clearance in self.clearances:
             by_callsign = merged.setdefault(clearance.cycle, {})
             callsign = clearance.callsign
             if (earlier := by_callsign.get(callsign)) is not None:
-                latest = earlier if clearance.heading_deg is None else clearance
-                heading, turn = latest.heading_deg, latest.turn
+                turns = clearance.heading_deg is not None or clearance.direct_to is not None
+                latest = clearance if turns else earlier
                 fl = earlier.fl if clearance.fl is None else clearance.fl
-                clearance = ScheduledClearance(clearance.cycle, callsign, heading, turn, fl)  # noqa: PLW2901
+                clearance = replace_fields(latest, cycle=clearance.cycle, fl=fl)  # noqa: PLW2901
             by_callsign[callsign] = clearance
         return {cycle: list(each.values()) for cycle, each in sorted(merged.items())}
 
@@ -212,7 +222,8 @@ def _checked(file: _FileEntry, folder: Path) -> Scenario:
         if not 0 <= clearance.cycle < file.cycles:
             allowed = f"0 to {file.cycles - 1}, which is cycles - 1"
             raise not_allowed(f"{where}.cycle", clearance.cycle, allowed)
-        _check_clearance(where, clearance, sector)
+        route = next(each.route for each in aircraft if each.callsign == clearance.callsign)
+        _check_clearance(where, clearance, sector, route)
     return Scenario(sector, file.performance, file.cycles, aircraft, file.clearances, file.fleet)
 
 
@@ -280,12 +291,21 @@ def _checked_aircraft(where: str, entry: _AircraftEntry, sector: Sector) -> Airc
     )
 
 
-def _check_clearance(where: str, clearance: ScheduledClearance, sector: Sector) -> None:
+def _check_clearance(
+    where: str, clearance: ScheduledClearance, sector: Sector, route: tuple[str, ...]
+) -> None:
     heading, turn, fl = clearance.heading_deg, clearance.turn, clearance.fl
-    if heading is None and fl is None:
+    direct_to = clearance.direct_to
+    if heading is None and fl is None and direct_to is None:
         raise InputError(
-            f"{where} has neither a heading nor a level (allowed: heading_deg, fl or both)"
+            f"{where} has no heading, fix or level (allowed: heading_deg or direct_to, fl, or both)"
         )
+    if direct_to is not None:
+        if heading is not None:
+            raise not_allowed(f"{where}.direct_to", direct_to, "only without heading_deg")
+        if direct_to not in route[1:]:
+            with error_context(f"{where}.direct_to"):
+                raise unknown_name("fix of the route", direct_to, route[1:])
     if turn is not None and turn not in TURNS:
         with error_context(f"{where}.turn"):
             raise unknown_name("turn", turn, TURNS)

@@ -10,7 +10,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from skystack.airspace.geometry import direction, wrap_180, wrap_360
 from skystack.airspace.projection import LocalScale
@@ -18,7 +18,15 @@ from skystack.airspace.sector import Sector
 from skystack.compilation.subroutine import subroutine
 from skystack.simulator.own_navigation import steer
 from skystack.simulator.performance import Performance
-from skystack.simulator.traffic import LEFT, NO_TURN, RIGHT, Clearance, Traffic
+from skystack.simulator.traffic import (
+    DIRECT,
+    LEFT,
+    NO_TURN,
+    RADIUS_UNKNOWN,
+    RIGHT,
+    Clearance,
+    Traffic,
+)
 
 CYCLE_S = 6
 """The length of a radar cycle in seconds, flown in sub-steps of one second."""
@@ -26,11 +34,22 @@ TURN_RATE_DEG_S = 1.5
 
 
 def instruct(traffic: Traffic, clearance: Clearance) -> Traffic:
-    """Clear active aircraft to headings and levels. No physical state changes."""
+    """Clear active aircraft to headings, fixes and levels. No physical state changes.
+
+    A heading replaces a fix that was cleared in the same cycle, and the other way round.
+    """
     turned = traffic.active & (clearance.turn != NO_TURN)
     levelled = traffic.active & clearance.changes_level
+    to_heading, cleared_fix = turned, traffic.cleared_fix
+    if cleared_fix is not None and clearance.fix is not None:
+        to_fix = turned & (clearance.turn == DIRECT)
+        to_heading = turned & ~to_fix
+        cleared_fix = jnp.where(to_fix, clearance.fix, cleared_fix)
     return traffic._replace(
-        cleared_heading_deg=jnp.where(turned, clearance.heading_deg, traffic.cleared_heading_deg),
+        cleared_fix=cleared_fix,
+        cleared_heading_deg=jnp.where(
+            to_heading, clearance.heading_deg, traffic.cleared_heading_deg
+        ),
         pending_turn=jnp.where(turned, clearance.turn, traffic.pending_turn),
         cleared_level_ticks=jnp.where(levelled, clearance.level_ticks, traffic.cleared_level_ticks),
     )
@@ -78,6 +97,10 @@ class Simulator:
         phase = jnp.sign(to_go)
         airspeed = self.performance.true_airspeed_kt(traffic.level_ticks, phase, traffic.kind)
         rate = self.performance.vertical_speed_ft_min(traffic.level_ticks, phase, traffic.kind)
+        if traffic.airspeed_factor is not None:
+            airspeed *= traffic.airspeed_factor
+        if traffic.climb_factor is not None:
+            rate = jnp.round(rate * traffic.climb_factor)  # whole ticks, which are exact
         ground_speed = jnp.sqrt(airspeed**2 - (rate * _KT_PER_FT_MIN) ** 2)
         traffic = traffic._replace(ground_speed_kt=ground_speed, vertical_speed_ft_min=rate)
         turn_rate = jnp.full_like(rate, self.turn_rate_deg_s)
@@ -135,6 +158,8 @@ def _moved(
 def adopt(traffic: Traffic) -> Traffic:
     """Adopt new clearances. Turns are computed from the current heading of the aircraft."""
     new = traffic.active & (traffic.pending_turn != NO_TURN)
+    if traffic.cleared_fix is not None:
+        traffic, new = _adopt_direct(traffic, traffic.cleared_fix, new)
     turn = turn_to_deg(traffic.heading_deg, traffic.cleared_heading_deg)
     turn = jnp.where((traffic.pending_turn == LEFT) & (turn > 0.0), turn - 360.0, turn)
     turn = jnp.where((traffic.pending_turn == RIGHT) & (turn < 0.0), turn + 360.0, turn)
@@ -150,6 +175,21 @@ def adopt(traffic: Traffic) -> Traffic:
         # On own navigation the cleared heading follows the actual heading.
         cleared_heading_deg=jnp.where(own, traffic.heading_deg, traffic.cleared_heading_deg),
     )
+
+
+def _adopt_direct(
+    traffic: Traffic,
+    cleared_fix: Int[Array, "aircraft *batch"],
+    new: Bool[Array, "aircraft *batch"],
+) -> tuple[Traffic, Bool[Array, "aircraft *batch"]]:
+    """Put aircraft cleared direct to a fix on own navigation. Returns the other new clearances."""
+    direct = new & (traffic.pending_turn == DIRECT)
+    adopted = traffic._replace(
+        own_navigation=traffic.own_navigation | direct,
+        next_fix=jnp.where(direct, cleared_fix, traffic.next_fix),
+        turn_radius_nm=jnp.where(direct, RADIUS_UNKNOWN, traffic.turn_radius_nm),
+    )
+    return adopted, new & ~direct
 
 
 def turn_to_deg(

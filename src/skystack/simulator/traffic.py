@@ -9,8 +9,12 @@ from jaxtyping import Array, Bool, Float, Int
 from skystack.airspace.projection import MercatorPlane
 from skystack.simulator.performance import TICKS_PER_FL
 
-NO_TURN, SHORTEST, LEFT, RIGHT = range(4)
-"""Directions of the turn to a newly cleared heading; NO_TURN means that none was cleared."""
+NO_TURN, SHORTEST, LEFT, RIGHT, DIRECT = range(5)
+"""Directions of the turn to a newly cleared heading; NO_TURN means that none was cleared, DIRECT
+that the aircraft was cleared to a fix instead."""
+
+RADIUS_UNKNOWN = -1.0
+"""The radius of the turn to a fix just cleared direct to, until it is computed from the turn."""
 
 
 class Traffic(NamedTuple):
@@ -35,7 +39,7 @@ class Traffic(NamedTuple):
     cleared_level_ticks: Float[Array, "aircraft *batch"]
     """The cleared level, adopted or not."""
     pending_turn: Int[Array, "aircraft *batch"]
-    """The direction of the turn to a heading cleared since the last cycle; NO_TURN if none."""
+    """The direction of the turn to a heading cleared since the last cycle, DIRECT, or NO_TURN."""
     own_navigation: Bool[Array, "aircraft *batch"]
     """Whether the aircraft follows its route without instructions."""
     route: Int[Array, "aircraft *batch"]
@@ -43,23 +47,32 @@ class Traffic(NamedTuple):
     next_fix: Int[Array, "aircraft *batch"]
     """Index in the route of the fix that own navigation flies to; at least 1 at the start."""
     turn_radius_nm: Float[Array, "aircraft *batch"]
-    """Radius of the current fly-by turn; 0 if there is none."""
+    """Radius of the current turn to a fix; 0 if there is none, or RADIUS_UNKNOWN."""
     active: Bool[Array, "aircraft *batch"]
     """Inactive aircraft have left the scenario, or the row is unused. They do not move."""
     kind: Int[Array, "aircraft *batch"]
     """Index of the type in the types of the performance model."""
+    cleared_fix: Int[Array, "aircraft *batch"] | None = None
+    """Index in the route of the fix cleared direct to. None if aircraft are not cleared to fixes;
+    compiled programs then omit it, as they do the factors below."""
+    airspeed_factor: Float[Array, "aircraft *batch"] | None = None
+    """Multiplies the airspeed of the performance model; None means 1."""
+    climb_factor: Float[Array, "aircraft *batch"] | None = None
+    """Multiplies the rates of climb and descent of the performance model; None means 1."""
 
 
 class Clearance(NamedTuple):
     """Clearances to all aircraft at one time. Headings and levels without one stay unchanged."""
 
     turn: Int[Array, "aircraft *batch"]
-    """NO_TURN, SHORTEST, LEFT or RIGHT."""
+    """NO_TURN, SHORTEST, LEFT, RIGHT or DIRECT."""
     heading_deg: Float[Array, "aircraft *batch"]
-    """Absolute heading, whole degrees in [0, 360). Ignored with NO_TURN."""
+    """Absolute heading, whole degrees in [0, 360). Ignored with NO_TURN and DIRECT."""
     changes_level: Bool[Array, "aircraft *batch"]
     level_ticks: Float[Array, "aircraft *batch"]
     """Absolute level in ticks. Ignored unless `changes_level`."""
+    fix: Int[Array, "aircraft *batch"] | None = None
+    """Index in the route of the fix to fly to on own navigation. Ignored unless DIRECT."""
 
 
 def start(

@@ -52,8 +52,9 @@ class RecordedClearance(NamedTuple):
     """The index of the addressed aircraft in the scenario."""
     cycle: int
     kind: str
-    """`heading` or `level`."""
+    """`heading`, `direct` or `level`."""
     value: int
+    """The heading, the level, or the index in the route of a fix."""
     direction: str | None
     instructions: int
     """The number of instructions stacked into it."""

@@ -135,6 +135,7 @@ class Panels {
     const fix = aircraft.route.at(-2) ?? "its exit fix";
     setText(exit, offset === null ? "" : `exit ${offset.toFixed(1)}\u00a0NM from ${fix}`);
     const values = own.slice(-STRIP_CLEARANCES).map((each) => {
+      if (each.kind === "direct") return aircraft.route[each.value] ?? "direct";
       const value = String(each.kind === "level" ? each.value : threeDigits(each.value));
       return `${each.kind === "level" ? "FL" : "H"}${value.padStart(3, "0")}`;
     });
