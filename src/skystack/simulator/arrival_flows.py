@@ -1,0 +1,212 @@
+"""Flows of arriving flights: constant rates, and BluebirdDT's Flight School traffic.
+
+Flights start behind the first fix of a random route, displaced to a random side, on the heading of
+the first leg and not on own navigation. Their entry and exit levels are independent and uniform
+over the sector's levels that are multiples of ten, and their airspeeds uniform over a range.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from skystack.airspace.geometry import direction
+from skystack.errors import InputError
+from skystack.simulator.arrivals import (
+    FREE,
+    Admission,
+    Arrivals,
+    Candidates,
+    Clock,
+    place,
+)
+from skystack.simulator.simulator import CYCLE_S, Simulator
+from skystack.simulator.traffic import Traffic, start, ticks
+
+HOUR_S = 3600
+HOUR_CYCLES = HOUR_S // CYCLE_S
+MAX_FLIGHTS_PER_HOUR = 1000.0
+
+
+def _as_in_bluebird(rate_s: float, increase_s: float, interval_s: float, most_s: float) -> Clock:
+    return Clock(
+        rate_s,
+        increase_s,
+        interval_s,
+        most_s,
+        until_s=float(HOUR_S),
+        quadratic=True,
+        unchecked_twins=True,
+        held_cycles=2,
+    )
+
+
+FLIGHT_SCHOOL = {
+    "category": _as_in_bluebird(0.005, 0.005, 30.0, 0.1),
+    "notebook": _as_in_bluebird(0.01, 0.0, 60.0, 0.1),
+    "environment": _as_in_bluebird(0.002, 0.002, 60.0, 0.03),
+}
+"""The clocks of BluebirdDT's three traffics of this kind, by name.
+
+`category` is `Simulator.from_category("Flight School")`, `notebook` the `InfiniteEnv` of the public
+challenge's notebook, and `environment` the `FlightSchoolEnv`."""
+STARTERS = 2
+"""The flights of the Flight School that are on their first fixes at the start."""
+
+
+def constant_rate(flights_per_hour: float) -> Clock:
+    """A clock with a constant rate of births. Raises InputError for an impossible rate."""
+    if not 0.0 < flights_per_hour <= MAX_FLIGHTS_PER_HOUR:
+        raise InputError(
+            f"flights per hour is {flights_per_hour} (allowed: above 0, at most "
+            f"{MAX_FLIGHTS_PER_HOUR:g})"
+        )
+    return Clock(flights_per_hour / HOUR_S)
+
+
+@dataclass(frozen=True)
+class Flow:
+    """Draws the arrivals of a scenario."""
+
+    simulator: Simulator
+    clock: Clock
+    slots: int = 128
+    cycles: int = HOUR_CYCLES
+    candidates: int = 1024
+    """The number of flights drawn at reset; they are used again if there are too few."""
+    starters: int = 0
+    behind_nm: float = 10.0
+    """Distance of a birth behind the first fix."""
+    speeds_kt: tuple[float, float] = (350.0, 450.0)
+    """Range of airspeeds; the performance model's is multiplied accordingly."""
+    speed_spread: float = 0.0
+    """Half the range of a random factor of the airspeed, unknown to controllers."""
+    climb_spread: float = 0.0
+    """The same for the rates of climb and descent."""
+
+    @cached_property
+    def admission(self) -> Admission:
+        return Admission(self.simulator, self.clock)
+
+    def draw(self, key: PRNGKeyArray) -> tuple[Arrivals, Traffic]:
+        """The arrivals and the traffic at cycle 0."""
+        candidate_key, starter_key, clock_key = jax.random.split(key, 3)
+        zero = jnp.zeros((), dtype=jnp.int32)
+        nobody = jnp.zeros(self.slots, dtype=jnp.int32)
+        arrivals = Arrivals(
+            flight=nobody + FREE,
+            candidate=nobody + FREE,
+            exit_level_ticks=jnp.zeros(self.slots, dtype=jnp.float32),
+            held=nobody,
+            candidates=self._candidates(candidate_key),
+            uniforms=jax.random.uniform(clock_key, (self.cycles,)),
+            used=zero,
+            born=zero,
+            waiting=zero,
+            refused=zero,
+            last_birth_s=jnp.zeros((), dtype=jnp.float32),
+            cycle=zero,
+        )
+        traffic = self.empty()
+        return (
+            self._with_starters(arrivals, traffic, starter_key)
+            if self.starters
+            else (
+                arrivals,
+                traffic,
+            )
+        )
+
+    def empty(self) -> Traffic:
+        """Traffic without any flight."""
+        zero, number = jnp.zeros(self.slots), jnp.zeros(self.slots, dtype=jnp.int32)
+        nobody = jnp.zeros(self.slots, dtype=bool)
+        traffic = start(jnp.zeros((self.slots, 2)), zero, zero, number, zero, nobody)
+        return traffic._replace(
+            active=nobody, cleared_fix=number, airspeed_factor=zero + 1.0, climb_factor=zero + 1.0
+        )
+
+    def _candidates(self, key: PRNGKeyArray) -> Candidates:
+        """Flights behind the first fixes of random routes."""
+        key, route_key = jax.random.split(key)
+        routes = self.simulator.sector.route_table.last_fix.shape[0]
+        route = jax.random.randint(route_key, (self.candidates,), 0, routes, dtype=jnp.int32)
+        return self._flights(key, route, self.behind_nm)
+
+    def _flights(self, key: PRNGKeyArray, route: Int[Array, " n"], behind_nm: float) -> Candidates:
+        """Flights behind the first fix of each route."""
+        sector, count = self.simulator.sector, route.shape
+        side_key, entry_key, exit_key, speed_key, error_key, climb_key = jax.random.split(key, 6)
+        heading = jnp.asarray(sector.route_table.first_heading_deg)[route]
+        half_width = jnp.asarray(self._half_width_nm)[route]
+        side = jax.random.uniform(side_key, count, minval=-1.0, maxval=1.0) * half_width
+        fix = jnp.asarray(sector.route_table.fixes_nm)[route, 0]
+        offset = side[:, None] * direction(heading + 90.0)
+        offset -= behind_nm * direction(heading)
+        lowest, highest = sector.levels_fl
+        levels = jnp.asarray([ticks(float(fl)) for fl in range(lowest, highest + 1, 10)])
+        low_kt, high_kt = self.speeds_kt
+        speed = jax.random.uniform(speed_key, count, minval=low_kt, maxval=high_kt)
+        spread = self.speed_spread * jax.random.uniform(error_key, count, minval=-1.0)
+        climb = self.climb_spread * jax.random.uniform(climb_key, count, minval=-1.0)
+        entry = jax.random.choice(entry_key, levels, count)
+        return Candidates(
+            due_s=jnp.zeros(count),
+            route=route,
+            position_nm=fix + offset * sector.plane.scale(fix[:, 1])[:, None],
+            heading_deg=heading,
+            entry_level_ticks=entry,
+            exit_level_ticks=jax.random.choice(exit_key, levels, count),
+            airspeed_factor=speed * (1.0 + spread) / self.simulator.level_ground_speed_kt(entry),
+            climb_factor=1.0 + climb,
+        )
+
+    @cached_property
+    def _half_width_nm(self) -> Float[np.ndarray, " routes"]:
+        """Half the length of the edge of the area nearest to the first fix of each route."""
+        sector = self.simulator.sector
+        edges = [sector.edge_through(route[0]) for route in sector.routes]
+        length_nm = [
+            float(np.hypot(*(edge[-1] - edge[0])) / sector.plane.scale(edge[:1, 1])[0])
+            for edge in edges
+        ]
+        return np.array(length_nm, dtype=np.float32) / 2.0
+
+    def _with_starters(
+        self, arrivals: Arrivals, traffic: Traffic, key: PRNGKeyArray
+    ) -> tuple[Arrivals, Traffic]:
+        """Add the flights at the start, on different first fixes, one second behind each other."""
+        sector = self.simulator.sector
+        fixes = sorted({route[0] for route in sector.routes})
+        start_of = jnp.asarray([fixes.index(route[0]) for route in sector.routes])
+        order_key, route_key, key = jax.random.split(key, 3)
+        first = jax.random.permutation(order_key, len(fixes))[: self.starters]
+        uniform = jax.random.uniform(route_key, (self.starters, len(sector.routes)))
+        mine = start_of[None] == first[:, None]
+        route = jnp.argmax(jnp.where(mine, uniform, -1.0), axis=1).astype(jnp.int32)
+        flights = self._flights(key, route, 0.0)
+        # The second flight starts one second later.
+        late_nm = (
+            jnp.arange(self.starters, dtype=jnp.float32)
+            * flights.airspeed_factor
+            * (self.simulator.level_ground_speed_kt(flights.entry_level_ticks) / HOUR_S)
+        )
+        late = late_nm * sector.plane.scale(flights.position_nm[:, 1])
+        flights = flights._replace(
+            position_nm=flights.position_nm - late[:, None] * direction(flights.heading_deg)
+        )
+        for number in range(self.starters):
+            here = jnp.arange(self.slots) == number
+            flight: Candidates = jax.tree.map(lambda values, n=number: values[n], flights)
+            traffic = place(self.simulator, traffic, here, flight)
+            arrivals = arrivals._replace(
+                flight=jnp.where(here, number, arrivals.flight),
+                exit_level_ticks=jnp.where(
+                    here, flight.exit_level_ticks, arrivals.exit_level_ticks
+                ),
+                born=arrivals.born + 1,
+            )
+        return arrivals, traffic

@@ -1,0 +1,317 @@
+"""Arrivals: flights that enter the traffic while the simulation runs.
+
+Candidates are drawn at reset. Before each cycle, the clock decides how many flights are due, and
+each due flight is the first of its next candidates that is clear of the traffic. It takes the
+lowest free slot and keeps it for life.
+
+    admit(arrivals, traffic)  -> (arrivals, traffic)    before a cycle is flown
+    fly(simulator, arrivals, traffic) -> (arrivals, traffic)    the cycle: newborns are held
+    release(arrivals, gone)   -> arrivals               after flights have left
+
+A newborn is held at its position for at least the cycle before which it is admitted, so that it is
+first reported exactly there.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from skystack.airspace.geometry import length
+from skystack.simulator.performance import TICKS_PER_FL
+from skystack.simulator.simulator import CYCLE_S, Simulator
+from skystack.simulator.traffic import NO_TURN, Traffic
+
+FREE = -1
+"""The flight of a free slot."""
+CLEAR_NM = 10.0
+"""A newborn keeps this distance from traffic whose levels, rounded outwards to multiples of ten,
+include its own."""
+SAME_LEVEL_NM = 60.0
+"""A newborn keeps this distance from traffic at exactly its own level."""
+MOST_DUE = 16
+"""The maximum number of births in one cycle."""
+_LEVEL_STEP = 10.0 * TICKS_PER_FL
+
+
+class Candidates(NamedTuple):
+    """Flights in the order in which they ask to enter; `[candidates, *batch]` each."""
+
+    due_s: Float[Array, "candidates *batch"]
+    """The time of birth in a recorded list; 0 if the clock decides."""
+    route: Int[Array, "candidates *batch"]
+    position_nm: Float[Array, "candidates 2 *batch"]
+    heading_deg: Float[Array, "candidates *batch"]
+    entry_level_ticks: Float[Array, "candidates *batch"]
+    exit_level_ticks: Float[Array, "candidates *batch"]
+    airspeed_factor: Float[Array, "candidates *batch"]
+    climb_factor: Float[Array, "candidates *batch"]
+
+
+class Arrivals(NamedTuple):
+    """The flights in the slots, and the state of the clock."""
+
+    flight: Int[Array, "slots *batch"]
+    """The number of the flight in each slot, from 0 in order of birth; FREE if there is none."""
+    candidate: Int[Array, "slots *batch"]
+    """The candidate that each flight was."""
+    exit_level_ticks: Float[Array, "slots *batch"]
+    held: Int[Array, "slots *batch"]
+    """The number of cycles for which a newborn is still held at its position."""
+    candidates: Candidates
+    uniforms: Float[Array, "cycles *batch"]
+    """A number on [0, 1) for each cycle, which decides how many flights are due."""
+    used: Int[Array, "*batch"]
+    """The number of candidates used so far."""
+    born: Int[Array, "*batch"]
+    """The number of flights born so far, without the first ones at the start."""
+    waiting: Int[Array, "*batch"]
+    """Flights that are held back: no slot is free, or no candidate is clear of the traffic."""
+    refused: Int[Array, "*batch"]
+    """Births that were given up."""
+    last_birth_s: Float[Array, "*batch"]
+    """The time of the last birth, by the clock's reckoning."""
+    cycle: Int[Array, "*batch"]
+    """The number of cycles flown."""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Decides how many flights are due, and what happens to those that cannot be admitted.
+
+    The rate starts at `rate_s` and increases by `increase_s` every `interval_s` up to `most_s`.
+    """
+
+    rate_s: float
+    """Births per second at the start."""
+    increase_s: float = 0.0
+    interval_s: float = 60.0
+    most_s: float = 1.0
+    until_s: float = float("inf")
+    """No births after this time."""
+    attempts: int = 11
+    """The number of candidates that are tried for each birth."""
+    quadratic: bool = False
+    """Whether each cycle draws births for all seconds since the last birth, as BluebirdDT does.
+    Otherwise, it draws them for the seconds since the last cycle."""
+    unchecked_twins: bool = False
+    """Whether flights born in the same cycle are not checked against each other, and births that
+    find no clear candidate are given up, as in BluebirdDT. Otherwise such flights wait."""
+    held_cycles: int = 1
+    """The number of cycles for which a newborn is held; twins are held longer in BluebirdDT."""
+    recorded: bool = False
+    """Whether candidates are a recorded list: each is born at its time, without a check."""
+
+    def due(self, arrivals: Arrivals) -> Int[Array, "*batch"]:
+        """The number of flights due before the next cycle."""
+        time_s = (arrivals.cycle * CYCLE_S).astype(jnp.float32)
+        if self.recorded:
+            count, upcoming = arrivals.candidates.due_s, arrivals.used
+            number = jnp.arange(count.shape[0], dtype=jnp.int32)
+            number = number.reshape((-1,) + (1,) * upcoming.ndim)
+            due = (number >= upcoming[None]) & (count <= time_s[None])
+            return jnp.sum(due.astype(jnp.int32), axis=0)
+        since_s = time_s - arrivals.last_birth_s if self.quadratic else float(CYCLE_S)
+        steps = jnp.floor(time_s / self.interval_s)
+        rate = jnp.minimum(self.rate_s + steps * self.increase_s, self.most_s)
+        cycles = arrivals.uniforms.shape[0]
+        at = jnp.minimum(arrivals.cycle, cycles - 1)[None]
+        uniform = jnp.take_along_axis(arrivals.uniforms, at, axis=0)[0]
+        number = poisson(rate * since_s, uniform)
+        running = (arrivals.cycle > 0) & (time_s <= self.until_s)
+        if self.quadratic:
+            running &= since_s >= CYCLE_S
+        return jnp.where(running, number, 0) + arrivals.waiting
+
+
+def poisson(mean: Float[Array, "*n"], uniform: Float[Array, "*n"]) -> Int[Array, "*n"]:
+    """Poisson numbers by inverse transform sampling, at most `MOST_DUE`."""
+    term = jnp.exp(-mean)
+    cumulative, number = term, jnp.zeros_like(uniform, dtype=jnp.int32)
+    for count in range(1, MOST_DUE + 1):
+        number += (uniform >= cumulative).astype(jnp.int32)
+        term = term * mean / count
+        cumulative = cumulative + term
+    return number
+
+
+@dataclass(frozen=True)
+class Admission:
+    """Admits flights to traffic."""
+
+    simulator: Simulator
+    clock: Clock
+
+    def admit(self, arrivals: Arrivals, traffic: Traffic) -> tuple[Arrivals, Traffic]:
+        """Admit the flights that are due before the next cycle."""
+        due, before = self.clock.due(arrivals), traffic
+        arrivals = arrivals._replace(waiting=jnp.zeros_like(arrivals.waiting))
+
+        def step(
+            carry: tuple[Int[Array, ""], Arrivals, Traffic],
+        ) -> tuple[Int[Array, ""], Arrivals, Traffic]:
+            number, arrivals, traffic = carry
+            checked = before if self.clock.unchecked_twins else traffic
+            arrivals, traffic = self._admit_one(arrivals, traffic, checked, number < due, number)
+            return number + 1, arrivals, traffic
+
+        _, arrivals, traffic = jax.lax.while_loop(
+            lambda carry: jnp.any(carry[0] < due), step, (jnp.int32(0), arrivals, traffic)
+        )
+        return arrivals, traffic
+
+    def _admit_one(
+        self,
+        arrivals: Arrivals,
+        traffic: Traffic,
+        checked: Traffic,
+        wanted: Bool[Array, "*batch"],
+        twin: Int[Array, ""],
+    ) -> tuple[Arrivals, Traffic]:
+        """Admit one flight where it is wanted. `twin` counts those of the same cycle."""
+        clock = self.clock
+        attempts = 1 if clock.recorded else clock.attempts
+        total = arrivals.candidates.route.shape[0]
+        attempt = jnp.arange(attempts, dtype=jnp.int32).reshape((-1,) + (1,) * wanted.ndim)
+        index = (arrivals.used[None] + attempt) % total
+        tried = _take(arrivals.candidates, index)
+        clear = jnp.ones_like(index, dtype=bool)
+        if not clock.recorded:
+            clear = self._clear(tried, checked)
+        first = jnp.argmax(clear, axis=0).astype(jnp.int32)
+        found = jnp.any(clear, axis=0)
+        free = arrivals.flight == FREE
+        slot = jnp.argmax(free, axis=0).astype(jnp.int32)
+        has_slot = jnp.any(free, axis=0)
+        born = wanted & found & has_slot
+        used = jnp.where(found, first + 1, attempts)
+        # Without a free slot, nothing was tried.
+        used = jnp.where(wanted & has_slot, used, 0)
+        waits = wanted & ~born
+        refused = waits & has_slot & clock.unchecked_twins
+        chosen: Candidates = jax.tree.map(lambda values: _pick(values, first), tried)
+        here = _one_hot(slot, free.shape[0]) & born[None]
+        held = clock.held_cycles
+        hold = held + _trailing_ones(twin) if clock.unchecked_twins else jnp.int32(held)
+        number = _pick(index, first)
+        time_s = (arrivals.cycle * CYCLE_S).astype(jnp.float32)
+        arrivals = arrivals._replace(
+            flight=jnp.where(here, arrivals.born[None], arrivals.flight),
+            candidate=jnp.where(here, number[None], arrivals.candidate),
+            exit_level_ticks=jnp.where(
+                here, chosen.exit_level_ticks[None], arrivals.exit_level_ticks
+            ),
+            held=jnp.where(here, hold, arrivals.held),
+            used=arrivals.used + used,
+            born=arrivals.born + born.astype(jnp.int32),
+            waiting=arrivals.waiting + (waits & ~refused).astype(jnp.int32),
+            refused=arrivals.refused + refused.astype(jnp.int32),
+            last_birth_s=jnp.where(born, time_s + CYCLE_S, arrivals.last_birth_s),
+        )
+        return arrivals, place(self.simulator, traffic, here, chosen)
+
+    def _clear(self, tried: Candidates, traffic: Traffic) -> Bool[Array, "attempts *batch"]:
+        """Whether each candidate is clear of the traffic."""
+        offset = tried.position_nm[:, None] - traffic.position_nm[None]
+        shape = (-1, *offset.shape[2:])
+        distance = length(offset.reshape(shape)).reshape(offset.shape[:2] + offset.shape[3:])
+        distance = distance / self.simulator.sector.plane.scale(tried.position_nm[:, 1])[:, None]
+        level = tried.entry_level_ticks[:, None]
+        lower = jnp.minimum(traffic.level_ticks, traffic.flown_level_ticks)
+        upper = jnp.maximum(traffic.level_ticks, traffic.flown_level_ticks)
+        lower = jnp.floor(lower / _LEVEL_STEP) * _LEVEL_STEP
+        upper = jnp.ceil(upper / _LEVEL_STEP) * _LEVEL_STEP
+        overlaps = (lower[None] <= level) & (level <= upper[None])
+        same = traffic.level_ticks[None] == level
+        close = (overlaps & (distance < CLEAR_NM)) | (same & (distance < SAME_LEVEL_NM))
+        return ~jnp.any(close & traffic.active[None], axis=1)
+
+
+def place(
+    simulator: Simulator,
+    traffic: Traffic,
+    here: Bool[Array, "slots *batch"],
+    flight: Candidates,
+) -> Traffic:
+    """Put a new flight into the slot of each scenario that the mask marks.
+
+    `flight` has no axis for candidates. The flight holds its heading and level.
+    """
+    zero = jnp.zeros((), dtype=jnp.float32)
+
+    def put(new: Array, old: Array) -> Array:
+        return jnp.where(here if old.ndim == here.ndim else here[:, None], new, old)
+
+    heading, level = flight.heading_deg[None], flight.entry_level_ticks[None]
+    ground_speed = simulator.level_ground_speed_kt(level) * flight.airspeed_factor[None]
+    values = {
+        "position_nm": flight.position_nm[None],
+        "heading_deg": heading,
+        "level_ticks": level,
+        "ground_speed_kt": ground_speed,
+        "vertical_speed_ft_min": zero,
+        "flown_heading_deg": heading,
+        "turn_deg": zero,
+        "flown_level_ticks": level,
+        "cleared_heading_deg": heading,
+        "cleared_level_ticks": level,
+        "pending_turn": jnp.int32(NO_TURN),
+        "own_navigation": jnp.asarray(False),
+        "route": flight.route[None],
+        "next_fix": jnp.int32(1),
+        "turn_radius_nm": zero,
+        "active": jnp.asarray(True),
+        "cleared_fix": jnp.int32(1),
+        "airspeed_factor": flight.airspeed_factor[None],
+        "climb_factor": flight.climb_factor[None],
+    }
+    return traffic._replace(
+        **{name: put(new, getattr(traffic, name)) for name, new in values.items()}
+    )
+
+
+def fly(simulator: Simulator, arrivals: Arrivals, traffic: Traffic) -> tuple[Arrivals, Traffic]:
+    """Fly one cycle. Held newborns stay where they are."""
+    moving = traffic.active & (arrivals.held == 0)
+    flown = simulator.advance(traffic._replace(active=moving))._replace(active=traffic.active)
+    return arrivals._replace(
+        held=jnp.maximum(arrivals.held - 1, 0), cycle=arrivals.cycle + 1
+    ), flown
+
+
+def release(
+    arrivals: Arrivals, traffic: Traffic, gone: Bool[Array, "slots *batch"]
+) -> tuple[Arrivals, Traffic]:
+    """Free the slots of the flights that have left."""
+    return (
+        arrivals._replace(flight=jnp.where(gone, FREE, arrivals.flight)),
+        traffic._replace(active=traffic.active & ~gone),
+    )
+
+
+def _take(candidates: Candidates, index: Int[Array, "attempts *batch"]) -> Candidates:
+    def take(values: Array) -> Array:
+        at = index if values.ndim == index.ndim else index[:, None]
+        return jnp.take_along_axis(values, at, axis=0)
+
+    taken: Candidates = jax.tree.map(take, candidates)
+    return taken
+
+
+def _pick(values: Array, index: Int[Array, "*batch"]) -> Array:
+    """The entry of each scenario along the first axis."""
+    at = index[None] if values.ndim == index.ndim + 1 else index[None, None]
+    return jnp.take_along_axis(values, at, axis=0)[0]
+
+
+def _one_hot(index: Int[Array, "*batch"], count: int) -> Bool[Array, "{count} *batch"]:
+    number = jnp.arange(count, dtype=jnp.int32).reshape((-1,) + (1,) * index.ndim)
+    return number == index[None]
+
+
+def _trailing_ones(number: Int[Array, ""]) -> Int[Array, ""]:
+    """The number of ones at the end of a number in binary."""
+    lowest_zero = ~number & (number + 1)
+    return jax.lax.population_count(lowest_zero - 1)
