@@ -29,12 +29,12 @@ def exit_offsets_nm(
         before_nm = recording.before("position_nm")[at].astype(np.float64)
         after_nm = np.asarray(recording.traffic.position_nm)[at].astype(np.float64)
         route = np.asarray(recording.start.route)[scenario, aircraft]
-        crossing_nm = _crossing_nm(sector, route, before_nm, after_nm)
-        offsets[scenario, aircraft] = _distance_to_exit_nm(sector, route, crossing_nm)
+        crossing = crossing_nm(sector, route, before_nm, after_nm)
+        offsets[scenario, aircraft] = distance_to_exit_nm(sector, route, crossing)
     return offsets
 
 
-def _crossing_nm(
+def crossing_nm(
     sector: Sector,
     route: Int[np.ndarray, " exits"],
     before_nm: Float[np.ndarray, "exits 2"],
@@ -70,7 +70,7 @@ def _cross(
     return product
 
 
-def _distance_to_exit_nm(
+def distance_to_exit_nm(
     sector: Sector, route: Int[np.ndarray, " exits"], position_nm: Float[np.ndarray, "exits 2"]
 ) -> Float[np.ndarray, " exits"]:
     """Geodesic distance from positions in the plane to the exit points of their routes."""

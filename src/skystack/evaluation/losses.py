@@ -65,7 +65,7 @@ def losses(sector: Sector, paths: Sequence[FlightPath]) -> Iterator[Loss]:
 
 
 @cache
-def _squared_nm2(plane: MercatorPlane, separation_fl: int) -> Any:
+def compiled_squared_nm2(plane: MercatorPlane, separation_fl: int) -> Any:
     """The pair distance, compiled once for all flights in a sector."""
     return jax.jit(partial(pair_distance_squared, plane, separation_fl))
 
@@ -81,7 +81,7 @@ def _distances_nm(
     rows += (1 - rows) % _CYCLES  # whole blocks, and the row that ends the last one
     position = np.stack([_padded(each.position_nm.T, rows) for each in paths])
     level = np.stack([_padded(np.rint(each.fl * TICKS_PER_FL), rows) for each in paths])
-    squared_nm2 = _squared_nm2(sector.plane, sector.separation_fl)
+    squared_nm2 = compiled_squared_nm2(sector.plane, sector.separation_fl)
     for begin in range(0, rows - 1, _CYCLES):
         before, after = (slice(at, at + _CYCLES) for at in (begin, begin + 1))
         cycles = position[..., before], position[..., after], level[..., before], level[..., after]

@@ -1,0 +1,182 @@
+"""Trial plans for one flight, flown ahead with the simulator and checked against the traffic.
+
+A plan is a few clearances with the cycles at which they are to be issued. `Probe.fly` flies many
+plans of a flight at once, to their exits; `Probe.conflicts` finds the flights from which they would
+not be separated.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from skystack.airspace.geometry import closest_approach_squared
+from skystack.simulator.simulator import Simulator, instruct
+from skystack.simulator.traffic import NO_TURN, Clearance, Traffic, ticks
+from skystack.tasks.progress import FlightPlan, Progress, ProgressTracker
+from skystack.tasks.sector_world import World
+
+PLANS = 32
+"""The number of plans flown at once."""
+EVENTS = 3
+"""The maximum number of clearances of a plan."""
+AHEAD = 240
+"""The number of cycles flown ahead."""
+NEVER = 100_000
+"""The cycle of an event that is not used."""
+
+
+class Events(NamedTuple):
+    """The clearances of plans. Cycles are relative to the present."""
+
+    cycle: Int[np.ndarray, "plans events"]
+    turn: Int[np.ndarray, "plans events"]
+    heading_deg: Float[np.ndarray, "plans events"]
+    fix: Int[np.ndarray, "plans events"]
+    changes_level: Bool[np.ndarray, "plans events"]
+    level_ticks: Float[np.ndarray, "plans events"]
+
+
+def no_events(plans: int) -> Events:
+    """Plans without clearances."""
+    number, zero = np.zeros((plans, EVENTS), np.int32), np.zeros((plans, EVENTS), np.float32)
+    return Events(number + NEVER, number + NO_TURN, zero, number, zero > 0.0, zero.copy())
+
+
+class Ahead(NamedTuple):
+    """Flights ahead of the present, which is index 0 of the cycles. In numpy or JAX."""
+
+    position_nm: Any
+    """`[cycles, flights, 2]`."""
+    level_ticks: Any
+    """`[cycles, flights]`."""
+    present: Any
+    """`[cycles, flights]`: whether the flight is still there."""
+
+
+class FlownPlans(NamedTuple):
+    """Plans flown ahead."""
+
+    ahead: Ahead
+    correct: Any
+    """`[plans]`: whether the flight leaves through its exit, at its exit level."""
+    cycles: Any
+    """`[plans]`: the number of cycles until it leaves."""
+
+
+@dataclass(frozen=True)
+class Probe:
+    """Flies plans in a world with its own simulator."""
+
+    world: World
+    margin_nm: float = 0.25
+    """Added to the separation standard."""
+
+    @cached_property
+    def fly(self) -> Any:
+        """(traffic, progress, plan, events) -> FlownPlans, compiled; all have one row per plan."""
+        return jax.jit(partial(_fly, self.world.simulator, self.world.tracker))
+
+    @cached_property
+    def conflicts(self) -> Any:
+        """(plans, others) -> the first cycle of a conflict of each plan with each other flight."""
+        sector = self.world.sector
+        least = sector.separation_nm + self.margin_nm
+        return jax.jit(partial(_conflicts, sector.plane, least, ticks(sector.separation_fl)))
+
+
+def _fly(
+    simulator: Simulator,
+    tracker: ProgressTracker,
+    traffic: Traffic,
+    progress: Progress,
+    plan: FlightPlan,
+    events: Any,
+) -> FlownPlans:
+    """Fly all plans; `events` are `Events`."""
+
+    def step(
+        carry: tuple[Traffic, Progress], cycle: Int[Array, ""]
+    ) -> tuple[tuple[Traffic, Progress], tuple[Array, Array, Array]]:
+        traffic, progress = carry
+        for event in range(EVENTS):
+            due = events.cycle[:, event] == cycle
+            clearance = Clearance(
+                turn=jnp.where(due, events.turn[:, event], NO_TURN),
+                heading_deg=events.heading_deg[:, event],
+                changes_level=due & events.changes_level[:, event],
+                level_ticks=events.level_ticks[:, event],
+                fix=events.fix[:, event],
+            )
+            traffic = instruct(traffic, clearance)
+        flown = simulator.advance(traffic)
+        progress = tracker.update(progress, plan, flown)
+        flying = flown.active & ~progress.exited & ~progress.excursion
+        return (flown._replace(active=flying), progress), (
+            flown.position_nm,
+            flown.level_ticks,
+            flown.active,
+        )
+
+    (_, progress), (position, level, present) = jax.lax.scan(
+        step, (traffic, progress), jnp.arange(AHEAD, dtype=jnp.int32)
+    )
+    ahead = Ahead(
+        position_nm=jnp.concatenate([traffic.position_nm[None], position]),
+        level_ticks=jnp.concatenate([traffic.level_ticks[None], level]),
+        present=jnp.concatenate([traffic.active[None], present]),
+    )
+    correct = progress.exited_correctly & ~progress.excursion
+    return FlownPlans(ahead, correct, jnp.sum(present.astype(jnp.int32), axis=0))
+
+
+def _conflicts(
+    plane: Any,
+    least_nm: float,
+    least_ticks: float,
+    plans: Ahead,
+    others: Ahead,
+) -> Int[Array, "plans others"]:
+    """The first cycle in which each plan is not separated from each other flight, or NEVER."""
+
+    def gaps(index: Int[Array, ""]) -> tuple[Array, Array, Array]:
+        mine, other = plans.position_nm[index][:, None], others.position_nm[index][None]
+        offset, middle = mine - other, (mine[..., 1] + other[..., 1]) / 2.0
+        offset = offset / plane.scale(middle.reshape(-1)).reshape(middle.shape)[..., None]
+        rise = plans.level_ticks[index][:, None] - others.level_ticks[index][None]
+        both = plans.present[index][:, None] & others.present[index][None]
+        return offset, rise, both
+
+    def step(
+        carry: tuple[tuple[Array, Array, Array], Array], index: Int[Array, ""]
+    ) -> tuple[tuple[tuple[Array, Array, Array], Array], None]:
+        (offset, rise, both), first = carry
+        after = gaps(index)
+        offset_after, rise_after, both_after = after
+        climb = rise_after - rise
+        per_tick = 1.0 / jnp.where(climb == 0.0, 1.0, climb)
+        low, high = (-least_ticks - rise) * per_tick, (least_ticks - rise) * per_tick
+        begins = jnp.maximum(jnp.minimum(low, high), 0.0)
+        ends = jnp.minimum(jnp.maximum(low, high), 1.0)
+        level = climb == 0.0
+        begins, ends = jnp.where(level, 0.0, begins), jnp.where(level, 1.0, ends)
+        near = jnp.where(level, jnp.abs(rise) < least_ticks, ends > begins)
+        flat = (-1, 2)
+        squared = closest_approach_squared(
+            offset.reshape(flat),
+            (offset_after - offset).reshape(flat),
+            begins.reshape(-1),
+            ends.reshape(-1),
+        ).reshape(rise.shape)
+        lost = near & both & both_after & (squared < least_nm**2)
+        return (after, jnp.minimum(first, jnp.where(lost, index, NEVER))), None
+
+    shape = (plans.level_ticks.shape[1], others.level_ticks.shape[1])
+    start = (gaps(jnp.int32(0)), jnp.full(shape, NEVER, dtype=jnp.int32))
+    indices = jnp.arange(1, plans.level_ticks.shape[0], dtype=jnp.int32)
+    (_, first), _ = jax.lax.scan(step, start, indices)
+    return first

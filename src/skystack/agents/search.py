@@ -1,0 +1,263 @@
+"""A what-if search: every flight has a plan to its exit that keeps clear of all other plans.
+
+A new flight gets the plan with the fewest transmissions, and then the shortest, among trial plans
+over fixes, headings and levels that are flown ahead with the simulator. If there is none, one of
+the flights in its way is given another plan. The plans are carried out as they fall due. (The idea
+of trial plans is that of AutoResolver: Erzberger, ICAS 2008.)
+"""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from skystack.agents.probe import (
+    AHEAD,
+    EVENTS,
+    NEVER,
+    PLANS,
+    Ahead,
+    Events,
+    FlownPlans,
+    Probe,
+    no_events,
+)
+from skystack.agents.transmission import Transmission
+from skystack.agents.trials import Plan, Trials
+from skystack.simulator.arrivals import FREE
+from skystack.simulator.traffic import DIRECT, SHORTEST
+from skystack.tasks.sector_world import World, WorldState
+
+TWO_BATCHES, THREE_BATCHES = 8, 8
+"""The maximum number of batches of plans with two and with three transmissions."""
+TRANSMISSION_CYCLES = 30
+"""A transmission is worth this many cycles of flying time."""
+
+
+class Search:
+    """Implements `skystack.agents.transmission.SectorAgent`.
+
+    `per_cycle` is the maximum number of transmissions in a cycle.
+    """
+
+    def __init__(self, world: World, per_cycle: int = 1, seed: int = 0) -> None:
+        self.probe, self.per_cycle, self.seed = Probe(world), per_cycle, seed
+
+    def begin(self, state: WorldState) -> None:
+        slots = state.traffic.heading_deg.shape[0]
+        self._random = np.random.default_rng(self.seed)
+        self._cycle = 0
+        self._planned = np.full(slots, FREE)
+        """The flight for which each slot has a plan."""
+        shape = (AHEAD + 1, slots)
+        self._position = np.zeros((*shape, 2), dtype=np.float32)
+        self._level = np.zeros(shape, dtype=np.float32)
+        self._present = np.zeros(shape, dtype=bool)
+        """The plans from the present on."""
+        self._due: dict[int, list[tuple[int, Transmission]]] = {}
+        """The planned transmissions by cycle, each with its flight."""
+        self._unsafe: set[int] = set()
+        """Slots whose plans are in conflict."""
+
+    def transmit(self, state: WorldState) -> list[Transmission]:
+        cycle = int(state.arrivals.cycle)
+        while self._cycle < cycle:
+            self._shift()
+        flight, held = np.asarray(state.arrivals.flight), np.asarray(state.arrivals.held)
+        gone: Bool[np.ndarray, " slots"] = np.not_equal(self._planned, flight)
+        self._present[:, gone] = False
+        self._unsafe -= set(np.flatnonzero(gone).tolist())
+        self._planned[gone] = FREE
+        ready = np.flatnonzero((flight != FREE) & (held == 0) & (self._planned == FREE))
+        for slot in ready.tolist():
+            self._plan(state, slot)
+        for slot in sorted(self._unsafe):
+            self._repair(state, slot)
+        return [each for number, each in self._due.pop(cycle, []) if flight[each.slot] == number]
+
+    def _shift(self) -> None:
+        for values in (self._position, self._level, self._present):
+            values[:-1] = values[1:]
+        self._present[-1] = False
+        self._cycle += 1
+
+    def _plan(self, state: WorldState, slot: int) -> None:
+        found = self._best(state, slot)
+        self._keep(state, slot, found)
+        if found.blockers:
+            self._unsafe.add(slot)
+            self._repair(state, slot)
+
+    def _repair(self, state: WorldState, slot: int) -> None:
+        """Give another plan to this flight, or to one of those in its way."""
+        found = self._best(state, slot)
+        if not found.blockers:
+            self._keep(state, slot, found)
+            self._unsafe.discard(slot)
+            return
+        self._keep(state, slot, found)
+        for other in found.blockers[:2]:
+            if int(np.asarray(state.arrivals.held)[other]) or self._planned[other] == FREE:
+                continue
+            moved = self._best(state, other)
+            if not moved.blockers:
+                self._keep(state, other, moved)
+                if len(found.blockers) == 1:
+                    self._unsafe.discard(slot)
+                    return
+
+    def _best(self, state: WorldState, slot: int) -> "_Found":
+        """The best plan for a flight: without conflicts if possible."""
+        others = np.asarray(np.any(self._present, axis=0))
+        others[slot] = False
+        numbers = np.flatnonzero(others)
+        padded = (
+            np.append(numbers, np.full(-len(numbers) % 32, slot))
+            if len(numbers)
+            else (np.full(32, slot))
+        )
+        present = self._present[:, padded] & (padded != slot)
+        other = Ahead(self._position[:, padded], self._level[:, padded], present)
+        rows = _rows(state, slot)
+        best: _Found | None = None
+        for plans in self._batches(state, slot):
+            events = self._events(state, slot, plans)
+            flown = jax.device_get(self.probe.fly(*rows, events))
+            first = np.asarray(self.probe.conflicts(flown.ahead, other))
+            best = _better(best, plans, events, flown, first[:, : len(numbers)], numbers)
+            if best is not None and not best.blockers:
+                return best
+        assert best is not None
+        return best
+
+    def _batches(self, state: WorldState, slot: int) -> Iterator[list[Plan]]:
+        """Trial plans, those with the fewest transmissions first."""
+        trials = Trials.of(state, slot, self.probe.world, self._random)
+        first = list(trials.simple())
+        for begin in range(0, len(first), PLANS):
+            yield first[begin : begin + PLANS]
+        for draw, batches in ((trials.two, TWO_BATCHES), (trials.three, THREE_BATCHES)):
+            for _ in range(batches):
+                yield [draw() for _ in range(PLANS)]
+
+    def _events(self, state: WorldState, slot: int, plans: list[Plan]) -> Events:
+        """Plans as events, at cycles in which the radio is free."""
+        events = no_events(PLANS)
+        heading = float(np.asarray(state.traffic.heading_deg)[slot])
+        busy = {cycle for cycle, due in self._due.items() if self._taken(due, slot)}
+        for number, plan in enumerate(plans):
+            taken: set[int] = set()
+            for index, step in enumerate(plan):
+                cycle = self._cycle + step.wait
+                while cycle in busy or cycle in taken:
+                    cycle += 1
+                taken.add(cycle)
+                events.cycle[number, index] = cycle - self._cycle
+                if step.fix is not None:
+                    events.turn[number, index], events.fix[number, index] = DIRECT, step.fix
+                if step.turn_deg is not None:
+                    events.turn[number, index] = SHORTEST
+                    events.heading_deg[number, index] = round(heading + step.turn_deg) % 360
+                if step.level_ticks is not None:
+                    events.changes_level[number, index] = True
+                    events.level_ticks[number, index] = step.level_ticks
+        return events
+
+    def _taken(self, due: list[tuple[int, Transmission]], slot: int) -> bool:
+        return sum(each.slot != slot for _, each in due) >= self.per_cycle
+
+    def _keep(self, state: WorldState, slot: int, found: "_Found") -> None:
+        """Replace a flight's plan."""
+        flight = int(np.asarray(state.arrivals.flight)[slot])
+        self._planned[slot] = flight
+        self._position[:, slot] = found.position_nm
+        self._level[:, slot] = found.level_ticks
+        self._present[:, slot] = found.present
+        for cycle, due in list(self._due.items()):
+            self._due[cycle] = [each for each in due if each[1].slot != slot]
+        for wait, each in found.transmissions(slot):
+            self._due.setdefault(self._cycle + wait, []).append((flight, each))
+
+
+class _Found(NamedTuple):
+    """A plan with its flight ahead."""
+
+    cost: float
+    blockers: list[int]
+    """The slots of the flights with which it conflicts; the most urgent first."""
+    position_nm: Float[np.ndarray, "cycles 2"]
+    level_ticks: Float[np.ndarray, " cycles"]
+    present: Bool[np.ndarray, " cycles"]
+    events: Events
+    """Without the axis of plans."""
+
+    def transmissions(self, slot: int) -> Iterator[tuple[int, Transmission]]:
+        events = self.events
+        for number in range(EVENTS):
+            if events.cycle[number] == NEVER:
+                continue
+            turn = int(events.turn[number])
+            yield (
+                int(events.cycle[number]),
+                Transmission(
+                    slot,
+                    int(events.heading_deg[number]) if turn == SHORTEST else None,
+                    int(events.fix[number]) if turn == DIRECT else None,
+                    float(events.level_ticks[number]) if events.changes_level[number] else None,
+                ),
+            )
+
+
+def _better(
+    best: _Found | None,
+    plans: list[Plan],
+    events: Events,
+    flown: FlownPlans,
+    first: Int[np.ndarray, "plans others"],
+    numbers: Int[np.ndarray, " others"],
+) -> _Found | None:
+    """The best of the plans flown and the best so far."""
+    count = len(plans)
+    conflicts = (first[:count] < NEVER).sum(axis=1)
+    soonest = first[:count].min(axis=1, initial=NEVER)
+    wrong = ~flown.correct[:count]
+    sent = np.array([len(plan) for plan in plans])
+    cost = (
+        TRANSMISSION_CYCLES * sent
+        + flown.cycles[:count]
+        + 10_000.0 * (conflicts > 0)
+        + 2_000.0 * conflicts
+        - 5.0 * np.minimum(soonest, AHEAD) * (conflicts > 0)
+        + 100_000.0 * wrong
+    )
+    number = int(np.argmin(cost))
+    if best is not None and best.cost <= cost[number]:
+        return best
+    order = np.argsort(first[number], kind="stable")
+    blockers = [int(numbers[each]) for each in order if first[number, each] < NEVER]
+    if wrong[number] and not blockers:
+        blockers = [int(numbers[0])] if len(numbers) else []
+    return _Found(
+        float(cost[number]),
+        blockers,
+        flown.ahead.position_nm[:, number],
+        flown.ahead.level_ticks[:, number],
+        flown.ahead.present[:, number],
+        Events(*(values[number] for values in events)),
+    )
+
+
+def _rows(state: WorldState, slot: int) -> tuple[Any, Any, Any]:
+    """The state of a flight, once for each plan."""
+
+    def repeat(values: np.ndarray) -> np.ndarray:
+        values = np.asarray(values)
+        if values.ndim == 0:
+            return values
+        return np.repeat(values[slot : slot + 1], PLANS, axis=0)
+
+    traffic = jax.tree.map(repeat, state.traffic)
+    traffic = traffic._replace(climb_factor=np.ones_like(traffic.climb_factor))
+    return traffic, jax.tree.map(repeat, state.progress), jax.tree.map(repeat, state.plan)

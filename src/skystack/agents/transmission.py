@@ -1,0 +1,46 @@
+"""A transmission to one flight, and agents of sector control, which issue them."""
+
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import jax.numpy as jnp
+import numpy as np
+
+from skystack.simulator.traffic import DIRECT, NO_TURN, SHORTEST, Clearance
+from skystack.tasks.sector_world import WorldState
+
+
+class Transmission(NamedTuple):
+    """A heading or a fix, a level, or both, to the flight in a slot."""
+
+    slot: int
+    heading_deg: int | None = None
+    """Whole degrees in [0, 360)."""
+    fix: int | None = None
+    """Index in the route of the fix to fly to on own navigation."""
+    level_ticks: float | None = None
+
+
+@runtime_checkable
+class SectorAgent(Protocol):
+    """A controller of a sector."""
+
+    def begin(self, state: WorldState) -> None:
+        """Forget everything: a new scenario begins."""
+
+    def transmit(self, state: WorldState) -> list[Transmission]:
+        """The transmissions before the next cycle; the arrays of the state are numpy arrays."""
+
+
+def clearance_of(transmissions: list[Transmission], slots: int) -> Clearance:
+    """Transmissions to different flights as one clearance of the simulator."""
+    turn, fix = np.full(slots, NO_TURN, dtype=np.int32), np.zeros(slots, dtype=np.int32)
+    heading, level = np.zeros((2, slots), dtype=np.float32)
+    changes = np.zeros(slots, dtype=bool)
+    for each in transmissions:
+        if each.heading_deg is not None:
+            turn[each.slot], heading[each.slot] = SHORTEST, each.heading_deg
+        if each.fix is not None:
+            turn[each.slot], fix[each.slot] = DIRECT, each.fix
+        if each.level_ticks is not None:
+            changes[each.slot], level[each.slot] = True, each.level_ticks
+    return Clearance(*map(jnp.asarray, (turn, heading, changes, level, fix)))

@@ -1,0 +1,130 @@
+"""Trial plans for one flight: a few clearances to fixes, headings and levels."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from skystack.simulator.traffic import ticks
+from skystack.tasks.sector_world import World, WorldState
+
+TURNS_DEG = (-60, -45, -30, -20, -10, 10, 20, 30, 45, 60)
+HOLDS = (4, 7, 10, 15, 20, 30, 40)
+"""Cycles for which a heading is held."""
+WAITS = (0, 2, 4, 7, 10)
+"""Cycles before the first clearance."""
+LEVEL_WAITS = (5, 10, 15, 20, 30, 40, 50, 60, 75, 90, 110, 130)
+"""Cycles before the clearance to the exit level."""
+FIXES_AHEAD = 4
+"""The number of fixes of the route, from the next one on, to which a flight may be sent."""
+STEP_FL, BEYOND_FL = 10, 50
+"""Intermediate levels are this far apart, and at most so far beyond the entry and exit levels."""
+
+
+class Step(NamedTuple):
+    """A planned clearance: what is cleared, after so many cycles."""
+
+    wait: int
+    fix: int | None = None
+    turn_deg: int | None = None
+    """A turn from the present heading."""
+    level_ticks: float | None = None
+
+
+Plan = tuple[Step, ...]
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Trial plans for a flight."""
+
+    random: np.random.Generator
+    goal: float
+    """The exit level, in ticks."""
+    climbs: bool
+    """Whether the flight is not yet cleared to its exit level."""
+    own: bool
+    """Whether it is on own navigation."""
+    fixes: tuple[int, ...]
+    levels: tuple[float, ...]
+    """Intermediate levels, in ticks."""
+
+    @classmethod
+    def of(
+        cls, state: WorldState, slot: int, world: World, random: np.random.Generator
+    ) -> "Trials":
+        """The trial plans for the flight in a slot."""
+        route = int(state.traffic.route[slot])
+        last = int(world.sector.route_table.last_fix[route])
+        next_fix = int(state.progress.next_fix[slot])
+        cleared = float(state.traffic.cleared_level_ticks[slot])
+        goal = float(state.plan.exit_level_ticks[slot])
+        lowest, highest = (ticks(float(fl)) for fl in world.sector.levels_fl)
+        low = max(lowest, min(goal, cleared) - ticks(BEYOND_FL))
+        high = min(highest, max(goal, cleared) + ticks(BEYOND_FL))
+        levels = np.arange(low, high + 1.0, ticks(STEP_FL))
+        return cls(
+            random,
+            goal,
+            goal != cleared,
+            bool(state.traffic.own_navigation[slot]),
+            tuple(range(next_fix, min(next_fix + FIXES_AHEAD, last + 1))),
+            tuple(float(level) for level in levels if level != goal),
+        )
+
+    @property
+    def to_goal(self) -> float | None:
+        """The exit level, if it is still to be cleared."""
+        return self.goal if self.climbs else None
+
+    def simple(self) -> Iterator[Plan]:
+        """All plans with at most one transmission."""
+        if self.own and not self.climbs:
+            yield ()
+        if self.own and self.climbs:
+            for wait in (0, *LEVEL_WAITS):
+                yield (Step(wait, level_ticks=self.goal),)
+        for fix in self.fixes:
+            for wait in WAITS:
+                yield (Step(wait, fix, level_ticks=self.to_goal),)
+
+    def two(self) -> Plan:
+        """A random plan with two transmissions."""
+        if self.random.random() < 0.5:  # two levels
+            first = None if self.climbs and self.random.random() < 0.3 else self._level()
+            wait = self._one(WAITS)
+            fix = None if self.own and first is not None else self._one(self.fixes)
+            later = wait + self._one(LEVEL_WAITS)
+            return Step(wait, fix, level_ticks=first), Step(later, level_ticks=self.goal)
+        turn, hold = self._one(TURNS_DEG), self._one(HOLDS)
+        fix, chance = self._one(self.fixes), self.random.random()
+        wait = self._one((0, 0, 3, 8, 15))
+        if not self.climbs or chance < 0.3:
+            return Step(wait, None, turn, self.to_goal), Step(wait + hold, fix)
+        first = None if chance < 0.6 else self._level()
+        return Step(wait, None, turn, first), Step(wait + hold, fix, level_ticks=self.goal)
+
+    def three(self) -> Plan:
+        """A random plan with three transmissions."""
+        wait, hold = self._one((0, 0, 3, 8, 15)), self._one(HOLDS)
+        turn, fix = self._one(TURNS_DEG), self._one(self.fixes)
+        first, later = self._level(), self._one(LEVEL_WAITS)
+        if self.random.random() < 0.6:
+            return (
+                Step(wait, None, turn, first),
+                Step(wait + hold, fix),
+                Step(wait + hold + later, level_ticks=self.goal),
+            )
+        second = self._one(LEVEL_WAITS)
+        return (
+            Step(wait, fix, level_ticks=first),
+            Step(wait + second, level_ticks=self._level()),
+            Step(wait + second + later, level_ticks=self.goal),
+        )
+
+    def _one(self, values: tuple[int, ...]) -> int:
+        return values[int(self.random.integers(len(values)))]
+
+    def _level(self) -> float:
+        return self.levels[int(self.random.integers(len(self.levels)))]

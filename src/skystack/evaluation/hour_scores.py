@@ -1,0 +1,284 @@
+"""Judge flown hours: separation, exits, transmissions, efficiency and survival.
+
+*At birth*: a loss of separation that exists when the younger of the two flights first moves. No
+controller can prevent those. The lax and strict scores are times to the first failure.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from skystack.airspace.sector import Sector
+from skystack.evaluation.exit_offset import crossing_nm, distance_to_exit_nm
+from skystack.evaluation.hours import Hour
+from skystack.evaluation.losses import compiled_squared_nm2
+from skystack.simulator.arrivals import FREE
+from skystack.simulator.simulator import CYCLE_S
+
+NEAR_MISS_NM = 7.0
+"""Two flights closer than this, without vertical separation, are a near miss."""
+MINUTE_CYCLES = 60 // CYCLE_S
+_CYCLES = 100
+"""The cycles whose pairs are computed at once."""
+
+
+class PairEvent(NamedTuple):
+    """Two flights that came close without vertical separation."""
+
+    cycle: int
+    """The first cycle in which they were too close."""
+    first: int
+    second: int
+    """The younger flight."""
+    at_birth: bool
+    inside_cycle: int | None
+    """The first cycle in which they were too close after both had entered the sector."""
+
+
+class FlightRow(NamedTuple):
+    """What happened to one flight."""
+
+    flight: int
+    birth: int
+    """The cycle in which it was born."""
+    gone: int | None
+    """The cycle in which it left."""
+    exited: bool
+    correct: bool
+    excursion: bool
+    exit_offset_nm: float
+    """Distance from the exit fix when it crossed its exit; NaN if it did not."""
+    flown_nm: float
+    extra_nm: float
+    """Distance flown beyond the length of its route; NaN unless it exited."""
+    delay_s: float
+    """The time that the extra distance takes."""
+    level_offs: int
+    """The number of times it stopped climbing or descending at a level other than its exit's."""
+    transmissions: int
+
+
+class Scores(NamedTuple):
+    """The scores of one hour."""
+
+    hour: Hour
+    flights: list[FlightRow]
+    losses: list[PairEvent]
+    near_misses: list[PairEvent]
+    lax_s: float
+    lax_without_births_s: float
+    strict_s: float
+
+
+def score(sector: Sector, hour: Hour) -> Scores:
+    """Judge an hour."""
+    losses = _pair_events(sector, hour, sector.loss_below_nm)
+    near = _pair_events(sector, hour, NEAR_MISS_NM)
+    excursions = np.any(hour.excursion, axis=1)
+    wrong = np.any(hour.exited & ~hour.exited_correctly, axis=1)
+    left = _cycles(excursions)
+    inside = [each for each in losses if each.inside_cycle is not None]
+    lax = _first([*left, *_inside_cycles(inside)], hour)
+    avoidable = [each for each in inside if not each.at_birth]
+    lax_without_births = _first([*left, *_inside_cycles(avoidable)], hour)
+    return Scores(
+        hour=hour,
+        flights=_flight_rows(sector, hour),
+        losses=losses,
+        near_misses=near,
+        lax_s=lax,
+        lax_without_births_s=lax_without_births,
+        strict_s=min(lax, _first(_cycles(wrong), hour)),
+    )
+
+
+def _inside_cycles(events: Iterable[PairEvent]) -> list[int]:
+    return [each.inside_cycle for each in events if each.inside_cycle is not None]
+
+
+def _cycles(happened: Bool[np.ndarray, " cycles"]) -> list[int]:
+    return np.flatnonzero(happened)[:1].tolist()
+
+
+def _first(cycles: Iterable[int], hour: Hour) -> float:
+    """The time of the first of some cycles, or the length of the hour [s]."""
+    return float(CYCLE_S * min([cycle + 1 for cycle in cycles], default=len(hour.flight)))
+
+
+def _pair_events(sector: Sector, hour: Hour, below_nm: float) -> list[PairEvent]:
+    """The first time that each pair of flights is closer than a distance."""
+    cycles, slots = hour.flight.shape
+    first, second = np.triu_indices(slots, k=1)
+    found: dict[tuple[int, int], PairEvent] = {}
+    moved = _first_moves(hour)
+    squared_nm2 = compiled_squared_nm2(sector.plane, sector.separation_fl)
+    for begin in range(0, cycles, _CYCLES):
+        rows = slice(begin, begin + _CYCLES)
+        squared = np.asarray(
+            squared_nm2(
+                *(
+                    np.moveaxis(values[rows], 0, -1)
+                    for values in (
+                        hour.before_nm,
+                        hour.position_nm,
+                        hour.before_level_ticks,
+                        hour.level_ticks,
+                    )
+                )
+            )
+        )
+        present = (hour.flight[rows] != FREE).T
+        close = (squared < below_nm**2) & present[first] & present[second]
+        for cycle, pair in np.argwhere(close.T).tolist():
+            at = begin + cycle
+            a, b = hour.flight[at, first[pair]], hour.flight[at, second[pair]]
+            older, younger = (int(a), int(b)) if a < b else (int(b), int(a))
+            entered = hour.entered[at, first[pair]] & hour.entered[at, second[pair]]
+            inside = at if entered else None
+            known = found.get((older, younger))
+            if known is None:
+                at_birth = at <= moved[younger]
+                found[older, younger] = PairEvent(at, older, younger, at_birth, inside)
+            elif known.inside_cycle is None:
+                found[older, younger] = known._replace(inside_cycle=inside)
+    return [found[pair] for pair in sorted(found, key=lambda pair: found[pair].cycle)]
+
+
+def _first_moves(hour: Hour) -> dict[int, int]:
+    """The first cycle in which each flight moves."""
+    moves: dict[int, int] = {}
+    still = np.all(hour.before_nm == hour.position_nm, axis=-1)
+    for cycle, slot in np.argwhere(~still & (hour.flight != FREE)).tolist():
+        moves.setdefault(int(hour.flight[cycle, slot]), cycle)
+    last = len(hour.flight)
+    for flight in np.unique(hour.flight[hour.flight != FREE]).tolist():
+        moves.setdefault(flight, last)
+    return moves
+
+
+def _flight_rows(sector: Sector, hour: Hour) -> list[FlightRow]:
+    sent = np.bincount(
+        [each.flight for each in hour.sent], minlength=int(hour.flight.max(initial=0)) + 1
+    )
+    rows = []
+    for slot in range(hour.flight.shape[1]):
+        column = hour.flight[:, slot]
+        starts = np.flatnonzero((column != FREE) & (np.append(FREE, column[:-1]) != column))
+        for start in starts.tolist():
+            flight = int(column[start])
+            cycles = np.flatnonzero(column == flight)
+            rows.append(_flight_row(sector, hour, slot, cycles, int(sent[flight])))
+    return sorted(rows)
+
+
+def _flight_row(
+    sector: Sector, hour: Hour, slot: int, cycles: Int[np.ndarray, " rows"], transmissions: int
+) -> FlightRow:
+    last = int(cycles[-1])
+    before, after = hour.before_nm[cycles, slot], hour.position_nm[cycles, slot]
+    scale = sector.plane.scale((before[:, 1] + after[:, 1]) / 2.0)
+    flown_nm = float(np.sum(np.hypot(*(after - before).T) / scale))
+    exited, excursion = bool(hour.exited[last, slot]), bool(hour.excursion[last, slot])
+    route = int(hour.route[last, slot])
+    offset_nm = extra_nm = delay_s = np.nan
+    if exited:
+        crossing = crossing_nm(sector, hour.route[last : last + 1, slot], before[-1:], after[-1:])
+        offset_nm = float(distance_to_exit_nm(sector, np.array([route]), crossing)[0])
+        extra_nm = flown_nm - _route_nm(sector, route, before[0])
+        delay_s = 3600.0 * extra_nm / float(hour.ground_speed_kt[last, slot])
+    level = hour.level_ticks[cycles, slot]
+    moving = hour.before_level_ticks[cycles, slot] != level
+    stops = np.flatnonzero(moving[:-1] & ~moving[1:])
+    goal = hour.exit_level_ticks[last, slot]
+    return FlightRow(
+        flight=int(hour.flight[last, slot]),
+        birth=int(cycles[0]),
+        gone=last if exited or excursion else None,
+        exited=exited,
+        correct=bool(hour.exited_correctly[last, slot]),
+        excursion=excursion,
+        exit_offset_nm=offset_nm,
+        flown_nm=flown_nm,
+        extra_nm=extra_nm,
+        delay_s=delay_s,
+        level_offs=int(np.sum(level[stops] != goal)),
+        transmissions=transmissions,
+    )
+
+
+def _route_nm(sector: Sector, route: int, birth_nm: Float[np.ndarray, "2"]) -> float:
+    """The length of a route from abeam a position of birth to the exit fix [NM]."""
+    table = sector.route_table
+    first = table.fixes_nm[route, 0].astype(np.float64)
+    along = float(np.dot(birth_nm - first, table.leg_direction[route, 0]))
+    legs = float(table.leg_nm[route, : table.last_fix[route] - 1].sum())
+    return legs - along / float(sector.plane.scale(first[1:])[0])
+
+
+def summary(scores: Sequence[Scores], agent: str, traffic: str) -> dict[str, Any]:
+    """The row of an evaluation. Rates are over the flights that left; NaN becomes None."""
+    flights = [row for each in scores for row in each.flights]
+    gone = [row for row in flights if row.gone is not None]
+    exited = [row for row in gone if row.exited]
+    losses = [event for each in scores for event in each.losses]
+    sent_by_cycle = [_sent_by_cycle(each.hour) for each in scores]
+    minutes = sum(len(each) for each in sent_by_cycle) / MINUTE_CYCLES
+    transmissions = sum(len(each.hour.sent) for each in scores)
+    hours = minutes / 60.0
+    decisions = np.concatenate([each.hour.decision_ms for each in scores])
+    safe = np.concatenate([each.hour.fail_safe for each in scores])
+
+    def rate(count: float, total: float) -> float | None:
+        return count / total if total else None
+
+    def mean(values: Iterable[float]) -> float | None:
+        array = np.array(list(values), dtype=float)
+        return float(array.mean()) if array.size else None
+
+    route_nm = sum(row.flown_nm - row.extra_nm for row in exited)
+    return {
+        "agent": agent,
+        "traffic": traffic,
+        "hours": round(hours, 6),
+        "flights": len(flights),
+        "flights_gone": len(gone),
+        "flights_waiting_max": int(max(each.hour.waiting.max() for each in scores)),
+        "aircraft_max": int(max((each.hour.flight != FREE).sum(1).max() for each in scores)),
+        "losses_of_separation": len(losses),
+        "losses_at_birth": sum(event.at_birth for event in losses),
+        "near_misses": sum(len(each.near_misses) for each in scores),
+        "fail_safe_rate": mean(safe),
+        "correct_exit_rate": rate(sum(row.correct for row in gone), len(gone)),
+        "exit_rate": rate(len(exited), len(gone)),
+        "excursion_rate": rate(sum(row.excursion for row in gone), len(gone)),
+        "exit_offset_nm_median": _median([row.exit_offset_nm for row in exited]),
+        "transmissions_per_flight": rate(transmissions, len(flights)),
+        "transmissions_per_minute": rate(transmissions, minutes),
+        "transmissions_worst_minute": max(_worst_minute(each) for each in sent_by_cycle),
+        "extra_miles_rate": rate(sum(row.extra_nm for row in exited), route_nm),
+        "level_offs_per_flight": mean(row.level_offs for row in gone),
+        "delay_s_mean": mean(row.delay_s for row in exited),
+        "lax_s_mean": mean(each.lax_s for each in scores),
+        "lax_s_by_hour": [each.lax_s for each in scores],
+        "lax_without_births_s_mean": mean(each.lax_without_births_s for each in scores),
+        "strict_s_mean": mean(each.strict_s for each in scores),
+        "decision_ms_median": float(np.median(decisions)),
+        "decision_ms_max": float(decisions.max()),
+    }
+
+
+def _median(values: Sequence[float]) -> float | None:
+    return float(np.median(values)) if values else None
+
+
+def _sent_by_cycle(hour: Hour) -> Int[np.ndarray, " cycles"]:
+    cycles = np.array([each.cycle for each in hour.sent], dtype=np.int64)
+    return np.bincount(cycles, minlength=len(hour.flight))
+
+
+def _worst_minute(sent: Int[np.ndarray, " cycles"]) -> int:
+    """The maximum number of transmissions within a minute."""
+    window = np.ones(min(MINUTE_CYCLES, len(sent)), dtype=np.int64)
+    return int(np.convolve(sent, window, mode="valid").max())

@@ -1,0 +1,143 @@
+"""Fly hours of arriving traffic under an agent of sector control, and record them."""
+
+import time
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from skystack.agents.transmission import SectorAgent, Transmission, clearance_of
+from skystack.errors import InputError
+from skystack.learning.seeds import scenario_key
+from skystack.simulator.arrivals import FREE
+from skystack.tasks.sector_world import World, WorldCycle, WorldState
+
+
+class Sent(NamedTuple):
+    """A transmission, with the cycle before which it was issued and its flight."""
+
+    cycle: int
+    flight: int
+    transmission: Transmission
+
+
+class Hour(NamedTuple):
+    """A flown hour; arrays are `[cycles, slots]`, and row k is cycle k + 1."""
+
+    number: int
+    """The number of the hour under the evaluation seed."""
+    flight: Int[np.ndarray, "cycles slots"]
+    route: Int[np.ndarray, "cycles slots"]
+    before_nm: Float[np.ndarray, "cycles slots 2"]
+    position_nm: Float[np.ndarray, "cycles slots 2"]
+    before_level_ticks: Float[np.ndarray, "cycles slots"]
+    level_ticks: Float[np.ndarray, "cycles slots"]
+    ground_speed_kt: Float[np.ndarray, "cycles slots"]
+    exit_level_ticks: Float[np.ndarray, "cycles slots"]
+    born: Bool[np.ndarray, "cycles slots"]
+    held: Bool[np.ndarray, "cycles slots"]
+    """Whether the flight is a newborn that did not hear clearances before this cycle."""
+    entered: Bool[np.ndarray, "cycles slots"]
+    exited: Bool[np.ndarray, "cycles slots"]
+    exited_correctly: Bool[np.ndarray, "cycles slots"]
+    excursion: Bool[np.ndarray, "cycles slots"]
+    waiting: Int[np.ndarray, " cycles"]
+    sent: list[Sent]
+    decision_ms: Float[np.ndarray, " cycles"]
+    """The time that the agent took before each cycle."""
+    fail_safe: Bool[np.ndarray, " checks"]
+    """Whether nobody would lose separation if no further clearance were issued, at intervals."""
+
+
+class HourFlyer:
+    """Flies hours in a world. Its programs are compiled once, on first use."""
+
+    def __init__(self, world: World, cycles: int, per_cycle: int = 1) -> None:
+        self.world, self.cycles, self.per_cycle = world, cycles, per_cycle
+
+    @cached_property
+    def _reset(self) -> Any:
+        return jax.jit(self.world.reset)
+
+    @cached_property
+    def _advance(self) -> Any:
+        return jax.jit(self.world.advance)
+
+    @cached_property
+    def _instruct(self) -> Any:
+        return jax.jit(self.world.instruct)
+
+    def fly(
+        self,
+        agent: SectorAgent,
+        seed: int,
+        number: int,
+        on_cycle: Callable[[int], None] = lambda cycle: None,
+    ) -> Hour:
+        """Fly one hour of an evaluation seed.
+
+        Raises InputError if the agent transmits too often, or to a slot without a flight.
+        """
+        state = jax.device_get(self._reset(scenario_key(seed, number)))
+        agent.begin(state)
+        cycles, held, sent, decision_ms = [], [], [], []
+        for index in range(self.cycles):
+            began = time.perf_counter()
+            transmissions = agent.transmit(state)
+            decision_ms.append(1000.0 * (time.perf_counter() - began))
+            self._check(state, transmissions)
+            flight = state.arrivals.flight
+            sent += [Sent(index, int(flight[each.slot]), each) for each in transmissions]
+            held.append(state.arrivals.held > 0)
+            if transmissions:
+                state = self._instruct(state, clearance_of(transmissions, len(flight)))
+            state, cycle = jax.device_get(self._advance(state))
+            cycles.append(cycle)
+            on_cycle(index + 1)
+        return _hour(number, cycles, held, sent, decision_ms)
+
+    def _check(self, state: WorldState, transmissions: list[Transmission]) -> None:
+        if len(transmissions) > self.per_cycle:
+            raise InputError(
+                f"{len(transmissions)} transmissions in a cycle (allowed: {self.per_cycle})"
+            )
+        for each in transmissions:
+            if state.arrivals.flight[each.slot] == FREE:
+                raise InputError(f"a transmission to slot {each.slot}, which is free")
+
+
+def _hour(
+    number: int,
+    cycles: list[WorldCycle],
+    held: list[np.ndarray],
+    sent: list[Sent],
+    decision_ms: list[float],
+) -> Hour:
+    def stack(values: list[Any]) -> Any:
+        return np.stack(values)
+
+    traffic = [cycle.traffic for cycle in cycles]
+    return Hour(
+        number=number,
+        flight=stack([cycle.flight for cycle in cycles]),
+        route=stack([each.route for each in traffic]),
+        before_nm=stack([cycle.before_nm for cycle in cycles]),
+        position_nm=stack([each.position_nm for each in traffic]),
+        before_level_ticks=stack([cycle.before_level_ticks for cycle in cycles]),
+        level_ticks=stack([each.level_ticks for each in traffic]),
+        ground_speed_kt=stack([each.ground_speed_kt for each in traffic]),
+        exit_level_ticks=stack([cycle.exit_level_ticks for cycle in cycles]),
+        born=stack([cycle.born for cycle in cycles]),
+        held=stack(held),
+        entered=stack([cycle.entered for cycle in cycles]),
+        exited=stack([cycle.exited for cycle in cycles]),
+        exited_correctly=stack([cycle.exited_correctly for cycle in cycles]),
+        excursion=stack([cycle.excursion for cycle in cycles]),
+        waiting=stack([cycle.waiting for cycle in cycles]),
+        sent=sent,
+        decision_ms=np.array(decision_ms),
+        fail_safe=np.empty(0, dtype=bool),
+    )

@@ -1,0 +1,151 @@
+"""The world of sector control: flights arrive, fly through the sector and leave.
+
+    reset(key) -> state
+    instruct(state, clearance) -> state      changes what flights are cleared to; no time passes
+    advance(state) -> (state, cycle)         one radar cycle: arrivals, flight, departures
+
+A flight leaves when it crosses its exit, when it leaves the area elsewhere, or when it strays
+`FAR_NM` from the area without having entered it. Its slot is then free.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from skystack.airspace.sector import Sector
+from skystack.compilation.subroutine import subroutine
+from skystack.simulator.arrival_flows import Flow
+from skystack.simulator.arrivals import FREE, Arrivals, fly, release
+from skystack.simulator.simulator import Simulator, instruct
+from skystack.simulator.traffic import Clearance, Traffic
+from skystack.tasks.progress import FlightPlan, Progress, ProgressTracker
+
+FAR_NM = 20.0
+"""A flight this far outside the bounding box of the area and the fixes has left."""
+
+
+class WorldState(NamedTuple):
+    """The traffic, its arrivals, and the progress of the flight in each slot."""
+
+    traffic: Traffic
+    arrivals: Arrivals
+    plan: FlightPlan
+    progress: Progress
+
+
+class WorldCycle(NamedTuple):
+    """What happened in a cycle, `[slots, *batch]`."""
+
+    flight: Int[Array, "slots *batch"]
+    """The flight in each slot during the cycle, or FREE."""
+    before_nm: Float[Array, "slots 2 *batch"]
+    """Positions before the cycle; where a flight was born in it, its position of birth."""
+    before_level_ticks: Float[Array, "slots *batch"]
+    traffic: Traffic
+    """The traffic after the cycle, with the flights that leave."""
+    born: Bool[Array, "slots *batch"]
+    """Whether the flight was born in this cycle."""
+    entered: Bool[Array, "slots *batch"]
+    """Whether the flight has been inside the sector."""
+    exited: Bool[Array, "slots *batch"]
+    """Whether it leaves through its exit."""
+    exited_correctly: Bool[Array, "slots *batch"]
+    """Whether it leaves through its exit and at its exit level."""
+    excursion: Bool[Array, "slots *batch"]
+    """Whether it leaves elsewhere, or has strayed without having entered."""
+    exit_level_ticks: Float[Array, "slots *batch"]
+    waiting: Int[Array, "*batch"]
+    """The number of flights that are held back."""
+
+
+@dataclass(frozen=True)
+class World:
+    """Simulates arriving, flying and departing flights in a sector."""
+
+    flow: Flow
+
+    @property
+    def simulator(self) -> Simulator:
+        return self.flow.simulator
+
+    @property
+    def sector(self) -> Sector:
+        return self.simulator.sector
+
+    @cached_property
+    def tracker(self) -> ProgressTracker:
+        return ProgressTracker(self.sector)
+
+    def reset(self, key: PRNGKeyArray) -> WorldState:
+        """The state at cycle 0."""
+        arrivals, traffic = self.flow.draw(key)
+        plan = FlightPlan(traffic.level_ticks, arrivals.exit_level_ticks)
+        return WorldState(traffic, arrivals, plan, self.tracker.begin(traffic))
+
+    def instruct(self, state: WorldState, clearance: Clearance) -> WorldState:
+        """Issue clearances. Newborns that are still held do not hear them."""
+        heard = state.traffic.active & (state.arrivals.held == 0)
+        traffic = instruct(state.traffic._replace(active=heard), clearance)
+        return state._replace(traffic=traffic._replace(active=state.traffic.active))
+
+    def advance(self, state: WorldState) -> tuple[WorldState, WorldCycle]:
+        """One cycle. Flights that are due are admitted before it is flown."""
+        before = state.arrivals.flight
+        arrivals, traffic = self.flow.admission.admit(state.arrivals, state.traffic)
+        born = (arrivals.flight != before) & (arrivals.flight != FREE)
+        state = self._begin(state, arrivals, traffic, born)
+        arrivals, flown = fly(self.simulator, arrivals, traffic)
+        progress = subroutine(self.tracker.update, state.progress, state.plan, flown)
+        strayed = flown.active & ~progress.entered & self._is_far(flown)
+        excursion = (progress.excursion & flown.active) | strayed
+        exited = progress.exited & flown.active
+        cycle = WorldCycle(
+            flight=arrivals.flight,
+            before_nm=state.progress.previous_nm,
+            before_level_ticks=state.progress.previous_level_ticks,
+            traffic=flown,
+            born=born,
+            entered=progress.entered,
+            exited=exited,
+            exited_correctly=progress.exited_correctly & flown.active,
+            excursion=excursion,
+            exit_level_ticks=state.plan.exit_level_ticks,
+            waiting=arrivals.waiting,
+        )
+        arrivals, left = release(arrivals, flown, exited | excursion)
+        return WorldState(left, arrivals, state.plan, progress), cycle
+
+    def _begin(
+        self,
+        state: WorldState,
+        arrivals: Arrivals,
+        traffic: Traffic,
+        born: Bool[Array, "slots *batch"],
+    ) -> WorldState:
+        """Begin the progress of newborn flights."""
+        fresh = self.tracker.begin(traffic)._replace(cycles=state.progress.cycles)
+
+        def pick(new: Array, old: Array) -> Array:
+            if new.ndim < born.ndim:  # the number of cycles
+                return old
+            return jnp.where(born if new.ndim == born.ndim else born[:, None], new, old)
+
+        plan = FlightPlan(
+            jnp.where(born, traffic.level_ticks, state.plan.entry_level_ticks),
+            arrivals.exit_level_ticks,
+        )
+        return WorldState(traffic, arrivals, plan, jax.tree.map(pick, fresh, state.progress))
+
+    def _is_far(self, traffic: Traffic) -> Bool[Array, "slots *batch"]:
+        """Whether flights are far outside the area."""
+        sector = self.sector
+        points = jnp.asarray([*sector.area_nm, *sector.fixes_nm.values()], dtype=jnp.float32)
+        # The scale of the plane hardly changes across a sector, so the box is in plane units.
+        low, high = points.min(axis=0) - FAR_NM, points.max(axis=0) + FAR_NM
+        east, north = traffic.position_nm[:, 0], traffic.position_nm[:, 1]
+        inside = (east >= low[0]) & (east <= high[0]) & (north >= low[1]) & (north <= high[1])
+        return ~inside
