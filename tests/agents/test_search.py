@@ -21,8 +21,8 @@ WORLD = World(Flow(SIMULATOR, constant_rate(90.0), slots=48, candidates=256))
 FLYER = HourFlyer(WORLD, cycles=450)
 AGENTS = {
     "no-op": NoOp,
-    "levels kept": lambda: OwnNavigation(climbs=False),
-    "own navigation": lambda: OwnNavigation(climbs=True),
+    "levels kept": lambda: OwnNavigation(clears_exit_level=False),
+    "own navigation": lambda: OwnNavigation(clears_exit_level=True),
     "rules": lambda: Rules(WORLD),
     "search": lambda: Search(WORLD),
 }
@@ -59,7 +59,7 @@ def test_turning_away_avoids_some_losses():
 
 
 def test_own_navigation_transmits_once_to_each_flight():
-    hour = FLYER.fly(OwnNavigation(climbs=True), 0, 3)
+    hour = FLYER.fly(OwnNavigation(clears_exit_level=True), 0, 3)
     flights = [each.flight for each in hour.sent]
     assert len(flights) == len(set(flights))
     assert np.bincount([each.cycle for each in hour.sent]).max() == 1

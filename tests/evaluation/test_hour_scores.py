@@ -77,11 +77,11 @@ def test_a_loss_of_separation_is_counted_once_per_pair():
     assert (loss.cycle, loss.first, loss.second) == (7, 0, 1)
     assert not loss.at_birth
     assert scores.lax_s == scores.lax_without_births_s == 6 * 8
-    assert [each.cycle for each in scores.near_misses] == [6]
+    assert [each.cycle for each in scores.close_pairs] == [6]
 
 
 @pytest.mark.parametrize(
-    ("north_nm", "levels", "losses", "near_misses"),
+    ("north_nm", "levels", "losses", "close_pairs"),
     [
         (4.9, (300.0, 300.0), 1, 1),
         (5.1, (300.0, 300.0), 0, 1),
@@ -90,9 +90,9 @@ def test_a_loss_of_separation_is_counted_once_per_pair():
         (0.0, (300.0, 309.0), 1, 1),
     ],
 )
-def test_separation_is_lost_below_both_standards(north_nm, levels, losses, near_misses):
+def test_separation_is_lost_below_both_standards(north_nm, levels, losses, close_pairs):
     scores = score(SECTOR, hour(head_on(0, north_nm, levels)))
-    assert (len(scores.losses), len(scores.near_misses)) == (losses, near_misses)
+    assert (len(scores.losses), len(scores.close_pairs)) == (losses, close_pairs)
 
 
 def test_losses_at_birth_are_told_apart():

@@ -83,7 +83,7 @@ def clock_of(due, **settings):
     """A clock with which exactly `due` flights are due if the uniform number is 0.5."""
     middle = {0: 1e-6, 1: 1.2, 2: 2.2, 3: 3.2}[due]
     assert exact_poisson.ppf(0.5, middle) == due
-    return Clock(middle / 6.0, most_s=10.0, **settings)
+    return Clock(middle / 6.0, max_rate_per_s=10.0, **settings)
 
 
 @given(st.floats(0.01, 3.0), st.floats(0.001, 0.999))

@@ -98,7 +98,7 @@ REFUSED = [
     (
         (*C0, "heading_deg"),
         ...,
-        "clearances[0] has no heading, fix or level (allowed: heading_deg or direct_to, fl, or bot",
+        "clearances[0] has no heading, fix or level (allowed: heading_deg or direct_to, with or wi",
     ),
     (
         (*C0, "heading_deg"),

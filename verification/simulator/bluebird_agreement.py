@@ -4,8 +4,9 @@ Two aircraft fly 300 cycles in every shipped sector and in four that test the ge
 62 to 68 N (400 NM), 33 to 38 S, and across the antimeridian. Under both performance models there
 are instructed flights (headings by direction and the shorter way, over 180 degrees, levels, both at
 once, some issued before the previous one is complete), flights on own navigation with changes of
-level, and flights cleared direct to fixes, with headings in between. Rows count while an aircraft is within 400 NM of the origin. Separations measured by the
-simulator are compared with geodesics. Needs the extra `[bluebird]`.
+level, and flights cleared direct to fixes, with headings in between. Rows count while an aircraft
+is within 400 NM of the origin. Separations measured by the simulator are compared with geodesics.
+Needs the extra `[bluebird]`.
 
     python -m verification.simulator.bluebird_agreement [INSTRUCTED [OWN_NAVIGATION [DIRECT]]]
 
@@ -89,9 +90,9 @@ BOUNDS = {
     DIRECT: TO_FIXES._replace(position_nm=0.3, heading_deg=3.0, cleared_heading_deg=3.0),
 }
 """The bounds for each kind. With many clearances, the two simulators may begin a fly-by turn one
-second apart, in which an aircraft flies 0.13 NM. The bound of flights direct to fixes allows for
-that; most of them satisfy `TO_FIXES`. On own navigation the cleared heading is the actual one. Half a mile before a fix, a lateral
-difference of 0.001 NM changes the bearing by 0.1 degrees."""
+second apart; an aircraft flies 0.13 NM in a second. The bound of flights direct to fixes allows for
+that; most of them satisfy `TO_FIXES`. On own navigation the cleared heading is the actual one. Half
+a mile before a fix, a lateral difference of 0.001 NM changes the bearing by 0.1 degrees."""
 
 
 @cache

@@ -48,7 +48,7 @@ def no_events(plans: int) -> Events:
 
 
 class Ahead(NamedTuple):
-    """Flights ahead of the present, which is index 0 of the cycles. In numpy or JAX."""
+    """Flights flown ahead, as numpy or JAX arrays. Index 0 of the cycles is the present."""
 
     position_nm: Any
     """`[cycles, flights, 2]`."""
@@ -78,7 +78,10 @@ class Probe:
 
     @cached_property
     def fly(self) -> Any:
-        """(traffic, progress, plan, events) -> FlownPlans, compiled; all have one row per plan."""
+        """(traffic, progress, flight_plan, events) -> FlownPlans, compiled.
+
+        All have one row per plan.
+        """
         return jax.jit(partial(_fly, self.world.simulator, self.world.tracker))
 
     @cached_property
@@ -94,7 +97,7 @@ def _fly(
     tracker: ProgressTracker,
     traffic: Traffic,
     progress: Progress,
-    plan: FlightPlan,
+    flight_plan: FlightPlan,
     events: Any,
 ) -> FlownPlans:
     """Fly all plans; `events` are `Events`."""
@@ -114,7 +117,7 @@ def _fly(
             )
             traffic = instruct(traffic, clearance)
         flown = simulator.advance(traffic)
-        progress = tracker.update(progress, plan, flown)
+        progress = tracker.update(progress, flight_plan, flown)
         flying = flown.active & ~progress.exited & ~progress.excursion
         return (flown._replace(active=flying), progress), (
             flown.position_nm,

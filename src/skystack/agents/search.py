@@ -1,8 +1,9 @@
 """A what-if search: every flight has a plan to its exit that keeps clear of all other plans.
 
-A new flight gets the plan with the fewest transmissions, and then the shortest, among trial plans
-over fixes, headings and levels that are flown ahead with the simulator. If there is none, one of
-the flights in its way is given another plan. The plans are carried out as they fall due. (The idea
+Trial plans over fixes, headings and levels are flown ahead with the simulator in batches, those
+with few transmissions first. A new flight gets the cheapest plan of the first batch in which one is
+clear of all other plans; the cost is flying time and transmissions. If no batch has one, flights in
+its way are given other plans. The plans are carried out as they fall due. (The idea
 of trial plans is that of AutoResolver: Erzberger, ICAS 2008.)
 """
 
@@ -33,7 +34,7 @@ from skystack.tasks.sector_world import World, WorldState
 TWO_BATCHES, THREE_BATCHES = 8, 8
 """The maximum number of batches of plans with two and with three transmissions."""
 TRANSMISSION_CYCLES = 30
-"""A transmission is worth this many cycles of flying time."""
+"""The cost of a transmission, in cycles of flying time."""
 
 
 class Search:
@@ -186,7 +187,10 @@ class _Found(NamedTuple):
 
     cost: float
     blockers: list[int]
-    """The slots of the flights with which it conflicts; the most urgent first."""
+    """The slots of the flights with which it conflicts, the earliest conflict first.
+
+    If the plan has none but misses its exit or exit level, one other flight, if there is any.
+    """
     position_nm: Float[np.ndarray, "cycles 2"]
     level_ticks: Float[np.ndarray, " cycles"]
     present: Bool[np.ndarray, " cycles"]

@@ -1,4 +1,4 @@
-"""Agents of sector control by simple rules, to compare with."""
+"""Simple rule-based controllers of a sector, as baselines."""
 
 import numpy as np
 
@@ -27,8 +27,8 @@ class NoOp:
 class OwnNavigation:
     """Sends every new flight direct to its next fix, with or without its exit level."""
 
-    def __init__(self, climbs: bool, per_cycle: int = 1) -> None:
-        self.climbs, self.per_cycle = climbs, per_cycle
+    def __init__(self, clears_exit_level: bool, per_cycle: int = 1) -> None:
+        self.clears_exit_level, self.per_cycle = clears_exit_level, per_cycle
         self._served: set[int] = set()
 
     def begin(self, state: WorldState) -> None:
@@ -44,13 +44,13 @@ class OwnNavigation:
         new.sort(key=lambda slot: int(flight[slot]))
         chosen = new[: self.per_cycle]
         self._served |= {int(flight[slot]) for slot in chosen}
-        return [resume(state, slot, self.climbs) for slot in chosen]
+        return [resume(state, slot, self.clears_exit_level) for slot in chosen]
 
 
-def resume(state: WorldState, slot: int, climbs: bool) -> Transmission:
-    """Direct to the next fix, with the exit level if `climbs`."""
+def resume(state: WorldState, slot: int, clears_exit_level: bool) -> Transmission:
+    """Direct to the next fix, with the exit level if `clears_exit_level`."""
     level = float(state.plan.exit_level_ticks[slot])
-    changes = climbs and level != float(state.traffic.cleared_level_ticks[slot])
+    changes = clears_exit_level and level != float(state.traffic.cleared_level_ticks[slot])
     return Transmission(
         slot, fix=int(state.progress.next_fix[slot]), level_ticks=level if changes else None
     )

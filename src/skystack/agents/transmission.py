@@ -1,4 +1,4 @@
-"""A transmission to one flight, and agents of sector control, which issue them."""
+"""A transmission to one flight, and the protocol of agents that control a sector."""
 
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -10,7 +10,7 @@ from skystack.tasks.sector_world import WorldState
 
 
 class Transmission(NamedTuple):
-    """A heading or a fix, a level, or both, to the flight in a slot."""
+    """A heading or a fix, with or without a level, or a level alone, to the flight in a slot."""
 
     slot: int
     heading_deg: int | None = None

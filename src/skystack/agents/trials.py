@@ -40,9 +40,8 @@ class Trials:
     """Trial plans for a flight."""
 
     random: np.random.Generator
-    goal: float
-    """The exit level, in ticks."""
-    climbs: bool
+    exit_level_ticks: float
+    needs_exit_level: bool
     """Whether the flight is not yet cleared to its exit level."""
     own: bool
     """Whether it is on own navigation."""
@@ -59,51 +58,55 @@ class Trials:
         last = int(world.sector.route_table.last_fix[route])
         next_fix = int(state.progress.next_fix[slot])
         cleared = float(state.traffic.cleared_level_ticks[slot])
-        goal = float(state.plan.exit_level_ticks[slot])
+        exit_level_ticks = float(state.plan.exit_level_ticks[slot])
         lowest, highest = (ticks(float(fl)) for fl in world.sector.levels_fl)
-        low = max(lowest, min(goal, cleared) - ticks(BEYOND_FL))
-        high = min(highest, max(goal, cleared) + ticks(BEYOND_FL))
+        low = max(lowest, min(exit_level_ticks, cleared) - ticks(BEYOND_FL))
+        high = min(highest, max(exit_level_ticks, cleared) + ticks(BEYOND_FL))
         levels = np.arange(low, high + 1.0, ticks(STEP_FL))
         return cls(
             random,
-            goal,
-            goal != cleared,
+            exit_level_ticks,
+            exit_level_ticks != cleared,
             bool(state.traffic.own_navigation[slot]),
             tuple(range(next_fix, min(next_fix + FIXES_AHEAD, last + 1))),
-            tuple(float(level) for level in levels if level != goal),
+            tuple(float(level) for level in levels if level != exit_level_ticks),
         )
 
     @property
-    def to_goal(self) -> float | None:
+    def level_to_clear(self) -> float | None:
         """The exit level, if it is still to be cleared."""
-        return self.goal if self.climbs else None
+        return self.exit_level_ticks if self.needs_exit_level else None
 
     def simple(self) -> Iterator[Plan]:
         """All plans with at most one transmission."""
-        if self.own and not self.climbs:
+        if self.own and not self.needs_exit_level:
             yield ()
-        if self.own and self.climbs:
+        if self.own and self.needs_exit_level:
             for wait in (0, *LEVEL_WAITS):
-                yield (Step(wait, level_ticks=self.goal),)
+                yield (Step(wait, level_ticks=self.exit_level_ticks),)
         for fix in self.fixes:
             for wait in WAITS:
-                yield (Step(wait, fix, level_ticks=self.to_goal),)
+                yield (Step(wait, fix, level_ticks=self.level_to_clear),)
 
     def two(self) -> Plan:
         """A random plan with two transmissions."""
         if self.random.random() < 0.5:  # two levels
-            first = None if self.climbs and self.random.random() < 0.3 else self._level()
+            first = None if self.needs_exit_level and self.random.random() < 0.3 else self._level()
             wait = self._one(WAITS)
             fix = None if self.own and first is not None else self._one(self.fixes)
             later = wait + self._one(LEVEL_WAITS)
-            return Step(wait, fix, level_ticks=first), Step(later, level_ticks=self.goal)
+            return Step(wait, fix, level_ticks=first), Step(
+                later, level_ticks=self.exit_level_ticks
+            )
         turn, hold = self._one(TURNS_DEG), self._one(HOLDS)
         fix, chance = self._one(self.fixes), self.random.random()
         wait = self._one((0, 0, 3, 8, 15))
-        if not self.climbs or chance < 0.3:
-            return Step(wait, None, turn, self.to_goal), Step(wait + hold, fix)
+        if not self.needs_exit_level or chance < 0.3:
+            return Step(wait, None, turn, self.level_to_clear), Step(wait + hold, fix)
         first = None if chance < 0.6 else self._level()
-        return Step(wait, None, turn, first), Step(wait + hold, fix, level_ticks=self.goal)
+        return Step(wait, None, turn, first), Step(
+            wait + hold, fix, level_ticks=self.exit_level_ticks
+        )
 
     def three(self) -> Plan:
         """A random plan with three transmissions."""
@@ -114,13 +117,13 @@ class Trials:
             return (
                 Step(wait, None, turn, first),
                 Step(wait + hold, fix),
-                Step(wait + hold + later, level_ticks=self.goal),
+                Step(wait + hold + later, level_ticks=self.exit_level_ticks),
             )
         second = self._one(LEVEL_WAITS)
         return (
             Step(wait, fix, level_ticks=first),
             Step(wait + second, level_ticks=self._level()),
-            Step(wait + second + later, level_ticks=self.goal),
+            Step(wait + second + later, level_ticks=self.exit_level_ticks),
         )
 
     def _one(self, values: tuple[int, ...]) -> int:

@@ -1,7 +1,8 @@
-"""Judge flown hours: separation, exits, transmissions, efficiency and survival.
+"""Score flown hours: separation, exits, transmissions, efficiency and survival.
 
 *At birth*: a loss of separation that exists when the younger of the two flights first moves. No
-controller can prevent those. The lax and strict scores are times to the first failure.
+controller can prevent such a loss. The scores are times to the first failure: the lax score ends
+with an excursion or a loss inside the sector, the strict one also with an incorrect exit.
 """
 
 from collections.abc import Iterable, Sequence
@@ -17,15 +18,15 @@ from skystack.evaluation.losses import compiled_squared_nm2
 from skystack.simulator.arrivals import FREE
 from skystack.simulator.simulator import CYCLE_S
 
-NEAR_MISS_NM = 7.0
-"""Two flights closer than this, without vertical separation, are a near miss."""
+CLOSE_NM = 7.0
+"""Two flights closer than this, without vertical separation, are a close pair."""
 MINUTE_CYCLES = 60 // CYCLE_S
 _CYCLES = 100
 """The cycles whose pairs are computed at once."""
 
 
 class PairEvent(NamedTuple):
-    """Two flights that came close without vertical separation."""
+    """Two flights that came close without vertical separation. Cycles are rows of the hour."""
 
     cycle: int
     """The first cycle in which they were too close."""
@@ -38,13 +39,13 @@ class PairEvent(NamedTuple):
 
 
 class FlightRow(NamedTuple):
-    """What happened to one flight."""
+    """What happened to one flight. Cycles are rows of the hour."""
 
     flight: int
     birth: int
     """The cycle in which it was born."""
     gone: int | None
-    """The cycle in which it left."""
+    """The cycle in which it left; None if it had not left at the end."""
     exited: bool
     correct: bool
     excursion: bool
@@ -66,16 +67,16 @@ class Scores(NamedTuple):
     hour: Hour
     flights: list[FlightRow]
     losses: list[PairEvent]
-    near_misses: list[PairEvent]
+    close_pairs: list[PairEvent]
     lax_s: float
     lax_without_births_s: float
     strict_s: float
 
 
 def score(sector: Sector, hour: Hour) -> Scores:
-    """Judge an hour."""
+    """Score an hour."""
     losses = _pair_events(sector, hour, sector.loss_below_nm)
-    near = _pair_events(sector, hour, NEAR_MISS_NM)
+    near = _pair_events(sector, hour, CLOSE_NM)
     excursions = np.any(hour.excursion, axis=1)
     wrong = np.any(hour.exited & ~hour.exited_correctly, axis=1)
     left = _cycles(excursions)
@@ -87,7 +88,7 @@ def score(sector: Sector, hour: Hour) -> Scores:
         hour=hour,
         flights=_flight_rows(sector, hour),
         losses=losses,
-        near_misses=near,
+        close_pairs=near,
         lax_s=lax,
         lax_without_births_s=lax_without_births,
         strict_s=min(lax, _first(_cycles(wrong), hour)),
@@ -218,7 +219,10 @@ def _route_nm(sector: Sector, route: int, birth_nm: Float[np.ndarray, "2"]) -> f
 
 
 def summary(scores: Sequence[Scores], agent: str, traffic: str) -> dict[str, Any]:
-    """The row of an evaluation. Rates are over the flights that left; NaN becomes None."""
+    """The row of an evaluation; None where there is nothing to average.
+
+    Exit and excursion rates are over the flights that left, transmissions over those born.
+    """
     flights = [row for each in scores for row in each.flights]
     gone = [row for row in flights if row.gone is not None]
     exited = [row for row in gone if row.exited]
@@ -248,7 +252,7 @@ def summary(scores: Sequence[Scores], agent: str, traffic: str) -> dict[str, Any
         "aircraft_max": int(max((each.hour.flight != FREE).sum(1).max() for each in scores)),
         "losses_of_separation": len(losses),
         "losses_at_birth": sum(event.at_birth for event in losses),
-        "near_misses": sum(len(each.near_misses) for each in scores),
+        "close_pairs": sum(len(each.close_pairs) for each in scores),
         "fail_safe_rate": mean(safe),
         "correct_exit_rate": rate(sum(row.correct for row in gone), len(gone)),
         "exit_rate": rate(len(exited), len(gone)),

@@ -17,7 +17,7 @@ from skystack.tasks.sector_world import World, WorldCycle, WorldState
 
 
 class Sent(NamedTuple):
-    """A transmission, with the cycle before which it was issued and its flight."""
+    """A transmission, its flight, and the number of cycles flown before it was issued."""
 
     cycle: int
     flight: int
@@ -49,7 +49,7 @@ class Hour(NamedTuple):
     decision_ms: Float[np.ndarray, " cycles"]
     """The time that the agent took before each cycle."""
     fail_safe: Bool[np.ndarray, " checks"]
-    """Whether nobody would lose separation if no further clearance were issued, at intervals."""
+    """Whether separation would be kept without further clearances. Not checked yet: empty."""
 
 
 class HourFlyer:

@@ -111,9 +111,9 @@ def clearance_commands(
 ) -> list[str]:
     """An instruction to an aircraft as BlueSky commands.
 
-    Fixes are given as positions: direct to a fix, the rest of the route replaces BlueSky's. A
-    change of level includes its rate [ft/min]; by default BlueSky's autopilot would climb and
-    descend at 1,500 ft/min.
+    Fixes are given as positions. For a clearance direct to a fix, the route from that fix on
+    replaces BlueSky's route. A change of level includes its rate [ft/min]; by default BlueSky's
+    autopilot would climb and descend at 1,500 ft/min.
     """
     commands, model = bluesky_commands(instruction), scenario.performance_of(aircraft.type)
     if instruction.direct_to is not None:

@@ -12,7 +12,10 @@ from skystack.errors import InputError
 
 @dataclass(frozen=True)
 class Instruction:
-    """A heading or a fix, a level, or both. Raises InputError for an invalid combination."""
+    """A heading or a fix, with or without a level, or a level alone.
+
+    Raises InputError for an invalid combination.
+    """
 
     callsign: str
     heading_deg: int | None = None

@@ -31,12 +31,14 @@ HOUR_CYCLES = HOUR_S // CYCLE_S
 MAX_FLIGHTS_PER_HOUR = 1000.0
 
 
-def _as_in_bluebird(rate_s: float, increase_s: float, interval_s: float, most_s: float) -> Clock:
+def _as_in_bluebird(
+    rate_per_s: float, increase_per_s: float, interval_s: float, max_rate_per_s: float
+) -> Clock:
     return Clock(
-        rate_s,
-        increase_s,
+        rate_per_s,
+        increase_per_s,
         interval_s,
-        most_s,
+        max_rate_per_s,
         until_s=float(HOUR_S),
         quadratic=True,
         unchecked_twins=True,
@@ -49,12 +51,12 @@ FLIGHT_SCHOOL = {
     "notebook": _as_in_bluebird(0.01, 0.0, 60.0, 0.1),
     "environment": _as_in_bluebird(0.002, 0.002, 60.0, 0.03),
 }
-"""The clocks of BluebirdDT's three traffics of this kind, by name.
+"""The clocks of BluebirdDT's three kinds of Flight School traffic, by name.
 
 `category` is `Simulator.from_category("Flight School")`, `notebook` the `InfiniteEnv` of the public
 challenge's notebook, and `environment` the `FlightSchoolEnv`."""
 STARTERS = 2
-"""The flights of the Flight School that are on their first fixes at the start."""
+"""The number of Flight School flights that start abeam their first fixes."""
 
 
 def constant_rate(flights_per_hour: float) -> Clock:
@@ -83,7 +85,7 @@ class Flow:
     speeds_kt: tuple[float, float] = (350.0, 450.0)
     """Range of airspeeds; the performance model's is multiplied accordingly."""
     speed_spread: float = 0.0
-    """Half the range of a random factor of the airspeed, unknown to controllers."""
+    """Airspeeds are multiplied by a random factor within 1 plus or minus this."""
     climb_spread: float = 0.0
     """The same for the rates of climb and descent."""
 

@@ -1,4 +1,4 @@
-"""Arrivals: flights that enter the traffic while the simulation runs.
+"""Arrivals, as in queueing: flights that enter the traffic while the simulation runs.
 
 Candidates are drawn at reset. Before each cycle, the clock decides how many flights are due, and
 each due flight is the first of its next candidates that is clear of the traffic. It takes the
@@ -6,7 +6,7 @@ lowest free slot and keeps it for life.
 
     admit(arrivals, traffic)  -> (arrivals, traffic)    before a cycle is flown
     fly(simulator, arrivals, traffic) -> (arrivals, traffic)    the cycle: newborns are held
-    release(arrivals, gone)   -> arrivals               after flights have left
+    release(arrivals, traffic, gone) -> (arrivals, traffic)    after flights have left
 
 A newborn is held at its position for at least the cycle before which it is admitted, so that it is
 first reported exactly there.
@@ -32,7 +32,7 @@ include its own."""
 SAME_LEVEL_NM = 60.0
 """A newborn keeps this distance from traffic at exactly its own level."""
 MOST_DUE = 16
-"""The maximum number of births in one cycle."""
+"""The maximum number of births drawn for one cycle."""
 _LEVEL_STEP = 10.0 * TICKS_PER_FL
 
 
@@ -66,13 +66,13 @@ class Arrivals(NamedTuple):
     used: Int[Array, "*batch"]
     """The number of candidates used so far."""
     born: Int[Array, "*batch"]
-    """The number of flights born so far, without the first ones at the start."""
+    """The number of flights born so far, which is the number of the next one."""
     waiting: Int[Array, "*batch"]
-    """Flights that are held back: no slot is free, or no candidate is clear of the traffic."""
+    """Flights that wait to enter: no slot is free, or no candidate is clear of the traffic."""
     refused: Int[Array, "*batch"]
     """Births that were given up."""
     last_birth_s: Float[Array, "*batch"]
-    """The time of the last birth, by the clock's reckoning."""
+    """The end of the cycle of the last birth, from which the quadratic clock counts."""
     cycle: Int[Array, "*batch"]
     """The number of cycles flown."""
 
@@ -81,14 +81,15 @@ class Arrivals(NamedTuple):
 class Clock:
     """Decides how many flights are due, and what happens to those that cannot be admitted.
 
-    The rate starts at `rate_s` and increases by `increase_s` every `interval_s` up to `most_s`.
+    The rate starts at `rate_per_s` and increases by `increase_per_s` every `interval_s`, up to
+    `max_rate_per_s`.
     """
 
-    rate_s: float
+    rate_per_s: float
     """Births per second at the start."""
-    increase_s: float = 0.0
+    increase_per_s: float = 0.0
     interval_s: float = 60.0
-    most_s: float = 1.0
+    max_rate_per_s: float = 1.0
     until_s: float = float("inf")
     """No births after this time."""
     attempts: int = 11
@@ -108,14 +109,14 @@ class Clock:
         """The number of flights due before the next cycle."""
         time_s = (arrivals.cycle * CYCLE_S).astype(jnp.float32)
         if self.recorded:
-            count, upcoming = arrivals.candidates.due_s, arrivals.used
-            number = jnp.arange(count.shape[0], dtype=jnp.int32)
-            number = number.reshape((-1,) + (1,) * upcoming.ndim)
-            due = (number >= upcoming[None]) & (count <= time_s[None])
+            due_s, used = arrivals.candidates.due_s, arrivals.used
+            number = jnp.arange(due_s.shape[0], dtype=jnp.int32)
+            number = number.reshape((-1,) + (1,) * used.ndim)
+            due = (number >= used[None]) & (due_s <= time_s[None])
             return jnp.sum(due.astype(jnp.int32), axis=0)
         since_s = time_s - arrivals.last_birth_s if self.quadratic else float(CYCLE_S)
         steps = jnp.floor(time_s / self.interval_s)
-        rate = jnp.minimum(self.rate_s + steps * self.increase_s, self.most_s)
+        rate = jnp.minimum(self.rate_per_s + steps * self.increase_per_s, self.max_rate_per_s)
         cycles = arrivals.uniforms.shape[0]
         at = jnp.minimum(arrivals.cycle, cycles - 1)[None]
         uniform = jnp.take_along_axis(arrivals.uniforms, at, axis=0)[0]

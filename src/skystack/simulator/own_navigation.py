@@ -60,8 +60,8 @@ def steer(
 def _begin_direct(traffic: Traffic, sector: Sector) -> Traffic:
     """Begin the turns to the fixes that aircraft have just been cleared direct to.
 
-    An aircraft that has flown past the last fix is not on own navigation after that, but still
-    makes the turn, as in BluebirdDT.
+    If an aircraft has flown past the last fix, its own navigation ends at once, but it still makes
+    the turn, as in BluebirdDT.
     """
     begins = traffic.own_navigation & (traffic.turn_radius_nm == RADIUS_UNKNOWN)
     target = fix_of(sector.route_table, traffic.route, traffic.next_fix)
@@ -138,8 +138,8 @@ def _flown_past(
 ) -> Bool[Array, "aircraft *batch"]:
     """Whether the last fix is behind and inside the current turn, so that it cannot be reached.
 
-    `inbound` is the initial direction of the geodesic to it: far away, that of the straight line in
-    the plane may differ by degrees.
+    `inbound` is the initial direction of the geodesic to the fix. Far from the fix, that of the
+    straight line in the plane may differ by degrees.
     """
     ahead = distance_nm * dot(inbound, direction(traffic.heading_deg)) / length(inbound)
     lateral = jnp.sqrt(jnp.maximum(distance_nm**2 - ahead**2, 0.0))

@@ -298,7 +298,8 @@ def _check_clearance(
     direct_to = clearance.direct_to
     if heading is None and fl is None and direct_to is None:
         raise InputError(
-            f"{where} has no heading, fix or level (allowed: heading_deg or direct_to, fl, or both)"
+            f"{where} has no heading, fix or level "
+            "(allowed: heading_deg or direct_to, with or without fl, or fl alone)"
         )
     if direct_to is not None:
         if heading is not None:

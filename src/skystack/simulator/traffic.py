@@ -11,10 +11,10 @@ from skystack.simulator.performance import TICKS_PER_FL
 
 NO_TURN, SHORTEST, LEFT, RIGHT, DIRECT = range(5)
 """Directions of the turn to a newly cleared heading; NO_TURN means that none was cleared, DIRECT
-that the aircraft was cleared to a fix instead."""
+that the aircraft was cleared direct to a fix instead."""
 
 RADIUS_UNKNOWN = -1.0
-"""The radius of the turn to a fix just cleared direct to, until it is computed from the turn."""
+"""Stands for the radius of the turn to a newly cleared fix until it is computed."""
 
 
 class Traffic(NamedTuple):
@@ -47,7 +47,8 @@ class Traffic(NamedTuple):
     next_fix: Int[Array, "aircraft *batch"]
     """Index in the route of the fix that own navigation flies to; at least 1 at the start."""
     turn_radius_nm: Float[Array, "aircraft *batch"]
-    """Radius of the current turn to a fix; 0 if there is none, or RADIUS_UNKNOWN."""
+    """Radius of the current fly-by turn or turn direct to a fix; 0 if there is none, or
+    RADIUS_UNKNOWN."""
     active: Bool[Array, "aircraft *batch"]
     """Inactive aircraft have left the scenario, or the row is unused. They do not move."""
     kind: Int[Array, "aircraft *batch"]

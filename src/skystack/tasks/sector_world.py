@@ -2,10 +2,10 @@
 
     reset(key) -> state
     instruct(state, clearance) -> state      changes what flights are cleared to; no time passes
-    advance(state) -> (state, cycle)         one radar cycle: arrivals, flight, departures
+    advance(state) -> (state, cycle)         one radar cycle: births, flight, exits
 
 A flight leaves when it crosses its exit, when it leaves the area elsewhere, or when it strays
-`FAR_NM` from the area without having entered it. Its slot is then free.
+far away (`FAR_NM`) without having entered it. Its slot is then free.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,8 @@ from skystack.simulator.traffic import Clearance, Traffic
 from skystack.tasks.progress import FlightPlan, Progress, ProgressTracker
 
 FAR_NM = 20.0
-"""A flight this far outside the bounding box of the area and the fixes has left."""
+"""A flight that has not entered the area has left if it is this far outside the bounding box of the
+area and the fixes."""
 
 
 class WorldState(NamedTuple):
@@ -59,12 +60,12 @@ class WorldCycle(NamedTuple):
     """Whether it leaves elsewhere, or has strayed without having entered."""
     exit_level_ticks: Float[Array, "slots *batch"]
     waiting: Int[Array, "*batch"]
-    """The number of flights that are held back."""
+    """The number of flights that wait to enter."""
 
 
 @dataclass(frozen=True)
 class World:
-    """Simulates arriving, flying and departing flights in a sector."""
+    """Simulates flights that arrive in a sector, fly through it and leave."""
 
     flow: Flow
 
