@@ -49,7 +49,7 @@ ABLATIONS: dict[str, dict[str, tuple[str, ...]]] = {
         "nothing": (),
         "the paper's observation of the other aircraft": (PAPER_PAIR,),
         "time advances during a stack": (NOT_STACKED,),
-        "no cost of predicted conflicts": ("task.reward.safety=0.0",),
+        "a cost of predicted conflicts": ("task.reward.safety=0.5",),
         "conflicts cost inside 5.5 NM": ("task.reward.conflict_nm=5.5",),
     },
 }

@@ -126,7 +126,7 @@ def test_the_onnx_example_issues_the_evaluated_clearances(folder):
     command = [sys.executable, "-W", "error", str(EXAMPLES / "onnx_session.py")]
     found = subprocess.run(command, capture_output=True, text=True, check=True)
     *printed, last = found.stdout.splitlines()
-    issued = pq.read_table(folder / "clearances.parquet", filters=[("scenario", "=", 2)])
+    issued = pq.read_table(folder / "clearances.parquet", filters=[("scenario", "=", 1)])
     assert issued.num_rows > 1
     assert printed == [
         f"{6 * each['cycle']:4d} s  {each['text']} (from {each['instructions']})"

@@ -114,7 +114,8 @@ def _of_limits(flown: FlownWorld, now: Expected, moved_nm: Values) -> Quantities
     """The limits of every aircraft, also on own navigation."""
     _, instructed, after = flown
     active, heading = instructed.active, after.heading_deg.astype(float)
-    floats = [leaf for leaf in after if leaf.dtype.kind == "f" and leaf.ndim == active.ndim]
+    leaves = [leaf for leaf in after if leaf is not None]  # some fields are optional
+    floats = [leaf for leaf in leaves if leaf.dtype.kind == "f" and leaf.ndim == active.ndim]
     wrong = np.sum(
         [~np.isfinite(leaf) for leaf in (*floats, after.position_nm.sum(axis=2))], axis=0
     )
