@@ -35,6 +35,8 @@ TWO_BATCHES, THREE_BATCHES = 8, 8
 """The maximum number of batches of plans with two and with three transmissions."""
 TRANSMISSION_CYCLES = 30
 """The cost of a transmission, in cycles of flying time."""
+NOT_CLEAR = 10_000.0
+"""The least cost of a plan with a conflict or with a wrong exit."""
 
 
 class Search:
@@ -87,14 +89,14 @@ class Search:
     def _plan(self, state: WorldState, slot: int) -> None:
         found = self._best(state, slot)
         self._keep(state, slot, found)
-        if found.blockers:
+        if not found.is_clear:
             self._unsafe.add(slot)
             self._repair(state, slot)
 
     def _repair(self, state: WorldState, slot: int) -> None:
         """Give another plan to this flight, or to one of those in its way."""
         found = self._best(state, slot)
-        if not found.blockers:
+        if found.is_clear:
             self._keep(state, slot, found)
             self._unsafe.discard(slot)
             return
@@ -103,7 +105,7 @@ class Search:
             if int(np.asarray(state.arrivals.held)[other]) or self._planned[other] == FREE:
                 continue
             moved = self._best(state, other)
-            if not moved.blockers:
+            if moved.is_clear:
                 self._keep(state, other, moved)
                 if len(found.blockers) == 1:
                     self._unsafe.discard(slot)
@@ -128,7 +130,7 @@ class Search:
             flown = jax.device_get(self.probe.fly(*rows, events))
             first = np.asarray(self.probe.conflicts(flown.ahead, other))
             best = _better(best, plans, events, flown, first[:, : len(numbers)], numbers)
-            if best is not None and not best.blockers:
+            if best is not None and best.is_clear:
                 return best
         assert best is not None
         return best
@@ -187,15 +189,17 @@ class _Found(NamedTuple):
 
     cost: float
     blockers: list[int]
-    """The slots of the flights with which it conflicts, the earliest conflict first.
-
-    If the plan has none but misses its exit or exit level, one other flight, if there is any.
-    """
+    """The slots of the flights with which it conflicts, the earliest conflict first."""
     position_nm: Float[np.ndarray, "cycles 2"]
     level_ticks: Float[np.ndarray, " cycles"]
     present: Bool[np.ndarray, " cycles"]
     events: Events
     """Without the axis of plans."""
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether it has no conflict and ends at the right exit and level."""
+        return self.cost < NOT_CLEAR
 
     def transmissions(self, slot: int) -> Iterator[tuple[int, Transmission]]:
         events = self.events
@@ -231,18 +235,16 @@ def _better(
     cost = (
         TRANSMISSION_CYCLES * sent
         + flown.cycles[:count]
-        + 10_000.0 * (conflicts > 0)
+        + NOT_CLEAR * (conflicts > 0)
         + 2_000.0 * conflicts
         - 5.0 * np.minimum(soonest, AHEAD) * (conflicts > 0)
-        + 100_000.0 * wrong
+        + 10.0 * NOT_CLEAR * wrong
     )
     number = int(np.argmin(cost))
     if best is not None and best.cost <= cost[number]:
         return best
     order = np.argsort(first[number], kind="stable")
     blockers = [int(numbers[each]) for each in order if first[number, each] < NEVER]
-    if wrong[number] and not blockers:
-        blockers = [int(numbers[0])] if len(numbers) else []
     return _Found(
         float(cost[number]),
         blockers,
