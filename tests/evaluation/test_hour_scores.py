@@ -31,7 +31,7 @@ def hour(paths, sent=(), **events):
         "exit_level_ticks": np.full(shape, ticks(300.0)),
         **{
             name: np.zeros(shape, dtype=bool)
-            for name in ("born", "held", "entered", "exited", "exited_correctly", "excursion")
+            for name in ("entered", "exited", "exited_correctly", "excursion")
         },
     }
     for slot, (flight, first, positions, levels) in enumerate(paths):
@@ -41,7 +41,6 @@ def hour(paths, sent=(), **events):
         values["position_nm"][rows, slot] = positions[1:]
         values["before_level_ticks"][rows, slot] = levels[:-1]
         values["level_ticks"][rows, slot] = levels[1:]
-        values["born"][first, slot] = True
         values["entered"][rows, slot] = True
     for name, marks in events.items():
         for cycle, slot, value in marks:
@@ -53,7 +52,6 @@ def hour(paths, sent=(), **events):
         waiting=np.zeros(CYCLES, dtype=int),
         sent=list(sent),
         decision_ms=np.arange(CYCLES, dtype=float),
-        fail_safe=np.empty(0, dtype=bool),
         **values,
     )
 
@@ -136,9 +134,6 @@ def test_a_flight_that_exits_is_measured():
         sent=[Sent(3, 0, Transmission(0, heading_deg=90)), Sent(9, 0, Transmission(0, fix=1))],
         exited=[(19, 0, True)],
         exited_correctly=[(19, 0, True)],
-    )
-    flown = flown._replace(
-        before_nm=flown.before_nm, position_nm=flown.position_nm, born=flown.born
     )
     (row,) = score(SECTOR, flown).flights
     assert (row.flight, row.birth, row.gone) == (0, 0, 19)

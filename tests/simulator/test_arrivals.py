@@ -57,6 +57,7 @@ def world(clock, rows, slots=4, uniforms=(0.5,)):
     arrivals = Arrivals(
         flight=nobody + FREE,
         candidate=nobody + FREE,
+        entry_level_ticks=jnp.zeros(slots),
         exit_level_ticks=jnp.zeros(slots),
         held=nobody,
         candidates=candidates(*rows),

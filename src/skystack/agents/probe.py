@@ -14,11 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from skystack.airspace.geometry import closest_approach_squared
 from skystack.simulator.simulator import Simulator, instruct
 from skystack.simulator.traffic import NO_TURN, Clearance, Traffic, ticks
 from skystack.tasks.progress import FlightPlan, Progress, ProgressTracker
 from skystack.tasks.sector_world import World
+from skystack.tasks.separation import least_distance_squared
 
 PLANS = 32
 """The number of plans flown at once."""
@@ -146,40 +146,33 @@ def _conflicts(
 ) -> Int[Array, "plans others"]:
     """The first cycle in which each plan is not separated from each other flight, or NEVER."""
 
-    def gaps(index: Int[Array, ""]) -> tuple[Array, Array, Array]:
-        mine, other = plans.position_nm[index][:, None], others.position_nm[index][None]
-        offset, middle = mine - other, (mine[..., 1] + other[..., 1]) / 2.0
-        offset = offset / plane.scale(middle.reshape(-1)).reshape(middle.shape)[..., None]
-        rise = plans.level_ticks[index][:, None] - others.level_ticks[index][None]
-        both = plans.present[index][:, None] & others.present[index][None]
-        return offset, rise, both
+    def half(ahead: Ahead) -> Array:
+        """Half the true length of a unit of the plane at each flight, `[cycles, flights]`."""
+        north = ahead.position_nm[..., 1]
+        return (0.5 / plane.scale(north.reshape(-1))).reshape(north.shape)
+
+    half_mine, half_other = half(plans), half(others)
+
+    def pairs(index: Int[Array, ""]) -> tuple[Array, Array, Array]:
+        """True offset `[plans, 2, others]`, vertical gap, and whether both are present."""
+        mine, other = plans.position_nm[index], others.position_nm[index]
+        length = half_mine[index][:, None] + half_other[index][None]
+        offset = (mine[:, :, None] - other.T[None]) * length[:, None]
+        gap = plans.level_ticks[index][:, None] - others.level_ticks[index][None]
+        return offset, gap, plans.present[index][:, None] & others.present[index][None]
 
     def step(
         carry: tuple[tuple[Array, Array, Array], Array], index: Int[Array, ""]
     ) -> tuple[tuple[tuple[Array, Array, Array], Array], None]:
-        (offset, rise, both), first = carry
-        after = gaps(index)
-        offset_after, rise_after, both_after = after
-        climb = rise_after - rise
-        per_tick = 1.0 / jnp.where(climb == 0.0, 1.0, climb)
-        low, high = (-least_ticks - rise) * per_tick, (least_ticks - rise) * per_tick
-        begins = jnp.maximum(jnp.minimum(low, high), 0.0)
-        ends = jnp.minimum(jnp.maximum(low, high), 1.0)
-        level = climb == 0.0
-        begins, ends = jnp.where(level, 0.0, begins), jnp.where(level, 1.0, ends)
-        near = jnp.where(level, jnp.abs(rise) < least_ticks, ends > begins)
-        flat = (-1, 2)
-        squared = closest_approach_squared(
-            offset.reshape(flat),
-            (offset_after - offset).reshape(flat),
-            begins.reshape(-1),
-            ends.reshape(-1),
-        ).reshape(rise.shape)
-        lost = near & both & both_after & (squared < least_nm**2)
+        (offset, gap, both), first = carry
+        after = pairs(index)
+        offset_after, gap_after, both_after = after
+        squared = least_distance_squared(offset, offset_after - offset, gap, gap_after, least_ticks)
+        lost = both & both_after & (squared < least_nm**2)
         return (after, jnp.minimum(first, jnp.where(lost, index, NEVER))), None
 
     shape = (plans.level_ticks.shape[1], others.level_ticks.shape[1])
-    start = (gaps(jnp.int32(0)), jnp.full(shape, NEVER, dtype=jnp.int32))
+    start = (pairs(jnp.int32(0)), jnp.full(shape, NEVER, dtype=jnp.int32))
     indices = jnp.arange(1, plans.level_ticks.shape[0], dtype=jnp.int32)
     (_, first), _ = jax.lax.scan(step, start, indices)
     return first

@@ -3,8 +3,8 @@
 Trial plans over fixes, headings and levels are flown ahead with the simulator in batches, those
 with few transmissions first. A new flight gets the cheapest plan of the first batch in which one is
 clear of all other plans; the cost is flying time and transmissions. If no batch has one, flights in
-its way are given other plans. The plans are carried out as they fall due. (The idea
-of trial plans is that of AutoResolver: Erzberger, ICAS 2008.)
+its way are given other plans. The plans are carried out as they fall due. (The idea of trial plans
+is that of AutoResolver: Erzberger, ICAS 2008.)
 """
 
 from collections.abc import Iterator
@@ -31,6 +31,10 @@ from skystack.simulator.arrivals import FREE
 from skystack.simulator.traffic import DIRECT, SHORTEST
 from skystack.tasks.sector_world import World, WorldState
 
+MOVED = 2
+"""At most so many of the flights in the way of a flight are given other plans."""
+OTHERS = 32
+"""Other flights are padded to a multiple of this number, so that few programs are compiled."""
 TWO_BATCHES, THREE_BATCHES = 8, 8
 """The maximum number of batches of plans with two and with three transmissions."""
 TRANSMISSION_CYCLES = 30
@@ -65,19 +69,16 @@ class Search:
         """Slots whose plans are in conflict."""
 
     def transmit(self, state: WorldState) -> list[Transmission]:
-        cycle = int(state.arrivals.cycle)
+        cycle, flight = int(state.arrivals.cycle), np.asarray(state.arrivals.flight)
         while self._cycle < cycle:
             self._shift()
-        flight, held = np.asarray(state.arrivals.flight), np.asarray(state.arrivals.held)
         gone: Bool[np.ndarray, " slots"] = np.not_equal(self._planned, flight)
         self._present[:, gone] = False
         self._unsafe -= set(np.flatnonzero(gone).tolist())
         self._planned[gone] = FREE
-        ready = np.flatnonzero((flight != FREE) & (held == 0) & (self._planned == FREE))
-        for slot in ready.tolist():
+        ready = (flight != FREE) & (state.arrivals.held == 0) & (self._planned == FREE)
+        for slot in [*np.flatnonzero(ready).tolist(), *sorted(self._unsafe)]:
             self._plan(state, slot)
-        for slot in sorted(self._unsafe):
-            self._repair(state, slot)
         return [each for number, each in self._due.pop(cycle, []) if flight[each.slot] == number]
 
     def _shift(self) -> None:
@@ -87,40 +88,26 @@ class Search:
         self._cycle += 1
 
     def _plan(self, state: WorldState, slot: int) -> None:
+        """Give a flight a plan; if none is clear, give other plans to flights in its way."""
         found = self._best(state, slot)
         self._keep(state, slot, found)
-        if not found.is_clear:
-            self._unsafe.add(slot)
-            self._repair(state, slot)
-
-    def _repair(self, state: WorldState, slot: int) -> None:
-        """Give another plan to this flight, or to one of those in its way."""
-        found = self._best(state, slot)
+        self._unsafe.discard(slot)
         if found.is_clear:
-            self._keep(state, slot, found)
-            self._unsafe.discard(slot)
             return
-        self._keep(state, slot, found)
-        for other in found.blockers[:2]:
-            if int(np.asarray(state.arrivals.held)[other]) or self._planned[other] == FREE:
-                continue
+        for other in found.blockers[:MOVED]:
             moved = self._best(state, other)
             if moved.is_clear:
                 self._keep(state, other, moved)
                 if len(found.blockers) == 1:
-                    self._unsafe.discard(slot)
                     return
+        self._unsafe.add(slot)
 
     def _best(self, state: WorldState, slot: int) -> "_Found":
         """The best plan for a flight: without conflicts if possible."""
-        others = np.asarray(np.any(self._present, axis=0))
-        others[slot] = False
-        numbers = np.flatnonzero(others)
-        padded = (
-            np.append(numbers, np.full(-len(numbers) % 32, slot))
-            if len(numbers)
-            else (np.full(32, slot))
-        )
+        numbers = np.flatnonzero(np.any(self._present, axis=0))
+        numbers = numbers[numbers != slot]
+        missing = max(OTHERS - len(numbers), -len(numbers) % OTHERS)
+        padded = np.pad(numbers, (0, missing), constant_values=slot)
         present = self._present[:, padded] & (padded != slot)
         other = Ahead(self._position[:, padded], self._level[:, padded], present)
         rows = _rows(state, slot)
@@ -148,7 +135,7 @@ class Search:
     def _events(self, state: WorldState, slot: int, plans: list[Plan]) -> Events:
         """Plans as events, at cycles in which the radio is free."""
         events = no_events(PLANS)
-        heading = float(np.asarray(state.traffic.heading_deg)[slot])
+        heading = float(state.traffic.heading_deg[slot])
         busy = {cycle for cycle, due in self._due.items() if self._taken(due, slot)}
         for number, plan in enumerate(plans):
             taken: set[int] = set()
@@ -173,7 +160,7 @@ class Search:
 
     def _keep(self, state: WorldState, slot: int, found: "_Found") -> None:
         """Replace a flight's plan."""
-        flight = int(np.asarray(state.arrivals.flight)[slot])
+        flight = int(state.arrivals.flight[slot])
         self._planned[slot] = flight
         self._position[:, slot] = found.position_nm
         self._level[:, slot] = found.level_ticks
@@ -259,8 +246,7 @@ def _rows(state: WorldState, slot: int) -> tuple[Any, Any, Any]:
     """The state of a flight, once for each plan."""
 
     def repeat(values: np.ndarray) -> np.ndarray:
-        values = np.asarray(values)
-        if values.ndim == 0:
+        if values.ndim == 0:  # the number of cycles flown
             return values
         return np.repeat(values[slot : slot + 1], PLANS, axis=0)
 

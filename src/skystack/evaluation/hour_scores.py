@@ -75,23 +75,22 @@ class Scores(NamedTuple):
 
 def score(sector: Sector, hour: Hour) -> Scores:
     """Score an hour."""
-    losses = _pair_events(sector, hour, sector.loss_below_nm)
-    near = _pair_events(sector, hour, CLOSE_NM)
-    excursions = np.any(hour.excursion, axis=1)
-    wrong = np.any(hour.exited & ~hour.exited_correctly, axis=1)
-    left = _cycles(excursions)
-    inside = [each for each in losses if each.inside_cycle is not None]
-    lax = _first([*left, *_inside_cycles(inside)], hour)
-    avoidable = [each for each in inside if not each.at_birth]
+    below_nm = sector.loss_below_nm
+    approaches = _approaches(sector, hour, max(below_nm, CLOSE_NM))
+    losses = _pair_events(hour, approaches, below_nm)
+    left = _cycles(np.any(hour.excursion, axis=1))
+    wrong = _cycles(np.any(hour.exited & ~hour.exited_correctly, axis=1))
+    lax = _first([*left, *_inside_cycles(losses)], hour)
+    avoidable = [each for each in losses if not each.at_birth]
     lax_without_births = _first([*left, *_inside_cycles(avoidable)], hour)
     return Scores(
         hour=hour,
         flights=_flight_rows(sector, hour),
         losses=losses,
-        close_pairs=near,
+        close_pairs=_pair_events(hour, approaches, CLOSE_NM),
         lax_s=lax,
         lax_without_births_s=lax_without_births,
-        strict_s=min(lax, _first(_cycles(wrong), hour)),
+        strict_s=min(lax, _first(wrong, hour)),
     )
 
 
@@ -108,54 +107,55 @@ def _first(cycles: Iterable[int], hour: Hour) -> float:
     return float(CYCLE_S * min([cycle + 1 for cycle in cycles], default=len(hour.flight)))
 
 
-def _pair_events(sector: Sector, hour: Hour, below_nm: float) -> list[PairEvent]:
-    """The first time that each pair of flights is closer than a distance."""
-    cycles, slots = hour.flight.shape
-    first, second = np.triu_indices(slots, k=1)
+class _Approaches(NamedTuple):
+    """The cycles in which two flights are close, in order of the cycles."""
+
+    cycle: Int[np.ndarray, " n"]
+    slots: Int[np.ndarray, "n 2"]
+    squared_nm2: Float[np.ndarray, " n"]
+    """The square of the minimum distance in the cycle without vertical separation."""
+
+
+def _approaches(sector: Sector, hour: Hour, below_nm: float) -> _Approaches:
+    """All cycles in which two flights are closer than a distance."""
+    pairs = np.stack(np.triu_indices(hour.flight.shape[1], k=1), axis=1)
+    squared_nm2 = compiled_squared_nm2(sector.plane, sector.separation_fl)
+    present = hour.flight != FREE
+    parts = []
+    for begin in range(0, len(hour.flight), _CYCLES):
+        rows = slice(begin, begin + _CYCLES)
+        moved = (hour.before_nm, hour.position_nm, hour.before_level_ticks, hour.level_ticks)
+        squared = np.asarray(squared_nm2(*(np.moveaxis(each[rows], 0, -1) for each in moved))).T
+        both = present[rows][:, pairs].all(axis=2)
+        cycle, pair = np.nonzero((squared < below_nm**2) & both)
+        parts.append(_Approaches(begin + cycle, pairs[pair], squared[cycle, pair]))
+    return _Approaches(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+
+
+def _pair_events(hour: Hour, approaches: _Approaches, below_nm: float) -> list[PairEvent]:
+    """The first time that each pair of flights is closer than a distance, in order of time."""
     found: dict[tuple[int, int], PairEvent] = {}
     moved = _first_moves(hour)
-    squared_nm2 = compiled_squared_nm2(sector.plane, sector.separation_fl)
-    for begin in range(0, cycles, _CYCLES):
-        rows = slice(begin, begin + _CYCLES)
-        squared = np.asarray(
-            squared_nm2(
-                *(
-                    np.moveaxis(values[rows], 0, -1)
-                    for values in (
-                        hour.before_nm,
-                        hour.position_nm,
-                        hour.before_level_ticks,
-                        hour.level_ticks,
-                    )
-                )
-            )
-        )
-        present = (hour.flight[rows] != FREE).T
-        close = (squared < below_nm**2) & present[first] & present[second]
-        for cycle, pair in np.argwhere(close.T).tolist():
-            at = begin + cycle
-            a, b = hour.flight[at, first[pair]], hour.flight[at, second[pair]]
-            older, younger = (int(a), int(b)) if a < b else (int(b), int(a))
-            entered = hour.entered[at, first[pair]] & hour.entered[at, second[pair]]
-            inside = at if entered else None
-            known = found.get((older, younger))
-            if known is None:
-                at_birth = at <= moved[younger]
-                found[older, younger] = PairEvent(at, older, younger, at_birth, inside)
-            elif known.inside_cycle is None:
-                found[older, younger] = known._replace(inside_cycle=inside)
-    return [found[pair] for pair in sorted(found, key=lambda pair: found[pair].cycle)]
+    close = approaches.squared_nm2 < below_nm**2
+    for cycle, slots in zip(approaches.cycle[close], approaches.slots[close], strict=True):
+        at = int(cycle)
+        older, younger = sorted(hour.flight[at, slots].tolist())
+        inside = at if hour.entered[at, slots].all() else None
+        known = found.get((older, younger))
+        if known is None:
+            at_birth = at <= moved.get(younger, len(hour.flight))
+            found[older, younger] = PairEvent(at, older, younger, at_birth, inside)
+        elif known.inside_cycle is None:
+            found[older, younger] = known._replace(inside_cycle=inside)
+    return list(found.values())
 
 
 def _first_moves(hour: Hour) -> dict[int, int]:
-    """The first cycle in which each flight moves."""
+    """The first cycle in which each flight moves, if it does."""
     moves: dict[int, int] = {}
     still = np.all(hour.before_nm == hour.position_nm, axis=-1)
     for cycle, slot in np.argwhere(~still & (hour.flight != FREE)).tolist():
         moves.setdefault(int(hour.flight[cycle, slot]), cycle)
-    last = len(hour.flight)
-    for flight in np.unique(hour.flight[hour.flight != FREE]).tolist():
-        moves.setdefault(flight, last)
     return moves
 
 
@@ -164,11 +164,8 @@ def _flight_rows(sector: Sector, hour: Hour) -> list[FlightRow]:
         [each.flight for each in hour.sent], minlength=int(hour.flight.max(initial=0)) + 1
     )
     rows = []
-    for slot in range(hour.flight.shape[1]):
-        column = hour.flight[:, slot]
-        starts = np.flatnonzero((column != FREE) & (np.append(FREE, column[:-1]) != column))
-        for start in starts.tolist():
-            flight = int(column[start])
+    for slot, column in enumerate(hour.flight.T):
+        for flight in np.unique(column[column != FREE]).tolist():
             cycles = np.flatnonzero(column == flight)
             rows.append(_flight_row(sector, hour, slot, cycles, int(sent[flight])))
     return sorted(rows)
@@ -232,7 +229,6 @@ def summary(scores: Sequence[Scores], agent: str, traffic: str) -> dict[str, Any
     transmissions = sum(len(each.hour.sent) for each in scores)
     hours = minutes / 60.0
     decisions = np.concatenate([each.hour.decision_ms for each in scores])
-    safe = np.concatenate([each.hour.fail_safe for each in scores])
 
     def rate(count: float, total: float) -> float | None:
         return count / total if total else None
@@ -253,7 +249,7 @@ def summary(scores: Sequence[Scores], agent: str, traffic: str) -> dict[str, Any
         "losses_of_separation": len(losses),
         "losses_at_birth": sum(event.at_birth for event in losses),
         "close_pairs": sum(len(each.close_pairs) for each in scores),
-        "fail_safe_rate": mean(safe),
+        "fail_safe_rate": None,  # not measured yet
         "correct_exit_rate": rate(sum(row.correct for row in gone), len(gone)),
         "exit_rate": rate(len(exited), len(gone)),
         "excursion_rate": rate(sum(row.excursion for row in gone), len(gone)),

@@ -37,9 +37,6 @@ class Hour(NamedTuple):
     level_ticks: Float[np.ndarray, "cycles slots"]
     ground_speed_kt: Float[np.ndarray, "cycles slots"]
     exit_level_ticks: Float[np.ndarray, "cycles slots"]
-    born: Bool[np.ndarray, "cycles slots"]
-    held: Bool[np.ndarray, "cycles slots"]
-    """Whether the flight is a newborn that did not hear clearances before this cycle."""
     entered: Bool[np.ndarray, "cycles slots"]
     exited: Bool[np.ndarray, "cycles slots"]
     exited_correctly: Bool[np.ndarray, "cycles slots"]
@@ -48,8 +45,6 @@ class Hour(NamedTuple):
     sent: list[Sent]
     decision_ms: Float[np.ndarray, " cycles"]
     """The time that the agent took before each cycle."""
-    fail_safe: Bool[np.ndarray, " checks"]
-    """Whether separation would be kept without further clearances. Not checked yet: empty."""
 
 
 class HourFlyer:
@@ -83,7 +78,7 @@ class HourFlyer:
         """
         state = jax.device_get(self._reset(scenario_key(seed, number)))
         agent.begin(state)
-        cycles, held, sent, decision_ms = [], [], [], []
+        cycles, sent, decision_ms = [], [], []
         for index in range(self.cycles):
             began = time.perf_counter()
             transmissions = agent.transmit(state)
@@ -91,13 +86,12 @@ class HourFlyer:
             self._check(state, transmissions)
             flight = state.arrivals.flight
             sent += [Sent(index, int(flight[each.slot]), each) for each in transmissions]
-            held.append(state.arrivals.held > 0)
             if transmissions:
                 state = self._instruct(state, clearance_of(transmissions, len(flight)))
             state, cycle = jax.device_get(self._advance(state))
             cycles.append(cycle)
             on_cycle(index + 1)
-        return _hour(number, cycles, held, sent, decision_ms)
+        return _hour(number, cycles, sent, decision_ms)
 
     def _check(self, state: WorldState, transmissions: list[Transmission]) -> None:
         if len(transmissions) > self.per_cycle:
@@ -110,34 +104,24 @@ class HourFlyer:
 
 
 def _hour(
-    number: int,
-    cycles: list[WorldCycle],
-    held: list[np.ndarray],
-    sent: list[Sent],
-    decision_ms: list[float],
+    number: int, cycles: list[WorldCycle], sent: list[Sent], decision_ms: list[float]
 ) -> Hour:
-    def stack(values: list[Any]) -> Any:
-        return np.stack(values)
-
-    traffic = [cycle.traffic for cycle in cycles]
+    stacked: Any = jax.tree.map(lambda *values: np.stack(values), *cycles)
     return Hour(
         number=number,
-        flight=stack([cycle.flight for cycle in cycles]),
-        route=stack([each.route for each in traffic]),
-        before_nm=stack([cycle.before_nm for cycle in cycles]),
-        position_nm=stack([each.position_nm for each in traffic]),
-        before_level_ticks=stack([cycle.before_level_ticks for cycle in cycles]),
-        level_ticks=stack([each.level_ticks for each in traffic]),
-        ground_speed_kt=stack([each.ground_speed_kt for each in traffic]),
-        exit_level_ticks=stack([cycle.exit_level_ticks for cycle in cycles]),
-        born=stack([cycle.born for cycle in cycles]),
-        held=stack(held),
-        entered=stack([cycle.entered for cycle in cycles]),
-        exited=stack([cycle.exited for cycle in cycles]),
-        exited_correctly=stack([cycle.exited_correctly for cycle in cycles]),
-        excursion=stack([cycle.excursion for cycle in cycles]),
-        waiting=stack([cycle.waiting for cycle in cycles]),
+        flight=stacked.flight,
+        route=stacked.traffic.route,
+        before_nm=stacked.before_nm,
+        position_nm=stacked.traffic.position_nm,
+        before_level_ticks=stacked.before_level_ticks,
+        level_ticks=stacked.traffic.level_ticks,
+        ground_speed_kt=stacked.traffic.ground_speed_kt,
+        exit_level_ticks=stacked.exit_level_ticks,
+        entered=stacked.entered,
+        exited=stacked.exited,
+        exited_correctly=stacked.exited_correctly,
+        excursion=stacked.excursion,
+        waiting=stacked.waiting,
         sent=sent,
         decision_ms=np.array(decision_ms),
-        fail_safe=np.empty(0, dtype=bool),
     )

@@ -137,11 +137,10 @@ def _cleared_heading_deg(aircraft: Any) -> float:
 
     An aircraft whose own navigation has ended may still be turning to the last fix.
     """
-    cleared = aircraft.selected_instructions.heading
+    cleared = None if aircraft.on_route else aircraft.selected_instructions.heading
     if cleared is None and not aircraft.on_route:
         cleared = aircraft.heading_changing_to
-    on_own_navigation = cleared is None or aircraft.on_route
-    return float(aircraft.heading if on_own_navigation else cleared)
+    return float(aircraft.heading if cleared is None else cleared)
 
 
 def _simulator(scenario: Scenario, names: Mapping[str, str]) -> Any:

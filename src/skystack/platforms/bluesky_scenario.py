@@ -16,6 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from skystack.errors import InputError
+from skystack.platforms.flight import command_of
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.languages import bluesky_commands
 from skystack.platforms.protocol import check_types
@@ -202,12 +203,7 @@ def _instruction(given: ScheduledClearance) -> Instruction:
             f"turn is {given.turn!r} in cycle {given.cycle} for {given.callsign} "
             "(allowed in a BlueSky scenario file: shortest)"
         )
-    return Instruction(
-        given.callsign,
-        heading_deg=given.heading_deg,
-        level_fl=given.fl,
-        direct_to=given.direct_to,
-    )
+    return command_of(given)
 
 
 def _clock(cycle: int) -> str:

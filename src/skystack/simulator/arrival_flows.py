@@ -15,14 +15,7 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from skystack.airspace.geometry import direction
 from skystack.errors import InputError
-from skystack.simulator.arrivals import (
-    FREE,
-    Admission,
-    Arrivals,
-    Candidates,
-    Clock,
-    place,
-)
+from skystack.simulator.arrivals import FREE, Admission, Arrivals, Candidates, Clock, enter
 from skystack.simulator.simulator import CYCLE_S, Simulator
 from skystack.simulator.traffic import Traffic, start, ticks
 
@@ -97,11 +90,12 @@ class Flow:
         """The arrivals and the traffic at cycle 0."""
         candidate_key, starter_key, clock_key = jax.random.split(key, 3)
         zero = jnp.zeros((), dtype=jnp.int32)
-        nobody = jnp.zeros(self.slots, dtype=jnp.int32)
+        nobody, level = jnp.zeros(self.slots, dtype=jnp.int32), jnp.zeros(self.slots)
         arrivals = Arrivals(
             flight=nobody + FREE,
             candidate=nobody + FREE,
-            exit_level_ticks=jnp.zeros(self.slots, dtype=jnp.float32),
+            entry_level_ticks=level,
+            exit_level_ticks=level,
             held=nobody,
             candidates=self._candidates(candidate_key),
             uniforms=jax.random.uniform(clock_key, (self.cycles,)),
@@ -112,15 +106,9 @@ class Flow:
             last_birth_s=jnp.zeros((), dtype=jnp.float32),
             cycle=zero,
         )
-        traffic = self.empty()
-        return (
-            self._with_starters(arrivals, traffic, starter_key)
-            if self.starters
-            else (
-                arrivals,
-                traffic,
-            )
-        )
+        if not self.starters:
+            return arrivals, self.empty()
+        return self._with_starters(arrivals, self.empty(), starter_key)
 
     def empty(self) -> Traffic:
         """Traffic without any flight."""
@@ -203,12 +191,5 @@ class Flow:
         for number in range(self.starters):
             here = jnp.arange(self.slots) == number
             flight: Candidates = jax.tree.map(lambda values, n=number: values[n], flights)
-            traffic = place(self.simulator, traffic, here, flight)
-            arrivals = arrivals._replace(
-                flight=jnp.where(here, number, arrivals.flight),
-                exit_level_ticks=jnp.where(
-                    here, flight.exit_level_ticks, arrivals.exit_level_ticks
-                ),
-                born=arrivals.born + 1,
-            )
+            arrivals, traffic = enter(self.simulator, arrivals, traffic, here, flight)
         return arrivals, traffic

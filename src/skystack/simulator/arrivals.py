@@ -1,8 +1,8 @@
 """Arrivals, as in queueing: flights that enter the traffic while the simulation runs.
 
 Candidates are drawn at reset. Before each cycle, the clock decides how many flights are due, and
-each due flight is the first of its next candidates that is clear of the traffic. It takes the
-lowest free slot and keeps it for life.
+for each of them, the first candidate that is clear of the traffic enters. It takes the lowest free
+slot and keeps it until it leaves.
 
     admit(arrivals, traffic)  -> (arrivals, traffic)    before a cycle is flown
     fly(simulator, arrivals, traffic) -> (arrivals, traffic)    the cycle: newborns are held
@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Float, Int
 from skystack.airspace.geometry import length
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S, Simulator
-from skystack.simulator.traffic import NO_TURN, Traffic
+from skystack.simulator.traffic import Traffic, start, where_aircraft
 
 FREE = -1
 """The flight of a free slot."""
@@ -56,7 +56,8 @@ class Arrivals(NamedTuple):
     flight: Int[Array, "slots *batch"]
     """The number of the flight in each slot, from 0 in order of birth; FREE if there is none."""
     candidate: Int[Array, "slots *batch"]
-    """The candidate that each flight was."""
+    """The index of the candidate that became each flight."""
+    entry_level_ticks: Float[Array, "slots *batch"]
     exit_level_ticks: Float[Array, "slots *batch"]
     held: Int[Array, "slots *batch"]
     """The number of cycles for which a newborn is still held at its position."""
@@ -187,9 +188,8 @@ class Admission:
         slot = jnp.argmax(free, axis=0).astype(jnp.int32)
         has_slot = jnp.any(free, axis=0)
         born = wanted & found & has_slot
-        used = jnp.where(found, first + 1, attempts)
-        # Without a free slot, nothing was tried.
-        used = jnp.where(wanted & has_slot, used, 0)
+        # Without a free slot, no candidate is tried.
+        used = jnp.where(wanted & has_slot, jnp.where(found, first + 1, attempts), 0)
         waits = wanted & ~born
         refused = waits & has_slot & clock.unchecked_twins
         chosen: Candidates = jax.tree.map(lambda values: _pick(values, first), tried)
@@ -199,19 +199,14 @@ class Admission:
         number = _pick(index, first)
         time_s = (arrivals.cycle * CYCLE_S).astype(jnp.float32)
         arrivals = arrivals._replace(
-            flight=jnp.where(here, arrivals.born[None], arrivals.flight),
             candidate=jnp.where(here, number[None], arrivals.candidate),
-            exit_level_ticks=jnp.where(
-                here, chosen.exit_level_ticks[None], arrivals.exit_level_ticks
-            ),
             held=jnp.where(here, hold, arrivals.held),
             used=arrivals.used + used,
-            born=arrivals.born + born.astype(jnp.int32),
             waiting=arrivals.waiting + (waits & ~refused).astype(jnp.int32),
             refused=arrivals.refused + refused.astype(jnp.int32),
             last_birth_s=jnp.where(born, time_s + CYCLE_S, arrivals.last_birth_s),
         )
-        return arrivals, place(self.simulator, traffic, here, chosen)
+        return enter(self.simulator, arrivals, traffic, here, chosen)
 
     def _clear(self, tried: Candidates, traffic: Traffic) -> Bool[Array, "attempts *batch"]:
         """Whether each candidate is clear of the traffic."""
@@ -230,47 +225,38 @@ class Admission:
         return ~jnp.any(close & traffic.active[None], axis=1)
 
 
-def place(
+def enter(
     simulator: Simulator,
+    arrivals: Arrivals,
     traffic: Traffic,
     here: Bool[Array, "slots *batch"],
     flight: Candidates,
-) -> Traffic:
-    """Put a new flight into the slot of each scenario that the mask marks.
+) -> tuple[Arrivals, Traffic]:
+    """Let a flight enter the traffic in the slot that the mask marks, in level flight.
 
-    `flight` has no axis for candidates. The flight holds its heading and level.
+    `flight` has no axis for candidates. Where the mask marks no slot, nothing changes.
     """
-    zero = jnp.zeros((), dtype=jnp.float32)
-
-    def put(new: Array, old: Array) -> Array:
-        return jnp.where(here if old.ndim == here.ndim else here[:, None], new, old)
-
-    heading, level = flight.heading_deg[None], flight.entry_level_ticks[None]
-    ground_speed = simulator.level_ground_speed_kt(level) * flight.airspeed_factor[None]
-    values = {
-        "position_nm": flight.position_nm[None],
-        "heading_deg": heading,
-        "level_ticks": level,
-        "ground_speed_kt": ground_speed,
-        "vertical_speed_ft_min": zero,
-        "flown_heading_deg": heading,
-        "turn_deg": zero,
-        "flown_level_ticks": level,
-        "cleared_heading_deg": heading,
-        "cleared_level_ticks": level,
-        "pending_turn": jnp.int32(NO_TURN),
-        "own_navigation": jnp.asarray(False),
-        "route": flight.route[None],
-        "next_fix": jnp.int32(1),
-        "turn_radius_nm": zero,
-        "active": jnp.asarray(True),
-        "cleared_fix": jnp.int32(1),
-        "airspeed_factor": flight.airspeed_factor[None],
-        "climb_factor": flight.climb_factor[None],
-    }
-    return traffic._replace(
-        **{name: put(new, getattr(traffic, name)) for name, new in values.items()}
+    level = flight.entry_level_ticks[None]
+    newborn = start(
+        position_nm=flight.position_nm[None],
+        heading_deg=flight.heading_deg[None],
+        level_ticks=level,
+        route=flight.route[None],
+        ground_speed_kt=simulator.level_ground_speed_kt(level) * flight.airspeed_factor[None],
+        own_navigation=jnp.zeros_like(level, dtype=bool),
     )
+    newborn = newborn._replace(
+        cleared_fix=newborn.next_fix,
+        airspeed_factor=flight.airspeed_factor[None],
+        climb_factor=flight.climb_factor[None],
+    )
+    arrivals = arrivals._replace(
+        flight=jnp.where(here, arrivals.born[None], arrivals.flight),
+        entry_level_ticks=jnp.where(here, level, arrivals.entry_level_ticks),
+        exit_level_ticks=jnp.where(here, flight.exit_level_ticks[None], arrivals.exit_level_ticks),
+        born=arrivals.born + jnp.any(here, axis=0).astype(jnp.int32),
+    )
+    return arrivals, where_aircraft(here, newborn, traffic)
 
 
 def fly(simulator: Simulator, arrivals: Arrivals, traffic: Traffic) -> tuple[Arrivals, Traffic]:

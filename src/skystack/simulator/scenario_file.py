@@ -213,17 +213,16 @@ def _checked(file: _FileEntry, folder: Path) -> Scenario:
         _checked_aircraft(f"aircraft[{index}]", entry, sector)
         for index, entry in enumerate(file.aircraft)
     )
-    callsigns = {entry.callsign for entry in file.aircraft}
+    routes = {entry.callsign: entry.route for entry in file.aircraft}
     for index, clearance in enumerate(file.clearances):
         where = f"clearances[{index}]"
-        if clearance.callsign not in callsigns:
+        if clearance.callsign not in routes:
             with error_context(f"{where}.callsign"):
-                raise unknown_name("callsign", clearance.callsign, callsigns)
+                raise unknown_name("callsign", clearance.callsign, routes)
         if not 0 <= clearance.cycle < file.cycles:
             allowed = f"0 to {file.cycles - 1}, which is cycles - 1"
             raise not_allowed(f"{where}.cycle", clearance.cycle, allowed)
-        route = next(each.route for each in aircraft if each.callsign == clearance.callsign)
-        _check_clearance(where, clearance, sector, route)
+        _check_clearance(where, clearance, sector, routes[clearance.callsign])
     return Scenario(sector, file.performance, file.cycles, aircraft, file.clearances, file.fleet)
 
 

@@ -8,7 +8,6 @@ and then adopts the new ones.
 from dataclasses import dataclass
 from functools import partial
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -26,6 +25,7 @@ from skystack.simulator.traffic import (
     RIGHT,
     Clearance,
     Traffic,
+    where_aircraft,
 )
 
 CYCLE_S = 6
@@ -76,7 +76,7 @@ class Simulator:
             if self.own_navigation:  # steering needs the current position
                 flown = flown._replace(position_nm=move(start_nm, moved_nm))
         flown = flown._replace(position_nm=subroutine(move, start_nm, moved_nm))
-        return adopt(_where_active(flown, traffic))
+        return adopt(where_aircraft(traffic.active, flown, traffic))
 
     def level_ground_speed_kt(
         self,
@@ -201,13 +201,3 @@ def turn_to_deg(
     """
     turn = wrap_180(target_deg - heading_deg)
     return jnp.where((turn == -180.0) & (target_deg > heading_deg), 180.0, turn)
-
-
-def _where_active(flown: Traffic, previous: Traffic) -> Traffic:
-    """The flown state of active aircraft and the previous state of the others."""
-
-    def pick(new: Array, old: Array) -> Array:
-        active = previous.active if new.ndim == previous.active.ndim else previous.active[:, None]
-        return jnp.where(active, new, old)
-
-    return jax.tree.map(pick, flown, previous)

@@ -1,13 +1,16 @@
 """The state of the traffic as any simulator can report it, with one row per aircraft."""
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from skystack.airspace.projection import MercatorPlane
 from skystack.simulator.performance import TICKS_PER_FL
+
+Tree = TypeVar("Tree")
 
 NO_TURN, SHORTEST, LEFT, RIGHT, DIRECT = range(5)
 """Directions of the turn to a newly cleared heading; NO_TURN means that none was cleared, DIRECT
@@ -109,6 +112,19 @@ def start(
         active=jnp.ones_like(own_navigation),
         kind=jnp.zeros_like(route) if kind is None else kind,
     )
+
+
+def where_aircraft(mask: Bool[Array, "aircraft *batch"], yes: Tree, no: Tree) -> Tree:
+    """Select from two pytrees of arrays, aircraft by aircraft.
+
+    An array has the axes of the mask, or one more after that of the aircraft.
+    """
+
+    def pick(a: Array, b: Array) -> Array:
+        return jnp.where(mask if b.ndim == mask.ndim else mask[:, None], a, b)
+
+    picked: Tree = jax.tree.map(pick, yes, no)
+    return picked
 
 
 def callsigns(aircraft: int) -> list[str]:

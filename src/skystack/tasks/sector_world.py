@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skystack.airspace.sector import Sector
@@ -21,7 +20,7 @@ from skystack.compilation.subroutine import subroutine
 from skystack.simulator.arrival_flows import Flow
 from skystack.simulator.arrivals import FREE, Arrivals, fly, release
 from skystack.simulator.simulator import Simulator, instruct
-from skystack.simulator.traffic import Clearance, Traffic
+from skystack.simulator.traffic import Clearance, Traffic, where_aircraft
 from skystack.tasks.progress import FlightPlan, Progress, ProgressTracker
 
 FAR_NM = 20.0
@@ -34,8 +33,12 @@ class WorldState(NamedTuple):
 
     traffic: Traffic
     arrivals: Arrivals
-    plan: FlightPlan
     progress: Progress
+
+    @property
+    def plan(self) -> FlightPlan:
+        """The entry and exit level of the flight in each slot."""
+        return FlightPlan(self.arrivals.entry_level_ticks, self.arrivals.exit_level_ticks)
 
 
 class WorldCycle(NamedTuple):
@@ -84,8 +87,7 @@ class World:
     def reset(self, key: PRNGKeyArray) -> WorldState:
         """The state at cycle 0."""
         arrivals, traffic = self.flow.draw(key)
-        plan = FlightPlan(traffic.level_ticks, arrivals.exit_level_ticks)
-        return WorldState(traffic, arrivals, plan, self.tracker.begin(traffic))
+        return WorldState(traffic, arrivals, self.tracker.begin(traffic))
 
     def instruct(self, state: WorldState, clearance: Clearance) -> WorldState:
         """Issue clearances. Newborns that are still held do not hear them."""
@@ -98,7 +100,7 @@ class World:
         before = state.arrivals.flight
         arrivals, traffic = self.flow.admission.admit(state.arrivals, state.traffic)
         born = (arrivals.flight != before) & (arrivals.flight != FREE)
-        state = self._begin(state, arrivals, traffic, born)
+        state = WorldState(traffic, arrivals, self._begin(state.progress, traffic, born))
         arrivals, flown = fly(self.simulator, arrivals, traffic)
         progress = subroutine(self.tracker.update, state.progress, state.plan, flown)
         strayed = flown.active & ~progress.entered & self._is_far(flown)
@@ -118,33 +120,19 @@ class World:
             waiting=arrivals.waiting,
         )
         arrivals, left = release(arrivals, flown, exited | excursion)
-        return WorldState(left, arrivals, state.plan, progress), cycle
+        return WorldState(left, arrivals, progress), cycle
 
     def _begin(
-        self,
-        state: WorldState,
-        arrivals: Arrivals,
-        traffic: Traffic,
-        born: Bool[Array, "slots *batch"],
-    ) -> WorldState:
-        """Begin the progress of newborn flights."""
-        fresh = self.tracker.begin(traffic)._replace(cycles=state.progress.cycles)
-
-        def pick(new: Array, old: Array) -> Array:
-            if new.ndim < born.ndim:  # the number of cycles
-                return old
-            return jnp.where(born if new.ndim == born.ndim else born[:, None], new, old)
-
-        plan = FlightPlan(
-            jnp.where(born, traffic.level_ticks, state.plan.entry_level_ticks),
-            arrivals.exit_level_ticks,
-        )
-        return WorldState(traffic, arrivals, plan, jax.tree.map(pick, fresh, state.progress))
+        self, progress: Progress, traffic: Traffic, born: Bool[Array, "slots *batch"]
+    ) -> Progress:
+        """The progress, begun afresh for newborn flights."""
+        fresh = self.tracker.begin(traffic)
+        # All fields but the last are per aircraft; the last is the number of cycles flown.
+        return Progress(*where_aircraft(born, fresh[:-1], progress[:-1]), cycles=progress.cycles)
 
     def _is_far(self, traffic: Traffic) -> Bool[Array, "slots *batch"]:
         """Whether flights are far outside the area."""
-        sector = self.sector
-        points = jnp.asarray([*sector.area_nm, *sector.fixes_nm.values()], dtype=jnp.float32)
+        points = np.stack([*self.sector.area_nm, *self.sector.fixes_nm.values()])
         # The scale of the plane hardly changes across a sector, so the box is in plane units.
         low, high = points.min(axis=0) - FAR_NM, points.max(axis=0) + FAR_NM
         east, north = traffic.position_nm[:, 0], traffic.position_nm[:, 1]

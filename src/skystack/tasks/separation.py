@@ -81,8 +81,24 @@ def pair_distance_squared(
     offset = true_offset(previous_nm)
     motion = true_offset(position_nm) - offset
     (first, second), (first_after, second_after) = pairs(previous_level_ticks), pairs(level_ticks)
-    gap, gap_after = first - second, first_after - second_after
-    limit = ticks(separation_fl)
+    return least_distance_squared(
+        offset, motion, first - second, first_after - second_after, ticks(separation_fl)
+    )
+
+
+def least_distance_squared(
+    offset_nm: Float[Array, "pairs 2 *batch"],
+    motion_nm: Float[Array, "pairs 2 *batch"],
+    gap: Float[Array, "pairs *batch"],
+    gap_after: Float[Array, "pairs *batch"],
+    limit: float,
+) -> Float[Array, "pairs *batch"]:
+    """Square [NM2] of the minimum distance in a cycle while the vertical gap is below a limit.
+
+    `offset_nm` is the offset before the cycle and `motion_nm` its change, both in true length; the
+    gaps are those before and after the cycle, in ticks like the limit. Infinite if the gap is never
+    below the limit.
+    """
     crosses = (gap > 0.0) != (gap_after > 0.0)  # one aircraft passes through the other's level
     close = crosses | (jnp.minimum(jnp.abs(gap), jnp.abs(gap_after)) < limit)
     # The part of the cycle, from 0 to 1, in which |gap + climb * time| < limit, if there is any.
@@ -91,4 +107,4 @@ def pair_distance_squared(
     low, high = (-limit - gap) * time_per_tick, (limit - gap) * time_per_tick
     begins = jnp.maximum(jnp.minimum(low, high), 0.0)
     ends = jnp.minimum(jnp.maximum(low, high), 1.0)
-    return jnp.where(close, closest_approach_squared(offset, motion, begins, ends), jnp.inf)
+    return jnp.where(close, closest_approach_squared(offset_nm, motion_nm, begins, ends), jnp.inf)
