@@ -153,7 +153,7 @@ def test_jobs_of_a_first_look_include_shipped_policies_and_doing_nothing(tmp_pat
         *("lateral-s0", "lateral-best-s0", "lateral-s1", "lateral-best-s1"),
         *("lateral-shipped", "lateral-best-shipped", "do-nothing-lateral"),
     ]
-    assert [each.ppo.total_steps for each in plan.experiments] == [2_000_000, 8_000_000]
+    assert [each.ppo.total_steps for each in plan.experiments] == [2_000_000, 12_000_000]
     assert [job.kind for job in longest_first(jobs)[:4]] == ["train"] * 4
     assert longest_first(jobs)[0].experiment.name == "lateral-best"
 
