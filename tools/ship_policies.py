@@ -13,15 +13,20 @@ import re
 import subprocess
 import sys
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
 import skystack
 from skystack.cli.arguments import Parser
+from skystack.compilation.cores import cores
 from skystack.errors import InputError, unknown_name
 from skystack.evaluation.evaluate import Conditions, evaluate
 from skystack.evaluation.summary import aggregate
+from skystack.evaluation.traffic import TrafficConditions, evaluate_traffic
 from skystack.io.files import atomic_write, make_folder
 from skystack.learning.experiment import experiment_from, load_experiment
 from skystack.learning.policy import Policy, load_policy
@@ -29,6 +34,7 @@ from skystack.policies import measured, shipped
 from skystack.policies.measured import Measured
 from skystack.reporting import model_card
 from skystack.reproduction.run import machine
+from skystack.tasks.sector_control import SectorControl
 
 CONDITIONS = (
     Conditions(episodes=1000, stacking=False),
@@ -36,6 +42,12 @@ CONDITIONS = (
     Conditions(seed=1, episodes=10_000, stacking=True),
 )
 """The last one has other scenarios, because our settings were chosen on those of seed 0."""
+TRAFFIC = (
+    *(TrafficConditions(rate, hours=20, seed=1) for rate in ("120", "60", "30")),
+    TrafficConditions("200", hours=5, seed=1),
+    TrafficConditions("category", hours=5, seed=1, per_cycle=5),
+)
+"""The conditions for policies of sector control."""
 POLICY_FILES = ("policy.safetensors", "policy.json")
 
 
@@ -69,14 +81,8 @@ def load_trained(folder: Path, name: str) -> Policy:
 
 def measure(name: str, policy: Policy, revision: str | None, console: Console) -> Measured:
     """Evaluate a policy that ships under a name, as `skystack evaluate` does."""
-    rows = []
-    for conditions in CONDITIONS:
-        command = f"skystack evaluate {name} --episodes {conditions.episodes}"
-        command += f" --seed {conditions.seed} --{'' if conditions.stacking else 'no-'}stacking"
-        console.print(command, highlight=False, soft_wrap=True)
-        evaluated = evaluate(policy, conditions, None)
-        row = aggregate([evaluated.row], [evaluated.episodes])
-        rows.append({"command": f"{command} --json"} | row)
+    hours = policy.description.task_name == SectorControl.name
+    rows = _hours(name, policy, console) if hours else _scenarios(name, policy, console)
     return Measured(
         format=measured.FORMAT,
         sha256=policy.description.sha256,
@@ -85,6 +91,36 @@ def measure(name: str, policy: Policy, revision: str | None, console: Console) -
         git_revision=revision,
         rows=rows,
     )
+
+
+def _scenarios(name: str, policy: Policy, console: Console) -> list[dict[str, Any]]:
+    rows = []
+    for conditions in CONDITIONS:
+        command = f"skystack evaluate {name} --episodes {conditions.episodes}"
+        command += f" --seed {conditions.seed} --{'' if conditions.stacking else 'no-'}stacking"
+        console.print(command, highlight=False, soft_wrap=True)
+        evaluated = evaluate(policy, conditions, None)
+        row = aggregate([evaluated.row], [evaluated.episodes])
+        rows.append({"command": f"{command} --json"} | row)
+    return rows
+
+
+def _hours(name: str, policy: Policy, console: Console) -> list[dict[str, Any]]:
+    """The rows of sector control, one process per core."""
+    jobs = []
+    for conditions in TRAFFIC:
+        command = f"skystack evaluate {name} --traffic {conditions.traffic}"
+        command += f" --episodes {conditions.hours} --seed {conditions.seed}"
+        command += f" --per-cycle {conditions.per_cycle}"
+        console.print(command, highlight=False, soft_wrap=True)
+        jobs.append((f"{command} --json", policy, conditions))
+    with ProcessPoolExecutor(len(cores()), mp_context=get_context("spawn")) as pool:
+        return list(pool.map(_row, jobs))
+
+
+def _row(job: tuple[str, Policy, TrafficConditions]) -> dict[str, Any]:
+    command, policy, conditions = job
+    return {"command": command} | evaluate_traffic(policy, conditions)
 
 
 def measured_before(name: str) -> Measured:

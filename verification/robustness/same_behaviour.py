@@ -21,7 +21,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from skystack.learning.experiment import experiment_names
-from skystack.policies.shipped import shipped_policies
+from skystack.policies.shipped import scenario_policies
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 OLD_VALUES = {"strayed": "excursion"}
@@ -33,7 +33,7 @@ def commands(folder: Path, episodes: int, steps: int) -> Iterator[list[str]]:
     """The commands whose results are compared; they write into a folder."""
     few = str(max(episodes // 2, 1))
     tables = ["--out", str(folder / "evaluation")]
-    for policy in shipped_policies():
+    for policy in scenario_policies():
         for way in ("--stacking", "--no-stacking"):
             yield ["evaluate", policy, "--episodes", str(episodes), way, *tables]
     sampled = ["--sample", "--out", str(folder / "sampled")]

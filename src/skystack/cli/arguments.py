@@ -276,7 +276,27 @@ def _evaluate_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "policy",
         metavar="POLICY",
-        help="a shipped policy, a run folder, or a file: .onnx, .zip (Stable-Baselines3)",
+        help="a shipped policy, a run folder, or a file: .onnx, .zip (Stable-Baselines3); with "
+        "--traffic also an agent of sector control: no-op, own-navigation, "
+        "own-navigation-exit-level, rules or search",
+    )
+    sub.add_argument(
+        "--traffic",
+        metavar="TRAFFIC",
+        help="sector control: fly hours of arriving traffic, with this many flights per hour, or "
+        "category, notebook or environment (BluebirdDT's Flight School)",
+    )
+    sub.add_argument(
+        "--per-cycle",
+        type=_positive,
+        metavar="N",
+        help="with --traffic: maximum number of transmissions in a radar cycle (default 1)",
+    )
+    sub.add_argument(
+        "--uncertainty",
+        action="store_true",
+        help="with --traffic: change speeds by up to 3 %%, which controllers observe, and rates of "
+        "climb and descent by up to 10 %%, which they do not",
     )
     sub.add_argument(
         "--experiment",
@@ -287,9 +307,8 @@ def _evaluate_arguments(sub: argparse.ArgumentParser) -> None:
         "--episodes",
         "--scenarios",
         type=_positive,
-        default=1000,
         metavar="N",
-        help="number of scenarios (default 1000)",
+        help="number of scenarios (default 1000), or of hours with --traffic (default 1)",
     )
     sub.add_argument(
         "--seed", type=_natural, default=0, metavar="N", help="seed of the scenarios (default 0)"

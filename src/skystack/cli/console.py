@@ -119,17 +119,19 @@ def show_progress(jobs: int = 1) -> Iterator[Callable[[str, TrainingProgress | s
 
 
 @contextmanager
-def count_scenarios(name: str, total: int) -> Iterator[Callable[[int], None]]:
+def count_scenarios(
+    name: str, total: int, noun: str = "scenarios"
+) -> Iterator[Callable[[int], None]]:
     """Show that scenarios are flown, and if it takes long how many, the speed and the time left."""
     started = time.monotonic()
     next_due = started
 
     def line(done: int) -> str:
         if not done:
-            return f"{name}: compiling, then flying {total:,} scenarios ..."
+            return f"{name}: compiling, then flying {total:,} {noun} ..."
         rate = done / max(time.monotonic() - started, 1e-9)
         left_s = (total - done) / rate
-        return f"{name}: {done:,}/{total:,} scenarios {rate:.2f}/s, {left_s:.0f} s left"
+        return f"{name}: {done:,}/{total:,} {noun} {rate:.2f}/s, {left_s:.0f} s left"
 
     console = prose()
     if console.is_terminal:

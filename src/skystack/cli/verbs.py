@@ -8,6 +8,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+from skystack.cli.hours import check_scenarios, evaluate_hours
 from skystack.cli.output import (
     DONE,
     FAILED,
@@ -81,7 +82,10 @@ def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
         words += [word for change in options.changes for word in ("--set", change)]
         raise KeyboardInterrupt(f"interrupted; to resume: {shlex.join(words)}") from None
     say(f"{trained.wall_s:.0f} s; policy: {out / 'policy.json'}")
-    say(f"to evaluate it, stacked, on held-out scenarios: {program()} evaluate {quoted(out)}")
+    hours = experiment.task.name == "sector-control"
+    what = "on an hour of traffic" if hours else "stacked, on held-out scenarios"
+    traffic = " --traffic 60" if hours else ""
+    say(f"to evaluate it, {what}: {program()} evaluate {quoted(out)}{traffic}")
     if options.json:
         summary = [trained.summary]
         print_json({"rows": [], "rows_by_seed": [], "train": summary, "wall_s": trained.wall_s})
@@ -96,10 +100,17 @@ def evaluate(options: argparse.Namespace) -> int:
     from skystack.evaluation.summary import aggregate, evaluation_folder
     from skystack.reporting.tables import one_row
 
+    if options.traffic is not None:
+        return evaluate_hours(options)
+    for name in ("per_cycle", "uncertainty"):
+        if getattr(options, name):
+            raise InputError(f"evaluate: --{name.replace('_', '-')} needs --traffic")
+    check_scenarios(options.policy)
     started = time.monotonic()
+    episodes = 1000 if options.episodes is None else options.episodes
     conditions = Conditions(
         seed=options.seed,
-        episodes=options.episodes,
+        episodes=episodes,
         stacking=options.stacking,
         greedy=not options.sample,
         platform=options.platform,
@@ -108,9 +119,10 @@ def evaluate(options: argparse.Namespace) -> int:
         cycles=options.cycles,
     )
     policy = find_agent(options.policy)
+    check_scenarios(options.policy, policy)
     compile_for_one_core()
     way = "stacked" if options.stacking else "unstacked"
-    counting = count_scenarios(f"{options.policy}, {way}", options.episodes)
+    counting = count_scenarios(f"{options.policy}, {way}", episodes)
     with program_cache(), counting as on_scenario:
         evaluated = evaluate(
             policy, conditions, options.out, on_scenario, experiment=options.experiment

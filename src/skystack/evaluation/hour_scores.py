@@ -249,7 +249,7 @@ def summary(scores: Sequence[Scores], agent: str, traffic: str) -> dict[str, Any
         "losses_of_separation": len(losses),
         "losses_at_birth": sum(event.at_birth for event in losses),
         "close_pairs": sum(len(each.close_pairs) for each in scores),
-        "fail_safe_rate": None,  # not measured yet
+        "fail_safe_rate": float(np.mean(np.concatenate([each.hour.fail_safe for each in scores]))),
         "correct_exit_rate": rate(sum(row.correct for row in gone), len(gone)),
         "exit_rate": rate(len(exited), len(gone)),
         "excursion_rate": rate(sum(row.excursion for row in gone), len(gone)),

@@ -2,17 +2,20 @@
 
 import time
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from skystack.agents.transmission import SectorAgent, Transmission, clearance_of
 from skystack.errors import InputError
 from skystack.learning.seeds import scenario_key
 from skystack.simulator.arrivals import FREE
+from skystack.tasks.outlook import look_ahead
+from skystack.tasks.sector_rewards import FAIL_SAFE_S
 from skystack.tasks.sector_world import World, WorldCycle, WorldState
 
 
@@ -42,6 +45,8 @@ class Hour(NamedTuple):
     exited_correctly: Bool[np.ndarray, "cycles slots"]
     excursion: Bool[np.ndarray, "cycles slots"]
     waiting: Int[np.ndarray, " cycles"]
+    fail_safe: Bool[np.ndarray, " cycles"]
+    """Whether nobody would lose separation within `FAIL_SAFE_S` without a further clearance."""
     sent: list[Sent]
     decision_ms: Float[np.ndarray, " cycles"]
     """The time that the agent took before each cycle."""
@@ -65,6 +70,10 @@ class HourFlyer:
     def _instruct(self) -> Any:
         return jax.jit(self.world.instruct)
 
+    @cached_property
+    def _fail_safe(self) -> Any:
+        return jax.jit(partial(is_fail_safe, self.world))
+
     def fly(
         self,
         agent: SectorAgent,
@@ -78,7 +87,7 @@ class HourFlyer:
         """
         state = jax.device_get(self._reset(scenario_key(seed, number)))
         agent.begin(state)
-        cycles, sent, decision_ms = [], [], []
+        cycles, sent, decision_ms, fail_safe = [], [], [], []
         for index in range(self.cycles):
             began = time.perf_counter()
             transmissions = agent.transmit(state)
@@ -90,8 +99,9 @@ class HourFlyer:
                 state = self._instruct(state, clearance_of(transmissions, len(flight)))
             state, cycle = jax.device_get(self._advance(state))
             cycles.append(cycle)
+            fail_safe.append(bool(self._fail_safe(state)))
             on_cycle(index + 1)
-        return _hour(number, cycles, sent, decision_ms)
+        return _hour(number, cycles, sent, decision_ms, fail_safe)
 
     def _check(self, state: WorldState, transmissions: list[Transmission]) -> None:
         if len(transmissions) > self.per_cycle:
@@ -103,8 +113,24 @@ class HourFlyer:
                 raise InputError(f"a transmission to slot {each.slot}, which is free")
 
 
+def is_fail_safe(world: World, state: WorldState) -> Bool[Array, "*batch"]:
+    """Whether nobody would lose separation within `FAIL_SAFE_S` without a further clearance."""
+    outlook = look_ahead(
+        world.simulator,
+        state.traffic,
+        state.progress.next_fix,
+        state.plan.exit_level_ticks,
+        margin_nm=0.0,
+    )
+    return jnp.all(outlook.time_s[0] >= FAIL_SAFE_S, axis=0)
+
+
 def _hour(
-    number: int, cycles: list[WorldCycle], sent: list[Sent], decision_ms: list[float]
+    number: int,
+    cycles: list[WorldCycle],
+    sent: list[Sent],
+    decision_ms: list[float],
+    fail_safe: list[bool],
 ) -> Hour:
     stacked: Any = jax.tree.map(lambda *values: np.stack(values), *cycles)
     return Hour(
@@ -122,6 +148,7 @@ def _hour(
         exited_correctly=stacked.exited_correctly,
         excursion=stacked.excursion,
         waiting=stacked.waiting,
+        fail_safe=np.array(fail_safe),
         sent=sent,
         decision_ms=np.array(decision_ms),
     )

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from skystack.learning.inference import Layers, Normaliser
 
@@ -71,15 +71,20 @@ def no_normaliser(observation_size: int) -> Normaliser:
 
 
 def update_normaliser(
-    normaliser: Normaliser, observations: Float[Array, "observation samples"]
+    normaliser: Normaliser,
+    observations: Float[Array, "observation samples"],
+    active: Bool[Array, " samples"] | None = None,
 ) -> Normaliser:
-    """The normaliser updated with new observations (Chan et al. 1979)."""
-    samples = float(observations.shape[1])
+    """The normaliser updated with new observations (Chan et al. 1979), or with the active ones."""
+    samples: float | Array = float(observations.shape[1])
+    where = None
+    if active is not None:
+        samples, where = jnp.sum(active.astype(jnp.float32)), active[None]
     count = normaliser.count + samples
-    delta = jnp.mean(observations, axis=1) - normaliser.mean
+    delta = jnp.mean(observations, axis=1, where=where) - normaliser.mean
     spread = (
         normaliser.variance * normaliser.count
-        + jnp.var(observations, axis=1) * samples
+        + jnp.var(observations, axis=1, where=where) * samples
         + delta**2 * normaliser.count * samples / count
     )
     return Normaliser(normaliser.mean + delta * samples / count, spread / count, count)

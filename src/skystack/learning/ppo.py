@@ -2,6 +2,9 @@
 
 `update` is one compiled program: it collects `steps` steps of each environment, computes
 advantages, and makes `epochs` passes of minibatch gradient steps. The loop around it is in Python.
+
+A column is one agent of one environment: all agents share the networks. Tasks with several agents
+report which are active; samples of inactive agents are ignored.
 """
 
 from typing import NamedTuple
@@ -17,11 +20,8 @@ from skystack.learning.inference import Normaliser, forward, normalise
 from skystack.learning.network import Head, Parameters
 from skystack.learning.settings import PPOSettings
 from skystack.tasks.batch import choose, reset_many
-from skystack.tasks.contract import Metrics, Outcome, Task, TaskState
+from skystack.tasks.contract import ManyAgents, Metrics, Outcome, Task, TaskState
 from skystack.tasks.observations import flatten_observation
-
-AGENT = 0
-"""The index of the trained agent: only tasks with one agent can be trained."""
 
 
 class TrainState(NamedTuple):
@@ -33,9 +33,9 @@ class TrainState(NamedTuple):
     normaliser: Normaliser
     scenarios: TaskState
     """The states of all environments, batch axis last."""
-    observations: Float[Array, "observation environments"]
+    observations: Float[Array, "observation columns"]
     returns: Float[Array, " environments"]
-    """The undiscounted, unscaled returns so far of the current scenarios."""
+    """The undiscounted, unscaled returns so far of the current scenarios, of all agents."""
     key: PRNGKeyArray
     updates: Int[Array, ""]
 
@@ -43,17 +43,19 @@ class TrainState(NamedTuple):
 class Transitions(NamedTuple):
     """The transitions that an update collects."""
 
-    observation: Float[Array, "steps observation environments"]
-    final_observation: Float[Array, "steps observation environments"]
+    observation: Float[Array, "steps observation columns"]
+    final_observation: Float[Array, "steps observation columns"]
     """The observation after the step, before an ended scenario is replaced."""
-    action: Int[Array, "steps environments"]
-    log_probability: Float[Array, "steps environments"]
-    reward: Float[Array, "steps environments"]
+    action: Int[Array, "steps columns"]
+    log_probability: Float[Array, "steps columns"]
+    reward: Float[Array, "steps columns"]
     """The scaled reward."""
-    terminated: Bool[Array, "steps environments"]
-    truncated: Bool[Array, "steps environments"]
-    time_steps: Float[Array, "steps environments"] | None = None
+    terminated: Bool[Array, "steps columns"]
+    truncated: Bool[Array, "steps columns"]
+    time_steps: Float[Array, "steps columns"] | None = None
     """The number of time steps that each step takes; None means one."""
+    active: Bool[Array, "steps columns"] | None = None
+    """Whether the agent took a decision; None means always."""
 
 
 class Episodes(NamedTuple):
@@ -64,9 +66,9 @@ class Episodes(NamedTuple):
     metrics: Metrics
 
 
-def optimiser(settings: PPOSettings) -> optax.GradientTransformation:
+def optimiser(settings: PPOSettings, agents: int = 1) -> optax.GradientTransformation:
     """Adam with gradient clipping and a linear learning-rate schedule."""
-    minibatches = max(settings.samples // settings.minibatch, 1)
+    minibatches = max(settings.samples * agents // settings.minibatch, 1)
     schedule = optax.linear_schedule(
         settings.learning_rate,
         settings.learning_rate * settings.final_learning_rate,
@@ -89,7 +91,7 @@ def init(
     scenarios = reset_many(task, scenario_key, settings.environments)
     return TrainState(
         parameters=parameters,
-        optimiser=optimiser(settings).init(ravel_pytree(parameters)[0]),
+        optimiser=optimiser(settings, task.agents).init(ravel_pytree(parameters)[0]),
         normaliser=network.initial_normaliser(size)
         if settings.normalise_observations
         else network.no_normaliser(size),
@@ -117,10 +119,13 @@ def update(
     values, next_values = compute_values(train_state, transitions, observation)
     advantages = compute_gae(transitions, values, next_values, settings)
     batch = _pack(observation, transitions, values, advantages)
-    train_state, losses = learn(settings, train_state, batch, learn_key, head)
+    active = None if transitions.active is None else transitions.active.reshape(-1)
+    train_state, losses = learn(
+        settings, train_state, batch, learn_key, head, active=active, agents=task.agents
+    )
     normaliser = train_state.normaliser
     if settings.normalise_observations:
-        normaliser = network.update_normaliser(normaliser, raw_observation)
+        normaliser = network.update_normaliser(normaliser, raw_observation, active)
     train_state = train_state._replace(normaliser=normaliser, updates=train_state.updates + 1)
     return train_state, {**_report(episodes), **losses}
 
@@ -139,34 +144,37 @@ def collect(
     """
     fresh_key, action_key = jax.random.split(key)
     # Drawn all at once: drawing random numbers at each step costs more than the policy.
-    uniforms = jax.random.uniform(action_key, (settings.steps, settings.environments))
+    columns = task.agents * settings.environments
+    uniforms = jax.random.uniform(action_key, (settings.steps, columns))
     fresh = reset_many(task, fresh_key, settings.environments)
     fresh_observations = _observe(task, fresh)
 
     def step(
-        train_state: TrainState, uniforms: Float[Array, " environments"]
+        train_state: TrainState, uniforms: Float[Array, " columns"]
     ) -> tuple[TrainState, tuple[Transitions, Episodes]]:
         observation = train_state.observations
         normalised = normalise(train_state.normaliser, observation, columns=True)
         log_probabilities = _log_probabilities(train_state.parameters, normalised, head)
         action = sample_actions(log_probabilities, uniforms)
-        scenarios, outcome = task.step(train_state.scenarios, action)
+        active = _active(task, train_state.scenarios)
+        scenarios, outcome = task.step(train_state.scenarios, _by_agent(task, action))
         final_observation = _observe(task, scenarios)
-        reward, ended = outcome.reward[AGENT], outcome.ended
-        returns = train_state.returns + reward
+        reward, ended = outcome.reward.reshape(-1), outcome.ended
+        returns = train_state.returns + jnp.sum(outcome.reward, axis=0)
         transition = Transitions(
             observation=observation,
             final_observation=final_observation,
             action=action,
             log_probability=_select(log_probabilities, action),
             reward=reward * settings.reward_scale,
-            terminated=outcome.terminated[AGENT],
-            truncated=outcome.truncated[AGENT],
+            terminated=outcome.terminated.reshape(-1),
+            truncated=outcome.truncated.reshape(-1),
             time_steps=outcome.steps,
+            active=active,
         )
         train_state = train_state._replace(
             scenarios=choose(ended, fresh, scenarios),
-            observations=choose(ended, fresh_observations, final_observation),
+            observations=choose(_columns_of(task, ended), fresh_observations, final_observation),
             returns=jnp.where(ended, 0.0, returns),
         )
         return train_state, (transition, _sum_ended(ended, returns, outcome))
@@ -192,7 +200,7 @@ def compute_values(
     train_state: TrainState,
     transitions: Transitions,
     observation: Float[Array, "observation samples"],
-) -> tuple[Float[Array, "steps environments"], Float[Array, "steps environments"]]:
+) -> tuple[Float[Array, "steps columns"], Float[Array, "steps columns"]]:
     """The critic's values before and after each step.
 
     `observation` is the normalised observation before each step. The value after a step is the
@@ -207,7 +215,7 @@ def compute_values(
     values = value(observation).reshape(transitions.reward.shape)
     last = value(normalise(train_state.normaliser, train_state.observations, columns=True))
 
-    def after_every_step() -> Float[Array, "steps environments"]:
+    def after_every_step() -> Float[Array, "steps columns"]:
         final = normalise(
             train_state.normaliser, _columns(transitions.final_observation), columns=True
         )
@@ -220,10 +228,10 @@ def compute_values(
 
 def compute_gae(
     transitions: Transitions,
-    values: Float[Array, "steps environments"],
-    next_values: Float[Array, "steps environments"],
+    values: Float[Array, "steps columns"],
+    next_values: Float[Array, "steps columns"],
     settings: PPOSettings,
-) -> Float[Array, "steps environments"]:
+) -> Float[Array, "steps columns"]:
     """Generalised advantage estimation (Schulman et al. 2016).
 
     The value after a termination is 0; after a truncation it is the value of the final observation.
@@ -233,11 +241,13 @@ def compute_gae(
     discount = settings.gamma if time_steps is None else settings.gamma**time_steps
     target = transitions.reward + discount * jnp.where(transitions.terminated, 0.0, next_values)
     ended = transitions.terminated | transitions.truncated
+    if transitions.active is not None:  # nothing is learnt from what inactive agents see
+        ended |= ~transitions.active
     decay = discount * settings.gae_lambda * (1.0 - ended.astype(jnp.float32))
 
     def backward(
-        next_advantage: Float[Array, " environments"], step: tuple[Array, Array]
-    ) -> tuple[Float[Array, " environments"], Float[Array, " environments"]]:
+        next_advantage: Float[Array, " columns"], step: tuple[Array, Array]
+    ) -> tuple[Float[Array, " columns"], Float[Array, " columns"]]:
         error, step_decay = step
         advantage = error + step_decay * next_advantage
         return advantage, advantage
@@ -253,11 +263,16 @@ def learn(
     batch: Float[Array, "rows samples"],
     key: PRNGKeyArray,
     head: Head | None = None,
+    active: Bool[Array, " samples"] | None = None,
+    agents: int = 1,
 ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
-    """Make `epochs` passes over shuffled minibatches. An incomplete last minibatch is dropped."""
+    """Make `epochs` passes over shuffled minibatches. An incomplete last minibatch is dropped.
+
+    With `active`, samples of inactive agents come last, and minibatches with any are skipped.
+    """
     size = min(settings.minibatch, batch.shape[1])
     count = batch.shape[1] // size
-    adam = optimiser(settings)
+    adam = optimiser(settings, agents)
     vector, as_parameters = ravel_pytree(train_state.parameters)
 
     def loss_of(
@@ -275,18 +290,44 @@ def learn(
             change, state = adam.update(gradient, state, vector)
         return (vector + change, state), losses
 
+    def skipped(
+        carry: tuple[Float[Array, " weights"], optax.OptState],
+    ) -> tuple[tuple[Float[Array, " weights"], optax.OptState], dict[str, Array]]:
+        """No gradient step; the schedule of the learning rate goes on."""
+        vector, state = carry
+        counted = jax.tree.map(
+            lambda leaf: leaf + 1 if jnp.issubdtype(leaf.dtype, jnp.integer) else leaf, state
+        )
+        return (vector, counted), dict.fromkeys(LOSSES, jnp.float32(0.0))
+
+    def step_if_active(
+        carry: tuple[Float[Array, " weights"], optax.OptState], order: Int[Array, " minibatch"]
+    ) -> tuple[tuple[Float[Array, " weights"], optax.OptState], dict[str, Array]]:
+        # The few minibatches with samples of both kinds are passed over, too.
+        assert active is not None
+        return jax.lax.cond(
+            active[order[-1]], lambda: gradient_step(carry, batch[:, order]), lambda: skipped(carry)
+        )
+
     def epoch(
         carry: tuple[Float[Array, " weights"], optax.OptState], key: PRNGKeyArray
     ) -> tuple[tuple[Float[Array, " weights"], optax.OptState], dict[str, Array]]:
-        order = shuffled(key, batch.shape[1])[: count * size]
-        minibatches = batch[:, order].reshape(-1, count, size).swapaxes(0, 1)
-        return jax.lax.scan(gradient_step, carry, minibatches)
+        if active is None:
+            order = shuffled(key, batch.shape[1])[: count * size]
+            minibatches = batch[:, order].reshape(-1, count, size).swapaxes(0, 1)
+            return jax.lax.scan(gradient_step, carry, minibatches)
+        order = active_first(shuffled(key, batch.shape[1]), active)[: count * size]
+        return jax.lax.scan(step_if_active, carry, order.reshape(count, size))
 
     (vector, state), losses = jax.lax.scan(
         epoch, (vector, train_state.optimiser), jax.random.split(key, settings.epochs)
     )
     train_state = train_state._replace(parameters=as_parameters(vector), optimiser=state)
-    return train_state, jax.tree.map(jnp.mean, losses)
+    if active is None:
+        return train_state, jax.tree.map(jnp.mean, losses)
+    # Means over the gradient steps: the active samples fill this many minibatches in each epoch.
+    steps = settings.epochs * jnp.maximum(jnp.sum(active.astype(jnp.float32)) // size, 1.0)
+    return train_state, jax.tree.map(lambda each: jnp.sum(each) / steps, losses)
 
 
 def shuffled(key: PRNGKeyArray, count: int) -> Int[Array, " count"]:
@@ -302,15 +343,45 @@ def shuffled(key: PRNGKeyArray, count: int) -> Int[Array, " count"]:
     return (jnp.sort((uniforms & ~low) | number) & low).astype(jnp.int32)
 
 
-def _observe(task: Task, scenarios: TaskState) -> Float[Array, "observation environments"]:
-    return flatten_observation(task.observe(scenarios), batch_axes=1)
+def active_first(
+    order: Int[Array, " samples"], active: Bool[Array, " samples"]
+) -> Int[Array, " samples"]:
+    """The same order, with the active samples before the others."""
+    is_active = active[order]
+    before = jnp.cumsum(is_active.astype(jnp.int32))
+    others = jnp.cumsum((~is_active).astype(jnp.int32))
+    place = jnp.where(is_active, before - 1, before[-1] + others - 1)
+    return jnp.zeros_like(order).at[place].set(order)
+
+
+def _observe(task: Task, scenarios: TaskState) -> Float[Array, "observation columns"]:
+    """The observations of all agents of all environments, agent by agent."""
+    if task.agents == 1:
+        return flatten_observation(task.observe(scenarios), batch_axes=1)
+    observation = flatten_observation(task.observe(scenarios), batch_axes=2)
+    return observation.reshape(observation.shape[0], -1)
+
+
+def _by_agent(task: Task, action: Int[Array, " columns"]) -> Int[Array, "*agents environments"]:
+    """The actions as a task takes them: with an axis of agents if there are several."""
+    return action if task.agents == 1 else action.reshape(task.agents, -1)
+
+
+def _active(task: Task, scenarios: TaskState) -> Bool[Array, " columns"] | None:
+    return task.active(scenarios).reshape(-1) if isinstance(task, ManyAgents) else None
+
+
+def _columns_of(task: Task, ended: Bool[Array, " environments"]) -> Bool[Array, " columns"]:
+    return jnp.tile(ended, task.agents)
 
 
 _EXTRA_ROWS = 4
+LOSSES = ("policy_loss", "value_loss", "entropy", "kl", "clip_fraction")
+"""The measured values of a gradient step."""
 
 
 def _columns(
-    observations: Float[Array, "steps observation environments"],
+    observations: Float[Array, "steps observation columns"],
 ) -> Float[Array, "observation samples"]:
     """The observations with one column per sample."""
     return jnp.moveaxis(observations, 1, 0).reshape(observations.shape[1], -1)
@@ -319,8 +390,8 @@ def _columns(
 def _pack(
     observation: Float[Array, "observation samples"],
     transitions: Transitions,
-    values: Float[Array, "steps environments"],
-    advantages: Float[Array, "steps environments"],
+    values: Float[Array, "steps columns"],
+    advantages: Float[Array, "steps columns"],
 ) -> Float[Array, "rows samples"]:
     """One column per sample, so that shuffling is one gather: the observation, then extra rows."""
     extra = (
@@ -355,13 +426,10 @@ def loss(
     value = forward(parameters.critic, observation, columns=True)[0]
     value_loss = 0.5 * jnp.mean((value - value_target) ** 2)
     total = policy_loss + settings.value_coefficient * value_loss - settings.entropy * entropy
-    return total, {
-        "policy_loss": policy_loss,
-        "value_loss": value_loss,
-        "entropy": entropy,
-        "kl": jnp.mean(ratio - 1.0 - change),
-        "clip_fraction": jnp.mean((jnp.abs(ratio - 1.0) > settings.clip).astype(jnp.float32)),
-    }
+    kl = jnp.mean(ratio - 1.0 - change)
+    clip_fraction = jnp.mean((jnp.abs(ratio - 1.0) > settings.clip).astype(jnp.float32))
+    measured = (policy_loss, value_loss, entropy, kl, clip_fraction)
+    return total, dict(zip(LOSSES, measured, strict=True))
 
 
 def _log_probabilities(

@@ -32,7 +32,7 @@ from skystack.learning.policy import (
 )
 from skystack.learning.seeds import training_key
 from skystack.learning.settings import PPOSettings
-from skystack.tasks.contract import Task
+from skystack.tasks.contract import ManyAgents, Task
 from skystack.tasks.registry import build_task, build_training_task, check_cycles
 
 CHECKPOINT_EVERY_S = 60.0
@@ -168,10 +168,13 @@ def _train(
 
 
 def _training_task(experiment: Experiment) -> Task:
-    """The task to train on. Raises InputError if it has several agents."""
+    """The task to train on. Raises InputError if its agents do not share one policy."""
     task = build_training_task(experiment.task)
-    if task.agents != 1:
-        raise InputError(f"task {task.name} has {task.agents} agents (allowed for training: 1)")
+    if task.agents != 1 and not isinstance(task, ManyAgents):
+        raise InputError(
+            f"task {task.name} has {task.agents} agents (allowed for training: 1, or several that "
+            "share one policy)"
+        )
     return task
 
 

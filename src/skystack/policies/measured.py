@@ -27,12 +27,12 @@ class Measured(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The revision of the code, with the suffix `-dirty` if the working tree was modified."""
     rows: list[dict[str, Any]]
     """The rows of `skystack evaluate --json`, each with its `command`: unstacked, then stacked,
-    then stacked on more scenarios."""
+    then stacked on more scenarios. For sector control, one row for each traffic."""
 
     @property
-    def stacked(self) -> dict[str, Any]:
-        """The row that `skystack evaluate NAME` prints."""
-        return next(row for row in self.rows if row["stacking"])
+    def stacked(self) -> dict[str, Any] | None:
+        """The row that `skystack evaluate NAME` prints; None for sector control."""
+        return next((row for row in self.rows if row.get("stacking")), None)
 
 
 def read_measured(folder: Path) -> Measured | None:

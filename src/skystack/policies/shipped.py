@@ -10,12 +10,20 @@ from skystack.learning.policy import Policy, load_policy
 
 MAX_LISTED = 3
 """The maximum number of policies that an error message lists."""
+SECTOR_CONTROL = "sector-control"
+"""The name of the policy that controls a whole sector."""
 SHIPPED = Path(str(files("skystack").joinpath("policies")))
 
 
 def shipped_policies() -> list[str]:
     """The names of the policies in the package."""
     return sorted(path.parent.name for path in SHIPPED.glob("*/policy.json"))
+
+
+def scenario_policies() -> list[str]:
+    """Those that are evaluated on scenarios, not on hours of traffic like sector control."""
+    names = shipped_policies()
+    return [each for each in names if each != SECTOR_CONTROL]
 
 
 def find_policy(name: AnyPath) -> Policy:

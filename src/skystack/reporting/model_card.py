@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import jinja2
 import msgspec
 
+from skystack.agents.sector_agents import sector_task_of
 from skystack.evaluation.evaluate import policy_task
 from skystack.learning.experiment import (
     Experiment,
@@ -26,11 +27,20 @@ from skystack.tasks.contract import Action, TrafficTask
 from skystack.tasks.kinds import TaskKind
 from skystack.tasks.registry import find_task
 from skystack.tasks.rewards import MAX_INSTRUCTIONS
+from skystack.tasks.sector_control import SectorControl
 
 FILE = "README.md"
 METRICS = ("clearances_mean", "clearances_std", "success_rate")
 """The columns of the measurements that are in the metadata, `LOSSES` only with several aircraft."""
 LOSSES = "loss_of_separation_count"
+SECTOR_METRICS = (
+    "flights",
+    "losses_of_separation",
+    "correct_exit_rate",
+    "transmissions_per_flight",
+    "lax_s_mean",
+)
+"""The columns of the measurements of sector control that are in the metadata."""
 LONGEST_LINE = 100
 
 
@@ -51,8 +61,34 @@ def card(name: str, policy: Policy, measured: Measured) -> str:
     """
     described = policy.description
     experiment = experiment_from(described.config, f"policy {name}")
-    task, kind = policy_task(policy), find_task(experiment.task.name)
+    kind = find_task(experiment.task.name)
+    values = {
+        "name": name,
+        "policy": described,
+        "experiment": experiment,
+        "sentence": _sentence(experiment),
+        "description": kind.describe(experiment.task),
+        "terms": list(_terms(experiment, kind)),
+        "measured": measured,
+    }
+    if described.task_name == SectorControl.name:
+        sector_task_of(policy)
+        return _rendered("sector_card.md.jinja", values | {"metrics": SECTOR_METRICS})
+    task = policy_task(policy)
     paper = [row["paper"] for row in measured.rows]
+    values |= {
+        "task": task,
+        "instructions": [action.name.partition(" ")[2][2:] for action in _of_first(task)],
+        "most": int(MAX_INSTRUCTIONS),
+        "metrics": (*METRICS, *[LOSSES] * (task.aircraft > 1)),
+        "last": measured.rows[-1],
+        "clearances": [_clearances(row) for row in measured.rows],
+        "paper": [_clearances(each) for each in paper] if any(paper) else None,
+    }
+    return _rendered("model_card.md.jinja", values)
+
+
+def _rendered(template: str, values: Mapping[str, Any]) -> str:
     environment = jinja2.Environment(
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -63,30 +99,23 @@ def card(name: str, policy: Policy, measured: Measured) -> str:
     filters: dict[str, Callable[..., str]] = {
         "percent": percent,
         "decimal": decimal,
+        "places": "{:.2f}".format,
+        "whole": "{:,.0f}".format,
+        "hours": "{:g}".format,
         "number": "{:,}".format,
+        "traffic": _traffic,
         "way": lambda stacking: "stacked" if stacking else "unstacked",
         "weight": _weight,
         "options": _options,
     }
     environment.filters |= filters
-    source = files("skystack.reporting").joinpath("model_card.md.jinja").read_text("utf-8")
-    text = environment.from_string(source).render(
-        name=name,
-        policy=described,
-        experiment=experiment,
-        sentence=_sentence(experiment),
-        task=task,
-        description=kind.describe(experiment.task),
-        instructions=[action.name.partition(" ")[2][2:] for action in _of_first(task)],
-        terms=list(_terms(experiment, kind)),
-        most=int(MAX_INSTRUCTIONS),
-        measured=measured,
-        metrics=(*METRICS, *[LOSSES] * (task.aircraft > 1)),
-        last=measured.rows[-1],
-        clearances=[_clearances(row) for row in measured.rows],
-        paper=[_clearances(each) for each in paper] if any(paper) else None,
-    )
+    source = files("skystack.reporting").joinpath(template).read_text("utf-8")
+    text = environment.from_string(source).render(values)
     return "".join(f"{_wrapped(line)}\n" for line in text.splitlines())
+
+
+def _traffic(name: str) -> str:
+    return f"{name} flights/h" if name.isdecimal() else f"`{name}`"
 
 
 def _sentence(experiment: Experiment) -> str:

@@ -10,7 +10,8 @@ from skystack.errors import unknown_name
 from skystack.learning.experiment import Experiment, experiment_names, load_experiment
 from skystack.learning.run import CHECKPOINT_EVERY_S
 from skystack.platforms.registry import OWN, check_platform
-from skystack.tasks.registry import tasks
+from skystack.tasks.contract import TrafficTask
+from skystack.tasks.registry import build_task, tasks
 
 FIRST_LOOK = ("lateral", "lateral-best")
 """The experiments that are reproduced by default: the paper's, and the best of ours."""
@@ -51,10 +52,15 @@ class Plan:
 
 
 def families_of_experiments() -> dict[str, list[str]]:
-    """The shipped experiments by family, which is their task."""
+    """The experiments with scenarios, by family, which is their task.
+
+    Sector control has hours of traffic instead, and is not part of the paper.
+    """
     families: dict[str, list[str]] = {name: [] for name in tasks()}
     for name in experiment_names():
-        families[load_experiment(name).task.name].append(name)
+        settings = load_experiment(name).task
+        if isinstance(build_task(settings), TrafficTask):
+            families[settings.name].append(name)
     return {family: names for family, names in families.items() if names}
 
 

@@ -81,6 +81,8 @@ class Flow:
     """Airspeeds are multiplied by a random factor within 1 plus or minus this."""
     climb_spread: float = 0.0
     """The same for the rates of climb and descent."""
+    rate_factors: tuple[float, float] = (1.0, 1.0)
+    """The clock's rate is multiplied by a random factor in this range in each scenario."""
 
     @cached_property
     def admission(self) -> Admission:
@@ -103,12 +105,19 @@ class Flow:
             born=zero,
             waiting=zero,
             refused=zero,
+            rate_factor=self._rate_factor(key),
             last_birth_s=jnp.zeros((), dtype=jnp.float32),
             cycle=zero,
         )
         if not self.starters:
             return arrivals, self.empty()
         return self._with_starters(arrivals, self.empty(), starter_key)
+
+    def _rate_factor(self, key: PRNGKeyArray) -> Float[Array, ""]:
+        low, high = self.rate_factors
+        if low == high:
+            return jnp.full((), low, dtype=jnp.float32)
+        return jax.random.uniform(jax.random.fold_in(key, 1), minval=low, maxval=high)
 
     def empty(self) -> Traffic:
         """Traffic without any flight."""

@@ -72,6 +72,8 @@ class Arrivals(NamedTuple):
     """Flights that wait to enter: no slot is free, or no candidate is clear of the traffic."""
     refused: Int[Array, "*batch"]
     """Births that were given up."""
+    rate_factor: Float[Array, "*batch"]
+    """Multiplies the clock's rate."""
     last_birth_s: Float[Array, "*batch"]
     """The end of the cycle of the last birth, from which the quadratic clock counts."""
     cycle: Int[Array, "*batch"]
@@ -118,6 +120,7 @@ class Clock:
         since_s = time_s - arrivals.last_birth_s if self.quadratic else float(CYCLE_S)
         steps = jnp.floor(time_s / self.interval_s)
         rate = jnp.minimum(self.rate_per_s + steps * self.increase_per_s, self.max_rate_per_s)
+        rate = rate * arrivals.rate_factor
         cycles = arrivals.uniforms.shape[0]
         at = jnp.minimum(arrivals.cycle, cycles - 1)[None]
         uniform = jnp.take_along_axis(arrivals.uniforms, at, axis=0)[0]

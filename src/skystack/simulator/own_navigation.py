@@ -67,7 +67,7 @@ def _begin_direct(traffic: Traffic, sector: Sector) -> Traffic:
     target = fix_of(sector.route_table, traffic.route, traffic.next_fix)
     course = bearing(sector.plane.geodesic_direction(traffic.position_nm, target))
     turn = wrap_180(course - traffic.heading_deg)
-    radius = _radius_nm(jnp.abs(turn), traffic.ground_speed_kt)
+    radius = turn_radius_nm(jnp.abs(turn), traffic.ground_speed_kt)
     return traffic._replace(
         flown_heading_deg=jnp.where(begins, wrap_360(course), traffic.flown_heading_deg),
         turn_deg=jnp.where(begins, turn, traffic.turn_deg),
@@ -88,7 +88,7 @@ def _sequence(traffic: Traffic, sector: Sector, route_end_nm: float) -> Traffic:
 
     inbound = sector.plane.geodesic_direction(traffic.position_nm, target)
     turn = jnp.abs(wrap_180(bearing(outbound) - bearing(inbound)))
-    radius = _radius_nm(turn, traffic.ground_speed_kt)
+    radius = turn_radius_nm(turn, traffic.ground_speed_kt)
     lead = jnp.minimum(
         radius * jnp.tan(jnp.radians(jnp.minimum(turn, 179.0)) / 2.0), EARLIEST_TURN_RADII * radius
     )
@@ -122,7 +122,7 @@ def fix_leg(
     return point_of(routes.leg_direction.reshape(-1, 2), route * longest + fix)
 
 
-def _radius_nm(
+def turn_radius_nm(
     turn_deg: Float[Array, "aircraft *batch"], ground_speed_kt: Float[Array, "aircraft *batch"]
 ) -> Float[Array, "aircraft *batch"]:
     """The radius of a coordinated turn. The bank angle depends on the size of the turn."""

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from skystack.stacking import NO_OP
-from skystack.tasks.contract import Outcome, Task, TaskState
+from skystack.tasks.contract import ManyAgents, Outcome, Task, TaskState
 from skystack.tasks.observations import flatten_observation
 
 
@@ -17,26 +17,27 @@ def check_task(task: Task, seed: int = 0, steps: int = 50) -> None:
     never change; action 0 cannot be stacked; rewards and ends have an axis of agents; if the
     scenario has ended, all agents have; and outcomes have the specified metrics.
     """
+    agents = (task.agents,) if isinstance(task, ManyAgents) else ()
     keys = jax.random.split(jax.random.key(seed), steps + 1)
-    state = jax.jit(task.reset)(keys[0])
-    _require(_equal(state, jax.jit(task.reset)(keys[0])), "reset is not a function of its key")
+    reset = jax.jit(task.reset)
+    state = reset(keys[0])
+    _require(_equal(state, reset(keys[0])), "reset is not a function of its key")
     _require(len(set(task.action_names)) == len(task.action_names), "action names repeat")
-    step, observe = jax.jit(task.step), jax.jit(task.observe)
+    step, observe, instruct = jax.jit(task.step), jax.jit(task.observe), jax.jit(task.instruct)
     for key in keys[1:]:
-        values = np.asarray(flatten_observation(observe(state)))
+        values = np.asarray(flatten_observation(observe(state), len(agents)))
         _require(
-            values.shape == (len(task.observation_names),), "observation does not fit its names"
+            values.shape == (len(task.observation_names), *agents),
+            "observation does not fit its names",
         )
         _require(bool(np.all(np.isfinite(values))), "observation is not finite")
         _require(bool(np.all((values >= 0.0) & (values <= 1.0))), "observation is not in [0, 1]")
-        action = jax.random.randint(key, (), 0, len(task.action_names))
+        action = jax.random.randint(key, agents, 0, len(task.action_names))
         next_state, outcome = step(state, action)
         _require(_same_types(state, next_state), "step changes the shape or type of the state")
+        _require(_same_types(state, instruct(state, action)), "instruct changes shapes or types")
         _require(
-            _same_types(state, task.instruct(state, action)), "instruct changes shapes or types"
-        )
-        _require(
-            not bool(task.may_stack(state, jnp.asarray(NO_OP, dtype=jnp.int32))),
+            not bool(jnp.any(task.may_stack(state, jnp.full(agents, NO_OP, dtype=jnp.int32)))),
             "may_stack allows action 0, which is no instruction",
         )
         _check_outcome(task, outcome)

@@ -118,6 +118,17 @@ class Task(Protocol):
     # next instruction starts a new burst.
 
 
+@runtime_checkable
+class ManyAgents(Task, Protocol):
+    """A task with several agents that share one policy.
+
+    Observations are `[observation, agents, *batch]`, actions `[agents, *batch]`.
+    """
+
+    def active(self, state: TaskState) -> Bool[Array, "agents *batch"]:
+        """Which agents take a decision now."""
+
+
 class AircraftStatus(NamedTuple):
     """The status of each aircraft in the sector."""
 

@@ -128,6 +128,13 @@ def room_ahead(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
     return to_exit - to_edge
 
 
+def edge_ahead(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
+    """Distance [NM] to the area's edge on the cleared heading."""
+    ray = direction(traffic.cleared_heading_deg)
+    scale = sector.plane.scale(traffic.position_nm[:, 1])
+    return _nearest_ahead(traffic, ray, edges(sector.area_nm).tolist(), scale)
+
+
 FEATURES: dict[str, Feature] = {
     "theta_f": Feature(
         next_fix_turn, -180.0, 180.0, 0.0, "turn to the next fix from the cleared heading, deg"
@@ -174,6 +181,7 @@ FEATURES: dict[str, Feature] = {
         0.0,
         "distance ahead to the exit edge minus that to the area's edge, NM",
     ),
+    "d_edge": Feature(edge_ahead, 0.0, 100.0, 100.0, "distance ahead to the area's edge, NM"),
 }
 
 

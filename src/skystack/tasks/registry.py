@@ -12,13 +12,14 @@ from skystack.errors import InputError, unknown_name
 from skystack.tasks.contract import Task, TrafficTask
 from skystack.tasks.kinds import TaskKind
 from skystack.tasks.navigation_kinds import NAVIGATION_KINDS
+from skystack.tasks.sector_kind import SECTOR_KIND
 from skystack.tasks.settings import TaskSettings
 from skystack.tasks.stacked_steps import StackedSteps
 
 ENTRY_POINTS = "skystack.tasks"
 """The group of entry points. Each must refer to a `TaskKind`."""
 
-_TASKS: dict[str, TaskKind] = {kind.name: kind for kind in NAVIGATION_KINDS}
+_TASKS: dict[str, TaskKind] = {kind.name: kind for kind in (*NAVIGATION_KINDS, SECTOR_KIND)}
 
 
 def register_task(kind: TaskKind) -> None:

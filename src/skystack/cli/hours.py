@@ -1,0 +1,69 @@
+"""`evaluate` with `--traffic`: hours of arriving traffic under a controller of a sector."""
+
+import argparse
+import time
+from typing import Any
+
+from skystack.cli.output import DONE, print_json, quoted, say
+from skystack.errors import InputError
+
+_ONLY_SCENARIOS = {
+    "experiment": None,
+    "stacking": True,
+    "sample": False,
+    "platform": "skystack",
+}
+"""The options that make no sense with hours of traffic, and their defaults."""
+
+
+def check_scenarios(name: str, policy: Any = None) -> None:
+    """Raise InputError for an agent of sector control, which needs hours of traffic.
+
+    `policy` is the agent that was found by the name.
+    """
+    from skystack.agents.sector_agents import SECTOR_AGENTS
+    from skystack.learning.policy import Policy
+    from skystack.tasks.sector_control import SectorControl
+
+    controls = isinstance(policy, Policy) and policy.description.task_name == SectorControl.name
+    if controls or (policy is None and name in SECTOR_AGENTS):
+        raise InputError(
+            f"evaluate: {name} controls a whole sector (allowed: with --traffic, such as "
+            "--traffic 60)"
+        )
+
+
+def evaluate_hours(options: argparse.Namespace) -> int:
+    from skystack.cli.console import count_scenarios, output
+    from skystack.compilation.programs import program_cache
+    from skystack.evaluation.traffic import TrafficConditions, evaluate_traffic
+    from skystack.reporting.hour_table import hour_table
+
+    for name, default in _ONLY_SCENARIOS.items():
+        if getattr(options, name) != default:
+            flag = "no-stacking" if name == "stacking" else name
+            raise InputError(f"evaluate: --{flag} cannot be used with --traffic")
+    started = time.monotonic()
+    hours = 1 if options.episodes is None else options.episodes
+    conditions = TrafficConditions(
+        traffic=options.traffic,
+        hours=hours,
+        seed=options.seed,
+        per_cycle=1 if options.per_cycle is None else options.per_cycle,
+        sector=options.sector,
+        uncertainty=options.uncertainty,
+    )
+    if options.cycles is not None:
+        conditions = conditions._replace(cycles=options.cycles)
+    total = hours * conditions.cycles
+    counting = count_scenarios(f"{options.policy}, traffic {options.traffic}", total, "cycles")
+    with program_cache(), counting as on_cycle:
+        row: dict[str, Any] = evaluate_traffic(options.policy, conditions, options.out, on_cycle)
+    wall_s = time.monotonic() - started
+    if options.json:
+        print_json({"rows": [row], "rows_by_seed": [row], "train": [], "wall_s": wall_s})
+    else:
+        output().print(hour_table(row).as_rich())
+    if options.out is not None:
+        say(f"written: {quoted(options.out)}")
+    return DONE

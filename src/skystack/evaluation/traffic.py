@@ -1,0 +1,198 @@
+"""Evaluate a controller of a sector on hours of arriving traffic."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from skystack.agents.sector_agents import SECTOR_AGENTS, learned_agent, sector_task_of
+from skystack.agents.transmission import SectorAgent
+from skystack.airspace.sectors import sector_from
+from skystack.errors import InputError, exists, unknown_name
+from skystack.evaluation.hour_scores import FlightRow, PairEvent, Scores, score, summary
+from skystack.evaluation.hours import HourFlyer
+from skystack.evaluation.writing import write_table
+from skystack.io.files import make_folder
+from skystack.learning.policy import Policy
+from skystack.policies.shipped import find_policy, shipped_policies
+from skystack.simulator.arrival_flows import FLIGHT_SCHOOL, STARTERS, Flow, constant_rate
+from skystack.simulator.performance import TICKS_PER_FL, performance
+from skystack.simulator.simulator import CYCLE_S, Simulator
+from skystack.tasks.sector_control import SectorControl
+from skystack.tasks.sector_world import World
+
+SPEED_SPREAD, CLIMB_SPREAD = 0.03, 0.10
+"""The spread of airspeeds and of rates of climb and descent with `uncertainty`."""
+PERFORMANCE = "constant"
+"""The performance model of agents that are not policies, which is that of BluebirdDT's traffic."""
+_SLOTS = (16, 32, 64, 128, 256)
+
+
+class TrafficConditions(NamedTuple):
+    """The traffic of an evaluation, and what the controller is allowed."""
+
+    traffic: str
+    """Flights per hour, or a name in `FLIGHT_SCHOOL`."""
+    hours: int = 1
+    seed: int = 0
+    per_cycle: int = 1
+    """The maximum number of transmissions in a cycle."""
+    cycles: int = 600
+    """The length of an hour in cycles; shorter values are for quick checks."""
+    sector: str | None = None
+    """A sector to use instead of the agent's."""
+    uncertainty: bool = False
+    """Whether speeds and rates of climb differ from the nominal ones at random."""
+
+
+def flow_of(conditions: TrafficConditions, simulator: Simulator) -> Flow:
+    """The arrivals of the named traffic. Raises InputError for unknown traffic."""
+    traffic = conditions.traffic
+    if traffic in FLIGHT_SCHOOL:
+        flow = Flow(simulator, FLIGHT_SCHOOL[traffic], starters=STARTERS)
+    else:
+        flow = _constant_flow(traffic, simulator)
+    if conditions.uncertainty:
+        flow = replace(flow, speed_spread=SPEED_SPREAD, climb_spread=CLIMB_SPREAD)
+    return replace(flow, cycles=conditions.cycles)
+
+
+def _constant_flow(traffic: str, simulator: Simulator) -> Flow:
+    try:
+        rate = float(traffic)
+    except ValueError:
+        raise InputError(
+            f"traffic {traffic!r} (allowed: flights per hour, or {', '.join(FLIGHT_SCHOOL)})"
+        ) from None
+    clock = constant_rate(rate)
+    # About a quarter of the flights of an hour are there at once.
+    slots = next((each for each in _SLOTS if each >= 0.45 * rate + 8.0), _SLOTS[-1])
+    return Flow(simulator, clock, slots=slots)
+
+
+def evaluate_traffic(
+    controller: str | Policy,
+    conditions: TrafficConditions,
+    out: Path | None = None,
+    on_cycle: Callable[[int], None] = lambda cycle: None,
+) -> dict[str, Any]:
+    """Fly hours of traffic under an agent; returns the row of results.
+
+    `controller` is a policy, the name of a shipped one or a folder with one, or one of
+    `SECTOR_AGENTS`. With `out`, tables are written into that folder. Raises InputError for invalid
+    conditions.
+    """
+    found = _find(controller)
+    policy = found if isinstance(found, Policy) else None
+    world = _world(policy, conditions)
+    agent = _agent(found, world, conditions.per_cycle)
+    flyer = HourFlyer(world, conditions.cycles, conditions.per_cycle)
+    scores = []
+    for number in range(conditions.hours):
+        count = partial(_count, on_cycle, number * conditions.cycles)
+        hour = flyer.fly(agent, conditions.seed, number, count)
+        scores.append(score(world.sector, hour))
+    label = found.description.experiment if isinstance(found, Policy) else found
+    row = summary(scores, label, conditions.traffic) | {"per_cycle": conditions.per_cycle}
+    if out is not None:
+        write_hours(out, world, scores)
+    return row
+
+
+def check_traffic(controller: str | Policy, conditions: TrafficConditions) -> None:
+    """Raise InputError for an unknown controller or impossible conditions."""
+    found = _find(controller)
+    _world(found if isinstance(found, Policy) else None, conditions)
+
+
+def _find(controller: str | Policy) -> str | Policy:
+    """A policy, or the name of an agent that is not a policy."""
+    if isinstance(controller, Policy) or controller in SECTOR_AGENTS:
+        return controller
+    if controller not in shipped_policies() and not exists(controller):
+        also = "a folder with a policy.json, or "
+        raise unknown_name("agent", controller, [*SECTOR_AGENTS, SectorControl.name], also=also)
+    return find_policy(controller)
+
+
+def _count(on_cycle: Callable[[int], None], before: int, cycle: int) -> None:
+    on_cycle(before + cycle)
+
+
+def _world(policy: Policy | None, conditions: TrafficConditions) -> World:
+    if policy is None:
+        sector = sector_from("x-plus" if conditions.sector is None else conditions.sector)
+        simulator = Simulator(sector, performance(PERFORMANCE), own_navigation=True)
+        return World(flow_of(conditions, simulator))
+    simulator = sector_task_of(policy).simulator
+    if conditions.sector is not None:
+        sector = sector_from(conditions.sector)
+        simulator = Simulator(sector, simulator.performance, own_navigation=True)
+    return World(flow_of(conditions, simulator))
+
+
+def _agent(found: str | Policy, world: World, per_cycle: int) -> SectorAgent:
+    if isinstance(found, Policy):
+        return learned_agent(found, world, per_cycle)
+    return SECTOR_AGENTS[found](world, per_cycle)
+
+
+def write_hours(folder: Path, world: World, scores: list[Scores]) -> None:
+    """Write `flights`, `transmissions`, `losses` and `hours` as Parquet."""
+    make_folder(folder)
+    flights = [(each.hour.number, row) for each in scores for row in each.flights]
+    losses = [(each.hour.number, event) for each in scores for event in each.losses]
+    tables = {
+        "flights": _rows(flights, FlightRow, {"gone": pa.int64()}),
+        "losses": _rows(losses, PairEvent, {"inside_cycle": pa.int64()}),
+        "transmissions": _transmissions(scores),
+        "hours": pa.table(
+            {
+                "hour": [each.hour.number for each in scores],
+                "lax_s": [each.lax_s for each in scores],
+                "lax_without_births_s": [each.lax_without_births_s for each in scores],
+                "strict_s": [each.strict_s for each in scores],
+                "decision_ms_median": [float(np.median(each.hour.decision_ms)) for each in scores],
+            }
+        ),
+    }
+    for name, table in tables.items():
+        write_table(folder / f"{name}.parquet", table, world.sector, PERFORMANCE)
+
+
+_ARROW = {int: pa.int64(), float: pa.float64(), bool: pa.bool_()}
+
+
+def _rows(
+    rows: list[tuple[int, Any]], kind: type[Any], optional: dict[str, pa.DataType]
+) -> pa.Table:
+    """A table of named tuples, each with the number of its hour."""
+    fields = [("hour", pa.int64())]
+    for name, annotation in kind.__annotations__.items():
+        fields.append((name, optional.get(name) or _ARROW[annotation]))
+    values = [{"hour": number, **row._asdict()} for number, row in rows]
+    return pa.Table.from_pylist(values, schema=pa.schema(fields))
+
+
+def _transmissions(scores: list[Scores]) -> pa.Table:
+    sent = [(each.hour.number, item) for each in scores for item in each.hour.sent]
+    told = [item.transmission for _, item in sent]
+    levels = [each.level_ticks for each in told]
+    return pa.table(
+        {
+            "hour": pa.array([number for number, _ in sent], pa.int64()),
+            "time_s": pa.array([item.cycle * CYCLE_S for _, item in sent], pa.int64()),
+            "flight": pa.array([item.flight for _, item in sent], pa.int64()),
+            "heading_deg": pa.array(
+                [item.transmission.heading_deg for _, item in sent], pa.int64()
+            ),
+            "fix": pa.array([item.transmission.fix for _, item in sent], pa.int64()),
+            "fl": pa.array(
+                [None if level is None else level / TICKS_PER_FL for level in levels], pa.float64()
+            ),
+        }
+    )

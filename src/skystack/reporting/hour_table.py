@@ -1,0 +1,42 @@
+"""The table of an evaluation on hours of arriving traffic."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from skystack.reporting.table import Table
+from skystack.reporting.tables import NOTHING, decimal, percent
+
+
+def hour_table(row: Mapping[str, Any]) -> Table:
+    """One line per measure, for a row of `skystack.evaluation.hour_scores.summary`."""
+
+    def number(name: str, digits: int = 1) -> str:
+        value = row[name]
+        return NOTHING if value is None else f"{value:,.{digits}f}"
+
+    def share(name: str) -> str:
+        return percent(row[name])
+
+    lines = (
+        ("flights (of which gone)", f"{row['flights']:,} ({row['flights_gone']:,})"),
+        ("hours", decimal(row["hours"])),
+        ("losses of separation (at birth)", _losses(row)),
+        ("close pairs, below 7 NM", f"{row['close_pairs']:,}"),
+        ("fail-safe cycles", share("fail_safe_rate")),
+        ("correct exits", share("correct_exit_rate")),
+        ("excursions", share("excursion_rate")),
+        ("exit offset, NM (median)", number("exit_offset_nm_median")),
+        ("transmissions per flight", number("transmissions_per_flight", 2)),
+        ("transmissions in the worst minute", f"{row['transmissions_worst_minute']}"),
+        ("extra distance", share("extra_miles_rate")),
+        ("level-offs per flight", number("level_offs_per_flight", 2)),
+        ("delay, s", number("delay_s_mean")),
+        ("lax score, s (mean)", number("lax_s_mean", 0)),
+        ("strict score, s (mean)", number("strict_s_mean", 0)),
+        ("decision, ms (median)", number("decision_ms_median")),
+    )
+    return Table(("measure", "value"), lines)
+
+
+def _losses(row: Mapping[str, Any]) -> str:
+    return f"{row['losses_of_separation']:,} ({row['losses_at_birth']:,})"

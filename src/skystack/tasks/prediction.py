@@ -1,0 +1,253 @@
+"""Predicted flight: the paths and levels of flights in the next ten minutes.
+
+Flights are predicted at their present ground speed and at nominal rates of climb and descent. Turns
+at fixes are those of `skystack.simulator.own_navigation`, in two straight pieces.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from skystack.airspace.geometry import bearing, direction, dot, length, value_of, wrap_180
+from skystack.airspace.sector import Sector
+from skystack.compilation.subroutine import subroutine
+from skystack.simulator.own_navigation import fix_leg, fix_of, turn_radius_nm
+from skystack.simulator.simulator import TURN_RATE_DEG_S, Simulator
+from skystack.simulator.traffic import DIRECT, NO_TURN, Traffic
+
+TIMES_S = (*range(0, 120, 15), *range(120, 601, 40))
+"""The times at which flights are predicted; motion in between is taken to be straight."""
+HORIZON_S = float(TIMES_S[-1])
+LEGS = 6
+"""The number of legs of a route that are predicted."""
+
+Rows = Float[Array, "slots *batch"]
+Flags = Bool[Array, "slots *batch"]
+
+
+class PredictedPath(NamedTuple):
+    """Predicted positions in the plane, and the time after which the flight is gone."""
+
+    east_nm: Float[Array, "times slots *batch"]
+    north_nm: Float[Array, "times slots *batch"]
+    until_s: Rows
+
+
+def predicted_level(
+    simulator: Simulator, traffic: Traffic, goal_ticks: Rows
+) -> Float[Array, "times slots *batch"]:
+    """Levels at the predicted times, on the way to a goal."""
+    to_go = goal_ticks - traffic.level_ticks
+    rate = simulator.performance.vertical_speed_ft_min(
+        traffic.level_ticks, jnp.sign(to_go), traffic.kind
+    )
+    reach = jnp.abs(rate)[None] * _times(to_go)
+    return traffic.level_ticks[None] + jnp.clip(to_go[None], -reach, reach)
+
+
+def _times(like: Rows) -> Array:
+    return jnp.asarray(TIMES_S, dtype=jnp.float32).reshape((-1,) + (1,) * like.ndim)
+
+
+def _speed(sector: Sector, traffic: Traffic) -> Rows:
+    """Plane units per second."""
+    scale = sector.plane.scale(traffic.position_nm[:, 1])
+    return traffic.ground_speed_kt / 3600.0 * scale
+
+
+def path_as_cleared(sector: Sector, traffic: Traffic) -> PredictedPath:
+    """The path on the cleared heading, or along the route."""
+    assert traffic.cleared_fix is not None
+    direct = traffic.pending_turn == DIRECT
+    own = direct | (traffic.own_navigation & (traffic.pending_turn == NO_TURN))
+    fix = jnp.where(direct, traffic.cleared_fix, traffic.next_fix)
+    along = path_along_route(sector, traffic, fix, ~direct)
+    ahead = path_on_heading(sector, traffic, traffic.cleared_heading_deg)
+    return PredictedPath(
+        jnp.where(own[None], along.east_nm, ahead.east_nm),
+        jnp.where(own[None], along.north_nm, ahead.north_nm),
+        jnp.where(own, along.until_s, ahead.until_s),
+    )
+
+
+class Turn(NamedTuple):
+    """A turn to a heading, the shorter way. Distances are in plane units."""
+
+    turning_s: Rows
+    """The time that it takes."""
+    sine: Rows
+    cosine: Rows
+    radius: Rows
+    """Positive to the right."""
+    speed: Rows
+    """Per second."""
+    east: Rows
+    """The sine of the heading at the start."""
+    north: Rows
+    """The cosine of the heading at the start."""
+
+
+def path_on_heading(sector: Sector, traffic: Traffic, heading_deg: Rows) -> PredictedPath:
+    """The path after a turn to a heading, the shorter way."""
+    turn = subroutine(partial(_turn_to, sector), traffic, heading_deg)
+    time = _times(heading_deg)
+    # The sine and cosine of the angle turned so far: constants, or those of the whole turn.
+    so_far = np.radians(TURN_RATE_DEG_S * np.array(TIMES_S, dtype=np.float32)).reshape(time.shape)
+    turning = time < turn.turning_s[None]
+    sine = jnp.where(turning, jnp.asarray(np.sin(so_far)), turn.sine[None])
+    cosine = jnp.where(turning, jnp.asarray(np.cos(so_far)), turn.cosine[None])
+    # Along the heading at the start and to the inside of the turn; then the straight part.
+    straight = turn.speed[None] * jnp.maximum(time - turn.turning_s[None], 0.0)
+    ahead = jnp.abs(turn.radius)[None] * sine + straight * cosine
+    inside = jnp.abs(turn.radius)[None] * (1.0 - cosine) + straight * sine
+    right = jnp.where(turn.radius[None] < 0.0, -inside, inside)
+    return PredictedPath(
+        traffic.position_nm[None, :, 0] + ahead * turn.east[None] + right * turn.north[None],
+        traffic.position_nm[None, :, 1] + ahead * turn.north[None] - right * turn.east[None],
+        jnp.full_like(heading_deg, jnp.inf),
+    )
+
+
+def _turn_to(sector: Sector, traffic: Traffic, heading_deg: Rows) -> Turn:
+    """The turn to a heading. Sine and cosine are those of its angle, whatever its side."""
+    speed = _speed(sector, traffic)
+    turn = wrap_180(heading_deg - traffic.heading_deg)
+    angle, heading = jnp.radians(jnp.abs(turn)), jnp.radians(traffic.heading_deg)
+    return Turn(
+        turning_s=jnp.abs(turn) / TURN_RATE_DEG_S,
+        sine=jnp.sin(angle),
+        cosine=jnp.cos(angle),
+        radius=jnp.where(turn < 0.0, -speed, speed) / np.radians(TURN_RATE_DEG_S),
+        speed=speed,
+        east=jnp.sin(heading),
+        north=jnp.cos(heading),
+    )
+
+
+class Segments(NamedTuple):
+    """A path of straight segments, with an axis for them before that of the flights."""
+
+    east: Float[Array, "segments slots *batch"]
+    """Displacements in plane units."""
+    north: Float[Array, "segments slots *batch"]
+    flown: Float[Array, "segments slots *batch"]
+    """The length that is flown in each: that of an arc where the segment is its chord."""
+    exit_at: Rows
+    """The length that is flown until the exit fix."""
+
+
+def path_along_route(
+    sector: Sector, traffic: Traffic, fix: Int[Array, "slots *batch"], continues: Flags
+) -> PredictedPath:
+    """The path to a fix of the route and on along it, until the flight leaves at its exit.
+
+    `continues` marks flights that are on own navigation to the fix already, perhaps still turning.
+    The others begin a turn to it now.
+    """
+    path = subroutine(partial(_segments, sector), traffic, fix, continues)
+    speed = _speed(sector, traffic)
+    left = speed[None] * _times(speed)
+    east, north = traffic.position_nm[None, :, 0], traffic.position_nm[None, :, 1]
+    for number in range(path.flown.shape[0]):
+        flown = path.flown[number][None]
+        part = jnp.clip(left / jnp.maximum(flown, 1e-6), 0.0, 1.0)
+        east = east + part * path.east[number][None]
+        north = north + part * path.north[number][None]
+        left = jnp.maximum(left - flown, 0.0)
+    return PredictedPath(east, north, path.exit_at / jnp.maximum(speed, 1e-9))
+
+
+def _segments(
+    sector: Sector, traffic: Traffic, fix: Int[Array, "slots *batch"], continues: Flags
+) -> Segments:
+    """The turn to the fix, the legs, and the turns in between, each in two chords."""
+    table = sector.route_table
+    last = value_of(table.last_fix, traffic.route)
+    speed = _speed(sector, traffic)
+    begin = traffic.position_nm
+    pieces, heading = _first_turn(sector, traffic, fix, continues)
+    for vector, _ in pieces:
+        begin = begin + vector
+    total = sum((flown for _, flown in pieces), start=jnp.zeros_like(speed))
+    exit_at, lead_before = jnp.zeros_like(speed), jnp.zeros_like(speed)
+    ahead = direction(heading)
+    for number in range(LEGS):
+        at = fix_of(table, traffic.route, jnp.minimum(fix + number, last))
+        used = fix + number <= last
+        leg = at - begin
+        distance = jnp.where(used, length(leg), 0.0)
+        unit = jnp.where(
+            (distance > 1e-3)[:, None], leg / jnp.maximum(distance, 1e-3)[:, None], ahead
+        )
+        after = fix_leg(table, traffic.route, jnp.minimum(fix + number, last))
+        turns = fix + number < last
+        (entry, middle, leave), lead, arc = _corner(unit, after, turns, traffic, sector)
+        straight = jnp.maximum(distance - lead_before - lead, 0.0)
+        # Beyond the last fix the flight holds its heading.
+        endless = fix + number == last
+        straight = jnp.where(endless, speed * 2.0 * HORIZON_S, straight)
+        pieces.append((straight[:, None] * unit, straight))
+        exit_at = jnp.where(fix + number <= last - 1, total + straight + arc / 2.0, exit_at)
+        pieces += [(middle - entry, arc / 2.0), (leave - middle, arc / 2.0)]
+        total = total + straight + arc
+        begin, lead_before, ahead = at, lead, jnp.where(turns[:, None], after, unit)
+    vectors = jnp.stack([vector for vector, _ in pieces])
+    flown = jnp.stack([flown for _, flown in pieces])
+    return Segments(vectors[:, :, 0], vectors[:, :, 1], flown, exit_at)
+
+
+Piece = tuple[Float[Array, "slots 2 *batch"], Rows]
+"""A displacement, and the length that is flown."""
+
+
+def _first_turn(
+    sector: Sector, traffic: Traffic, fix: Int[Array, "slots *batch"], continues: Flags
+) -> tuple[list[Piece], Rows]:
+    """The turn to a fix in two chords, and the heading after it."""
+    scale = sector.plane.scale(traffic.position_nm[:, 1])
+    to_fix = fix_of(sector.route_table, traffic.route, fix) - traffic.position_nm
+    turn = wrap_180(bearing(to_fix) - traffic.heading_deg)
+    radius = turn_radius_nm(jnp.abs(turn), traffic.ground_speed_kt)
+    radius = jnp.where(continues & (traffic.turn_radius_nm > 0.0), traffic.turn_radius_nm, radius)
+    # On the way to the fix there is no turn.
+    radius = jnp.where(continues & (traffic.turn_radius_nm == 0.0), 0.0, radius * scale)
+
+    def turned(angle_deg: Rows) -> Float[Array, "slots 2 *batch"]:
+        half = traffic.heading_deg + angle_deg / 2.0
+        chord = 2.0 * radius * jnp.abs(jnp.sin(jnp.radians(angle_deg / 2.0)))
+        return chord[:, None] * direction(half)
+
+    for _ in range(2):  # the turn ends where the fix is straight ahead
+        course = bearing(to_fix - turned(turn))
+        turn = turn + wrap_180(course - traffic.heading_deg - turn)
+    middle = turned(turn / 2.0)
+    arc = radius * jnp.radians(jnp.abs(turn))
+    halves: list[Piece] = [(middle, arc / 2.0), (turned(turn) - middle, arc / 2.0)]
+    return halves, traffic.heading_deg + turn
+
+
+def _corner(
+    unit: Float[Array, "slots 2 *batch"],
+    after: Float[Array, "slots 2 *batch"],
+    turns: Flags,
+    traffic: Traffic,
+    sector: Sector,
+) -> tuple[list[Float[Array, "slots 2 *batch"]], Rows, Rows]:
+    """A turn at a fix: where it begins, its middle and where it ends, relative to the fix.
+
+    Also the distance from the fix at which it begins, and the length of the arc.
+    """
+    angle = jnp.where(turns, jnp.arccos(jnp.clip(dot(unit, after), -1.0, 1.0)), 0.0)
+    scale = sector.plane.scale(traffic.position_nm[:, 1])
+    radius = turn_radius_nm(jnp.degrees(angle), traffic.ground_speed_kt) * scale
+    half = jnp.minimum(angle / 2.0, 1.2)  # in the simulator at most three radii of lead, here 2.6
+    lead = radius * jnp.tan(half)
+    inwards = after - unit
+    inwards = inwards / jnp.maximum(length(inwards), 1e-6)[:, None]
+    inside = radius * (1.0 / jnp.cos(half) - 1.0)
+    points = [-lead[:, None] * unit, inside[:, None] * inwards, lead[:, None] * after]
+    points = [jnp.where(turns[:, None], point, 0.0) for point in points]
+    return points, jnp.where(turns, lead, 0.0), radius * angle

@@ -1,0 +1,312 @@
+"""The task `sector-control`: every flight of a sector is an agent, and all share one policy.
+
+Each cycle, every flight that hears the controller takes one action: none, a turn of 10 degrees, a
+climb or descent of 10 flight levels, or direct to the next fix of its route. Instructions to a
+flight in consecutive cycles form one transmission, as instructions in one stack do.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from skystack.airspace.geometry import wrap_360
+from skystack.airspace.sector import Sector
+from skystack.compilation.subroutine import subroutine
+from skystack.simulator.arrival_flows import Flow
+from skystack.simulator.simulator import Simulator
+from skystack.simulator.traffic import DIRECT, NO_TURN, SHORTEST, Clearance, Traffic, ticks
+from skystack.stacking import NO_OP
+from skystack.tasks.contract import Metric, Outcome
+from skystack.tasks.features import exit_distance
+from skystack.tasks.outlook import Outlook, look_ahead
+from skystack.tasks.sector_observation import (
+    NAMES,
+    SINCE_CYCLES,
+    Seen,
+    memory_of,
+    observe_flights,
+)
+from skystack.tasks.sector_rewards import FlightCycle, SectorRewardSettings, total_reward
+from skystack.tasks.sector_world import World, WorldCycle, WorldState
+from skystack.tasks.separation import least_distance_squared
+
+NONE, LEFT_10, RIGHT_10, CLIMB, DESCEND, TO_FIX = range(6)
+ACTIONS = ("none", "turn -10 deg", "turn +10 deg", "climb 10 FL", "descend 10 FL", "direct")
+TURN_DEG, STEP_FL = 10.0, 10.0
+
+METRICS = {
+    "correct_exit": Metric("share", "flights that left through their exits at their exit levels"),
+    "excursion": Metric("share", "flights that left elsewhere"),
+    "losses": Metric("count per 1,000 flights", "flights that lost separation"),
+    "transmissions": Metric("count per flight", "transmissions"),
+    "flights": Metric("count", "flights that left"),
+}
+
+
+class Totals(NamedTuple):
+    """Counts of a scenario so far, `[*batch]`."""
+
+    left: Float[Array, "*batch"]
+    correct: Float[Array, "*batch"]
+    excursions: Float[Array, "*batch"]
+    losses: Float[Array, "*batch"]
+    transmissions: Float[Array, "*batch"]
+
+
+class ControlState(NamedTuple):
+    """The sector, and what the controller remembers of each flight."""
+
+    world: WorldState
+    outlook: Outlook
+    burst: Bool[Array, "slots *batch"]
+    """Whether a further instruction continues a transmission."""
+    began: Bool[Array, "slots *batch"]
+    """Whether a transmission began in this cycle."""
+    instructed: Bool[Array, "slots *batch"]
+    """Whether the flight was instructed in this cycle."""
+    since_cycles: Float[Array, "slots *batch"]
+    level_gap_ticks: Float[Array, "slots *batch"]
+    """The distance of the cleared level from the exit level at the end of the last cycle."""
+    exit_nm: Float[Array, "slots *batch"]
+    """The distance from the exit at the end of the last cycle."""
+    lost: Bool[Array, "slots *batch"]
+    """Whether the flight had no separation in the last cycle."""
+    totals: Totals
+    lasts: Int[Array, "*batch"]
+    """The number of cycles after which the scenario ends."""
+
+    @property
+    def seen(self) -> Seen:
+        """What can be observed."""
+        return Seen(self.world, self.outlook, self.burst, self.since_cycles)
+
+
+@dataclass(frozen=True)
+class SectorControl:
+    """Implements `skystack.tasks.contract.ManyAgents`."""
+
+    flow: Flow
+    cycles: int
+    reward: SectorRewardSettings  # type: ignore[valid-type]
+
+    name = "sector-control"
+    version = 1
+    action_names = ACTIONS
+    observation_names = NAMES
+
+    @property
+    def metrics(self) -> Mapping[str, Metric]:
+        return METRICS
+
+    @property
+    def agents(self) -> int:
+        return self.flow.slots
+
+    @property
+    def sector(self) -> Sector:
+        return self.flow.simulator.sector
+
+    @property
+    def simulator(self) -> Simulator:
+        return self.flow.simulator
+
+    @cached_property
+    def world(self) -> World:
+        return World(self.flow)
+
+    def reset(self, key: PRNGKeyArray) -> ControlState:
+        # Scenarios of different lengths, so that not all environments are empty at the same time.
+        least = max(self.cycles // 3, 1)
+        lasts = jax.random.randint(jax.random.fold_in(key, 1), (), least, self.cycles + 1)
+        return self.begin(self.world.reset(key))._replace(lasts=lasts)
+
+    def begin(self, world: WorldState) -> ControlState:
+        """The state in which nothing has been said yet."""
+        nobody = jnp.zeros_like(world.traffic.active)
+        zero = jnp.zeros(world.traffic.active.shape[1:], dtype=jnp.float32)
+        return ControlState(
+            world=world,
+            outlook=self._look_ahead(world),
+            burst=nobody,
+            began=nobody,
+            instructed=nobody,
+            since_cycles=nobody.astype(jnp.float32) + SINCE_CYCLES,
+            level_gap_ticks=_level_gap(world),
+            exit_nm=self._exit_nm(world),
+            lost=nobody,
+            totals=Totals(zero, zero, zero, zero, zero),
+            lasts=zero.astype(jnp.int32) + self.cycles,
+        )
+
+    def observe(self, state: ControlState) -> Float[Array, "observation slots *batch"]:
+        return observe_flights(self.sector, state.seen)
+
+    def active(self, state: ControlState) -> Bool[Array, "slots *batch"]:
+        """The flights that hear the controller."""
+        return state.world.traffic.active & (state.world.arrivals.held == 0)
+
+    def may_stack(
+        self, state: ControlState, action: Int[Array, "slots *batch"]
+    ) -> Bool[Array, "slots *batch"]:
+        """Whether each action is an instruction that changes a clearance."""
+        traffic = state.world.traffic
+        lowest, highest = (ticks(float(fl)) for fl in self.sector.levels_fl)
+        step, cleared = ticks(STEP_FL), traffic.cleared_level_ticks
+        follows = traffic.own_navigation & (traffic.pending_turn == NO_TURN)
+        follows |= traffic.pending_turn == DIRECT
+        allowed = (action == LEFT_10) | (action == RIGHT_10)
+        allowed |= (action == CLIMB) & (cleared + step <= highest)
+        allowed |= (action == DESCEND) & (cleared - step >= lowest)
+        allowed |= (action == TO_FIX) & ~follows
+        return allowed & self.active(state)
+
+    def instruct(self, state: ControlState, action: Int[Array, "slots *batch"]) -> ControlState:
+        """Change clearances. Actions that `may_stack` excludes change nothing."""
+        told = self.may_stack(state, action)
+        world = self.world.instruct(state.world, _clearance(state, jnp.where(told, action, NO_OP)))
+        began = told & ~state.burst
+        return state._replace(
+            world=world,
+            outlook=self._look_ahead(world),
+            burst=state.burst | told,
+            began=state.began | began,
+            instructed=state.instructed | told,
+            since_cycles=jnp.where(told, 0.0, state.since_cycles),
+        )
+
+    def advance(self, state: ControlState) -> tuple[ControlState, Outcome]:
+        heard = self.active(state)
+        world, flown = self.world.advance(state.world)
+        outlook = self._look_ahead(world)
+        lost = subroutine(partial(_lost, self.sector), flown) & heard
+        level_gap, exit_nm = _level_gap(world), self._exit_nm(world)
+        stays = heard & world.traffic.active
+        cycle = FlightCycle(
+            transmission=state.began,
+            instruction=state.instructed,
+            time_to_loss_s=jnp.where(stays, outlook.time_s[0], jnp.inf),
+            loss=lost & ~state.lost,
+            excursion=flown.excursion & heard,
+            exited=flown.exited & heard,
+            level_error_ticks=jnp.abs(flown.traffic.level_ticks - flown.exit_level_ticks),
+            nearer_level_ticks=jnp.where(stays, state.level_gap_ticks - level_gap, 0.0),
+            nearer_exit_nm=jnp.where(stays, state.exit_nm - exit_nm, 0.0),
+        )
+        reward = jnp.where(heard, total_reward(self.reward, cycle), 0.0)
+        terminated = heard & ~world.traffic.active
+        ended = world.arrivals.cycle >= state.lasts
+        since = jnp.where(state.instructed, 0.0, state.since_cycles) + 1.0
+        totals = _added(state.totals, cycle, flown)
+        # A newborn in a slot begins afresh.
+        next_state = ControlState(
+            world=world,
+            outlook=outlook,
+            burst=state.instructed & stays,
+            began=jnp.zeros_like(state.began),
+            instructed=jnp.zeros_like(state.instructed),
+            since_cycles=jnp.where(stays, jnp.minimum(since, SINCE_CYCLES), SINCE_CYCLES),
+            level_gap_ticks=level_gap,
+            exit_nm=exit_nm,
+            lost=lost & stays,
+            totals=totals,
+            lasts=state.lasts,
+        )
+        outcome = Outcome(
+            reward=reward,
+            terminated=terminated,
+            truncated=ended[None] & ~terminated,
+            ended=ended,
+            metrics=_metrics(totals),
+        )
+        return next_state, outcome
+
+    def step(
+        self, state: ControlState, action: Int[Array, "slots *batch"]
+    ) -> tuple[ControlState, Outcome]:
+        return self.advance(self.instruct(state, action))
+
+    def _look_ahead(self, world: WorldState) -> Outlook:
+        return look_ahead(
+            self.simulator, world.traffic, world.progress.next_fix, world.plan.exit_level_ticks
+        )
+
+    def _exit_nm(self, world: WorldState) -> Float[Array, "slots *batch"]:
+        return exit_distance(self.sector, world.traffic, memory_of(world))
+
+
+def _clearance(state: ControlState, action: Int[Array, "slots *batch"]) -> Clearance:
+    """What the actions clear flights to."""
+    traffic = state.world.traffic
+    heading = jnp.round(traffic.cleared_heading_deg)
+    heading += jnp.where(action == LEFT_10, -TURN_DEG, TURN_DEG)
+    turns = (action == LEFT_10) | (action == RIGHT_10)
+    change = jnp.where(action == CLIMB, ticks(STEP_FL), -ticks(STEP_FL))
+    return Clearance(
+        turn=jnp.where(turns, SHORTEST, jnp.where(action == TO_FIX, DIRECT, NO_TURN)),
+        heading_deg=wrap_360(heading),
+        changes_level=(action == CLIMB) | (action == DESCEND),
+        level_ticks=traffic.cleared_level_ticks + change,
+        fix=state.world.progress.next_fix,
+    )
+
+
+def _level_gap(world: WorldState) -> Float[Array, "slots *batch"]:
+    return jnp.abs(world.traffic.cleared_level_ticks - world.plan.exit_level_ticks)
+
+
+def _lost(sector: Sector, flown: WorldCycle) -> Bool[Array, "slots *batch"]:
+    """Which flights lost separation from another during the cycle."""
+    after: Traffic = flown.traffic
+    slots = after.active.shape[0]
+
+    def offsets(position_nm: Array) -> Array:
+        half = 0.5 / sector.plane.scale(position_nm[:, 1])
+        true = half[:, None] + half[None]
+        offset = (position_nm[:, None] - position_nm[None]) * true[:, :, None]
+        return offset.reshape(-1, *offset.shape[2:])
+
+    def gaps(level_ticks: Array) -> Array:
+        gap = level_ticks[:, None] - level_ticks[None]
+        return gap.reshape(-1, *gap.shape[2:])
+
+    offset = offsets(flown.before_nm)
+    squared = least_distance_squared(
+        offset,
+        offsets(after.position_nm) - offset,
+        gaps(flown.before_level_ticks),
+        gaps(after.level_ticks),
+        ticks(float(sector.separation_fl)),
+    ).reshape(slots, slots, *after.active.shape[1:])
+    present = after.active
+    both = present[:, None] & present[None]
+    both &= ~jnp.eye(slots, dtype=bool).reshape((slots, slots) + (1,) * (present.ndim - 1))
+    return jnp.any((squared < sector.loss_below_nm**2) & both, axis=1)
+
+
+def _added(totals: Totals, cycle: FlightCycle, flown: WorldCycle) -> Totals:
+    def count(flags: Array) -> Array:
+        return jnp.sum(flags.astype(jnp.float32), axis=0)
+
+    return Totals(
+        left=totals.left + count(flown.exited | flown.excursion),
+        correct=totals.correct + count(flown.exited_correctly),
+        excursions=totals.excursions + count(flown.excursion),
+        losses=totals.losses + count(cycle.loss),
+        transmissions=totals.transmissions + count(cycle.transmission),
+    )
+
+
+def _metrics(totals: Totals) -> dict[str, Array]:
+    left = jnp.maximum(totals.left, 1.0)
+    return {
+        "correct_exit": totals.correct / left,
+        "excursion": totals.excursions / left,
+        "losses": 1000.0 * totals.losses / left,
+        "transmissions": totals.transmissions / left,
+        "flights": totals.left,
+    }

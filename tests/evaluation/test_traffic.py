@@ -1,0 +1,97 @@
+"""Evaluation on hours of traffic: conditions, rows and tables."""
+
+import pyarrow.parquet as pq
+import pytest
+
+from skystack.airspace.xplus import x_plus
+from skystack.errors import InputError
+from skystack.evaluation.traffic import TrafficConditions, evaluate_traffic, flow_of
+from skystack.simulator.performance import performance
+from skystack.simulator.simulator import Simulator
+
+SIMULATOR = Simulator(x_plus(), performance("constant"), own_navigation=True)
+KEYS = {
+    "agent", "traffic", "hours", "flights", "losses_of_separation", "losses_at_birth",
+    "correct_exit_rate", "excursion_rate", "transmissions_per_flight",
+    "transmissions_worst_minute", "fail_safe_rate", "exit_offset_nm_median", "extra_miles_rate",
+    "lax_s_mean", "strict_s_mean", "decision_ms_median",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def evaluated(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("hours") / "out"
+    counted = []
+    conditions = TrafficConditions("80", hours=2, cycles=240)
+    row = evaluate_traffic("own-navigation-exit-level", conditions, folder, counted.append)
+    return row, folder, counted
+
+
+def test_the_row_has_what_is_promised(evaluated):
+    row, _, counted = evaluated
+    assert set(row) >= KEYS
+    assert row["agent"] == "own-navigation-exit-level"
+    assert row["traffic"] == "80"
+    assert row["hours"] == pytest.approx(0.8)
+    assert row["transmissions_per_flight"] <= 1.0
+    assert 0.0 < row["fail_safe_rate"] < 1.0
+    assert counted == list(range(1, 481))
+
+
+def test_the_tables_agree_with_the_row(evaluated):
+    row, folder, _ = evaluated
+    tables = {path.stem: pq.read_table(path) for path in folder.iterdir()}
+    assert set(tables) == {"flights", "hours", "losses", "transmissions"}
+    assert tables["flights"].num_rows == row["flights"]
+    assert tables["losses"].num_rows == row["losses_of_separation"]
+    assert tables["transmissions"].num_rows == pytest.approx(
+        row["transmissions_per_flight"] * row["flights"]
+    )
+    assert tables["hours"]["hour"].to_pylist() == [0, 1]
+
+
+def test_equal_conditions_give_equal_rows(evaluated):
+    again = evaluate_traffic(
+        "own-navigation-exit-level", TrafficConditions("80", hours=2, cycles=240)
+    )
+    timed = {"decision_ms_median", "decision_ms_max"}
+    assert {key: value for key, value in again.items() if key not in timed} == {
+        key: value for key, value in evaluated[0].items() if key not in timed
+    }
+
+
+@pytest.mark.parametrize(
+    ("traffic", "message"),
+    [
+        ("0", "flights per hour is 0.0"),
+        ("-3", "flights per hour is -3.0"),
+        ("nan", "flights per hour is nan"),
+        ("1e9", "flights per hour is 1000000000.0"),
+        ("categories", "traffic 'categories' (allowed: flights per hour, or category"),
+    ],
+)
+def test_impossible_traffic_is_refused(traffic, message):
+    with pytest.raises(InputError) as raised:
+        flow_of(TrafficConditions(traffic), SIMULATOR)
+    assert message in str(raised.value)
+
+
+@pytest.mark.parametrize(("rate", "slots"), [("10", 16), ("60", 64), ("120", 64), ("200", 128)])
+def test_slots_suffice_for_the_rate(rate, slots):
+    assert flow_of(TrafficConditions(rate), SIMULATOR).slots == slots
+
+
+def test_uncertainty_spreads_speeds_and_rates_of_climb():
+    flow = flow_of(TrafficConditions("60", uncertainty=True), SIMULATOR)
+    assert (flow.speed_spread, flow.climb_spread) == (0.03, 0.10)
+    assert flow_of(TrafficConditions("category"), SIMULATOR).starters == 2
+
+
+def test_policies_of_other_tasks_are_refused():
+    with pytest.raises(InputError, match="trained on task lateral"):
+        evaluate_traffic("lateral-best", TrafficConditions("60"))
+
+
+def test_unknown_agents_are_refused():
+    with pytest.raises(InputError, match="unknown agent 'serch'; did you mean 'search'"):
+        evaluate_traffic("serch", TrafficConditions("60"))

@@ -1,0 +1,120 @@
+"""The outlook against a search second by second."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from skystack.simulator.traffic import ticks
+from skystack.tasks.outlook import MARGIN_NM, NEIGHBOURS, WAYS, look_ahead
+from skystack.tasks.prediction import HORIZON_S, TIMES_S
+from tests.tasks.sector_traffic import SIMULATOR, SLOTS, after
+
+SECTOR = SIMULATOR.sector
+LOOK_AHEAD = jax.jit(partial(look_ahead, SIMULATOR))
+BELOW_NM = SECTOR.separation_nm + MARGIN_NM
+
+
+def straight(state):
+    """All flights hold their headings, half of them changing level."""
+    traffic = state.world.traffic
+    goal = np.asarray(traffic.level_ticks).copy()
+    goal[::2] = ticks(300.0)
+    changed = traffic._replace(
+        own_navigation=np.zeros_like(traffic.own_navigation),
+        cleared_heading_deg=traffic.heading_deg,
+        flown_heading_deg=traffic.heading_deg,
+        turn_deg=np.zeros_like(traffic.turn_deg),
+        cleared_level_ticks=goal,
+        flown_level_ticks=goal,
+    )
+    return jax.tree.map(jnp.asarray, changed)
+
+
+def second_by_second(traffic):
+    """The time to the first loss of each flight, or the horizon."""
+    active = np.flatnonzero(np.asarray(traffic.active))
+    heading = np.radians(np.asarray(traffic.heading_deg))
+    speed = np.asarray(traffic.ground_speed_kt) / 3600.0
+    step = speed[:, None] * np.stack([np.sin(heading), np.cos(heading)], axis=1)
+    position = np.asarray(traffic.position_nm, dtype=np.float64)
+    level = np.asarray(traffic.level_ticks, dtype=np.float64)
+    to_go = np.asarray(traffic.cleared_level_ticks) - level
+    found = np.full(len(level), HORIZON_S)
+    for second in range(int(HORIZON_S)):
+        at = position + second * step
+        now = level + np.clip(to_go, -2000.0 * second, 2000.0 * second)
+        for number, one in enumerate(active):
+            for other in active[number + 1 :]:
+                lost = np.hypot(*(at[one] - at[other])) < BELOW_NM
+                if lost and abs(now[one] - now[other]) < ticks(10.0):
+                    found[[one, other]] = np.minimum(found[[one, other]], second)
+    return found
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_time_to_loss_is_that_of_a_search_second_by_second(seed):
+    state = after(120, seed)
+    traffic = straight(state)
+    plan = state.world.plan
+    outlook = LOOK_AHEAD(traffic, traffic.next_fix, plan.exit_level_ticks)
+    predicted, searched = np.asarray(outlook.time_s[0]), second_by_second(traffic)
+    active = np.asarray(traffic.active)
+    assert (searched[active] < HORIZON_S).any()
+    # The predicted time is the beginning of the interval in which the loss falls. Within an
+    # interval, vertical and horizontal separation may be lost at different times.
+    bounds = np.array(TIMES_S, dtype=float)
+    interval = bounds[np.searchsorted(bounds, searched, side="right") - 1]
+    assert (predicted[active] <= searched[active]).all()
+    assert np.mean(predicted[active] == interval[active]) > 0.8
+
+
+def test_a_turn_away_or_another_level_ends_a_conflict():
+    state = after(120, 0)
+    traffic = straight(state)
+    active = np.flatnonzero(np.asarray(traffic.active))[:2]
+    mask = np.zeros(SLOTS, dtype=bool)
+    mask[active] = True
+    one, other = active
+    position = np.zeros((SLOTS, 2), dtype=np.float32)
+    position[other] = (0.0, 40.0)
+    heading = np.zeros(SLOTS, dtype=np.float32)
+    heading[other] = 180.0
+    level = np.full(SLOTS, ticks(300.0), dtype=np.float32)
+    traffic = traffic._replace(
+        active=mask,
+        position_nm=position,
+        heading_deg=heading,
+        cleared_heading_deg=heading,
+        flown_heading_deg=heading,
+        level_ticks=level,
+        cleared_level_ticks=level,
+        ground_speed_kt=np.full(SLOTS, 360.0, dtype=np.float32),
+    )
+    traffic = jax.tree.map(jnp.asarray, traffic)
+    outlook = LOOK_AHEAD(traffic, traffic.next_fix, jnp.asarray(level))
+    time = dict(zip(WAYS, np.asarray(outlook.time_s)[:, one], strict=True))
+    # Head-on at 720 kt: 5.5 NM are left after 34.5 NM, 172.5 s.
+    assert time["cleared"] == 160.0
+    assert time["exit level"] == 160.0
+    assert time["turn +40"] == HORIZON_S
+    assert time["turn -40"] == HORIZON_S
+    assert time["level +20"] == HORIZON_S
+    assert time["level -10"] == HORIZON_S
+    assert int(outlook.neighbour[0, one]) == other
+    assert float(outlook.neighbour_time_s[0, one]) == 160.0
+    assert (np.asarray(outlook.time_s)[:, ~mask] == HORIZON_S).all()
+
+
+def test_every_neighbour_is_another_flight():
+    state = after(120, 1)
+    neighbour, urgency = np.asarray(state.outlook.neighbour), np.asarray(state.outlook.urgency)
+    active = np.asarray(state.world.traffic.active)
+    assert neighbour.shape == (NEIGHBOURS, SLOTS)
+    exists = (urgency < 1000.0) & active[None]
+    assert exists.sum(axis=0).max() == min(NEIGHBOURS, active.sum() - 1)
+    assert active[neighbour[exists]].all()
+    assert (neighbour != np.arange(SLOTS)[None])[exists].all()
+    assert (np.diff(urgency, axis=0) >= 0.0).all()

@@ -1,0 +1,155 @@
+"""Predicted paths and levels against flights of the simulator."""
+
+from itertools import pairwise
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from skystack.simulator.simulator import CYCLE_S, instruct
+from skystack.simulator.traffic import DIRECT, NO_TURN, SHORTEST, Clearance, ticks
+from skystack.tasks.prediction import (
+    TIMES_S,
+    path_along_route,
+    path_as_cleared,
+    path_on_heading,
+    predicted_level,
+)
+from tests.tasks.sector_traffic import SIMULATOR, after
+
+SECTOR = SIMULATOR.sector
+ADVANCE = jax.jit(SIMULATOR.advance)
+UNTIL_S = 300
+
+
+def flown(traffic):
+    """Positions and levels every six seconds."""
+    rows = []
+    for _ in range(UNTIL_S // CYCLE_S + 1):
+        rows.append((np.asarray(traffic.position_nm), np.asarray(traffic.level_ticks)))
+        traffic = ADVANCE(traffic)
+    return rows
+
+
+def errors_nm(path, rows, chosen):
+    """The distance of the prediction from the flight, `[times, flights]`."""
+    errors = []
+    for index, time in enumerate(TIMES_S):
+        if time > UNTIL_S:
+            break
+        at = np.interp(time / CYCLE_S, range(len(rows)), range(len(rows)))
+        low = int(at)
+        high = min(low + 1, len(rows) - 1)
+        position = rows[low][0] + (at - low) * (rows[high][0] - rows[low][0])
+        east, north = path.east_nm[index] - position[:, 0], path.north_nm[index] - position[:, 1]
+        errors.append(np.hypot(east, north)[chosen])
+    return np.array(errors)
+
+
+@pytest.fixture(scope="module")
+def state():
+    return after(120)
+
+
+def test_a_heading_is_flown_as_predicted(state):
+    traffic = state.world.traffic
+    level = traffic._replace(flown_level_ticks=traffic.level_ticks)
+    level = level._replace(cleared_level_ticks=traffic.level_ticks)
+    heading = jnp.round(traffic.heading_deg + 50.0) % 360.0
+    cleared = instruct(
+        level,
+        Clearance(
+            turn=jnp.full_like(traffic.pending_turn, SHORTEST),
+            heading_deg=heading,
+            changes_level=jnp.zeros_like(traffic.active),
+            level_ticks=traffic.level_ticks,
+        ),
+    )
+    adopted = ADVANCE(cleared)
+    path = path_on_heading(SECTOR, adopted, heading)
+    active = np.asarray(traffic.active)
+    assert active.sum() > 8
+    assert errors_nm(path, flown(adopted), active).max() < 0.05
+    as_cleared = path_as_cleared(SECTOR, adopted)
+    np.testing.assert_array_equal(
+        np.asarray(as_cleared.east_nm)[:, active], np.asarray(path.east_nm)[:, active]
+    )
+
+
+def level_flight(traffic):
+    kept = traffic._replace(flown_level_ticks=traffic.level_ticks)
+    return kept._replace(cleared_level_ticks=traffic.level_ticks)
+
+
+def test_a_route_is_flown_as_predicted(state):
+    """Also by flights that are in a turn at a fix."""
+    traffic = level_flight(state.world.traffic)
+    chosen = np.asarray(traffic.active & traffic.own_navigation)
+    assert chosen.sum() > 6
+    path = path_as_cleared(SECTOR, traffic)
+    inside = np.asarray(path.until_s)[chosen] > UNTIL_S  # on the way to the exit all the time
+    errors = errors_nm(path, flown(traffic), chosen)[:, inside]
+    assert errors.shape[1] > 3
+    assert errors.max() < 0.5
+    assert np.median(errors) < 0.1
+
+
+@pytest.mark.parametrize("turn_deg", [-80.0, -30.0, 30.0, 80.0])
+def test_a_turn_direct_to_a_fix_is_flown_as_predicted(state, turn_deg):
+    traffic = level_flight(state.world.traffic)
+    heading = (traffic.heading_deg + turn_deg) % 360.0
+    off = traffic._replace(
+        heading_deg=heading,
+        flown_heading_deg=heading,
+        cleared_heading_deg=heading,
+        turn_deg=jnp.zeros_like(heading),
+        turn_radius_nm=jnp.zeros_like(heading),
+        own_navigation=jnp.zeros_like(traffic.active),
+    )
+    fix = state.world.progress.next_fix
+    direct = Clearance(
+        turn=jnp.full_like(traffic.pending_turn, DIRECT),
+        heading_deg=heading,
+        changes_level=jnp.zeros_like(traffic.active),
+        level_ticks=traffic.level_ticks,
+        fix=fix,
+    )
+    adopted = ADVANCE(instruct(off, direct))
+    path = path_as_cleared(SECTOR, adopted)
+    to_fix = SECTOR.route_table.fixes_nm[np.asarray(traffic.route), np.asarray(fix)]
+    far = np.hypot(*(to_fix - np.asarray(traffic.position_nm)).T) > 18.0
+    chosen = np.asarray(traffic.active) & far & (np.asarray(path.until_s) > UNTIL_S)
+    assert chosen.sum() > 3
+    errors = errors_nm(path, flown(adopted), chosen)
+    assert errors.max() < 1.2
+    assert np.median(errors) < 0.3
+
+
+def test_levels_are_predicted_exactly(state):
+    traffic = state.world.traffic
+    goal = jnp.where(jnp.arange(traffic.active.shape[0]) % 2 == 0, ticks(260.0), ticks(390.0))
+    changed = traffic._replace(cleared_level_ticks=goal, flown_level_ticks=goal)
+    changed = changed._replace(pending_turn=jnp.full_like(traffic.pending_turn, NO_TURN))
+    predicted = np.asarray(predicted_level(SIMULATOR, changed, goal))
+    rows, active = flown(changed), np.asarray(traffic.active)
+    for index, time in enumerate(TIMES_S):
+        if time <= UNTIL_S and time % CYCLE_S == 0:
+            np.testing.assert_array_equal(
+                predicted[index, active], rows[time // CYCLE_S][1][active]
+            )
+
+
+def test_the_predicted_flight_leaves_at_its_exit_fix(state):
+    traffic = state.world.traffic
+    table = SECTOR.route_table
+    continues = jnp.ones_like(traffic.active)
+    path = path_along_route(SECTOR, traffic, traffic.next_fix, continues)
+    for slot in np.flatnonzero(np.asarray(traffic.active)).tolist():
+        route, fix = int(traffic.route[slot]), int(traffic.next_fix[slot])
+        points = [np.asarray(traffic.position_nm[slot])]
+        points += list(table.fixes_nm[route, fix : table.last_fix[route]])
+        # The arcs of turns are shorter than the corners, or longer than the straight way.
+        length = sum(np.hypot(*(b - a)) for a, b in pairwise(points))
+        speed = float(traffic.ground_speed_kt[slot]) / 3600.0
+        assert float(path.until_s[slot]) == pytest.approx(length / speed, rel=0.05)
