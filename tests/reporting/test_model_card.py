@@ -15,9 +15,16 @@ from huggingface_hub.repocard_data import (
 
 from skystack.learning.experiment import experiment_from
 from skystack.policies.measured import read_measured, to_json
-from skystack.policies.shipped import SHIPPED, find_policy, shipped_policies
+from skystack.policies.shipped import (
+    SECTOR_CONTROL,
+    SHIPPED,
+    find_policy,
+    scenario_policies,
+    shipped_policies,
+)
 from skystack.reporting.model_card import card
 from skystack.tasks.rewards import REWARDS
+from skystack.tasks.sector_rewards import SECTOR_REWARDS
 
 
 def card_of(name):
@@ -35,7 +42,7 @@ def cells(text, first):
     return [cell.strip() for cell in line.strip("|").split("|")][1:]
 
 
-@pytest.mark.parametrize("name", shipped_policies())
+@pytest.mark.parametrize("name", scenario_policies())
 def test_card_states_use_licence_training_features_and_rewards(name):
     text, described = card_of(name), find_policy(name).description
     config = described.config
@@ -151,7 +158,7 @@ def uploaded(folder):
     return ModelCard.load(folder / "README.md")
 
 
-@pytest.mark.parametrize("name", shipped_policies())
+@pytest.mark.parametrize("name", scenario_policies())
 def test_hub_reads_metadata_and_measurements(name):
     """The metadata are parsed by the hub's own library; its online check was not run."""
     parsed = uploaded(SHIPPED / name)
@@ -176,6 +183,28 @@ def test_hub_reads_metadata_and_measurements(name):
         assert shown == {metric: row[metric] for metric in shown}
     index = data.to_dict()["model-index"]
     assert eval_results_to_model_index(*model_index_to_eval_results(index)) == index
+
+
+def test_the_card_of_sector_control_has_a_column_for_each_traffic():
+    text, found = card_of(SECTOR_CONTROL), read_measured(SHIPPED / SECTOR_CONTROL)
+    described = find_policy(SECTOR_CONTROL).description
+    assert found.sha256 == described.sha256
+    traffic = [row["traffic"] for row in found.rows]
+    assert traffic == ["120", "60", "30", "200", "category"]
+    names = [*(f"{rate} flights/h" for rate in (120, 60, 30, 200)), "`category`"]
+    assert f"| | {' | '.join(names)} |" in text.splitlines()
+    assert cells(text, "flights") == [f"{row['flights']:,}" for row in found.rows]
+    assert cells(text, "losses of separation") == [
+        f"{row['losses_of_separation']:,}" for row in found.rows
+    ]
+    assert "Never for operational" in text
+    for term in SECTOR_REWARDS:
+        assert f"| {term} |" in text
+    data = uploaded(SHIPPED / SECTOR_CONTROL).data
+    assert {each.dataset_type for each in data.eval_results} == {"skystack-sector-control"}
+    commands = [row["command"] for row in found.rows]
+    options = list(dict.fromkeys(each.dataset_config for each in data.eval_results))
+    assert [f"skystack evaluate {SECTOR_CONTROL} {each} --json" for each in options] == commands
 
 
 def test_hub_reads_names_as_text():
