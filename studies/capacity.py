@@ -17,8 +17,9 @@ from typing import Any
 
 from skystack.agents.sector_agents import SECTOR_AGENTS
 from skystack.errors import InputError, checked_integer
-from skystack.evaluation.traffic import TrafficConditions, check_traffic, evaluate_traffic
+from skystack.evaluation.traffic import TrafficConditions, evaluate_traffic, find_controller
 from skystack.io.files import atomic_write, make_folder
+from skystack.reporting.hour_table import losses
 from skystack.reporting.table import Table
 from skystack.reporting.tables import percent
 from skystack.tasks.sector_control import SectorControl
@@ -60,7 +61,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> Table:
         (
             str(row["traffic"]),
             f"{row['flights']:,}",
-            f"{row['losses_of_separation']} ({row['losses_at_birth']})",
+            losses(row),
             percent(row["correct_exit_rate"]),
             percent(row["excursion_rate"]),
             f"{row['transmissions_per_flight']:.2f}",
@@ -96,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 conditions = TrafficConditions(
                     traffic, options.hours, SEED, uncertainty=options.uncertainty
                 )
-                check_traffic(agent, conditions)
+                find_controller(agent, conditions)  # raises for mistakes before anything is flown
                 pieces.append((agent, conditions, make_folder(options.out)))
         rows = run_pieces(row_of, pieces, "evaluations")
     except InputError as error:

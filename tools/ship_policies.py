@@ -13,8 +13,6 @@ import re
 import subprocess
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +20,6 @@ from rich.console import Console
 
 import skystack
 from skystack.cli.arguments import Parser
-from skystack.compilation.cores import cores
 from skystack.errors import InputError, unknown_name
 from skystack.evaluation.evaluate import Conditions, evaluate
 from skystack.evaluation.summary import aggregate
@@ -35,6 +32,7 @@ from skystack.policies.measured import Measured
 from skystack.reporting import model_card
 from skystack.reproduction.run import machine
 from skystack.tasks.sector_control import SectorControl
+from studies.parallel import run_pieces
 
 CONDITIONS = (
     Conditions(episodes=1000, stacking=False),
@@ -114,12 +112,10 @@ def _hours(name: str, policy: Policy, console: Console) -> list[dict[str, Any]]:
         command += f" --per-cycle {conditions.per_cycle}"
         console.print(command, highlight=False, soft_wrap=True)
         jobs.append((f"{command} --json", policy, conditions))
-    with ProcessPoolExecutor(len(cores()), mp_context=get_context("spawn")) as pool:
-        return list(pool.map(_row, jobs))
+    return run_pieces(_row, jobs, "evaluations")
 
 
-def _row(job: tuple[str, Policy, TrafficConditions]) -> dict[str, Any]:
-    command, policy, conditions = job
+def _row(command: str, policy: Policy, conditions: TrafficConditions) -> dict[str, Any]:
     return {"command": command} | evaluate_traffic(policy, conditions)
 
 

@@ -1,11 +1,18 @@
 """Evaluation on hours of traffic: conditions, rows and tables."""
 
+from pathlib import Path
+
 import pyarrow.parquet as pq
 import pytest
 
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
-from skystack.evaluation.traffic import TrafficConditions, evaluate_traffic, flow_of
+from skystack.evaluation.traffic import (
+    TrafficConditions,
+    evaluate_traffic,
+    find_controller,
+    flow_of,
+)
 from skystack.simulator.performance import performance
 from skystack.simulator.simulator import Simulator
 
@@ -95,3 +102,16 @@ def test_policies_of_other_tasks_are_refused():
 def test_unknown_agents_are_refused():
     with pytest.raises(InputError, match="unknown agent 'serch'; did you mean 'search'"):
         evaluate_traffic("serch", TrafficConditions("60"))
+
+
+def test_another_sector_may_be_named_or_in_a_file():
+    file = Path(__file__).parents[2] / "examples" / "own-sector" / "valley.json"
+    for sector, name in ((str(file), "valley"), ("crossing", "crossing")):
+        conditions = TrafficConditions("60", sector=sector)
+        assert find_controller("search", conditions).world.sector.name == name
+
+
+def test_a_policy_flies_with_the_performance_model_of_its_training():
+    found = find_controller("sector-control", TrafficConditions("60"))
+    assert (found.name, found.performance) == ("sector-control", "constant")
+    assert found.world.simulator.performance == performance("constant")

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from skystack.simulator.traffic import ticks
+from skystack.simulator.traffic import start, ticks
 from skystack.tasks.outlook import MARGIN_NM, NEIGHBOURS, WAYS, look_ahead
 from skystack.tasks.prediction import HORIZON_S, TIMES_S
 from tests.tasks.sector_traffic import SIMULATOR, SLOTS, after
@@ -72,31 +72,25 @@ def test_the_time_to_loss_is_that_of_a_search_second_by_second(seed):
 
 
 def test_a_turn_away_or_another_level_ends_a_conflict():
-    state = after(120, 0)
-    traffic = straight(state)
-    active = np.flatnonzero(np.asarray(traffic.active))[:2]
+    one, other = 0, 1
     mask = np.zeros(SLOTS, dtype=bool)
-    mask[active] = True
-    one, other = active
+    mask[[one, other]] = True
     position = np.zeros((SLOTS, 2), dtype=np.float32)
     position[other] = (0.0, 40.0)
     heading = np.zeros(SLOTS, dtype=np.float32)
     heading[other] = 180.0
-    level = np.full(SLOTS, ticks(300.0), dtype=np.float32)
-    traffic = traffic._replace(
-        active=mask,
-        position_nm=position,
-        heading_deg=heading,
-        cleared_heading_deg=heading,
-        flown_heading_deg=heading,
-        level_ticks=level,
-        cleared_level_ticks=level,
-        ground_speed_kt=np.full(SLOTS, 360.0, dtype=np.float32),
-    )
-    traffic = jax.tree.map(jnp.asarray, traffic)
-    outlook = LOOK_AHEAD(traffic, traffic.next_fix, jnp.asarray(level))
+    level, nobody = jnp.full(SLOTS, ticks(300.0)), jnp.zeros(SLOTS, dtype=jnp.int32)
+    traffic = start(
+        jnp.asarray(position),
+        jnp.asarray(heading),
+        level,
+        nobody,
+        jnp.full(SLOTS, 360.0),
+        jnp.zeros(SLOTS, dtype=bool),
+    )._replace(active=jnp.asarray(mask), cleared_fix=nobody)
+    outlook = LOOK_AHEAD(traffic, traffic.next_fix, level)
     time = dict(zip(WAYS, np.asarray(outlook.time_s)[:, one], strict=True))
-    # Head-on at 720 kt: 5.5 NM are left after 34.5 NM, 172.5 s.
+    # Head-on at 720 kt: 6 NM, with the margin, are left after 34 NM, 170 s.
     assert time["cleared"] == 160.0
     assert time["exit level"] == 160.0
     assert time["turn +40"] == HORIZON_S
@@ -113,7 +107,7 @@ def test_every_neighbour_is_another_flight():
     neighbour, urgency = np.asarray(state.outlook.neighbour), np.asarray(state.outlook.urgency)
     active = np.asarray(state.world.traffic.active)
     assert neighbour.shape == (NEIGHBOURS, SLOTS)
-    exists = (urgency < 1000.0) & active[None]
+    exists = np.asarray(state.outlook.exists) & active[None]
     assert exists.sum(axis=0).max() == min(NEIGHBOURS, active.sum() - 1)
     assert active[neighbour[exists]].all()
     assert (neighbour != np.arange(SLOTS)[None])[exists].all()

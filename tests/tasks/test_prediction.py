@@ -54,8 +54,7 @@ def state():
 
 def test_a_heading_is_flown_as_predicted(state):
     traffic = state.world.traffic
-    level = traffic._replace(flown_level_ticks=traffic.level_ticks)
-    level = level._replace(cleared_level_ticks=traffic.level_ticks)
+    level = level_flight(traffic)
     heading = jnp.round(traffic.heading_deg + 50.0) % 360.0
     cleared = instruct(
         level,

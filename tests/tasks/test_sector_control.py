@@ -184,8 +184,7 @@ def test_a_batch_is_computed_like_single_scenarios():
 
 
 def test_losses_are_those_of_a_search_over_all_pairs(state):
-    world, cycle = TASK.world.advance(state.world)
-    del world
+    _, cycle = TASK.world.advance(state.world)
     position = np.asarray(cycle.traffic.position_nm).copy()
     before = np.asarray(cycle.before_nm).copy()
     slots = np.flatnonzero(np.asarray(cycle.traffic.active))[:3]

@@ -1,9 +1,9 @@
 """A learned controller of a sector: one policy for all flights, its bursts stacked.
 
 Before each cycle, with time frozen, the policy is queried for every flight. Of the flights that it
-wants to instruct, the most urgent is served first: the policy is queried again and again for this
-flight, until it wants nothing more, and the instructions become one transmission. Then it is
-queried for all flights again, with what has been cleared.
+would instruct, the most urgent is served first: the policy is queried for this flight until it
+gives no further instruction, and the instructions become one transmission. The other flights are
+then queried again, with what has been cleared.
 """
 
 from functools import cached_property
@@ -18,7 +18,7 @@ from skystack.agents.transmission import Transmission
 from skystack.learning.inference import Normaliser, forward, normalise
 from skystack.learning.policy import Policy
 from skystack.simulator.arrivals import FREE
-from skystack.simulator.traffic import DIRECT, NO_TURN
+from skystack.simulator.traffic import DIRECT, NO_TURN, Traffic
 from skystack.stacking import NO_OP
 from skystack.tasks.sector_control import ControlState, SectorControl
 from skystack.tasks.sector_observation import SINCE_CYCLES
@@ -35,7 +35,7 @@ which of several good instructions it gives; the most probable single action wou
 
 
 class Query(NamedTuple):
-    """What the policy wants."""
+    """The answers of the policy for all flights."""
 
     state: ControlState
     action: Int[Array, " slots"]
@@ -116,7 +116,7 @@ class Learned:
         return Query(state, action, wanted, state.outlook.time_s[0] + waits)
 
     def _stack_one(self, query: Query, slot: Int[Array, ""]) -> Query:
-        """Serve one flight: instruct it until the policy wants no more."""
+        """Serve one flight: instruct it until the policy gives no further instruction."""
         here = jnp.arange(self.task.agents) == slot
 
         def wants(carry: tuple[Query, Int[Array, ""]]) -> Bool[Array, ""]:
@@ -129,8 +129,7 @@ class Learned:
             return self._ask(state), count + 1
 
         result: Query = jax.lax.while_loop(wants, instruct, (query, jnp.int32(0)))[0]
-        # After the stack, the flight's burst has ended.
-        return self._ask(result.state._replace(burst=result.state.burst & ~here))
+        return result
 
     def _logits(
         self, observation: Float[Array, "observation slots"]
@@ -144,19 +143,18 @@ def _transmission(before: ControlState, after: ControlState, slot: int) -> Trans
     """What a flight is told in all; None if that is nothing."""
     old, new = before.world.traffic, after.world.traffic
     turn = int(new.pending_turn[slot])
-    heading = int(np.round(float(new.cleared_heading_deg[slot]))) % 360
-    level = float(new.cleared_level_ticks[slot])
-    changes = level != float(old.cleared_level_ticks[slot])
-    turns = turn != NO_TURN
-    if turns and turn != DIRECT:  # back to where it was: nothing to say
-        same = heading == int(np.round(float(old.cleared_heading_deg[slot]))) % 360
-        turns = not (same and not bool(old.own_navigation[slot]))
-    if not turns and not changes:
-        return None
-    assert new.cleared_fix is not None
-    return Transmission(
-        slot,
-        heading_deg=heading if turns and turn != DIRECT else None,
-        fix=int(new.cleared_fix[slot]) if turns and turn == DIRECT else None,
-        level_ticks=level if changes else None,
-    )
+    fix = heading = level = None
+    if turn == DIRECT and new.cleared_fix is not None:
+        fix = int(new.cleared_fix[slot])
+    elif turn != NO_TURN:
+        heading = _whole_heading(new, slot)
+        if heading == _whole_heading(old, slot) and not bool(old.own_navigation[slot]):
+            heading = None  # turned back to where it was
+    if float(new.cleared_level_ticks[slot]) != float(old.cleared_level_ticks[slot]):
+        level = float(new.cleared_level_ticks[slot])
+    told = Transmission(slot, heading, fix, level)
+    return None if told == Transmission(slot) else told
+
+
+def _whole_heading(traffic: Traffic, slot: int) -> int:
+    return int(np.round(float(traffic.cleared_heading_deg[slot]))) % 360

@@ -76,7 +76,7 @@ class Search:
         self._present[:, gone] = False
         self._unsafe -= set(np.flatnonzero(gone).tolist())
         self._planned[gone] = FREE
-        ready = (flight != FREE) & (state.arrivals.held == 0) & (self._planned == FREE)
+        ready = state.hears & (self._planned == FREE)
         for slot in [*np.flatnonzero(ready).tolist(), *sorted(self._unsafe)]:
             self._plan(state, slot)
         return [each for number, each in self._due.pop(cycle, []) if flight[each.slot] == number]

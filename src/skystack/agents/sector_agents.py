@@ -1,7 +1,6 @@
 """The agents of sector control by name, and learned ones from policies."""
 
 from collections.abc import Callable
-from typing import Any
 
 from skystack.agents.learned import Learned
 from skystack.agents.search import Search
@@ -10,6 +9,7 @@ from skystack.agents.transmission import SectorAgent
 from skystack.errors import InputError
 from skystack.learning.experiment import experiment_from
 from skystack.learning.policy import Policy
+from skystack.policies.facts import check_trained_for
 from skystack.tasks.registry import build_task
 from skystack.tasks.sector_control import SectorControl
 from skystack.tasks.sector_world import World
@@ -32,20 +32,13 @@ def sector_task_of(policy: Policy) -> SectorControl:
             f"the policy was trained on task {described.task_name} (allowed with --traffic: "
             f"{SectorControl.name})"
         )
-    task: Any = build_task(experiment_from(described.config, "policy.json").task)
-    if described.task_version != task.version:
-        raise InputError(
-            f"the policy was trained on version {described.task_version} of {task.name} (allowed: "
-            f"{task.version})"
-        )
-    known = (described.observation, described.actions)
-    if known != (task.observation_names, task.action_names):
-        raise InputError("the policy has other observations or actions than its task")
-    found: SectorControl = task
-    return found
+    where = f"policy {described.experiment}-s{described.seed}"
+    task = build_task(experiment_from(described.config, where).task)
+    check_trained_for(task, described, where)
+    assert isinstance(task, SectorControl)
+    return task
 
 
-def learned_agent(policy: Policy, world: World, per_cycle: int) -> Learned:
-    """The agent that flies a policy in a world."""
-    task = sector_task_of(policy)
+def learned_agent(policy: Policy, task: SectorControl, world: World, per_cycle: int) -> Learned:
+    """The agent that flies a policy, trained on a task, in a world."""
     return Learned(policy, SectorControl(world.flow, task.cycles, task.reward), per_cycle)

@@ -3,7 +3,6 @@
 import numpy as np
 
 from skystack.agents.transmission import Transmission
-from skystack.simulator.arrivals import FREE
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.tasks.sector_world import World, WorldState
 
@@ -35,12 +34,9 @@ class OwnNavigation:
         self._served = set()
 
     def transmit(self, state: WorldState) -> list[Transmission]:
-        flight, held = state.arrivals.flight, state.arrivals.held
-        new = [
-            slot
-            for slot in np.flatnonzero((flight != FREE) & (held == 0)).tolist()
-            if int(flight[slot]) not in self._served
-        ]
+        flight = state.arrivals.flight
+        hearing = np.flatnonzero(state.hears).tolist()
+        new = [slot for slot in hearing if int(flight[slot]) not in self._served]
         new.sort(key=lambda slot: int(flight[slot]))
         chosen = new[: self.per_cycle]
         self._served |= {int(flight[slot]) for slot in chosen}
@@ -108,8 +104,7 @@ class Rules(OwnNavigation):
         low = np.minimum(traffic.level_ticks, traffic.cleared_level_ticks)
         high = np.maximum(traffic.level_ticks, traffic.cleared_level_ticks)
         overlap = (low[:, None] < high[None] + margin) & (low[None] < high[:, None] + margin)
-        heard = traffic.active & (state.arrivals.held == 0)
-        both = heard[:, None] & heard[None] & overlap
+        both = state.hears[:, None] & state.hears[None] & overlap
         both = both & ~np.eye(len(both), dtype=bool)
         return np.where(both, distance, np.inf)
 

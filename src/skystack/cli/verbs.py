@@ -57,6 +57,7 @@ def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
         preflight,
         train_experiment,
     )
+    from skystack.policies.shipped import SECTOR_CONTROL
 
     name, every_s = f"{experiment.name}-s{options.seed}", options.checkpoint_every
     events = event_files(out) if options.tensorboard else nullcontext(lambda: None)
@@ -82,7 +83,7 @@ def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
         words += [word for change in options.changes for word in ("--set", change)]
         raise KeyboardInterrupt(f"interrupted; to resume: {shlex.join(words)}") from None
     say(f"{trained.wall_s:.0f} s; policy: {out / 'policy.json'}")
-    hours = experiment.task.name == "sector-control"
+    hours = experiment.task.name == SECTOR_CONTROL
     what = "on an hour of traffic" if hours else "stacked, on held-out scenarios"
     traffic = " --traffic 60" if hours else ""
     say(f"to evaluate it, {what}: {program()} evaluate {quoted(out)}{traffic}")

@@ -41,7 +41,7 @@ from skystack.learning.experiment import (
     experiment_names,
     load_experiment,
 )
-from skystack.learning.policy import Policy, PolicyDescription
+from skystack.learning.policy import Policy
 from skystack.platforms.processes import TIME_LIMIT_S, checked_time_limit
 from skystack.platforms.registry import (
     OWN,
@@ -51,7 +51,7 @@ from skystack.platforms.registry import (
     open_platform,
     platform_notes,
 )
-from skystack.policies.facts import Facts
+from skystack.policies.facts import check_trained_for
 from skystack.simulator.limits import MAX_CYCLES
 from skystack.tasks.contract import TrafficTask
 from skystack.tasks.registry import build_traffic_task, check_cycles
@@ -112,7 +112,7 @@ def policy_task(
     where = f"policy {described.experiment}-s{described.seed}"
     experiment: Experiment = experiment_from(described.config, where)
     task = build_traffic_task(_settings(experiment, sector, cycles))
-    _check_trained_for(task, described, where)
+    check_trained_for(task, described, where)
     return task
 
 
@@ -148,7 +148,7 @@ def agent_task(
     facts, experiment = agent.facts, agent_experiment(agent, experiment)
     task = build_traffic_task(_settings(experiment, sector, cycles))
     if facts is not None:
-        _check_trained_for(task, facts, agent.name)
+        check_trained_for(task, facts, agent.name)
     observations, actions = len(task.observation_names), len(task.action_names)
     if agent.observations not in (None, observations) or agent.actions not in (None, actions):
         sizes = f"{agent.observations or '?'} observed values and {agent.actions or '?'} actions"
@@ -172,17 +172,6 @@ def _paper(name: str, settings: TaskSettings, stacking: bool) -> dict[str, float
     if experiment in experiment_names() and load_experiment(experiment).task == settings:
         return paper_row(experiment, stacking)
     return None
-
-
-def _check_trained_for(task: TrafficTask, described: PolicyDescription | Facts, where: str) -> None:
-    if (described.task_name, described.task_version) != (task.name, task.version):
-        raise InputError(
-            f"{where} was trained for task {described.task_name} version "
-            f"{described.task_version} (allowed: {task.name} version {task.version}); "
-            "train it again"
-        )
-    if described.observation != task.observation_names or described.actions != task.action_names:
-        raise InputError(f"{where}: its observation or actions differ from those of its task")
 
 
 _DEFAULT = Conditions()

@@ -14,7 +14,6 @@ from skystack.agents.transmission import SectorAgent, Transmission, clearance_of
 from skystack.errors import InputError
 from skystack.learning.seeds import scenario_key
 from skystack.simulator.arrivals import FREE
-from skystack.tasks.outlook import look_ahead
 from skystack.tasks.sector_rewards import FAIL_SAFE_S
 from skystack.tasks.sector_world import World, WorldCycle, WorldState
 
@@ -115,13 +114,7 @@ class HourFlyer:
 
 def is_fail_safe(world: World, state: WorldState) -> Bool[Array, "*batch"]:
     """Whether nobody would lose separation within `FAIL_SAFE_S` without a further clearance."""
-    outlook = look_ahead(
-        world.simulator,
-        state.traffic,
-        state.progress.next_fix,
-        state.plan.exit_level_ticks,
-        margin_nm=0.0,
-    )
+    outlook = world.look_ahead(state, margin_nm=0.0)
     return jnp.all(outlook.time_s[0] >= FAIL_SAFE_S, axis=0)
 
 

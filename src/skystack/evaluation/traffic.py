@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,7 +11,8 @@ import pyarrow as pa
 
 from skystack.agents.sector_agents import SECTOR_AGENTS, learned_agent, sector_task_of
 from skystack.agents.transmission import SectorAgent
-from skystack.airspace.sectors import sector_from
+from skystack.airspace.sector import Sector
+from skystack.airspace.sectors import sector_from, sector_setting
 from skystack.errors import InputError, exists, unknown_name
 from skystack.evaluation.hour_scores import FlightRow, PairEvent, Scores, score, summary
 from skystack.evaluation.hours import HourFlyer
@@ -86,62 +87,58 @@ def evaluate_traffic(
     `SECTOR_AGENTS`. With `out`, tables are written into that folder. Raises InputError for invalid
     conditions.
     """
-    found = _find(controller)
-    policy = found if isinstance(found, Policy) else None
-    world = _world(policy, conditions)
-    agent = _agent(found, world, conditions.per_cycle)
-    flyer = HourFlyer(world, conditions.cycles, conditions.per_cycle)
-    scores = []
+    found = find_controller(controller, conditions)
+    flyer = HourFlyer(found.world, conditions.cycles, conditions.per_cycle)
+    scores, cycles = [], count(1)
     for number in range(conditions.hours):
-        count = partial(_count, on_cycle, number * conditions.cycles)
-        hour = flyer.fly(agent, conditions.seed, number, count)
-        scores.append(score(world.sector, hour))
-    label = found.description.experiment if isinstance(found, Policy) else found
-    row = summary(scores, label, conditions.traffic) | {"per_cycle": conditions.per_cycle}
+        hour = flyer.fly(found.agent, conditions.seed, number, lambda _: on_cycle(next(cycles)))
+        scores.append(score(found.world.sector, hour))
+    row = summary(scores, found.name, conditions.traffic) | {"per_cycle": conditions.per_cycle}
     if out is not None:
-        write_hours(out, world, scores)
+        write_hours(out, found, scores)
     return row
 
 
-def check_traffic(controller: str | Policy, conditions: TrafficConditions) -> None:
-    """Raise InputError for an unknown controller or impossible conditions."""
-    found = _find(controller)
-    _world(found if isinstance(found, Policy) else None, conditions)
+class ControlledWorld(NamedTuple):
+    """An agent and the world that it controls."""
+
+    name: str
+    agent: SectorAgent
+    world: World
+    performance: str
+    """The name of the performance model in this world."""
 
 
-def _find(controller: str | Policy) -> str | Policy:
-    """A policy, or the name of an agent that is not a policy."""
-    if isinstance(controller, Policy) or controller in SECTOR_AGENTS:
-        return controller
-    if controller not in shipped_policies() and not exists(controller):
-        also = "a folder with a policy.json, or "
-        raise unknown_name("agent", controller, [*SECTOR_AGENTS, SectorControl.name], also=also)
-    return find_policy(controller)
+def find_controller(controller: str | Policy, conditions: TrafficConditions) -> ControlledWorld:
+    """The agent of a name or a policy. Raises InputError if it or its conditions are invalid."""
+    if isinstance(controller, str) and controller in SECTOR_AGENTS:
+        world = _world(conditions, "x-plus", PERFORMANCE)
+        agent = SECTOR_AGENTS[controller](world, conditions.per_cycle)
+        return ControlledWorld(controller, agent, world, PERFORMANCE)
+    policy = controller if isinstance(controller, Policy) else _policy(controller)
+    task, config = sector_task_of(policy), policy.description.config["task"]
+    world = _world(conditions, task.sector, config["performance"])
+    agent = learned_agent(policy, task, world, conditions.per_cycle)
+    return ControlledWorld(policy.description.experiment, agent, world, config["performance"])
 
 
-def _count(on_cycle: Callable[[int], None], before: int, cycle: int) -> None:
-    on_cycle(before + cycle)
-
-
-def _world(policy: Policy | None, conditions: TrafficConditions) -> World:
-    if policy is None:
-        sector = sector_from("x-plus" if conditions.sector is None else conditions.sector)
-        simulator = Simulator(sector, performance(PERFORMANCE), own_navigation=True)
-        return World(flow_of(conditions, simulator))
-    simulator = sector_task_of(policy).simulator
+def _world(conditions: TrafficConditions, sector: str | Sector, model: str) -> World:
+    """The world of a sector, or of that of the conditions, with a performance model."""
     if conditions.sector is not None:
-        sector = sector_from(conditions.sector)
-        simulator = Simulator(sector, simulator.performance, own_navigation=True)
-    return World(flow_of(conditions, simulator))
+        sector = conditions.sector
+    if isinstance(sector, str):
+        sector = sector_from(sector_setting(sector))
+    return World(flow_of(conditions, Simulator(sector, performance(model), own_navigation=True)))
 
 
-def _agent(found: str | Policy, world: World, per_cycle: int) -> SectorAgent:
-    if isinstance(found, Policy):
-        return learned_agent(found, world, per_cycle)
-    return SECTOR_AGENTS[found](world, per_cycle)
+def _policy(name: str) -> Policy:
+    if name not in shipped_policies() and not exists(name):
+        also = "a folder with a policy.json, or "
+        raise unknown_name("agent", name, [*SECTOR_AGENTS, SectorControl.name], also=also)
+    return find_policy(name)
 
 
-def write_hours(folder: Path, world: World, scores: list[Scores]) -> None:
+def write_hours(folder: Path, flown: ControlledWorld, scores: list[Scores]) -> None:
     """Write `flights`, `transmissions`, `losses` and `hours` as Parquet."""
     make_folder(folder)
     flights = [(each.hour.number, row) for each in scores for row in each.flights]
@@ -161,7 +158,7 @@ def write_hours(folder: Path, world: World, scores: list[Scores]) -> None:
         ),
     }
     for name, table in tables.items():
-        write_table(folder / f"{name}.parquet", table, world.sector, PERFORMANCE)
+        write_table(folder / f"{name}.parquet", table, flown.world.sector, flown.performance)
 
 
 _ARROW = {int: pa.int64(), float: pa.float64(), bool: pa.bool_()}

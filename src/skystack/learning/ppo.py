@@ -303,7 +303,7 @@ def learn(
     def step_if_active(
         carry: tuple[Float[Array, " weights"], optax.OptState], order: Int[Array, " minibatch"]
     ) -> tuple[tuple[Float[Array, " weights"], optax.OptState], dict[str, Array]]:
-        # The few minibatches with samples of both kinds are passed over, too.
+        # A minibatch with samples of both kinds is skipped, too.
         assert active is not None
         return jax.lax.cond(
             active[order[-1]], lambda: gradient_step(carry, batch[:, order]), lambda: skipped(carry)

@@ -8,7 +8,8 @@ import msgspec
 from skystack.errors import InputError, error_context
 from skystack.io.names import Name, Seed
 from skystack.io.validation import convert
-from skystack.learning.policy import Policy
+from skystack.learning.policy import Policy, PolicyDescription
+from skystack.tasks.contract import Task
 
 
 class Facts(msgspec.Struct, frozen=True):
@@ -27,6 +28,18 @@ class Facts(msgspec.Struct, frozen=True):
 def facts(policy: Policy) -> dict[str, Any]:
     """The metadata of a policy: integers, strings and tuples of strings."""
     return {name: getattr(policy.description, name) for name in Facts.__struct_fields__}
+
+
+def check_trained_for(task: Task, described: PolicyDescription | Facts, where: str) -> None:
+    """Raise InputError, prefixed with `where`, unless a policy was trained for a task as it is."""
+    if (described.task_name, described.task_version) != (task.name, task.version):
+        raise InputError(
+            f"{where} was trained for task {described.task_name} version "
+            f"{described.task_version} (allowed: {task.name} version {task.version}); "
+            "train it again"
+        )
+    if described.observation != task.observation_names or described.actions != task.action_names:
+        raise InputError(f"{where}: its observation or actions differ from those of its task")
 
 
 def facts_as_texts(policy: Policy) -> dict[str, str]:

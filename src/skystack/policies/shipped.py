@@ -11,7 +11,7 @@ from skystack.learning.policy import Policy, load_policy
 MAX_LISTED = 3
 """The maximum number of policies that an error message lists."""
 SECTOR_CONTROL = "sector-control"
-"""The name of the policy that controls a whole sector."""
+"""The name of the task and of the policy that control a whole sector."""
 SHIPPED = Path(str(files("skystack").joinpath("policies")))
 
 
@@ -22,8 +22,7 @@ def shipped_policies() -> list[str]:
 
 def scenario_policies() -> list[str]:
     """Those that are evaluated on scenarios, not on hours of traffic like sector control."""
-    names = shipped_policies()
-    return [each for each in names if each != SECTOR_CONTROL]
+    return [each for each in shipped_policies() if each != SECTOR_CONTROL]
 
 
 def find_policy(name: AnyPath) -> Policy:

@@ -14,21 +14,18 @@ def hour_table(row: Mapping[str, Any]) -> Table:
         value = row[name]
         return NOTHING if value is None else f"{value:,.{digits}f}"
 
-    def share(name: str) -> str:
-        return percent(row[name])
-
     lines = (
         ("flights (of which gone)", f"{row['flights']:,} ({row['flights_gone']:,})"),
         ("hours", decimal(row["hours"])),
-        ("losses of separation (at birth)", _losses(row)),
+        ("losses of separation (at birth)", losses(row)),
         ("close pairs, below 7 NM", f"{row['close_pairs']:,}"),
-        ("fail-safe cycles", share("fail_safe_rate")),
-        ("correct exits", share("correct_exit_rate")),
-        ("excursions", share("excursion_rate")),
+        ("fail-safe cycles", percent(row["fail_safe_rate"])),
+        ("correct exits", percent(row["correct_exit_rate"])),
+        ("excursions", percent(row["excursion_rate"])),
         ("exit offset, NM (median)", number("exit_offset_nm_median")),
         ("transmissions per flight", number("transmissions_per_flight", 2)),
         ("transmissions in the worst minute", f"{row['transmissions_worst_minute']}"),
-        ("extra distance", share("extra_miles_rate")),
+        ("extra distance", percent(row["extra_miles_rate"])),
         ("level-offs per flight", number("level_offs_per_flight", 2)),
         ("delay, s", number("delay_s_mean")),
         ("lax score, s (mean)", number("lax_s_mean", 0)),
@@ -38,5 +35,6 @@ def hour_table(row: Mapping[str, Any]) -> Table:
     return Table(("measure", "value"), lines)
 
 
-def _losses(row: Mapping[str, Any]) -> str:
+def losses(row: Mapping[str, Any]) -> str:
+    """Losses of separation, and in brackets those at birth."""
     return f"{row['losses_of_separation']:,} ({row['losses_at_birth']:,})"

@@ -6,7 +6,6 @@ file of this name: the folder of a policy can be uploaded as it is.
 
 import textwrap
 from collections.abc import Callable, Iterator, Mapping
-from importlib.resources import files
 from typing import Any, NamedTuple
 
 import jinja2
@@ -22,6 +21,7 @@ from skystack.learning.experiment import (
 )
 from skystack.learning.policy import Policy
 from skystack.policies.measured import Measured
+from skystack.reporting.page import template_source
 from skystack.reporting.tables import NOTHING, decimal, mean_and_std, percent
 from skystack.tasks.contract import Action, TrafficTask
 from skystack.tasks.kinds import TaskKind
@@ -72,12 +72,16 @@ def card(name: str, policy: Policy, measured: Measured) -> str:
         "measured": measured,
     }
     if described.task_name == SectorControl.name:
-        sector_task_of(policy)
-        return _rendered("sector_card.md.jinja", values | {"metrics": SECTOR_METRICS})
+        sector_task_of(policy)  # raises if the task has changed
+        values |= {"metrics": SECTOR_METRICS, "step": "cycle", "of_what": " of traffic"}
+        return _rendered("sector_card.md.jinja", values)
     task = policy_task(policy)
     paper = [row["paper"] for row in measured.rows]
     values |= {
+        "step": "step",
+        "of_what": "",
         "task": task,
+        "several": task.aircraft > 1,
         "instructions": [action.name.partition(" ")[2][2:] for action in _of_first(task)],
         "most": int(MAX_INSTRUCTIONS),
         "metrics": (*METRICS, *[LOSSES] * (task.aircraft > 1)),
@@ -90,6 +94,7 @@ def card(name: str, policy: Policy, measured: Measured) -> str:
 
 def _rendered(template: str, values: Mapping[str, Any]) -> str:
     environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(template_source),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -103,15 +108,26 @@ def _rendered(template: str, values: Mapping[str, Any]) -> str:
         "whole": "{:,.0f}".format,
         "hours": "{:g}".format,
         "number": "{:,}".format,
+        "dataset": _dataset,
         "traffic": _traffic,
-        "way": lambda stacking: "stacked" if stacking else "unstacked",
+        "way": _way,
         "weight": _weight,
         "options": _options,
     }
     environment.filters |= filters
-    source = files("skystack.reporting").joinpath(template).read_text("utf-8")
-    text = environment.from_string(source).render(values)
+    text = environment.get_template(template).render(values)
     return "".join(f"{_wrapped(line)}\n" for line in text.splitlines())
+
+
+def _dataset(row: Mapping[str, Any]) -> str:
+    """The name of what a row was measured on."""
+    if "traffic" in row:
+        return f"{row['hours']:g} hours, {_traffic(row['traffic'])}"
+    return f"{row['episodes']:,} scenarios, {_way(row['stacking'])}"
+
+
+def _way(stacking: bool) -> str:
+    return "stacked" if stacking else "unstacked"
 
 
 def _traffic(name: str) -> str:

@@ -26,7 +26,7 @@ def picture_of(drawing: str, words: str) -> Picture:
 def render(template: str, **values: Any) -> bytes:
     """Render a template of this package; all values are escaped as HTML."""
     environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_source),
+        loader=jinja2.FunctionLoader(template_source),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -35,5 +35,6 @@ def render(template: str, **values: Any) -> bytes:
     return environment.get_template(template).render(**values).encode()
 
 
-def _source(template: str) -> str:
+def template_source(template: str) -> str:
+    """The text of a template of this package."""
     return files("skystack.reporting").joinpath(template).read_text("utf-8")

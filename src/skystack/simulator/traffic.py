@@ -64,6 +64,12 @@ class Traffic(NamedTuple):
     climb_factor: Float[Array, "aircraft *batch"] | None = None
     """Multiplies the rates of climb and descent of the performance model; None means 1."""
 
+    @property
+    def cleared_along_route(self) -> Bool[Array, "aircraft *batch"]:
+        """Whether aircraft are cleared to follow their routes, adopted or not."""
+        on_own = self.own_navigation & (self.pending_turn == NO_TURN)
+        return on_own | (self.pending_turn == DIRECT)
+
 
 class Clearance(NamedTuple):
     """Clearances to all aircraft at one time. Headings and levels without one stay unchanged."""

@@ -124,8 +124,7 @@ def room_ahead(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
     exit_edge = points_of(sector.route_table.exit_edge_nm, traffic.route)
     corners = [(point[:, 0], point[:, 1]) for point in exit_edge]
     to_exit = _nearest_ahead(traffic, ray, pairwise(corners), scale)
-    to_edge = _nearest_ahead(traffic, ray, edges(sector.area_nm).tolist(), scale)
-    return to_exit - to_edge
+    return to_exit - edge_ahead(sector, traffic, memory)
 
 
 def edge_ahead(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from skystack.airspace.sector import Sector
 from skystack.compilation.subroutine import subroutine
@@ -46,7 +46,8 @@ MARGIN_NM = 1.0
 """Added to the separation standard in what a policy observes."""
 INTERVALS = len(TIMES_S) - 1
 """At most 32: sets of intervals are stored as bits."""
-_FAR = 1e6
+FAR = 1e6
+"""The urgency of a free slot."""
 
 Bits = Any
 
@@ -59,9 +60,14 @@ class Outlook(NamedTuple):
     neighbour: Int[Array, "neighbours slots *batch"]
     """The slots of the other flights that matter most, the most urgent first."""
     urgency: Float[Array, "neighbours slots *batch"]
-    """The lower, the more urgent; `_FAR` or more for free slots."""
+    """The lower, the more urgent; `FAR` for free slots."""
     neighbour_time_s: Float[Array, "neighbours slots *batch"]
     """The time until separation from each neighbour would be lost as cleared."""
+
+    @property
+    def exists(self) -> Bool[Array, "neighbours slots *batch"]:
+        """Whether each neighbour is a flight."""
+        return self.urgency < FAR
 
 
 def look_ahead(
@@ -159,7 +165,7 @@ def most_urgent(
     apart = jnp.maximum(low[None] - own_high[:, None], own_low[:, None] - high[None])
     score = least + jnp.maximum(apart, 0.0) / ticks(5.0)
     other = ~jnp.eye(slots, dtype=bool).reshape((slots, slots) + (1,) * (level.ndim - 1))
-    score = jnp.where(traffic.active[None] & other, score, _FAR)
+    score = jnp.where(traffic.active[None] & other, score, FAR)
     count = min(NEIGHBOURS, slots - 1)
     urgency, neighbour = jax.lax.top_k(-jnp.moveaxis(score, 1, -1), count)
     return jnp.moveaxis(neighbour, -1, 0), -jnp.moveaxis(urgency, -1, 0)
@@ -191,7 +197,7 @@ def _times_to_loss(
     there = jnp.concatenate([_before(path.until_s.reshape(-1, columns)) for path in paths])
     column = jnp.arange(columns, dtype=jnp.int32) % batch
     at = neighbour.reshape(-1, columns) * batch + column[None]
-    exists = (urgency < _FAR).reshape(-1, columns)
+    exists = (urgency < FAR).reshape(-1, columns)
     below2 = (sector.separation_nm + margin_nm) ** 2
     limit = ticks(float(sector.separation_fl))
     east, north = tracks[0]

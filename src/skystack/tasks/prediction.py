@@ -14,13 +14,20 @@ from jaxtyping import Array, Bool, Float, Int
 from skystack.airspace.geometry import bearing, direction, dot, length, value_of, wrap_180
 from skystack.airspace.sector import Sector
 from skystack.compilation.subroutine import subroutine
-from skystack.simulator.own_navigation import fix_leg, fix_of, turn_radius_nm
+from skystack.simulator.own_navigation import (
+    fix_leg,
+    fix_of,
+    turn_radius_nm,
+)
 from skystack.simulator.simulator import TURN_RATE_DEG_S, Simulator
-from skystack.simulator.traffic import DIRECT, NO_TURN, Traffic
+from skystack.simulator.traffic import DIRECT, Traffic
 
 TIMES_S = (*range(0, 120, 15), *range(120, 601, 40))
 """The times at which flights are predicted; motion in between is taken to be straight."""
 HORIZON_S = float(TIMES_S[-1])
+MAX_HALF_TURN_RAD = 1.2
+"""Sharper turns at fixes are predicted as turns of twice this, which begin 2.6 radii before the
+fix. In the simulator, no turn begins earlier than 3 radii before."""
 LEGS = 6
 """The number of legs of a route that are predicted."""
 
@@ -61,8 +68,7 @@ def _speed(sector: Sector, traffic: Traffic) -> Rows:
 def path_as_cleared(sector: Sector, traffic: Traffic) -> PredictedPath:
     """The path on the cleared heading, or along the route."""
     assert traffic.cleared_fix is not None
-    direct = traffic.pending_turn == DIRECT
-    own = direct | (traffic.own_navigation & (traffic.pending_turn == NO_TURN))
+    direct, own = traffic.pending_turn == DIRECT, traffic.cleared_along_route
     fix = jnp.where(direct, traffic.cleared_fix, traffic.next_fix)
     along = path_along_route(sector, traffic, fix, ~direct)
     ahead = path_on_heading(sector, traffic, traffic.cleared_heading_deg)
@@ -243,7 +249,7 @@ def _corner(
     angle = jnp.where(turns, jnp.arccos(jnp.clip(dot(unit, after), -1.0, 1.0)), 0.0)
     scale = sector.plane.scale(traffic.position_nm[:, 1])
     radius = turn_radius_nm(jnp.degrees(angle), traffic.ground_speed_kt) * scale
-    half = jnp.minimum(angle / 2.0, 1.2)  # in the simulator at most three radii of lead, here 2.6
+    half = jnp.minimum(angle / 2.0, MAX_HALF_TURN_RAD)
     lead = radius * jnp.tan(half)
     inwards = after - unit
     inwards = inwards / jnp.maximum(length(inwards), 1e-6)[:, None]

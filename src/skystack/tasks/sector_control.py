@@ -12,18 +12,19 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from skystack.airspace.geometry import wrap_360
+from skystack.airspace.geometry import first_and_second, wrap_360
 from skystack.airspace.sector import Sector
 from skystack.compilation.subroutine import subroutine
 from skystack.simulator.arrival_flows import Flow
 from skystack.simulator.simulator import Simulator
-from skystack.simulator.traffic import DIRECT, NO_TURN, SHORTEST, Clearance, Traffic, ticks
+from skystack.simulator.traffic import DIRECT, NO_TURN, SHORTEST, Clearance, ticks
 from skystack.stacking import NO_OP
 from skystack.tasks.contract import Metric, Outcome
 from skystack.tasks.features import exit_distance
-from skystack.tasks.outlook import Outlook, look_ahead
+from skystack.tasks.outlook import Outlook
 from skystack.tasks.sector_observation import (
     NAMES,
     SINCE_CYCLES,
@@ -33,7 +34,7 @@ from skystack.tasks.sector_observation import (
 )
 from skystack.tasks.sector_rewards import FlightCycle, SectorRewardSettings, total_reward
 from skystack.tasks.sector_world import World, WorldCycle, WorldState
-from skystack.tasks.separation import least_distance_squared
+from skystack.tasks.separation import pair_distance_squared
 
 NONE, LEFT_10, RIGHT_10, CLIMB, DESCEND, TO_FIX = range(6)
 ACTIONS = ("none", "turn -10 deg", "turn +10 deg", "climb 10 FL", "descend 10 FL", "direct")
@@ -131,7 +132,7 @@ class SectorControl:
         zero = jnp.zeros(world.traffic.active.shape[1:], dtype=jnp.float32)
         return ControlState(
             world=world,
-            outlook=self._look_ahead(world),
+            outlook=self.world.look_ahead(world),
             burst=nobody,
             began=nobody,
             instructed=nobody,
@@ -148,7 +149,8 @@ class SectorControl:
 
     def active(self, state: ControlState) -> Bool[Array, "slots *batch"]:
         """The flights that hear the controller."""
-        return state.world.traffic.active & (state.world.arrivals.held == 0)
+        hears: Bool[Array, "slots *batch"] = state.world.hears
+        return hears
 
     def may_stack(
         self, state: ControlState, action: Int[Array, "slots *batch"]
@@ -157,12 +159,10 @@ class SectorControl:
         traffic = state.world.traffic
         lowest, highest = (ticks(float(fl)) for fl in self.sector.levels_fl)
         step, cleared = ticks(STEP_FL), traffic.cleared_level_ticks
-        follows = traffic.own_navigation & (traffic.pending_turn == NO_TURN)
-        follows |= traffic.pending_turn == DIRECT
         allowed = (action == LEFT_10) | (action == RIGHT_10)
         allowed |= (action == CLIMB) & (cleared + step <= highest)
         allowed |= (action == DESCEND) & (cleared - step >= lowest)
-        allowed |= (action == TO_FIX) & ~follows
+        allowed |= (action == TO_FIX) & ~traffic.cleared_along_route
         return allowed & self.active(state)
 
     def instruct(self, state: ControlState, action: Int[Array, "slots *batch"]) -> ControlState:
@@ -172,7 +172,7 @@ class SectorControl:
         began = told & ~state.burst
         return state._replace(
             world=world,
-            outlook=self._look_ahead(world),
+            outlook=self.world.look_ahead(world),
             burst=state.burst | told,
             began=state.began | began,
             instructed=state.instructed | told,
@@ -182,7 +182,7 @@ class SectorControl:
     def advance(self, state: ControlState) -> tuple[ControlState, Outcome]:
         heard = self.active(state)
         world, flown = self.world.advance(state.world)
-        outlook = self._look_ahead(world)
+        outlook = self.world.look_ahead(world)
         lost = subroutine(partial(_lost, self.sector), flown) & heard
         level_gap, exit_nm = _level_gap(world), self._exit_nm(world)
         stays = heard & world.traffic.active
@@ -230,11 +230,6 @@ class SectorControl:
     ) -> tuple[ControlState, Outcome]:
         return self.advance(self.instruct(state, action))
 
-    def _look_ahead(self, world: WorldState) -> Outlook:
-        return look_ahead(
-            self.simulator, world.traffic, world.progress.next_fix, world.plan.exit_level_ticks
-        )
-
     def _exit_nm(self, world: WorldState) -> Float[Array, "slots *batch"]:
         return exit_distance(self.sector, world.traffic, memory_of(world))
 
@@ -261,31 +256,19 @@ def _level_gap(world: WorldState) -> Float[Array, "slots *batch"]:
 
 def _lost(sector: Sector, flown: WorldCycle) -> Bool[Array, "slots *batch"]:
     """Which flights lost separation from another during the cycle."""
-    after: Traffic = flown.traffic
-    slots = after.active.shape[0]
-
-    def offsets(position_nm: Array) -> Array:
-        half = 0.5 / sector.plane.scale(position_nm[:, 1])
-        true = half[:, None] + half[None]
-        offset = (position_nm[:, None] - position_nm[None]) * true[:, :, None]
-        return offset.reshape(-1, *offset.shape[2:])
-
-    def gaps(level_ticks: Array) -> Array:
-        gap = level_ticks[:, None] - level_ticks[None]
-        return gap.reshape(-1, *gap.shape[2:])
-
-    offset = offsets(flown.before_nm)
-    squared = least_distance_squared(
-        offset,
-        offsets(after.position_nm) - offset,
-        gaps(flown.before_level_ticks),
-        gaps(after.level_ticks),
-        ticks(float(sector.separation_fl)),
-    ).reshape(slots, slots, *after.active.shape[1:])
-    present = after.active
-    both = present[:, None] & present[None]
-    both &= ~jnp.eye(slots, dtype=bool).reshape((slots, slots) + (1,) * (present.ndim - 1))
-    return jnp.any((squared < sector.loss_below_nm**2) & both, axis=1)
+    after = flown.traffic
+    squared = pair_distance_squared(
+        sector.plane,
+        sector.separation_fl,
+        flown.before_nm,
+        after.position_nm,
+        flown.before_level_ticks,
+        after.level_ticks,
+    )
+    one_active, other_active = first_and_second(after.active)
+    lost = (squared < sector.loss_below_nm**2) & one_active & other_active
+    one, other = np.triu_indices(after.active.shape[0], k=1)
+    return jnp.zeros_like(after.active).at[one].max(lost).at[other].max(lost)
 
 
 def _added(totals: Totals, cycle: FlightCycle, flown: WorldCycle) -> Totals:

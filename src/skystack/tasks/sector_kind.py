@@ -20,7 +20,6 @@ from skystack.tasks.sector_observation import NAVIGATION, OTHER, OWN, SEEN
 from skystack.tasks.sector_rewards import SECTOR_REWARDS, SectorRewardSettings
 from skystack.tasks.settings import TaskSettings
 
-SECTOR_CONTROL = "sector-control"
 MAX_SLOTS = 256
 
 Rate = Annotated[float, msgspec.Meta(gt=0.0, le=MAX_FLIGHTS_PER_HOUR)]
@@ -29,7 +28,7 @@ Rate = Annotated[float, msgspec.Meta(gt=0.0, le=MAX_FLIGHTS_PER_HOUR)]
 class SectorSettings(TaskSettings, frozen=True, forbid_unknown_fields=True):
     """The traffic and the rewards of sector control."""
 
-    name: str = SECTOR_CONTROL
+    name: str = SectorControl.name
     cycles: Annotated[int, msgspec.Meta(ge=1, le=MAX_CYCLES)] = 600
     """The maximum length of a training scenario in cycles. Lengths are random, at least a third of
     this."""
@@ -79,8 +78,8 @@ def describe_sector_control(settings: SectorSettings) -> TaskDescription:
         for way in WAYS
     ]
     observed += [
-        ObservedValue(f"other 1 to {SEEN} {name}", "the most urgent other flights", 0.0, 1.0)
-        for name in OTHER
+        ObservedValue(f"other 1 to {SEEN} {name}", each.description, each.low, each.high)
+        for name, each in OTHER.items()
     ]
     rewards = tuple(
         RewardTerm(name, each.description, weight, bool(weight))
@@ -100,7 +99,7 @@ def describe_sector_control(settings: SectorSettings) -> TaskDescription:
 
 
 SECTOR_KIND = TaskKind(
-    family=Family(SECTOR_CONTROL, "Sector control"),
+    family=Family(SectorControl.name, "Sector control"),
     settings=SectorSettings,
     build=build_sector_control,
     description="many flights that arrive and leave, headings and levels together",

@@ -13,8 +13,8 @@ from jaxtyping import Array, Bool, Float
 from skystack.airspace.geometry import direction
 from skystack.airspace.sector import Sector
 from skystack.simulator.performance import TICKS_PER_FL
-from skystack.simulator.traffic import DIRECT, Traffic, ticks
-from skystack.tasks.features import FEATURES
+from skystack.simulator.traffic import DIRECT, Traffic
+from skystack.tasks.features import observe
 from skystack.tasks.instruction_counts import begin_counts
 from skystack.tasks.outlook import WAYS, Outlook
 from skystack.tasks.prediction import HORIZON_S
@@ -48,6 +48,16 @@ class OwnFeature(NamedTuple):
     low: float
     high: float
     description: str
+
+
+class OtherFeature(NamedTuple):
+    """The range of a feature of another flight, which is scaled to [0, 1], and its description."""
+
+    low: float
+    high: float
+    description: str
+    unit: float = 1.0
+    """The unit of the range in that of the computed values: flight levels are computed in ticks."""
 
 
 def _flag(value: Array) -> Array:
@@ -119,7 +129,18 @@ NAVIGATION = (
     "d_x", "room", "d_edge",
 )  # fmt: skip
 """Features of `skystack.tasks.features` that are also observed."""
-OTHER = ("right", "ahead", "track_sin", "track_cos", "level", "cleared_level", "climb", "time")
+OTHER: dict[str, OtherFeature] = {
+    "right": OtherFeature(-40.0, 40.0, "distance to the right of the cleared heading, NM"),
+    "ahead": OtherFeature(-40.0, 40.0, "distance ahead on the cleared heading, NM"),
+    "track_sin": OtherFeature(-1.0, 1.0, "sine of its heading, from the cleared heading"),
+    "track_cos": OtherFeature(-1.0, 1.0, "cosine of its heading, from the cleared heading"),
+    "level": OtherFeature(-100.0, 100.0, "its level minus the own level, FL", TICKS_PER_FL),
+    "cleared_level": OtherFeature(
+        -100.0, 100.0, "its cleared level minus the own cleared level, FL", TICKS_PER_FL
+    ),
+    "climb": OtherFeature(-100.0, 100.0, "its cleared level minus its level, FL", TICKS_PER_FL),
+    "time": OtherFeature(0.0, HORIZON_S, "time until separation from it is lost, as cleared, s"),
+}
 """What is observed of another flight."""
 NAMES = (
     *OWN,
@@ -132,16 +153,13 @@ NAMES = (
 def observe_flights(sector: Sector, seen: Seen) -> Float[Array, "observation slots *batch"]:
     """The observation of every flight; zero for slots without an active flight."""
     rows = [_scaled(each.value(sector, seen), each.low, each.high) for each in OWN.values()]
-    world, memory = seen.world, memory_of(seen.world)
-    for name in NAVIGATION:
-        feature = FEATURES[name]
-        rows.append(
-            _scaled(feature.value(sector, world.traffic, memory), feature.low, feature.high)
-        )
-    rows += list(seen.outlook.time_s / HORIZON_S)
-    others = _others(sector, world.traffic, seen.outlook)
-    observed = jnp.concatenate([jnp.stack(rows), others])
-    return jnp.where(world.traffic.active[None], observed, 0.0)
+    traffic = seen.world.traffic
+    route = observe(NAVIGATION, sector, traffic, memory_of(seen.world))
+    route = jnp.moveaxis(route.reshape(-1, len(NAVIGATION), *traffic.active.shape[1:]), 1, 0)
+    times = seen.outlook.time_s / HORIZON_S
+    others = _others(sector, traffic, seen.outlook)
+    observed = jnp.concatenate([jnp.stack(rows), route, times, others])
+    return jnp.where(traffic.active[None], observed, 0.0)
 
 
 def memory_of(world: WorldState) -> Memory:
@@ -159,11 +177,10 @@ def _others(
 ) -> Float[Array, "rows slots *batch"]:
     """The most urgent other flights; as if far away where there are none."""
     index = outlook.neighbour[:SEEN]
-    slots = traffic.active.shape[0]
 
     def of_others(values: Array) -> Array:  # [slots, *batch] -> [seen, slots, *batch]
         spread = jnp.broadcast_to(values[None], (index.shape[0], *values.shape))
-        return jnp.take_along_axis(spread, index, axis=1) if slots else spread
+        return jnp.take_along_axis(spread, index, axis=1)
 
     scale = sector.plane.scale(traffic.position_nm[:, 1])[None]
     east, north = (
@@ -176,16 +193,20 @@ def _others(
     level = of_others(traffic.level_ticks) - traffic.level_ticks[None]
     cleared = of_others(traffic.cleared_level_ticks) - traffic.cleared_level_ticks[None]
     to_climb = of_others(traffic.cleared_level_ticks - traffic.level_ticks)
-    exists = of_others(traffic.active) & (outlook.urgency[:SEEN] < 1000.0)
+    exists = outlook.exists[:SEEN]
+    values = {
+        "right": jnp.where(exists, east * cos - north * sin, 0.0),
+        "ahead": jnp.where(exists, east * sin + north * cos, -jnp.inf),
+        "track_sin": jnp.where(exists, jnp.sin(track), 0.0),
+        "track_cos": jnp.where(exists, jnp.cos(track), 0.0),
+        "level": jnp.where(exists, level, jnp.inf),
+        "cleared_level": jnp.where(exists, cleared, jnp.inf),
+        "climb": jnp.where(exists, to_climb, 0.0),
+        "time": jnp.where(exists, outlook.neighbour_time_s[:SEEN], HORIZON_S),
+    }
     rows = [
-        _scaled(jnp.where(exists, east * cos - north * sin, 0.0), -40.0, 40.0),
-        _scaled(jnp.where(exists, east * sin + north * cos, -40.0), -40.0, 40.0),
-        _scaled(jnp.where(exists, jnp.sin(track), 0.0), -1.0, 1.0),
-        _scaled(jnp.where(exists, jnp.cos(track), 0.0), -1.0, 1.0),
-        _scaled(jnp.where(exists, level, ticks(100.0)), -ticks(100.0), ticks(100.0)),
-        _scaled(jnp.where(exists, cleared, ticks(100.0)), -ticks(100.0), ticks(100.0)),
-        _scaled(jnp.where(exists, to_climb, 0.0), -ticks(100.0), ticks(100.0)),
-        jnp.where(exists, outlook.neighbour_time_s[:SEEN] / HORIZON_S, 1.0),
+        _scaled(values[name], each.low * each.unit, each.high * each.unit)
+        for name, each in OTHER.items()
     ]
     stacked = jnp.stack(rows, axis=1)  # [seen, rows, slots, *batch]
     missing = SEEN - stacked.shape[0]

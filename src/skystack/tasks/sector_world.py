@@ -10,7 +10,7 @@ far away (`FAR_NM`) without having entered it. Its slot is then free.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
@@ -21,6 +21,7 @@ from skystack.simulator.arrival_flows import Flow
 from skystack.simulator.arrivals import FREE, Arrivals, fly, release
 from skystack.simulator.simulator import Simulator, instruct
 from skystack.simulator.traffic import Clearance, Traffic, where_aircraft
+from skystack.tasks.outlook import MARGIN_NM, Outlook, look_ahead
 from skystack.tasks.progress import FlightPlan, Progress, ProgressTracker
 
 FAR_NM = 20.0
@@ -39,6 +40,14 @@ class WorldState(NamedTuple):
     def plan(self) -> FlightPlan:
         """The entry and exit level of the flight in each slot."""
         return FlightPlan(self.arrivals.entry_level_ticks, self.arrivals.exit_level_ticks)
+
+    @property
+    def hears(self) -> Any:
+        """Whether there is a flight in each slot that hears clearances: not a held newborn.
+
+        `[slots, *batch]`, in numpy if the state is.
+        """
+        return self.traffic.active & (self.arrivals.held == 0)
 
 
 class WorldCycle(NamedTuple):
@@ -91,9 +100,13 @@ class World:
 
     def instruct(self, state: WorldState, clearance: Clearance) -> WorldState:
         """Issue clearances. Newborns that are still held do not hear them."""
-        heard = state.traffic.active & (state.arrivals.held == 0)
-        traffic = instruct(state.traffic._replace(active=heard), clearance)
+        traffic = instruct(state.traffic._replace(active=state.hears), clearance)
         return state._replace(traffic=traffic._replace(active=state.traffic.active))
+
+    def look_ahead(self, state: WorldState, margin_nm: float = MARGIN_NM) -> Outlook:
+        """The outlook of all flights; see `skystack.tasks.outlook.look_ahead`."""
+        next_fix, exit_level = state.progress.next_fix, state.plan.exit_level_ticks
+        return look_ahead(self.simulator, state.traffic, next_fix, exit_level, margin_nm)
 
     def advance(self, state: WorldState) -> tuple[WorldState, WorldCycle]:
         """One cycle. Flights that are due are admitted before it is flown."""
