@@ -94,10 +94,10 @@ def _positions_nm(folder: Path, scenarios: np.ndarray) -> np.ndarray:
 def deviations_from_record(policy: str, tables: Path) -> list[str]:
     """The numbers of an evaluation that differ too much from the record next to the policy."""
     measured = read_measured(SHIPPED / policy)
-    if measured is None:
+    if measured is None or (recorded := measured.stacked) is None:
         return ["no record"]
     episodes = pq.read_table(tables / "episodes.parquet")
-    row, recorded = summarise(policy, "", 0, "", True, True, 0.0, episodes), measured.stacked
+    row = summarise(policy, "", 0, "", True, True, 0.0, episodes)
     allowed = {name: part * recorded[name] for name, part in MEANS.items()}
     allowed |= dict.fromkeys(RATES, 1.0 - LEAST_SAME)
     return [
