@@ -18,13 +18,13 @@ from skystack.tasks.sector_world import World
 
 SIMULATOR = Simulator(x_plus(), performance("constant"), own_navigation=True)
 WORLD = World(Flow(SIMULATOR, constant_rate(90.0), slots=48, candidates=256))
-FLYER = HourFlyer(WORLD, cycles=450)
+FLYER = HourFlyer(WORLD, cycles=450, per_cycle=1)
 AGENTS = {
     "no-op": NoOp,
-    "levels kept": lambda: OwnNavigation(clears_exit_level=False),
-    "own navigation": lambda: OwnNavigation(clears_exit_level=True),
-    "rules": lambda: Rules(WORLD),
-    "search": lambda: Search(WORLD),
+    "levels kept": lambda: OwnNavigation(False, per_cycle=1),
+    "own navigation": lambda: OwnNavigation(True, per_cycle=1),
+    "rules": lambda: Rules(WORLD, per_cycle=1),
+    "search": lambda: Search(WORLD, per_cycle=1),
 }
 
 
@@ -59,14 +59,14 @@ def test_turning_away_avoids_some_losses():
 
 
 def test_own_navigation_transmits_once_to_each_flight():
-    hour = FLYER.fly(OwnNavigation(clears_exit_level=True), 0, 3)
+    hour = FLYER.fly(OwnNavigation(True, per_cycle=1), 0, 3)
     flights = [each.flight for each in hour.sent]
     assert len(flights) == len(set(flights))
     assert np.bincount([each.cycle for each in hour.sent]).max() == 1
 
 
 def test_the_search_finds_the_same_plans_again():
-    first, second = (FLYER.fly(Search(WORLD), 0, 3).sent for _ in range(2))
+    first, second = (FLYER.fly(Search(WORLD, per_cycle=1), 0, 3).sent for _ in range(2))
     assert first == second
 
 

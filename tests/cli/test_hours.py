@@ -77,7 +77,6 @@ def test_mistakes_give_one_line_and_exit_code_2(capsys, arguments, message):
         ("task.flights_per_hour=[90.0,30.0]", "task.flights_per_hour is 90 to 30"),
         ("task.flights_per_hour=[-1.0,30.0]", "task.flights_per_hour"),
         ("task.slots=1", "task.slots"),
-        ("task.timing=stack", "allowed for sector-control: cycle"),
         ("task.reward.los=1.0", "did you mean 'task.reward.loss'"),
     ],
 )

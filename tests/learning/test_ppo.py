@@ -188,8 +188,7 @@ def test_next_values_belong_to_the_same_scenario(truncated):
         rows = inference.normalise(learner.normaliser, observation[..., 0])
         return inference.forward(learner.parameters.critic, rows)
 
-    columns = inference.normalise(learner.normaliser, seen[:, :, 0].T, columns=True)
-    values, next_values = ppo.compute_values(learner, steps, columns)
+    values, next_values = ppo.compute_values(learner, steps)
     np.testing.assert_allclose(values, value(seen), atol=1e-5)
     np.testing.assert_allclose(next_values, value(final), atol=1e-5)
 

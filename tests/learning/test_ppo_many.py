@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from skystack.learning import network, ppo
+from skystack.learning.active_columns import CHUNK, active_first, of_active
 from skystack.learning.settings import PPOSettings
 from skystack.tasks.contract import Metric, Outcome
 
@@ -41,6 +42,9 @@ class TellSigns:
     def active(self, state):
         numbers = jnp.arange(AGENTS).reshape(-1, *(1,) * (state.number.ndim - 1))
         return (numbers > 0) & (jnp.abs(state.number - 0.5) < 0.25)
+
+    def waiting(self, state):
+        return jnp.zeros_like(self.active(state))
 
     def instruct(self, state, action):
         return state
@@ -146,7 +150,7 @@ def test_active_samples_come_first_in_the_same_order(share):
     rng = np.random.default_rng(1)
     active = jnp.asarray(rng.random(50) < share)
     order = ppo.shuffled(jax.random.key(0), 50)
-    sorted_order = np.asarray(ppo.active_first(order, active))
+    sorted_order = np.asarray(active_first(order, active))
     flags = np.asarray(active)[sorted_order]
     assert (np.diff(flags.astype(int)) <= 0).all()
     assert sorted(sorted_order.tolist()) == list(range(50))
@@ -182,8 +186,70 @@ def test_advantages_do_not_cross_a_cycle_without_an_agent():
         terminated=column([True, False, False, False], bool),
         truncated=column([False] * 4, bool),
         active=column([True, False, False, True], bool),
+        waiting=column([False] * 4, bool),
     )
     values = jnp.full((4, 1), 0.5)
     found = ppo.compute_gae(steps, values, values, PPOSettings(gamma=0.9, gae_lambda=0.8))
     assert float(found[0, 0]) == pytest.approx(1.0 - 0.5)
     assert float(found[3, 0]) == pytest.approx(2.0 + 0.9 * 0.5 - 0.5)
+
+
+def test_advantages_pass_by_steps_in_which_an_agent_waits():
+    """Two steps in frozen time, of which the agent decides in the first, and then a cycle."""
+    empty = jnp.zeros((4, 1))
+    column = lambda *values: jnp.asarray(values, dtype=bool)[:, None]  # noqa: E731
+    steps = ppo.Transitions(
+        observation=empty[:, :, None],
+        final_observation=empty[:, :, None],
+        action=empty.astype(jnp.int32),
+        log_probability=empty,
+        reward=jnp.asarray([0.0, 0.0, 3.0, 5.0])[:, None],
+        terminated=column(False, False, False, True),
+        truncated=column(False, False, False, False),
+        time_steps=jnp.asarray([0.0, 0.0, 1.0, 1.0])[:, None],
+        active=column(True, False, False, True),
+        waiting=column(False, True, True, False),
+    )
+    values = jnp.asarray([0.5, 0.25, 0.75, 1.0])[:, None]
+    following = jnp.asarray([0.25, 0.75, 1.0, 9.0])[:, None]
+    found = ppo.compute_gae(steps, values, following, PPOSettings(gamma=0.9, gae_lambda=0.8))
+    last = 5.0 - 1.0
+    # Errors of value while waiting cancel: what remains is the reward and the value after it.
+    second = 3.0 + 0.9 * 1.0 - 0.25 + 0.9 * last
+    assert float(found[3, 0]) == pytest.approx(last)
+    assert float(found[1, 0]) == pytest.approx(second)
+    assert float(found[0, 0]) == pytest.approx(0.25 - 0.5 + 0.8 * second)
+
+
+@pytest.mark.parametrize("count", [0, 1, CHUNK, CHUNK + 1, 3 * CHUNK - 5])
+def test_functions_are_computed_for_active_columns_only(count):
+    rng = np.random.default_rng(count)
+    columns = jnp.asarray(rng.normal(size=(2, 3 * CHUNK - 5)), dtype=jnp.float32)
+    active = np.zeros(columns.shape[1], dtype=bool)
+    active[rng.permutation(columns.shape[1])[:count]] = True
+    columns = jnp.where(jnp.asarray(active)[None], columns, jnp.nan)
+    found = of_active(lambda rows: 2.0 * rows[:1] + rows[1:], 1, columns, jnp.asarray(active))
+    expected = np.where(active, 2.0 * columns[0] + columns[1], 0.0)
+    np.testing.assert_allclose(found[0], expected, rtol=1e-6)
+
+
+def test_values_are_those_of_the_agents_that_are_there():
+    """The value before each step of a present agent, and after a truncation of the last one."""
+    task, settings = TellSigns(), SETTINGS
+    learner = ppo.init(task, settings, jax.random.key(0))
+    _, steps, _ = ppo.collect(task, settings, learner, jax.random.key(1))
+    truncated = jnp.zeros_like(steps.truncated).at[2, 5].set(True)
+    steps = steps._replace(
+        truncated=truncated, final_observation=steps.final_observation.at[2, :, 5].set(0.9)
+    )
+
+    def value(observation):
+        columns = ppo.normalise(learner.normaliser, observation, columns=True)
+        return np.asarray(ppo.forward(learner.parameters.critic, columns, columns=True)[0])
+
+    values, following = map(np.asarray, ppo.compute_values(learner, steps))
+    active = np.asarray(steps.active)
+    expected = np.stack([value(row) for row in steps.observation])
+    np.testing.assert_allclose(values, np.where(active, expected, 0.0), atol=1e-6)
+    assert following[2, 5] == pytest.approx(value(jnp.asarray([[0.9]]))[0], abs=1e-6)
+    np.testing.assert_allclose(following[1], values[2], atol=1e-6)

@@ -12,6 +12,9 @@ from skystack.simulator.fleet import AircraftType
 from skystack.tasks.actions import large_turns, level_changes, small_turns
 from skystack.tasks.navigation import NavigationTask
 from skystack.tasks.registry import build_task, build_training_task, check_cycles
+from skystack.tasks.sector_control import SectorControl
+from skystack.tasks.sector_kind import SectorSettings
+from skystack.tasks.sector_stacks import SectorStacks
 from skystack.tasks.settings import NavigationSettings, RewardSettings
 from skystack.tasks.stacked_steps import StackedSteps
 
@@ -43,6 +46,13 @@ def test_timing_stack_trains_with_frozen_time():
     # Names, version and sector are those of the wrapped task.
     same = ("name", "version", "action_names", "observation_names", "sector")
     assert [getattr(frozen, name) for name in same] == [getattr(frozen.task, name) for name in same]
+
+
+def test_timing_stack_trains_sector_control_in_rounds():
+    assert type(build_training_task(SectorSettings())) is SectorControl
+    rounds = build_training_task(SectorSettings(timing="stack"))
+    assert isinstance(rounds, SectorStacks)
+    assert rounds.agents == rounds.task.agents
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from skystack.simulator.traffic import start, ticks
-from skystack.tasks.outlook import MARGIN_NM, NEIGHBOURS, WAYS, look_ahead
+from skystack.tasks.outlook import MARGIN_NM, NEIGHBOURS, WAYS, look_ahead, look_ahead_for
 from skystack.tasks.prediction import HORIZON_S, TIMES_S
 from tests.tasks.sector_traffic import SIMULATOR, SLOTS, after
 
@@ -112,3 +112,20 @@ def test_every_neighbour_is_another_flight():
     assert active[neighbour[exists]].all()
     assert (neighbour != np.arange(SLOTS)[None])[exists].all()
     assert (np.diff(urgency, axis=0) >= 0.0).all()
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_the_outlook_of_one_flight_is_its_column(seed):
+    state = after(120, seed)
+    traffic, plan, fix = state.world.traffic, state.world.plan, state.world.progress.next_fix
+    everyone = LOOK_AHEAD(traffic, fix, plan.exit_level_ticks)
+    one = jax.jit(partial(look_ahead_for, SIMULATOR))
+    for slot in np.flatnonzero(np.asarray(traffic.active))[:6]:
+        own = one(traffic, jnp.int32(slot), fix, plan.exit_level_ticks)
+        np.testing.assert_array_equal(own.time_s[:, 0], everyone.time_s[:, slot])
+        exists = np.asarray(own.exists)[:, 0]
+        np.testing.assert_array_equal(exists, np.asarray(everyone.exists)[:, slot])
+        for name in ("neighbour", "neighbour_time_s"):
+            values = (getattr(each, name) for each in (own, everyone))
+            found, expected = (np.asarray(each) for each in values)
+            np.testing.assert_array_equal(found[exists, 0], expected[exists, slot])

@@ -14,7 +14,7 @@ from skystack.tasks.sector_rewards import (
 NO, YES = jnp.zeros(1, dtype=bool), jnp.ones(1, dtype=bool)
 QUIET = FlightCycle(
     transmission=NO,
-    instruction=NO,
+    instructions=jnp.zeros(1),
     time_to_loss_s=jnp.full(1, jnp.inf),
     loss=NO,
     excursion=NO,
@@ -29,7 +29,7 @@ QUIET = FlightCycle(
     ("term", "change", "value"),
     [
         ("transmission", {"transmission": YES}, -1.0),
-        ("instruction", {"instruction": YES}, -1.0),
+        ("instruction", {"instructions": 3.0 * jnp.ones(1)}, -3.0),
         ("predicted", {"time_to_loss_s": jnp.full(1, 0.0)}, -1.0),
         ("predicted", {"time_to_loss_s": jnp.full(1, 75.0)}, -0.75),
         ("predicted", {"time_to_loss_s": jnp.full(1, 300.0)}, 0.0),

@@ -22,6 +22,7 @@ import pyarrow.parquet as pq
 from skystack.agents.agent import Agent
 from skystack.agents.find import find_agent
 from skystack.agents.queries import query_actions
+from skystack.agents.sector_agents import sector_task_of
 from skystack.airspace.sectors import find_sector
 from skystack.evaluation.evaluate import (
     Conditions,
@@ -51,6 +52,7 @@ from skystack.reporting.trainings import read_runs
 from skystack.reporting.typical import kind_of_scenario, typical_scenario
 from skystack.simulator.scenario_file import Scenario, load_scenario
 from skystack.tasks.registry import build_training_task
+from skystack.tasks.sector_control import SectorControl
 from verification.inputs import mutators
 from verification.inputs.mutators import HOSTILE
 from verification.inputs.texts import texts_in, with_text
@@ -200,7 +202,10 @@ def _policy() -> Format:
         size = len(policy.description.observation)
         observations = random.random((4, size), dtype=np.float32).round(random.integers(4))
         _finite("the output", policy.logits(observations))
-        policy_task(policy)
+        if policy.description.task_name == SectorControl.name:
+            sector_task_of(policy)
+        else:
+            policy_task(policy)
 
     return Format("policy", tuple(seeds), read, repair=_update_hash)
 

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from skystack.agents.transmission import Transmission
+from skystack.agents.transmission import PER_CYCLE, Transmission
 from skystack.learning.inference import Normaliser, forward, normalise
 from skystack.learning.policy import Policy
 from skystack.simulator.arrivals import FREE
@@ -34,13 +34,21 @@ was trained with sampled actions, where it does not matter in which of a few cyc
 which of several good instructions it gives; the most probable single action would often be none."""
 
 
+class Answer(NamedTuple):
+    """The answers of the policy for some flights."""
+
+    action: Int[Array, " flights"]
+    wanted: Bool[Array, " flights"]
+    """Whether the action is an instruction that can be issued."""
+    waits: Float[Array, " flights"]
+    """The probability that the policy gives no instruction."""
+
+
 class Query(NamedTuple):
-    """The answers of the policy for all flights."""
+    """A state, and the answers of the policy for all flights."""
 
     state: ControlState
-    action: Int[Array, " slots"]
-    wanted: Bool[Array, " slots"]
-    """Whether the action is an instruction that can be issued."""
+    answer: Answer
     rank: Float[Array, " slots"]
     """Seconds until separation would be lost as cleared, plus the probability that the policy
     waits, which breaks ties. The flight with the lowest value is served first."""
@@ -52,7 +60,7 @@ class Learned:
     `per_cycle` is the maximum number of transmissions in a cycle.
     """
 
-    def __init__(self, policy: Policy, task: SectorControl, per_cycle: int = 1) -> None:
+    def __init__(self, policy: Policy, task: SectorControl, per_cycle: int = PER_CYCLE) -> None:
         self.policy, self.task, self.per_cycle = policy, task, per_cycle
 
     def begin(self, state: WorldState) -> None:
@@ -64,76 +72,110 @@ class Learned:
         flight = np.asarray(state.arrivals.flight)
         self._since[flight != self._flight] = SINCE_CYCLES
         self._flight = flight.copy()
-        begun = self._begin(state, self._since)
-        query = self._query(begun)
+        query = self._begin(state, self._since)
+        begun = query.state
         sent: list[Transmission] = []
         served: Bool[np.ndarray, " slots"] = np.zeros(len(flight), dtype=bool)
         while len(sent) < self.per_cycle:
-            wanted = np.asarray(query.wanted) & ~served
+            wanted = np.asarray(query.answer.wanted) & ~served
             if not wanted.any():
                 break
             slot = int(np.argmin(np.where(wanted, np.asarray(query.rank), np.inf)))
             served[slot] = True
-            query = self._stack(query, slot)
-            transmission = _transmission(begun, query.state, slot)
+            told = self._stack(query, slot)
+            transmission = _transmission(begun, told, slot)
             if transmission is not None:
                 sent.append(transmission)
                 self._since[slot] = 0.0
+            if len(sent) < self.per_cycle:
+                query = self._continue(told)
         self._since = np.minimum(self._since + 1.0, np.float32(SINCE_CYCLES))
         return sent
 
     @cached_property
     def _begin(self) -> Any:
-        return jax.jit(lambda world, since: self.task.begin(world)._replace(since_cycles=since))
+        """(world, since) -> the query before anything is said in a cycle, compiled."""
 
-    @cached_property
-    def _query(self) -> Any:
-        return jax.jit(self._ask)
+        def begin(world: WorldState, since: Float[Array, " slots"]) -> Query:
+            return self._ask(self.task.begin(world)._replace(since_cycles=since))
+
+        return jax.jit(begin)
 
     @cached_property
     def _stack(self) -> Any:
+        """(query, slot) -> the state after a transmission to a flight, compiled."""
         return jax.jit(self._stack_one)
 
+    @cached_property
+    def _continue(self) -> Any:
+        """(state) -> the query after a transmission, compiled."""
+        return jax.jit(lambda state: self._ask(self.task.with_outlook(state)))
+
     def _ask(self, state: ControlState) -> Query:
-        """Query the policy for every flight.
+        """Query the policy for every flight."""
+        answer = self._answer(
+            self.task.observe(state), jnp.stack(self._allowed(state)), state.burst
+        )
+        return Query(state, answer, state.outlook.time_s[0] + answer.waits)
+
+    def _ask_one(self, state: ControlState, slot: Int[Array, ""]) -> Answer:
+        """Query the policy for one flight."""
+        allowed = jnp.stack([each[slot] for each in self._allowed(state)])
+        observation = self.task.observe(state)[:, slot]
+        return self._answer(observation[:, None], allowed[:, None], state.burst[slot][None])
+
+    def _allowed(self, state: ControlState) -> list[Bool[Array, " slots"]]:
+        """Which instructions can be issued, action by action."""
+        numbers = range(NO_OP + 1, len(self.task.action_names))
+        action = jnp.zeros(self.task.agents, dtype=jnp.int32)
+        return [self.task.may_stack(state, action + number) for number in numbers]
+
+    def _answer(
+        self,
+        observation: Float[Array, "observation flights"],
+        allowed: Bool[Array, "instructions flights"],
+        burst: Bool[Array, " flights"],
+    ) -> Answer:
+        """Query the policy for some flights.
 
         A flight is instructed if the policy would instruct it with a probability above
         1 - `PATIENCE`, or above one half if that continues a transmission; with the instruction
         that is then the most probable one.
         """
-        logits = self._logits(self.task.observe(state))
-        shape = logits.shape[1:]
-        numbers = range(NO_OP + 1, logits.shape[0])
-        allowed = jnp.stack(
-            [self.task.may_stack(state, jnp.full(shape, each, dtype=jnp.int32)) for each in numbers]
-        )
+        logits = self._logits(observation)
         chances = jax.nn.softmax(
             logits.at[NO_OP + 1 :].set(jnp.where(allowed, logits[NO_OP + 1 :], -jnp.inf)), axis=0
         )
         action = jnp.argmax(chances[NO_OP + 1 :], axis=0).astype(jnp.int32) + NO_OP + 1
         waits = chances[NO_OP]
-        wanted = jnp.any(allowed, axis=0) & (waits < jnp.where(state.burst, 0.5, PATIENCE))
-        return Query(state, action, wanted, state.outlook.time_s[0] + waits)
+        wanted = jnp.any(allowed, axis=0) & (waits < jnp.where(burst, 0.5, PATIENCE))
+        return Answer(action, wanted, waits)
 
-    def _stack_one(self, query: Query, slot: Int[Array, ""]) -> Query:
-        """Serve one flight: instruct it until the policy gives no further instruction."""
-        here = jnp.arange(self.task.agents) == slot
+    def _stack_one(self, query: Query, slot: Int[Array, ""]) -> ControlState:
+        """Serve one flight: instruct it until the policy gives no further instruction.
 
-        def wants(carry: tuple[Query, Int[Array, ""]]) -> Bool[Array, ""]:
-            query, count = carry
-            return query.wanted[slot] & (count < MOST_INSTRUCTIONS)
+        Only the outlook of this flight is that of the state returned.
+        """
+        first = Answer(*(values[slot][None] for values in query.answer))
+        carry = (query.state, first, jnp.int32(0))
 
-        def instruct(carry: tuple[Query, Int[Array, ""]]) -> tuple[Query, Int[Array, ""]]:
-            query, count = carry
-            state = self.task.instruct(query.state, jnp.where(here, query.action, NO_OP))
-            return self._ask(state), count + 1
+        def wants(carry: tuple[ControlState, Answer, Int[Array, ""]]) -> Bool[Array, ""]:
+            _, answer, count = carry
+            return answer.wanted[0] & (count < MOST_INSTRUCTIONS)
 
-        result: Query = jax.lax.while_loop(wants, instruct, (query, jnp.int32(0)))[0]
+        def instruct(
+            carry: tuple[ControlState, Answer, Int[Array, ""]],
+        ) -> tuple[ControlState, Answer, Int[Array, ""]]:
+            state, answer, count = carry
+            state = self.task.instruct_one(state, slot, answer.action[0])
+            return state, self._ask_one(state, slot), count + 1
+
+        result: ControlState = jax.lax.while_loop(wants, instruct, carry)[0]
         return result
 
     def _logits(
-        self, observation: Float[Array, "observation slots"]
-    ) -> Float[Array, "actions slots"]:
+        self, observation: Float[Array, "observation flights"]
+    ) -> Float[Array, "actions flights"]:
         normaliser = Normaliser(*map(jnp.asarray, self.policy.normaliser))
         actor = jax.tree.map(jnp.asarray, self.policy.actor)
         return forward(actor, normalise(normaliser, observation, columns=True), columns=True)

@@ -25,7 +25,7 @@ from skystack.agents.probe import (
     Probe,
     no_events,
 )
-from skystack.agents.transmission import Transmission
+from skystack.agents.transmission import PER_CYCLE, Transmission
 from skystack.agents.trials import Plan, Trials
 from skystack.simulator.arrivals import FREE
 from skystack.simulator.traffic import DIRECT, SHORTEST
@@ -49,7 +49,7 @@ class Search:
     `per_cycle` is the maximum number of transmissions in a cycle.
     """
 
-    def __init__(self, world: World, per_cycle: int = 1, seed: int = 0) -> None:
+    def __init__(self, world: World, per_cycle: int = PER_CYCLE, seed: int = 0) -> None:
         self.probe, self.per_cycle, self.seed = Probe(world), per_cycle, seed
 
     def begin(self, state: WorldState) -> None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from skystack.agents.transmission import Transmission
+from skystack.agents.transmission import PER_CYCLE, Transmission
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.tasks.sector_world import World, WorldState
 
@@ -26,7 +26,7 @@ class NoOp:
 class OwnNavigation:
     """Sends every new flight direct to its next fix, with or without its exit level."""
 
-    def __init__(self, clears_exit_level: bool, per_cycle: int = 1) -> None:
+    def __init__(self, clears_exit_level: bool, per_cycle: int = PER_CYCLE) -> None:
         self.clears_exit_level, self.per_cycle = clears_exit_level, per_cycle
         self._served: set[int] = set()
 
@@ -58,7 +58,7 @@ class Rules(OwnNavigation):
     The nearest pair turns first. A flight resumes own navigation when no other is close.
     """
 
-    def __init__(self, world: World, per_cycle: int = 1) -> None:
+    def __init__(self, world: World, per_cycle: int = PER_CYCLE) -> None:
         super().__init__(True, per_cycle)
         self._world = world
         self._turned: dict[int, int] = {}

@@ -8,6 +8,9 @@ import numpy as np
 from skystack.simulator.traffic import DIRECT, NO_TURN, SHORTEST, Clearance
 from skystack.tasks.sector_world import WorldState
 
+PER_CYCLE = 5
+"""The default maximum number of transmissions in a cycle."""
+
 
 class Transmission(NamedTuple):
     """A heading or a fix, with or without a level, or a level alone, to the flight in a slot."""

@@ -290,7 +290,7 @@ def _evaluate_arguments(sub: argparse.ArgumentParser) -> None:
         "--per-cycle",
         type=_positive,
         metavar="N",
-        help="with --traffic: maximum number of transmissions in a radar cycle (default 1)",
+        help="with --traffic: maximum number of transmissions in a radar cycle (default 5)",
     )
     sub.add_argument(
         "--uncertainty",

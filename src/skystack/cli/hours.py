@@ -34,6 +34,7 @@ def check_scenarios(name: str, policy: Any = None) -> None:
 
 
 def evaluate_hours(options: argparse.Namespace) -> int:
+    from skystack.agents.transmission import PER_CYCLE
     from skystack.cli.console import count_scenarios, output
     from skystack.compilation.programs import program_cache
     from skystack.evaluation.traffic import TrafficConditions, evaluate_traffic
@@ -49,7 +50,7 @@ def evaluate_hours(options: argparse.Namespace) -> int:
         traffic=options.traffic,
         hours=hours,
         seed=options.seed,
-        per_cycle=1 if options.per_cycle is None else options.per_cycle,
+        per_cycle=PER_CYCLE if options.per_cycle is None else options.per_cycle,
         sector=options.sector,
         uncertainty=options.uncertainty,
     )

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from skystack.agents.transmission import SectorAgent, Transmission, clearance_of
+from skystack.agents.transmission import PER_CYCLE, SectorAgent, Transmission, clearance_of
 from skystack.errors import InputError
 from skystack.learning.seeds import scenario_key
 from skystack.simulator.arrivals import FREE
@@ -54,7 +54,7 @@ class Hour(NamedTuple):
 class HourFlyer:
     """Flies hours in a world. Its programs are compiled once, on first use."""
 
-    def __init__(self, world: World, cycles: int, per_cycle: int = 1) -> None:
+    def __init__(self, world: World, cycles: int, per_cycle: int = PER_CYCLE) -> None:
         self.world, self.cycles, self.per_cycle = world, cycles, per_cycle
 
     @cached_property

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from skystack.agents.sector_agents import SECTOR_AGENTS, learned_agent, sector_task_of
-from skystack.agents.transmission import SectorAgent
+from skystack.agents.transmission import PER_CYCLE, SectorAgent
 from skystack.airspace.sector import Sector
 from skystack.airspace.sectors import sector_from, sector_setting
 from skystack.errors import InputError, exists, unknown_name
@@ -40,7 +40,7 @@ class TrafficConditions(NamedTuple):
     """Flights per hour, or a name in `FLIGHT_SCHOOL`."""
     hours: int = 1
     seed: int = 0
-    per_cycle: int = 1
+    per_cycle: int = PER_CYCLE
     """The maximum number of transmissions in a cycle."""
     cycles: int = 600
     """The length of an hour in cycles; shorter values are for quick checks."""

@@ -5,11 +5,12 @@ from functools import lru_cache
 import msgspec
 from gymnasium.vector import AutoresetMode
 
+from skystack.errors import InputError
 from skystack.gym.environment import TaskEnvironment
 from skystack.gym.vector import VectorTaskEnvironment
 from skystack.io.files import AnyPath
 from skystack.learning.experiment import load_experiment
-from skystack.tasks.contract import Task
+from skystack.tasks.contract import ManyAgents, Task
 from skystack.tasks.plain import PlainTask
 from skystack.tasks.registry import build_training_task
 from skystack.tasks.settings import TaskSettings
@@ -36,6 +37,7 @@ def make_environment(
     """
     chosen = settings_of(experiment, settings)
     task, programs = _compiled(type(chosen), msgspec.json.encode(chosen))
+    _check_one_agent(task)
     return TaskEnvironment(task, render_mode, programs)
 
 
@@ -49,7 +51,16 @@ def make_vector_environment(
 ) -> VectorTaskEnvironment:
     """An environment of many scenarios; `settings_of` and its class explain the arguments."""
     task = build_training_task(settings_of(experiment, settings))
+    _check_one_agent(task)
     return VectorTaskEnvironment(task, num_envs, autoreset_mode, max_episode_steps, render_mode)
+
+
+def _check_one_agent(task: Task) -> None:
+    if isinstance(task, ManyAgents):
+        raise InputError(
+            f"task {task.name} has many agents (allowed: tasks with one; for this one, "
+            "skystack.gym.sector.make_sector_environment or skystack.gym.flights.flights_env)"
+        )
 
 
 @lru_cache(maxsize=16)

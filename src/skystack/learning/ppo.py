@@ -7,15 +7,17 @@ A column is one agent of one environment: all agents share the networks. Tasks w
 report which are active; samples of inactive agents are ignored.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import optax
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, Shaped
 
 from skystack.learning import network
+from skystack.learning.active_columns import active_first, of_active
 from skystack.learning.inference import Normaliser, forward, normalise
 from skystack.learning.network import Head, Parameters
 from skystack.learning.settings import PPOSettings
@@ -56,6 +58,8 @@ class Transitions(NamedTuple):
     """The number of time steps that each step takes; None means one."""
     active: Bool[Array, "steps columns"] | None = None
     """Whether the agent took a decision; None means always."""
+    waiting: Bool[Array, "steps columns"] | None = None
+    """Whether the agent took none, but goes on; None if all did."""
 
 
 class Episodes(NamedTuple):
@@ -116,7 +120,7 @@ def update(
     train_state, transitions, episodes = collect(task, settings, train_state, collect_key, head)
     raw_observation = _columns(transitions.observation)
     observation = normalise(train_state.normaliser, raw_observation, columns=True)
-    values, next_values = compute_values(train_state, transitions, observation)
+    values, next_values = compute_values(train_state, transitions)
     advantages = compute_gae(transitions, values, next_values, settings)
     batch = _pack(observation, transitions, values, advantages)
     active = None if transitions.active is None else transitions.active.reshape(-1)
@@ -153,10 +157,11 @@ def collect(
         train_state: TrainState, uniforms: Float[Array, " columns"]
     ) -> tuple[TrainState, tuple[Transitions, Episodes]]:
         observation = train_state.observations
-        normalised = normalise(train_state.normaliser, observation, columns=True)
-        log_probabilities = _log_probabilities(train_state.parameters, normalised, head)
+        active, waiting = _deciding(task, train_state.scenarios)
+        log_probabilities = of_active(
+            partial(_policy, train_state, head), len(task.action_names), observation, active
+        )
         action = sample_actions(log_probabilities, uniforms)
-        active = _active(task, train_state.scenarios)
         scenarios, outcome = task.step(train_state.scenarios, _by_agent(task, action))
         final_observation = _observe(task, scenarios)
         reward, ended = outcome.reward.reshape(-1), outcome.ended
@@ -169,8 +174,9 @@ def collect(
             reward=reward * settings.reward_scale,
             terminated=outcome.terminated.reshape(-1),
             truncated=outcome.truncated.reshape(-1),
-            time_steps=outcome.steps,
+            time_steps=None if outcome.steps is None else _columns_of(task, outcome.steps),
             active=active,
+            waiting=waiting,
         )
         train_state = train_state._replace(
             scenarios=choose(ended, fresh, scenarios),
@@ -197,32 +203,34 @@ def sample_actions(
 
 
 def compute_values(
-    train_state: TrainState,
-    transitions: Transitions,
-    observation: Float[Array, "observation samples"],
+    train_state: TrainState, transitions: Transitions
 ) -> tuple[Float[Array, "steps columns"], Float[Array, "steps columns"]]:
-    """The critic's values before and after each step.
+    """The critic's values before and after each step; zero before steps of absent agents.
 
-    `observation` is the normalised observation before each step. The value after a step is the
-    value before the next step, unless the scenario ended. At the end of a scenario the value
-    matters only after a truncation. Most tasks never truncate, so the critic evaluates the final
-    observations only if there was a truncation.
+    The value after a step is the value before the next step, unless the scenario ended. At the end
+    of a scenario the value matters only after a truncation. Most tasks never truncate, so the
+    critic evaluates the final observations only if there was a truncation.
     """
+    shape = transitions.reward.shape
 
-    def value(columns: Float[Array, "observation n"]) -> Float[Array, " n"]:
-        return forward(train_state.parameters.critic, columns, columns=True)[0]
+    def value(raw: Float[Array, "observation n"]) -> Float[Array, "1 n"]:
+        columns = normalise(train_state.normaliser, raw, columns=True)
+        return forward(train_state.parameters.critic, columns, columns=True)
 
-    values = value(observation).reshape(transitions.reward.shape)
-    last = value(normalise(train_state.normaliser, train_state.observations, columns=True))
+    present = truncated = None
+    if transitions.active is not None and transitions.waiting is not None:
+        present = (transitions.active | transitions.waiting).reshape(-1)
+        truncated = transitions.truncated.reshape(-1)
+    values = of_active(value, 1, _columns(transitions.observation), present).reshape(shape)
+    following = jnp.concatenate([values[1:], value(train_state.observations)])
 
-    def after_every_step() -> Float[Array, "steps columns"]:
-        final = normalise(
-            train_state.normaliser, _columns(transitions.final_observation), columns=True
-        )
-        return value(final).reshape(transitions.reward.shape)
+    def with_final_observations() -> Float[Array, "steps columns"]:
+        final = of_active(value, 1, _columns(transitions.final_observation), truncated)
+        return jnp.where(transitions.truncated, final.reshape(shape), following)
 
-    following = jnp.concatenate([values[1:], last[None]])
-    next_values = jax.lax.cond(jnp.any(transitions.truncated), after_every_step, lambda: following)
+    next_values = jax.lax.cond(
+        jnp.any(transitions.truncated), with_final_observations, lambda: following
+    )
     return values, next_values
 
 
@@ -241,9 +249,12 @@ def compute_gae(
     discount = settings.gamma if time_steps is None else settings.gamma**time_steps
     target = transitions.reward + discount * jnp.where(transitions.terminated, 0.0, next_values)
     ended = transitions.terminated | transitions.truncated
-    if transitions.active is not None:  # nothing is learnt from what inactive agents see
-        ended |= ~transitions.active
-    decay = discount * settings.gae_lambda * (1.0 - ended.astype(jnp.float32))
+    decay = discount * settings.gae_lambda
+    if transitions.active is not None:  # nothing is learnt from what absent agents see
+        assert transitions.waiting is not None
+        ended |= ~(transitions.active | transitions.waiting)
+        decay = jnp.where(transitions.waiting, discount, decay)
+    decay *= 1.0 - ended.astype(jnp.float32)
 
     def backward(
         next_advantage: Float[Array, " columns"], step: tuple[Array, Array]
@@ -343,15 +354,12 @@ def shuffled(key: PRNGKeyArray, count: int) -> Int[Array, " count"]:
     return (jnp.sort((uniforms & ~low) | number) & low).astype(jnp.int32)
 
 
-def active_first(
-    order: Int[Array, " samples"], active: Bool[Array, " samples"]
-) -> Int[Array, " samples"]:
-    """The same order, with the active samples before the others."""
-    is_active = active[order]
-    before = jnp.cumsum(is_active.astype(jnp.int32))
-    others = jnp.cumsum((~is_active).astype(jnp.int32))
-    place = jnp.where(is_active, before - 1, before[-1] + others - 1)
-    return jnp.zeros_like(order).at[place].set(order)
+def _policy(
+    train_state: TrainState, head: Head | None, observation: Float[Array, "observation n"]
+) -> Float[Array, "actions n"]:
+    """The logarithms of the probabilities of the actions."""
+    normalised = normalise(train_state.normaliser, observation, columns=True)
+    return _log_probabilities(train_state.parameters, normalised, head)
 
 
 def _observe(task: Task, scenarios: TaskState) -> Float[Array, "observation columns"]:
@@ -367,12 +375,18 @@ def _by_agent(task: Task, action: Int[Array, " columns"]) -> Int[Array, "*agents
     return action if task.agents == 1 else action.reshape(task.agents, -1)
 
 
-def _active(task: Task, scenarios: TaskState) -> Bool[Array, " columns"] | None:
-    return task.active(scenarios).reshape(-1) if isinstance(task, ManyAgents) else None
+def _deciding(
+    task: Task, scenarios: TaskState
+) -> tuple[Bool[Array, " columns"] | None, Bool[Array, " columns"] | None]:
+    """Which agents decide, and which others wait; None and None if there is one agent."""
+    if not isinstance(task, ManyAgents):
+        return None, None
+    return task.active(scenarios).reshape(-1), task.waiting(scenarios).reshape(-1)
 
 
-def _columns_of(task: Task, ended: Bool[Array, " environments"]) -> Bool[Array, " columns"]:
-    return jnp.tile(ended, task.agents)
+def _columns_of(task: Task, values: Shaped[Array, " environments"]) -> Shaped[Array, " columns"]:
+    """The values of environments, for each of their agents."""
+    return jnp.tile(values, task.agents)
 
 
 _EXTRA_ROWS = 4

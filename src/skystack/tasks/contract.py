@@ -128,6 +128,9 @@ class ManyAgents(Task, Protocol):
     def active(self, state: TaskState) -> Bool[Array, "agents *batch"]:
         """Which agents take a decision now."""
 
+    def waiting(self, state: TaskState) -> Bool[Array, "agents *batch"]:
+        """Which other agents will decide later, in the same episode."""
+
 
 class AircraftStatus(NamedTuple):
     """The status of each aircraft in the sector."""

@@ -4,8 +4,9 @@ Each flight is predicted (`skystack.tasks.prediction`) as cleared and after each
 clearances, `WAYS`. All other flights are predicted as cleared.
 """
 
+from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +20,7 @@ from skystack.simulator.traffic import Traffic, ticks
 from skystack.tasks.prediction import (
     HORIZON_S,
     TIMES_S,
+    Flags,
     PredictedPath,
     Rows,
     path_along_route,
@@ -49,7 +51,11 @@ INTERVALS = len(TIMES_S) - 1
 FAR = 1e6
 """The urgency of a free slot."""
 
+CHUNK = 256
+"""Flights are predicted in chunks of this size."""
+
 Bits = Any
+Tree = TypeVar("Tree")
 
 
 class Outlook(NamedTuple):
@@ -70,40 +76,169 @@ class Outlook(NamedTuple):
         return self.urgency < FAR
 
 
+class Flights(NamedTuple):
+    """Some flights, one per column, and what a prediction needs of them."""
+
+    traffic: Traffic
+    next_fix: Int[Array, " columns"]
+    """The fix of a clearance direct."""
+    exit_level_ticks: Float[Array, " columns"]
+
+
+class Cleared(NamedTuple):
+    """Flights predicted as cleared."""
+
+    path: PredictedPath
+    level_ticks: Float[Array, "times columns"]
+
+
 def look_ahead(
     simulator: Simulator,
     traffic: Traffic,
     next_fix: Int[Array, "slots *batch"],
     exit_level_ticks: Rows,
     margin_nm: float = MARGIN_NM,
+    flights: Flags | None = None,
+    before: Outlook | None = None,
 ) -> Outlook:
-    """The outlook of all active flights.
+    """The outlook of all active flights, or of some `flights`.
 
     `next_fix` is that of a clearance direct, and `margin_nm` is added to the separation standard.
+    In the other slots, the outlook is that of `before`, or one without conflicts and neighbours.
+    The work is proportional to the number of flights, not to the number of slots.
     """
-    sector = simulator.sector
+    shape, batch = traffic.active.shape, int(np.prod(traffic.active.shape[1:], dtype=int))
+    everyone = _in_columns(traffic, next_fix, exit_level_ticks)
+    active = everyone.traffic.active
+    times = jnp.zeros((len(TIMES_S), *active.shape))
+    cleared = _in_chunks(
+        active,
+        lambda column: _as_cleared(simulator, _chosen(everyone, column).traffic),
+        Cleared(PredictedPath(times, times, times[0]), times),
+    )
+    if before is None:
+        before = no_outlook(shape)
+    outlook = _in_chunks(
+        active if flights is None else flights.reshape(-1) & active,
+        partial(_outlook_of, simulator, everyone, cleared, batch, margin_nm=margin_nm),
+        Outlook(*(values.reshape(-1, *active.shape) for values in before)),
+    )
+    return Outlook(*(values.reshape(-1, *shape) for values in outlook))
+
+
+def no_outlook(shape: tuple[int, ...]) -> Outlook:
+    """The outlook without conflicts and neighbours, for `[slots, *batch]`."""
+    count = min(NEIGHBOURS, shape[0] - 1)
+    return Outlook(
+        time_s=jnp.full((len(WAYS), *shape), HORIZON_S),
+        neighbour=jnp.zeros((count, *shape), dtype=jnp.int32),
+        urgency=jnp.full((count, *shape), FAR),
+        neighbour_time_s=jnp.full((count, *shape), HORIZON_S),
+    )
+
+
+def _in_chunks(
+    wanted: Bool[Array, " columns"], function: Callable[[Array], Tree], before: Tree
+) -> Tree:
+    """Compute the wanted columns of a result, chunk by chunk; the others are as before."""
+    size = min(CHUNK, wanted.shape[0])
+    # The wanted columns come first. The last chunk is filled up with columns that stay as before.
+    order = jnp.argsort(~wanted, stable=True).astype(jnp.int32)
+    count = jnp.sum(wanted.astype(jnp.int32))
+
+    def body(chunk: Int[Array, ""], result: Tree) -> Tree:
+        column = jax.lax.dynamic_slice_in_dim(order, chunk * size, size)
+
+        def put(values: Array, new: Array) -> Array:
+            return values.at[..., column].set(jnp.where(wanted[column], new, values[..., column]))
+
+        changed: Tree = jax.tree.map(put, result, function(column))
+        return changed
+
+    result: Tree = jax.lax.fori_loop(0, (count + size - 1) // size, body, before)
+    return result
+
+
+def look_ahead_for(
+    simulator: Simulator,
+    traffic: Traffic,
+    slot: Int[Array, ""],
+    next_fix: Int[Array, " slots"],
+    exit_level_ticks: Float[Array, " slots"],
+) -> Outlook:
+    """The outlook of one flight, which is its column of `look_ahead`."""
+    everyone = Flights(traffic, next_fix, exit_level_ticks)
+    cleared = subroutine(partial(_as_cleared, simulator), traffic)
+    column = jnp.full(1, slot, dtype=jnp.int32)
+    return _outlook_of(simulator, everyone, cleared, 1, column)
+
+
+def _in_columns(
+    traffic: Traffic, next_fix: Int[Array, "slots *batch"], exit_level_ticks: Rows
+) -> Flights:
+    """All flights of a batch of scenarios: slot by slot, and in each the scenarios."""
+
+    def flat(values: Array) -> Array:
+        if values.ndim > traffic.active.ndim:  # the second axis is that of coordinates
+            return jnp.moveaxis(values, 1, -1).reshape(-1, values.shape[1])
+        return values.reshape(-1)
+
+    flights: Flights = jax.tree.map(flat, Flights(traffic, next_fix, exit_level_ticks))
+    return flights
+
+
+def _chosen(flights: Flights, column: Int[Array, " chosen"]) -> Flights:
+    chosen: Flights = jax.tree.map(lambda values: values[column], flights)
+    return chosen
+
+
+def _as_cleared(simulator: Simulator, traffic: Traffic) -> Cleared:
+    path = path_as_cleared(simulator.sector, traffic)
+    level = predicted_level(simulator, traffic, traffic.cleared_level_ticks)
+    return Cleared(path, level)
+
+
+def _outlook_of(
+    simulator: Simulator,
+    everyone: Flights,
+    cleared: Cleared,
+    batch: int,
+    column: Int[Array, " chosen"],
+    margin_nm: float = MARGIN_NM,
+) -> Outlook:
+    """The outlook of the flights in some columns."""
+    sector, flights = simulator.sector, _chosen(everyone, column)
+    traffic = flights.traffic
     # Subroutines, or else each result would be computed again wherever it is used.
-    routes = subroutine(partial(_route_paths, sector), traffic, next_fix)
+    routes = subroutine(partial(_route_paths, sector), flights, _columns_of(cleared.path, column))
     headings = subroutine(partial(_heading_paths, sector), traffic)
-    levels = subroutine(partial(_levels, simulator), traffic, exit_level_ticks)
-    neighbour, urgency = subroutine(partial(most_urgent, sector), traffic, routes, exit_level_ticks)
+    levels = subroutine(partial(_levels, simulator), flights)
+    neighbour, urgency = subroutine(
+        partial(_most_urgent, sector, batch), everyone, cleared, flights, column
+    )
+    at = neighbour * batch + (column % batch)[None]
     time_s, neighbour_time_s = subroutine(
         partial(_times_to_loss, sector, margin_nm),
         traffic,
         (routes, headings),
         levels,
-        neighbour,
-        urgency,
+        cleared,
+        at,
+        urgency < FAR,
     )
     return Outlook(time_s, neighbour, urgency, neighbour_time_s)
 
 
-def _route_paths(
-    sector: Sector, traffic: Traffic, next_fix: Int[Array, "slots *batch"]
-) -> PredictedPath:
-    """The paths as cleared and direct, with an axis for the two before that of the slots."""
-    cleared = path_as_cleared(sector, traffic)
-    direct = path_along_route(sector, traffic, next_fix, jnp.zeros_like(traffic.active))
+def _columns_of(values: Tree, column: Int[Array, " chosen"]) -> Tree:
+    """The columns, on the last axis, of all arrays of a pytree."""
+    chosen: Tree = jax.tree.map(lambda each: each[..., column], values)
+    return chosen
+
+
+def _route_paths(sector: Sector, flights: Flights, cleared: PredictedPath) -> PredictedPath:
+    """The paths as cleared and direct, with an axis for the two before that of the columns."""
+    start = jnp.zeros_like(flights.traffic.active)
+    direct = path_along_route(sector, flights.traffic, flights.next_fix, start)
     return PredictedPath(
         jnp.stack([cleared.east_nm, direct.east_nm], axis=1),
         jnp.stack([cleared.north_nm, direct.north_nm], axis=1),
@@ -112,9 +247,8 @@ def _route_paths(
 
 
 def _heading_paths(sector: Sector, traffic: Traffic) -> PredictedPath:
-    """The paths after the turns, with an axis for these before that of the slots."""
-    turn = jnp.asarray(TURNS_DEG).reshape((-1,) + (1,) * traffic.heading_deg.ndim)
-    heading = traffic.cleared_heading_deg[None] + turn
+    """The paths after the turns, with an axis for these before that of the columns."""
+    heading = traffic.cleared_heading_deg[None] + jnp.asarray(TURNS_DEG)[:, None]
     along = PredictedPath(1, 1, 0)  # type: ignore[arg-type]  # the axes of the turns
     paths: PredictedPath = jax.vmap(partial(path_on_heading, sector, traffic), out_axes=along)(
         heading
@@ -122,53 +256,63 @@ def _heading_paths(sector: Sector, traffic: Traffic) -> PredictedPath:
     return paths
 
 
-def _levels(
-    simulator: Simulator, traffic: Traffic, exit_level_ticks: Rows
-) -> Float[Array, "times levels slots *batch"]:
+def _levels(simulator: Simulator, flights: Flights) -> Float[Array, "times levels columns"]:
     """The levels after clearances to levels, in the order of `WAYS`; as cleared first."""
-    goals = jnp.stack(_goals(simulator.sector, traffic, exit_level_ticks))
-    levels: Array = jax.vmap(partial(predicted_level, simulator, traffic), out_axes=1)(goals)
+    goals = jnp.stack(_goals(simulator.sector, flights))
+    predicted = partial(predicted_level, simulator, flights.traffic)
+    levels: Array = jax.vmap(predicted, out_axes=1)(goals)
     return levels
 
 
-def _goals(sector: Sector, traffic: Traffic, exit_level_ticks: Rows) -> list[Rows]:
+def _goals(sector: Sector, flights: Flights) -> list[Rows]:
     """The cleared level, the exit level, and the changed levels."""
     lowest, highest = (ticks(float(fl)) for fl in sector.levels_fl)
-    cleared = traffic.cleared_level_ticks
+    cleared = flights.traffic.cleared_level_ticks
     changed = [jnp.clip(cleared + ticks(change), lowest, highest) for change in CHANGES_FL]
-    return [cleared, exit_level_ticks, *changed]
+    return [cleared, flights.exit_level_ticks, *changed]
 
 
-def most_urgent(
+def _most_urgent(
     sector: Sector,
-    traffic: Traffic,
-    routes: PredictedPath,
-    exit_level_ticks: Rows,
-) -> tuple[Int[Array, "neighbours slots *batch"], Float[Array, "neighbours slots *batch"]]:
-    """For each flight the others that come closest, those at levels that it may use first.
-
-    `routes` are the paths as cleared, first on the second axis.
-    """
-    slots = traffic.active.shape[0]
+    batch: int,
+    everyone: Flights,
+    cleared: Cleared,
+    flights: Flights,
+    column: Int[Array, " chosen"],
+) -> tuple[Int[Array, "neighbours chosen"], Float[Array, "neighbours chosen"]]:
+    """For each flight the others that come closest, those at levels that it may use first."""
+    traffic = flights.traffic
     scale = sector.plane.scale(traffic.position_nm[:, 1])
-    least = jnp.full((slots, *traffic.active.shape), jnp.inf)
-    for index in range(0, len(TIMES_S), 2):
-        east, north = routes.east_nm[index, 0], routes.north_nm[index, 0]
-        # Later approaches count as more distant: 1 NM a minute.
-        late = TIMES_S[index] / 60.0
-        squared = (east[:, None] - east[None]) ** 2 + (north[:, None] - north[None]) ** 2
-        least = jnp.minimum(least, jnp.sqrt(squared) / scale[:, None] + late)
-    level, goal = traffic.level_ticks, traffic.cleared_level_ticks
-    low, high = jnp.minimum(level, goal), jnp.maximum(level, goal)
-    own_low = jnp.minimum(low, exit_level_ticks) - ticks(20.0)
-    own_high = jnp.maximum(high, exit_level_ticks) + ticks(20.0)
-    apart = jnp.maximum(low[None] - own_high[:, None], own_low[:, None] - high[None])
+
+    def of_scenario(values: Array) -> Array:
+        """The values of all slots of each flight's scenario, `[*, slots, chosen]`."""
+        return values.reshape(*values.shape[:-1], -1, batch)[..., column % batch]
+
+    times = slice(0, len(TIMES_S), 2)
+    # Later approaches count as more distant: 1 NM a minute.
+    late = jnp.asarray(TIMES_S[times], dtype=jnp.float32)[:, None, None] / 60.0
+    east, north = (
+        of_scenario(each[times]) - each[times, column][:, None]
+        for each in (cleared.path.east_nm, cleared.path.north_nm)
+    )
+    least = jnp.min(jnp.sqrt(east**2 + north**2) / scale[None, None] + late, axis=0)
+    low, high = (of_scenario(each) for each in _level_range(everyone.traffic))
+    own_low, own_high = _level_range(traffic)
+    own_low = jnp.minimum(own_low, flights.exit_level_ticks) - ticks(20.0)
+    own_high = jnp.maximum(own_high, flights.exit_level_ticks) + ticks(20.0)
+    apart = jnp.maximum(low - own_high[None], own_low[None] - high)
     score = least + jnp.maximum(apart, 0.0) / ticks(5.0)
-    other = ~jnp.eye(slots, dtype=bool).reshape((slots, slots) + (1,) * (level.ndim - 1))
-    score = jnp.where(traffic.active[None] & other, score, FAR)
-    count = min(NEIGHBOURS, slots - 1)
-    urgency, neighbour = jax.lax.top_k(-jnp.moveaxis(score, 1, -1), count)
-    return jnp.moveaxis(neighbour, -1, 0), -jnp.moveaxis(urgency, -1, 0)
+    slots = score.shape[0]
+    itself = jnp.arange(slots, dtype=jnp.int32)[:, None] == (column // batch)[None]
+    score = jnp.where(of_scenario(everyone.traffic.active) & ~itself, score, FAR)
+    urgency, neighbour = jax.lax.top_k(-score.T, min(NEIGHBOURS, slots - 1))
+    return neighbour.T, -urgency.T
+
+
+def _level_range(traffic: Traffic) -> tuple[Rows, Rows]:
+    """The lower and the higher of the level and the cleared level."""
+    level, goal = traffic.level_ticks, traffic.cleared_level_ticks
+    return jnp.minimum(level, goal), jnp.maximum(level, goal)
 
 
 def _times_to_loss(
@@ -176,35 +320,25 @@ def _times_to_loss(
     margin_nm: float,
     traffic: Traffic,
     paths: tuple[PredictedPath, PredictedPath],
-    levels: Float[Array, "times levels slots *batch"],
-    neighbour: Int[Array, "neighbours slots *batch"],
-    urgency: Float[Array, "neighbours slots *batch"],
+    height: Float[Array, "times levels chosen"],
+    cleared: Cleared,
+    at: Int[Array, "neighbours chosen"],
+    exists: Bool[Array, "neighbours chosen"],
 ) -> tuple[Array, Array]:
     """The time to the first loss for each way, and as cleared for each neighbour.
 
-    Losses are stored as sets of intervals between the predicted times, one bit per interval.
+    `at` are the columns of the neighbours. Losses are stored as sets of intervals between the
+    predicted times, one bit per interval.
     """
-    shape = traffic.active.shape
-    columns = int(np.prod(shape))
-    batch = int(np.prod(shape[1:], dtype=int))
-    inverse = (1.0 / sector.plane.scale(traffic.position_nm[:, 1])).reshape(columns)
-
-    def flat(values: Array) -> Array:  # [times, ways, slots, *batch] -> [times, ways, columns]
-        return values.reshape(*values.shape[:2], columns)
-
-    tracks = [(flat(path.east_nm), flat(path.north_nm)) for path in paths]
-    height = flat(levels)
-    there = jnp.concatenate([_before(path.until_s.reshape(-1, columns)) for path in paths])
-    column = jnp.arange(columns, dtype=jnp.int32) % batch
-    at = neighbour.reshape(-1, columns) * batch + column[None]
-    exists = (urgency < FAR).reshape(-1, columns)
+    inverse = 1.0 / sector.plane.scale(traffic.position_nm[:, 1])
+    there = jnp.concatenate([_before(path.until_s.reshape(-1, at.shape[1])) for path in paths])
     below2 = (sector.separation_nm + margin_nm) ** 2
     limit = ticks(float(sector.separation_fl))
-    east, north = tracks[0]
-    others = jnp.concatenate([east[:, 0], north[:, 0], height[:, 0]])  # [3 * times, columns]
+    theirs = jnp.concatenate([cleared.path.east_nm, cleared.path.north_nm, cleared.level_ticks])
+    theirs_there = _before(cleared.path.until_s)
 
     def close(east: Array, north: Array, other_east: Array, other_north: Array) -> Bits:
-        """The intervals in which each path comes too close, `[laterals, columns]`."""
+        """The intervals in which each path comes too close, `[laterals, chosen]`."""
         bits = jnp.zeros(east.shape[1:], dtype=jnp.uint32)
         x = (east[0] - other_east[0][None]) * inverse[None]
         y = (north[0] - other_north[0][None]) * inverse[None]
@@ -221,7 +355,7 @@ def _times_to_loss(
         return bits
 
     def level_with(other_height: Array) -> Bits:
-        """The intervals in which there is no vertical separation, `[levels, columns]`."""
+        """The intervals in which there is no vertical separation, `[levels, chosen]`."""
         bits = jnp.zeros(height.shape[1:], dtype=jnp.uint32)
         gap = height[0] - other_height[0][None]
         for number in range(INTERVALS):
@@ -234,9 +368,12 @@ def _times_to_loss(
 
     def with_neighbour(bits: Bits, xs: tuple[Array, Array]) -> tuple[Bits, Bits]:
         index, here = xs
-        other_east, other_north, other_height = jnp.split(subroutine(_columns_of, others, index), 3)
-        present = jnp.where(here, there[0][index], jnp.uint32(0))
-        near = [subroutine(close, *track, other_east, other_north) for track in tracks]
+        other_east, other_north, other_height = jnp.split(subroutine(_columns_of, theirs, index), 3)
+        present = jnp.where(here, theirs_there[index], jnp.uint32(0))
+        near = [
+            subroutine(close, path.east_nm, path.north_nm, other_east, other_north)
+            for path in paths
+        ]
         lateral = jnp.concatenate(near) & there & present[None]
         vertical = subroutine(level_with, other_height)
         lost = jnp.concatenate(
@@ -244,14 +381,10 @@ def _times_to_loss(
         )
         return bits | lost, lost[0]
 
-    nothing = jnp.zeros((len(WAYS), columns), dtype=jnp.uint32)
+    nothing = jnp.zeros((len(WAYS), at.shape[1]), dtype=jnp.uint32)
     bits, each = jax.lax.scan(with_neighbour, nothing, (at, exists))
-    bits = jnp.where(traffic.active.reshape(columns), bits, jnp.uint32(0))
-    return _first(bits).reshape(-1, *shape), _first(each).reshape(-1, *shape)
-
-
-def _columns_of(values: Array, index: Array) -> Array:
-    return values[:, index]
+    bits = jnp.where(traffic.active, bits, jnp.uint32(0))
+    return _first(bits), _first(each)
 
 
 def _before(until_s: Array) -> Bits:

@@ -15,6 +15,7 @@ from skystack.airspace.geometry import bearing, direction, dot, length, value_of
 from skystack.airspace.sector import Sector
 from skystack.compilation.subroutine import subroutine
 from skystack.simulator.own_navigation import (
+    EARLIEST_TURN_RADII,
     fix_leg,
     fix_of,
     turn_radius_nm,
@@ -25,9 +26,8 @@ from skystack.simulator.traffic import DIRECT, Traffic
 TIMES_S = (*range(0, 120, 15), *range(120, 601, 40))
 """The times at which flights are predicted; motion in between is taken to be straight."""
 HORIZON_S = float(TIMES_S[-1])
-MAX_HALF_TURN_RAD = 1.2
-"""Sharper turns at fixes are predicted as turns of twice this, which begin 2.6 radii before the
-fix. In the simulator, no turn begins earlier than 3 radii before."""
+MAX_HALF_TURN_RAD = float(np.arctan(EARLIEST_TURN_RADII))
+"""Sharper turns at fixes are predicted as turns of twice this, because no turn begins earlier."""
 LEGS = 6
 """The number of legs of a route that are predicted."""
 

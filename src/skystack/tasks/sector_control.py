@@ -68,8 +68,8 @@ class ControlState(NamedTuple):
     """Whether a further instruction continues a transmission."""
     began: Bool[Array, "slots *batch"]
     """Whether a transmission began in this cycle."""
-    instructed: Bool[Array, "slots *batch"]
-    """Whether the flight was instructed in this cycle."""
+    instructions: Float[Array, "slots *batch"]
+    """The number of instructions to the flight in this cycle."""
     since_cycles: Float[Array, "slots *batch"]
     level_gap_ticks: Float[Array, "slots *batch"]
     """The distance of the cleared level from the exit level at the end of the last cycle."""
@@ -135,7 +135,7 @@ class SectorControl:
             outlook=self.world.look_ahead(world),
             burst=nobody,
             began=nobody,
-            instructed=nobody,
+            instructions=nobody.astype(jnp.float32),
             since_cycles=nobody.astype(jnp.float32) + SINCE_CYCLES,
             level_gap_ticks=_level_gap(world),
             exit_nm=self._exit_nm(world),
@@ -152,6 +152,10 @@ class SectorControl:
         hears: Bool[Array, "slots *batch"] = state.world.hears
         return hears
 
+    def waiting(self, state: ControlState) -> Bool[Array, "slots *batch"]:
+        """Nobody: every flight that hears the controller decides in every cycle."""
+        return jnp.zeros_like(state.burst)
+
     def may_stack(
         self, state: ControlState, action: Int[Array, "slots *batch"]
     ) -> Bool[Array, "slots *batch"]:
@@ -167,28 +171,53 @@ class SectorControl:
 
     def instruct(self, state: ControlState, action: Int[Array, "slots *batch"]) -> ControlState:
         """Change clearances. Actions that `may_stack` excludes change nothing."""
+        return self.with_outlook(self.told(state, action))
+
+    def with_outlook(self, state: ControlState) -> ControlState:
+        """The state with the outlook of its clearances."""
+        return state._replace(outlook=self.world.look_ahead(state.world))
+
+    def instruct_one(
+        self, state: ControlState, slot: Int[Array, ""], action: Int[Array, ""]
+    ) -> ControlState:
+        """Instruct one flight. Only its own outlook is computed again, the others' is not."""
+        here = jnp.arange(self.agents, dtype=jnp.int32) == slot
+        state = self.told(state, jnp.where(here, action, NO_OP))
+        own = self.world.look_ahead_for(state.world, slot)
+        return state._replace(
+            outlook=jax.tree.map(
+                lambda values, column: values.at[:, slot].set(column[:, 0]), state.outlook, own
+            )
+        )
+
+    def told(self, state: ControlState, action: Int[Array, "slots *batch"]) -> ControlState:
+        """`instruct`, but with the outlook of before."""
         told = self.may_stack(state, action)
         world = self.world.instruct(state.world, _clearance(state, jnp.where(told, action, NO_OP)))
         began = told & ~state.burst
         return state._replace(
             world=world,
-            outlook=self.world.look_ahead(world),
             burst=state.burst | told,
             began=state.began | began,
-            instructed=state.instructed | told,
+            instructions=state.instructions + told.astype(jnp.float32),
             since_cycles=jnp.where(told, 0.0, state.since_cycles),
         )
 
     def advance(self, state: ControlState) -> tuple[ControlState, Outcome]:
-        heard = self.active(state)
         world, flown = self.world.advance(state.world)
-        outlook = self.world.look_ahead(world)
+        return self.end_cycle(state, world, flown, self.world.look_ahead(world))
+
+    def end_cycle(
+        self, state: ControlState, world: WorldState, flown: WorldCycle, outlook: Outlook
+    ) -> tuple[ControlState, Outcome]:
+        """`advance` for a cycle that was flown already. `state` is the state before it."""
+        heard = self.active(state)
         lost = subroutine(partial(_lost, self.sector), flown) & heard
         level_gap, exit_nm = _level_gap(world), self._exit_nm(world)
         stays = heard & world.traffic.active
         cycle = FlightCycle(
             transmission=state.began,
-            instruction=state.instructed,
+            instructions=state.instructions,
             time_to_loss_s=jnp.where(stays, outlook.time_s[0], jnp.inf),
             loss=lost & ~state.lost,
             excursion=flown.excursion & heard,
@@ -200,15 +229,16 @@ class SectorControl:
         reward = jnp.where(heard, total_reward(self.reward, cycle), 0.0)
         terminated = heard & ~world.traffic.active
         ended = world.arrivals.cycle >= state.lasts
-        since = jnp.where(state.instructed, 0.0, state.since_cycles) + 1.0
+        instructed = state.instructions > 0.0
+        since = jnp.where(instructed, 0.0, state.since_cycles) + 1.0
         totals = _added(state.totals, cycle, flown)
         # A newborn in a slot begins afresh.
         next_state = ControlState(
             world=world,
             outlook=outlook,
-            burst=state.instructed & stays,
+            burst=instructed & stays,
             began=jnp.zeros_like(state.began),
-            instructed=jnp.zeros_like(state.instructed),
+            instructions=jnp.zeros_like(state.instructions),
             since_cycles=jnp.where(stays, jnp.minimum(since, SINCE_CYCLES), SINCE_CYCLES),
             level_gap_ticks=level_gap,
             exit_nm=exit_nm,

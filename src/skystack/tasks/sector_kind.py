@@ -45,8 +45,6 @@ class SectorSettings(TaskSettings, frozen=True, forbid_unknown_fields=True):
 
 def build_sector_control(settings: SectorSettings) -> SectorControl:
     """The task with the given settings. Raises InputError for contradictory settings."""
-    if settings.timing != "cycle":
-        raise InputError(f"task.timing is {settings.timing} (allowed for {settings.name}: cycle)")
     low, high = settings.flights_per_hour
     if low > high:
         raise InputError(f"task.flights_per_hour is {low:g} to {high:g} (allowed: lowest first)")

@@ -26,8 +26,8 @@ class FlightCycle(NamedTuple):
 
     transmission: Flags
     """Whether a transmission to it began."""
-    instruction: Flags
-    """Whether it was instructed."""
+    instructions: PerFlight
+    """The number of instructions to it."""
     time_to_loss_s: PerFlight
     """The predicted time until it loses separation, as cleared, after the cycle."""
     loss: Flags
@@ -69,9 +69,7 @@ SECTOR_REWARDS: dict[str, SectorReward] = {
     "transmission": SectorReward(
         lambda cycle: -_number(cycle.transmission), 1.0, "a transmission begins: -1"
     ),
-    "instruction": SectorReward(
-        lambda cycle: -_number(cycle.instruction), 0.05, "an instruction: -1"
-    ),
+    "instruction": SectorReward(lambda cycle: -cycle.instructions, 0.05, "an instruction: -1"),
     "predicted": SectorReward(
         predicted_loss,
         0.5,

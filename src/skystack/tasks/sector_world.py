@@ -21,7 +21,7 @@ from skystack.simulator.arrival_flows import Flow
 from skystack.simulator.arrivals import FREE, Arrivals, fly, release
 from skystack.simulator.simulator import Simulator, instruct
 from skystack.simulator.traffic import Clearance, Traffic, where_aircraft
-from skystack.tasks.outlook import MARGIN_NM, Outlook, look_ahead
+from skystack.tasks.outlook import MARGIN_NM, Outlook, look_ahead, look_ahead_for
 from skystack.tasks.progress import FlightPlan, Progress, ProgressTracker
 
 FAR_NM = 20.0
@@ -107,6 +107,20 @@ class World:
         """The outlook of all flights; see `skystack.tasks.outlook.look_ahead`."""
         next_fix, exit_level = state.progress.next_fix, state.plan.exit_level_ticks
         return look_ahead(self.simulator, state.traffic, next_fix, exit_level, margin_nm)
+
+    def look_again(
+        self, state: WorldState, outlook: Outlook, flights: Bool[Array, "slots *batch"]
+    ) -> Outlook:
+        """An outlook, computed again for some flights."""
+        next_fix, exit_level = state.progress.next_fix, state.plan.exit_level_ticks
+        return look_ahead(
+            self.simulator, state.traffic, next_fix, exit_level, flights=flights, before=outlook
+        )
+
+    def look_ahead_for(self, state: WorldState, slot: Int[Array, ""]) -> Outlook:
+        """The outlook of one flight; see `skystack.tasks.outlook.look_ahead_for`."""
+        next_fix, exit_level = state.progress.next_fix, state.plan.exit_level_ticks
+        return look_ahead_for(self.simulator, state.traffic, slot, next_fix, exit_level)
 
     def advance(self, state: WorldState) -> tuple[WorldState, WorldCycle]:
         """One cycle. Flights that are due are admitted before it is flown."""

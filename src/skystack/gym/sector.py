@@ -1,0 +1,179 @@
+"""Sector control for learners that train one policy for all flights, as a vector environment."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from jaxtyping import Array, Bool, Int, PRNGKeyArray
+
+from skystack.compilation.forks import refuse_forked
+from skystack.errors import InputError
+from skystack.gym.environment import actions_of, metrics_info, next_key, observations_of
+from skystack.gym.registration import settings_of
+from skystack.io.files import AnyPath
+from skystack.simulator.arrivals import FREE
+from skystack.stacking import NO_OP
+from skystack.tasks.contract import Outcome
+from skystack.tasks.programs import TaskPrograms, compiled
+from skystack.tasks.registry import build_task
+from skystack.tasks.sector_control import ControlState, SectorControl
+from skystack.tasks.settings import TaskSettings
+
+
+class SectorView(NamedTuple):
+    """What learners see of a sector, one row for each slot; arrays of numpy or JAX."""
+
+    observation: Any
+    """`[slots, observation]`."""
+    flight: Any
+    """The number of the flight that decides in each slot; FREE if there is none."""
+    allowed: Any
+    """`[slots, actions]`: which actions change something. Action 0, none, is always allowed."""
+
+    @property
+    def active(self) -> Bool[np.ndarray, " slots"]:
+        """Whether there is a flight in each slot that decides."""
+        decides: Bool[np.ndarray, " slots"] = np.not_equal(self.flight, FREE)
+        return decides
+
+
+class SectorPrograms(TaskPrograms):
+    """The compiled programs of sector control for its environments."""
+
+    _task: SectorControl
+
+    @compiled
+    def begin(self, key: PRNGKeyArray) -> tuple[ControlState, SectorView]:
+        """The scenario of a key, and what is seen of it."""
+        state = self._task.reset(key)
+        return state, self._view(state)
+
+    @compiled
+    def fly(
+        self, state: ControlState, action: Int[Array, " slots"]
+    ) -> tuple[ControlState, SectorView, Outcome]:
+        """Instruct all flights, then fly one cycle."""
+        state, outcome = self._task.step(state, action)
+        return state, self._view(state), outcome
+
+    def _view(self, state: ControlState) -> SectorView:
+        numbers = range(len(self._task.action_names))
+        none = jnp.zeros(self._task.agents, dtype=jnp.int32)
+        allowed = [self._task.may_stack(state, none + number) for number in numbers]
+        allowed[NO_OP] = jnp.ones_like(allowed[NO_OP])
+        decides = self._task.active(state)
+        flight = jnp.where(decides, state.world.arrivals.flight, FREE)
+        observation = jnp.where(decides[:, None], self._task.observe(state).T, 0.0)
+        return SectorView(observation, flight, jnp.stack(allowed, axis=1))
+
+
+class SectorVectorEnvironment(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """Sector control with one sub-environment for each slot of the sector.
+
+    The flights in a slot follow one another. `infos` holds, for the next step, `active`: whether
+    there is a flight in each slot that decides; and `action_mask`, `[slots, actions]`: which of its
+    actions change something. Where `active` is false, observations are zero, actions are ignored,
+    and the step is not to be learnt from. A flight that leaves is terminated; the next one may come
+    at any later step, without a reset. The scenario ends for all flights at once, truncated; the
+    next step begins a new one, as in Gymnasium's mode NEXT_STEP.
+
+    Every step flies a cycle. Raises InputError for actions that are not in the table.
+    """
+
+    def __init__(self, task: SectorControl, programs: SectorPrograms | None = None) -> None:
+        self.task, self.num_envs = task, task.agents
+        self.metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}
+        self.single_observation_space = observations_of(task)
+        self.single_action_space = actions_of(task)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._programs = SectorPrograms(task) if programs is None else programs
+        self._generator: np.random.Generator | None = None
+        self._state: ControlState | None = None
+        self._view: SectorView
+        self._ended = False
+
+    @property
+    def programs(self) -> SectorPrograms:
+        """The compiled programs of the task, which environments of one task can share."""
+        return self._programs
+
+    @property
+    def task_state(self) -> ControlState:
+        """The state of the scenario in the task. Raises ResetNeeded before the first reset."""
+        refuse_forked()
+        if self._state is None:
+            raise ResetNeeded("no scenario has been started (call reset first)")
+        return self._state
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start a new random scenario. A seed determines it and all scenarios that follow."""
+        if seed is not None or self._generator is None:
+            self._generator, _ = seeding.np_random(seed)
+        self._state, self._view = self._fetched(self._programs.begin(next_key(self._generator)))
+        self._ended = False
+        return self._view.observation, self._infos()
+
+    def step(
+        self, actions: Any
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Instruct all flights, then fly one cycle; or begin a new scenario after the end."""
+        state, chosen = self.task_state, self._checked(actions)
+        if self._ended:
+            observation, infos = self.reset()
+            nothing = np.zeros(self.num_envs, dtype=bool)
+            return observation, nothing.astype(np.float64), nothing, nothing.copy(), infos
+        self._state, self._view, outcome = self._fetched(
+            self._programs.fly(state, jnp.asarray(chosen))
+        )
+        self._ended = bool(outcome.ended)
+        infos = self._infos()
+        if self._ended:
+            infos["metrics"] = metrics_info(outcome.metrics)
+        reward = outcome.reward.astype(np.float64)
+        return self._view.observation, reward, outcome.terminated, outcome.truncated, infos
+
+    def _infos(self) -> dict[str, Any]:
+        return {"active": self._view.active, "action_mask": self._view.allowed}
+
+    def _fetched(self, result: Any) -> Any:
+        """All but the state as numpy arrays that may be changed."""
+        state, *rest = result
+        return state, *jax.tree.map(np.array, rest)
+
+    def _checked(self, actions: Any) -> Int[np.ndarray, " slots"]:
+        numbers, last = np.asarray(actions), len(self.task.action_names) - 1
+        whole = numbers.shape == (self.num_envs,) and np.issubdtype(numbers.dtype, np.integer)
+        if not whole or np.any((numbers < 0) | (numbers > last)):
+            raise InputError(
+                f"actions are {actions!r} (allowed: {self.num_envs} whole numbers from 0 to {last})"
+            )
+        return numbers.astype(np.int32)
+
+
+def sector_task(experiment: AnyPath, settings: TaskSettings | None = None) -> SectorControl:
+    """The task of an experiment (a name or a `.toml` file) or of settings.
+
+    Raises InputError if it is not sector control.
+    """
+    task = build_task(settings_of(experiment, settings))
+    if not isinstance(task, SectorControl):
+        raise InputError(f"task {task.name} is not for sectors (allowed: {SectorControl.name})")
+    return task
+
+
+def make_sector_environment(
+    experiment: AnyPath = SectorControl.name, settings: TaskSettings | None = None
+) -> SectorVectorEnvironment:
+    """The vector environment of an experiment (a name or a `.toml` file) or of settings.
+
+    Raises InputError for an unknown experiment, and for one that is not of sector control.
+    """
+    return SectorVectorEnvironment(sector_task(experiment, settings))
