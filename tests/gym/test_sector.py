@@ -120,7 +120,9 @@ def test_actions_that_are_not_in_the_table_are_refused(environment, actions):
 
 def test_a_reset_comes_first(environment):
     with pytest.raises(ResetNeeded):
-        SectorVectorEnvironment(environment.task, environment.programs).step(np.zeros(SLOTS))
+        SectorVectorEnvironment(environment.task, environment.programs).step(
+            np.zeros(SLOTS, dtype=int)
+        )
 
 
 @pytest.mark.parametrize("make", [make_environment, make_vector_environment])

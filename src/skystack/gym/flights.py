@@ -3,24 +3,19 @@
 from collections.abc import Mapping
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from gymnasium import spaces
-from gymnasium.error import ResetNeeded
-from gymnasium.utils import seeding
 from jaxtyping import Int
 
-from skystack.compilation.forks import refuse_forked
 from skystack.errors import requires_extra, unknown_name
-from skystack.gym.environment import actions_of, metrics_info, next_key, observations_of
-from skystack.gym.sector import SectorPrograms, SectorView, sector_task
+from skystack.gym.environment import actions_of, metrics_info, observations_of
+from skystack.gym.sector import RunningSector, SectorPrograms, sector_task
 from skystack.io.files import AnyPath
 from skystack.simulator.arrivals import FREE, MOST_DUE
 from skystack.simulator.traffic import callsigns
 from skystack.stacking import NO_OP
 from skystack.tasks.plain import checked_action
-from skystack.tasks.sector_control import ControlState, SectorControl
+from skystack.tasks.sector_control import SectorControl
 from skystack.tasks.settings import TaskSettings
 
 with requires_extra(__name__, "pettingzoo"):
@@ -30,7 +25,7 @@ Observed = dict[str, np.ndarray]
 Infos = dict[str, dict[str, Any]]
 
 
-class FlightsEnvironment(ParallelEnv):  # type: ignore[misc]
+class FlightsEnvironment(RunningSector, ParallelEnv):  # type: ignore[misc]
     """Sector control as a game of its flights: AC1, AC2, ... in the order in which they arrive.
 
     `agents` are the flights that hear the controller. In each cycle each takes an action of the
@@ -45,28 +40,12 @@ class FlightsEnvironment(ParallelEnv):  # type: ignore[misc]
     metadata = {"name": "skystack-sector", "render_modes": []}  # noqa: RUF012
 
     def __init__(self, task: SectorControl, programs: SectorPrograms | None = None) -> None:
-        self.task, self.render_mode = task, None
+        super().__init__(task, programs)
+        self.render_mode = None
         # The number of flights of a scenario is random; so many cannot be exceeded.
         self.possible_agents = callsigns(task.cycles * MOST_DUE)
         self.agents: list[str] = []
         self._spaces: dict[str, tuple[spaces.Box, spaces.Discrete]] = {}
-        self._generator: np.random.Generator | None = None
-        self._programs = SectorPrograms(task) if programs is None else programs
-        self._state: ControlState | None = None
-        self._view: SectorView
-
-    @property
-    def programs(self) -> SectorPrograms:
-        """The compiled programs of the task, which environments of one task can share."""
-        return self._programs
-
-    @property
-    def task_state(self) -> ControlState:
-        """The state of the scenario in the task. Raises ResetNeeded before the first reset."""
-        refuse_forked()
-        if self._state is None:
-            raise ResetNeeded("no scenario has been started (call reset first)")
-        return self._state
 
     def observation_space(self, agent: str) -> spaces.Box:
         return self._spaces_of(agent)[0]
@@ -78,10 +57,7 @@ class FlightsEnvironment(ParallelEnv):  # type: ignore[misc]
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observed, Infos]:
         """Start a new random scenario. The sector may be empty at first."""
-        if seed is not None or self._generator is None:
-            self._generator, _ = seeding.np_random(seed)
-        self._state, view = self._programs.begin(next_key(self._generator))
-        self._view = jax.device_get(view)
+        self._start(seed)
         self.agents = [self._name(flight) for flight in self._flights()]
         return self._observations(self.agents), self._infos(self.agents)
 
@@ -93,10 +69,9 @@ class FlightsEnvironment(ParallelEnv):  # type: ignore[misc]
         Raises InputError for an unknown agent or action. Actions of flights that have left are
         ignored.
         """
-        state, chosen = self.task_state, self._task_actions(actions)
-        slots = self._flights()
-        self._state, view, outcome = self._programs.fly(state, jnp.asarray(chosen))
-        self._view, outcome = jax.device_get((view, outcome))
+        _ = self.task_state  # raises before the first reset
+        chosen, slots = self._task_actions(actions), self._flights()
+        outcome = self._fly(chosen)
         before, ended = self.agents, bool(outcome.ended)
         born = [self._name(each) for each in self._flights() if each not in slots]
         rewards = {self._name(each): float(outcome.reward[at]) for each, at in slots.items()}

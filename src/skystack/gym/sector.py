@@ -72,7 +72,44 @@ class SectorPrograms(TaskPrograms):
         return SectorView(observation, flight, jnp.stack(allowed, axis=1))
 
 
-class SectorVectorEnvironment(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+class RunningSector:
+    """The scenario of an environment, and its task's programs, which environments can share."""
+
+    def __init__(self, task: SectorControl, programs: SectorPrograms | None) -> None:
+        self.task = task
+        self.programs = SectorPrograms(task) if programs is None else programs
+        self._generator: np.random.Generator | None = None
+        self._state: ControlState | None = None
+        self._view: SectorView
+
+    @property
+    def task_state(self) -> ControlState:
+        """The state of the scenario in the task. Raises ResetNeeded before the first reset."""
+        refuse_forked()
+        if self._state is None:
+            raise ResetNeeded("no scenario has been started (call reset first)")
+        return self._state
+
+    def _start(self, seed: int | None) -> None:
+        """Begin a new random scenario. A seed determines it and all that follow."""
+        if seed is not None or self._generator is None:
+            self._generator, _ = seeding.np_random(seed)
+        self._state, view = self.programs.begin(next_key(self._generator))
+        self._view = fetched(view)
+
+    def _fly(self, actions: Int[np.ndarray, " slots"]) -> Any:
+        """Instruct the flights, then fly one cycle; returns its `Outcome` in numpy."""
+        self._state, view, outcome = self.programs.fly(self.task_state, jnp.asarray(actions))
+        self._view, outcome = fetched((view, outcome))
+        return outcome
+
+
+def fetched(values: Any) -> Any:
+    """A pytree of arrays as numpy arrays that may be changed."""
+    return jax.tree.map(np.array, values)
+
+
+class SectorVectorEnvironment(RunningSector, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Sector control with one sub-environment for each slot of the sector.
 
     The flights in a slot follow one another. `infos` holds, for the next step, `active`: whether
@@ -86,38 +123,20 @@ class SectorVectorEnvironment(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """
 
     def __init__(self, task: SectorControl, programs: SectorPrograms | None = None) -> None:
-        self.task, self.num_envs = task, task.agents
+        super().__init__(task, programs)
+        self.num_envs = task.agents
         self.metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}
         self.single_observation_space = observations_of(task)
         self.single_action_space = actions_of(task)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._programs = SectorPrograms(task) if programs is None else programs
-        self._generator: np.random.Generator | None = None
-        self._state: ControlState | None = None
-        self._view: SectorView
         self._ended = False
-
-    @property
-    def programs(self) -> SectorPrograms:
-        """The compiled programs of the task, which environments of one task can share."""
-        return self._programs
-
-    @property
-    def task_state(self) -> ControlState:
-        """The state of the scenario in the task. Raises ResetNeeded before the first reset."""
-        refuse_forked()
-        if self._state is None:
-            raise ResetNeeded("no scenario has been started (call reset first)")
-        return self._state
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start a new random scenario. A seed determines it and all scenarios that follow."""
-        if seed is not None or self._generator is None:
-            self._generator, _ = seeding.np_random(seed)
-        self._state, self._view = self._fetched(self._programs.begin(next_key(self._generator)))
+        self._start(seed)
         self._ended = False
         return self._view.observation, self._infos()
 
@@ -125,14 +144,12 @@ class SectorVectorEnvironment(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self, actions: Any
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Instruct all flights, then fly one cycle; or begin a new scenario after the end."""
-        state, chosen = self.task_state, self._checked(actions)
+        chosen = self._checked(actions)
         if self._ended:
             observation, infos = self.reset()
             nothing = np.zeros(self.num_envs, dtype=bool)
             return observation, nothing.astype(np.float64), nothing, nothing.copy(), infos
-        self._state, self._view, outcome = self._fetched(
-            self._programs.fly(state, jnp.asarray(chosen))
-        )
+        outcome = self._fly(chosen)
         self._ended = bool(outcome.ended)
         infos = self._infos()
         if self._ended:
@@ -142,11 +159,6 @@ class SectorVectorEnvironment(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _infos(self) -> dict[str, Any]:
         return {"active": self._view.active, "action_mask": self._view.allowed}
-
-    def _fetched(self, result: Any) -> Any:
-        """All but the state as numpy arrays that may be changed."""
-        state, *rest = result
-        return state, *jax.tree.map(np.array, rest)
 
     def _checked(self, actions: Any) -> Int[np.ndarray, " slots"]:
         numbers, last = np.asarray(actions), len(self.task.action_names) - 1
