@@ -1,4 +1,4 @@
-"""Sector control with one agent per flight: PettingZoo's own tests, and agreement with the task."""
+"""Sector control with one agent per flight: PettingZoo's tests, and the vector environment."""
 
 import warnings
 
@@ -28,7 +28,7 @@ def environment():
 
 
 class Arriving(FlightsEnvironment):
-    """The same, begun when the first flights are there: PettingZoo's test needs agents at once."""
+    """Starts once flights have arrived, because PettingZoo's test needs agents at once."""
 
     def reset(self, seed=None, options=None):
         super().reset(seed, options)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from skystack.learning import network, ppo
-from skystack.learning.active_columns import CHUNK, active_first, of_active
 from skystack.learning.settings import PPOSettings
 from skystack.tasks.contract import Metric, Outcome
 
@@ -145,19 +144,6 @@ def test_losses_are_means_over_the_gradient_steps():
     assert not np.isfinite(float(losses["policy_loss"]))
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
-def test_active_samples_come_first_in_the_same_order(share):
-    rng = np.random.default_rng(1)
-    active = jnp.asarray(rng.random(50) < share)
-    order = ppo.shuffled(jax.random.key(0), 50)
-    sorted_order = np.asarray(active_first(order, active))
-    flags = np.asarray(active)[sorted_order]
-    assert (np.diff(flags.astype(int)) <= 0).all()
-    assert sorted(sorted_order.tolist()) == list(range(50))
-    kept = [number for number in np.asarray(order).tolist() if bool(active[number])]
-    assert sorted_order[: len(kept)].tolist() == kept
-
-
 def test_passing_over_minibatches_lowers_the_learning_rate_all_the_same():
     task = TellSigns()
     learner = ppo.init(task, SETTINGS, jax.random.key(0))
@@ -195,7 +181,7 @@ def test_advantages_do_not_cross_a_cycle_without_an_agent():
 
 
 def test_advantages_pass_by_steps_in_which_an_agent_waits():
-    """Two steps in frozen time, of which the agent decides in the first, and then a cycle."""
+    """Two steps in frozen time, then two cycles. The agent decides in the first and last step."""
     empty = jnp.zeros((4, 1))
     column = lambda *values: jnp.asarray(values, dtype=bool)[:, None]  # noqa: E731
     steps = ppo.Transitions(
@@ -221,20 +207,8 @@ def test_advantages_pass_by_steps_in_which_an_agent_waits():
     assert float(found[0, 0]) == pytest.approx(0.25 - 0.5 + 0.8 * second)
 
 
-@pytest.mark.parametrize("count", [0, 1, CHUNK, CHUNK + 1, 3 * CHUNK - 5])
-def test_functions_are_computed_for_active_columns_only(count):
-    rng = np.random.default_rng(count)
-    columns = jnp.asarray(rng.normal(size=(2, 3 * CHUNK - 5)), dtype=jnp.float32)
-    active = np.zeros(columns.shape[1], dtype=bool)
-    active[rng.permutation(columns.shape[1])[:count]] = True
-    columns = jnp.where(jnp.asarray(active)[None], columns, jnp.nan)
-    found = of_active(lambda rows: 2.0 * rows[:1] + rows[1:], 1, columns, jnp.asarray(active))
-    expected = np.where(active, 2.0 * columns[0] + columns[1], 0.0)
-    np.testing.assert_allclose(found[0], expected, rtol=1e-6)
-
-
 def test_values_are_those_of_the_agents_that_are_there():
-    """The value before each step of a present agent, and after a truncation of the last one."""
+    """Values of present agents before each step, and of the final observation if truncated."""
     task, settings = TellSigns(), SETTINGS
     learner = ppo.init(task, settings, jax.random.key(0))
     _, steps, _ = ppo.collect(task, settings, learner, jax.random.key(1))

@@ -72,7 +72,7 @@ def test_a_stack_costs_one_transmission_and_its_instructions(start):
     _, outcome = STEP(state, actions())
     _, untouched = STEP(start, actions())
     paid = np.asarray(untouched.reward - outcome.reward)
-    # It is cleared to the level of before, so nothing else differs.
+    # It is cleared back to its old level, so nothing else differs.
     expected = np.zeros(SLOTS)
     expected[one] = weights.transmission + 2.0 * weights.instruction
     np.testing.assert_allclose(paid, expected, atol=1e-5)
@@ -80,11 +80,11 @@ def test_a_stack_costs_one_transmission_and_its_instructions(start):
 
 def test_no_stack_is_endless(start):
     one, _ = two_flights(start)
-    state, rounds = start, 0
+    state, steps = start, 0
     while int(state.inner.world.arrivals.cycle) == int(start.inner.world.arrivals.cycle):
         state, _ = STEP(state, actions(**{f"s{one}": LEFT_10}))
-        rounds += 1
-    assert rounds == ROUNDS + 1
+        steps += 1
+    assert steps == ROUNDS + 1
 
 
 def test_a_cycle_without_instructions_is_that_of_the_task(start):

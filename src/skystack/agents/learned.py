@@ -29,9 +29,10 @@ MOST_INSTRUCTIONS = 40
 
 
 PATIENCE = 0.7
-"""A flight is instructed only if the probability that the policy waits is below this. The policy
-was trained with sampled actions, where it does not matter in which of a few cycles it acts, nor
-which of several good instructions it gives; the most probable single action would often be none."""
+"""A flight is instructed only if the probability that the policy waits is below this. In training,
+actions are sampled, so it hardly matters in which of several cycles an instruction is given, or
+which of several good ones it is. The most probable of all actions may then be none in every cycle.
+"""
 
 
 class Answer(NamedTuple):
@@ -39,7 +40,7 @@ class Answer(NamedTuple):
 
     action: Int[Array, " flights"]
     wanted: Bool[Array, " flights"]
-    """Whether the action is an instruction that can be issued."""
+    """Whether the policy would instruct the flight, with an instruction that is allowed."""
     waits: Float[Array, " flights"]
     """The probability that the policy gives no instruction."""
 
@@ -154,7 +155,7 @@ class Learned:
     def _stack_one(self, query: Query, slot: Int[Array, ""]) -> ControlState:
         """Serve one flight: instruct it until the policy gives no further instruction.
 
-        Only the outlook of this flight is that of the state returned.
+        In the returned state, only the outlook of this flight is up to date.
         """
         first = Answer(*(values[slot][None] for values in query.answer))
         carry = (query.state, first, jnp.int32(0))

@@ -26,13 +26,13 @@ Infos = dict[str, dict[str, Any]]
 
 
 class FlightsEnvironment(RunningSector, ParallelEnv):  # type: ignore[misc]
-    """Sector control as a game of its flights: AC1, AC2, ... in the order in which they arrive.
+    """Sector control with one agent per flight: AC1, AC2, ... in order of arrival.
 
-    `agents` are the flights that hear the controller. In each cycle each takes an action of the
-    task's table, or none (action 0) if it is not in `actions`. It gets its own reward and is
-    terminated when it leaves; at the end of the scenario, all are truncated, and their infos hold
-    the scenario's metrics. The last observation of a flight that has left is zero. `action_mask`
-    in the infos marks the actions that change something.
+    `agents` are the flights that hear the controller. In each cycle, an agent takes one action of
+    the task's table; an agent missing from `actions` takes action 0, none. Each gets its own reward
+    and is terminated when it leaves. At the end of the scenario, the others are truncated, and all
+    infos hold the scenario's metrics. The last observation of a flight that has left is zero.
+    `action_mask` in the infos marks action 0 and the actions that change something.
 
     It can be copied and pickled at any time; the copy continues identically.
     """
@@ -42,7 +42,7 @@ class FlightsEnvironment(RunningSector, ParallelEnv):  # type: ignore[misc]
     def __init__(self, task: SectorControl, programs: SectorPrograms | None = None) -> None:
         super().__init__(task, programs)
         self.render_mode = None
-        # The number of flights of a scenario is random; so many cannot be exceeded.
+        # The number of flights in a scenario is random. This is an upper bound.
         self.possible_agents = callsigns(task.cycles * MOST_DUE)
         self.agents: list[str] = []
         self._spaces: dict[str, tuple[spaces.Box, spaces.Discrete]] = {}
@@ -66,8 +66,8 @@ class FlightsEnvironment(RunningSector, ParallelEnv):  # type: ignore[misc]
     ) -> tuple[Observed, dict[str, float], dict[str, bool], dict[str, bool], Infos]:
         """Instruct the flights, then fly one cycle.
 
-        Raises InputError for an unknown agent or action. Actions of flights that have left are
-        ignored.
+        Raises InputError for an unknown agent or action. Actions of flights that are not in the
+        sector, or do not hear the controller yet, are ignored.
         """
         _ = self.task_state  # raises before the first reset
         chosen, slots = self._task_actions(actions), self._flights()
@@ -145,6 +145,6 @@ def flights_env(
 ) -> FlightsEnvironment:
     """The environment of an experiment (a name or a `.toml` file) or of settings.
 
-    Raises InputError for an unknown experiment, and for one that is not of sector control.
+    Raises InputError for an unknown experiment, and for one that is not sector control.
     """
     return FlightsEnvironment(sector_task(experiment, settings))

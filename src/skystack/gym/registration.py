@@ -58,7 +58,7 @@ def make_vector_environment(
 def _check_one_agent(task: Task) -> None:
     if isinstance(task, ManyAgents):
         raise InputError(
-            f"task {task.name} has many agents (allowed: tasks with one; for this one, "
+            f"task {task.name} has many agents (allowed: tasks with one agent; for this task, use "
             "skystack.gym.sector.make_sector_environment or skystack.gym.flights.flights_env)"
         )
 

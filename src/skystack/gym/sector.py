@@ -112,14 +112,14 @@ def fetched(values: Any) -> Any:
 class SectorVectorEnvironment(RunningSector, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Sector control with one sub-environment for each slot of the sector.
 
-    The flights in a slot follow one another. `infos` holds, for the next step, `active`: whether
-    there is a flight in each slot that decides; and `action_mask`, `[slots, actions]`: which of its
-    actions change something. Where `active` is false, observations are zero, actions are ignored,
-    and the step is not to be learnt from. A flight that leaves is terminated; the next one may come
-    at any later step, without a reset. The scenario ends for all flights at once, truncated; the
-    next step begins a new one, as in Gymnasium's mode NEXT_STEP.
+    Flights use a slot one after another. `infos` describes the next step: `active` says whether
+    each slot has a flight that decides, and `action_mask`, `[slots, actions]`, which actions change
+    something. Where `active` is false, observations are zero and actions are ignored; do not learn
+    from that step. A flight that leaves is terminated; the next one may enter its slot at any later
+    step, without a reset. At the end of the scenario, all other slots are truncated. The next step
+    only begins a new scenario, as in Gymnasium's mode NEXT_STEP; all other steps fly one cycle.
 
-    Every step flies a cycle. Raises InputError for actions that are not in the table.
+    Raises InputError for actions that are not in the table.
     """
 
     def __init__(self, task: SectorControl, programs: SectorPrograms | None = None) -> None:
@@ -186,6 +186,6 @@ def make_sector_environment(
 ) -> SectorVectorEnvironment:
     """The vector environment of an experiment (a name or a `.toml` file) or of settings.
 
-    Raises InputError for an unknown experiment, and for one that is not of sector control.
+    Raises InputError for an unknown experiment, and for one that is not sector control.
     """
     return SectorVectorEnvironment(sector_task(experiment, settings))

@@ -7,6 +7,7 @@ A column is one agent of one environment: all agents share the networks. Tasks w
 report which are active; samples of inactive agents are ignored.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -16,14 +17,17 @@ import optax
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, Shaped
 
+from skystack.compilation.chunks import in_chunks, wanted_first
 from skystack.learning import network
-from skystack.learning.active_columns import active_first, of_active
 from skystack.learning.inference import Normaliser, forward, normalise
 from skystack.learning.network import Head, Parameters
 from skystack.learning.settings import PPOSettings
 from skystack.tasks.batch import choose, reset_many
 from skystack.tasks.contract import ManyAgents, Metrics, Outcome, Task, TaskState
 from skystack.tasks.observations import flatten_observation
+
+CHUNK = 1024
+"""Observations of active agents are evaluated in chunks of this size."""
 
 
 class TrainState(NamedTuple):
@@ -59,7 +63,7 @@ class Transitions(NamedTuple):
     active: Bool[Array, "steps columns"] | None = None
     """Whether the agent took a decision; None means always."""
     waiting: Bool[Array, "steps columns"] | None = None
-    """Whether the agent took none, but goes on; None if all did."""
+    """Whether the agent took no decision but will take one later; None means never."""
 
 
 class Episodes(NamedTuple):
@@ -158,7 +162,7 @@ def collect(
     ) -> tuple[TrainState, tuple[Transitions, Episodes]]:
         observation = train_state.observations
         active, waiting = _deciding(task, train_state.scenarios)
-        log_probabilities = of_active(
+        log_probabilities = _of_active(
             partial(_policy, train_state, head), len(task.action_names), observation, active
         )
         action = sample_actions(log_probabilities, uniforms)
@@ -221,11 +225,11 @@ def compute_values(
     if transitions.active is not None and transitions.waiting is not None:
         present = (transitions.active | transitions.waiting).reshape(-1)
         truncated = transitions.truncated.reshape(-1)
-    values = of_active(value, 1, _columns(transitions.observation), present).reshape(shape)
+    values = _of_active(value, 1, _columns(transitions.observation), present).reshape(shape)
     following = jnp.concatenate([values[1:], value(train_state.observations)])
 
     def with_final_observations() -> Float[Array, "steps columns"]:
-        final = of_active(value, 1, _columns(transitions.final_observation), truncated)
+        final = _of_active(value, 1, _columns(transitions.final_observation), truncated)
         return jnp.where(transitions.truncated, final.reshape(shape), following)
 
     next_values = jax.lax.cond(
@@ -327,7 +331,7 @@ def learn(
             order = shuffled(key, batch.shape[1])[: count * size]
             minibatches = batch[:, order].reshape(-1, count, size).swapaxes(0, 1)
             return jax.lax.scan(gradient_step, carry, minibatches)
-        order = active_first(shuffled(key, batch.shape[1]), active)[: count * size]
+        order = wanted_first(shuffled(key, batch.shape[1]), active)[: count * size]
         return jax.lax.scan(step_if_active, carry, order.reshape(count, size))
 
     (vector, state), losses = jax.lax.scan(
@@ -360,6 +364,19 @@ def _policy(
     """The logarithms of the probabilities of the actions."""
     normalised = normalise(train_state.normaliser, observation, columns=True)
     return _log_probabilities(train_state.parameters, normalised, head)
+
+
+def _of_active(
+    function: Callable[[Float[Array, "observation n"]], Float[Array, "outputs n"]],
+    outputs: int,
+    columns: Float[Array, "observation columns"],
+    active: Bool[Array, " columns"] | None,
+) -> Float[Array, "outputs columns"]:
+    """The function of the active columns, and zero for the others; None: all are active."""
+    if active is None:
+        return function(columns)
+    nothing = jnp.zeros((outputs, columns.shape[1]))
+    return in_chunks(active, lambda column: function(columns[:, column]), nothing, CHUNK)
 
 
 def _observe(task: Task, scenarios: TaskState) -> Float[Array, "observation columns"]:

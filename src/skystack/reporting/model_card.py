@@ -73,7 +73,7 @@ def card(name: str, policy: Policy, measured: Measured) -> str:
     }
     if described.task_name == SectorControl.name:
         sector_task_of(policy)  # raises if the task has changed
-        values |= {"metrics": SECTOR_METRICS, "step": "cycle", "of_what": " of traffic"}
+        values |= {"metrics": SECTOR_METRICS, "step": "step", "of_what": ""}
         return _rendered("sector_card.md.jinja", values)
     task = policy_task(policy)
     paper = [row["paper"] for row in measured.rows]

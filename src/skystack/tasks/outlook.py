@@ -4,7 +4,6 @@ Each flight is predicted (`skystack.tasks.prediction`) as cleared and after each
 clearances, `WAYS`. All other flights are predicted as cleared.
 """
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
@@ -14,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from skystack.airspace.sector import Sector
+from skystack.compilation.chunks import in_chunks
 from skystack.compilation.subroutine import subroutine
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import Traffic, ticks
@@ -104,24 +104,26 @@ def look_ahead(
     """The outlook of all active flights, or of some `flights`.
 
     `next_fix` is that of a clearance direct, and `margin_nm` is added to the separation standard.
-    In the other slots, the outlook is that of `before`, or one without conflicts and neighbours.
-    The work is proportional to the number of flights, not to the number of slots.
+    Other slots keep the outlook in `before`; without it, they have no conflicts and no neighbours.
+    Flights are computed in chunks, so the work depends little on the number of free slots.
     """
     shape, batch = traffic.active.shape, int(np.prod(traffic.active.shape[1:], dtype=int))
     everyone = _in_columns(traffic, next_fix, exit_level_ticks)
     active = everyone.traffic.active
     times = jnp.zeros((len(TIMES_S), *active.shape))
-    cleared = _in_chunks(
+    cleared = in_chunks(
         active,
         lambda column: _as_cleared(simulator, _chosen(everyone, column).traffic),
         Cleared(PredictedPath(times, times, times[0]), times),
+        CHUNK,
     )
     if before is None:
         before = no_outlook(shape)
-    outlook = _in_chunks(
+    outlook = in_chunks(
         active if flights is None else flights.reshape(-1) & active,
         partial(_outlook_of, simulator, everyone, cleared, batch, margin_nm=margin_nm),
         Outlook(*(values.reshape(-1, *active.shape) for values in before)),
+        CHUNK,
     )
     return Outlook(*(values.reshape(-1, *shape) for values in outlook))
 
@@ -137,28 +139,6 @@ def no_outlook(shape: tuple[int, ...]) -> Outlook:
     )
 
 
-def _in_chunks(
-    wanted: Bool[Array, " columns"], function: Callable[[Array], Tree], before: Tree
-) -> Tree:
-    """Compute the wanted columns of a result, chunk by chunk; the others are as before."""
-    size = min(CHUNK, wanted.shape[0])
-    # The wanted columns come first. The last chunk is filled up with columns that stay as before.
-    order = jnp.argsort(~wanted, stable=True).astype(jnp.int32)
-    count = jnp.sum(wanted.astype(jnp.int32))
-
-    def body(chunk: Int[Array, ""], result: Tree) -> Tree:
-        column = jax.lax.dynamic_slice_in_dim(order, chunk * size, size)
-
-        def put(values: Array, new: Array) -> Array:
-            return values.at[..., column].set(jnp.where(wanted[column], new, values[..., column]))
-
-        changed: Tree = jax.tree.map(put, result, function(column))
-        return changed
-
-    result: Tree = jax.lax.fori_loop(0, (count + size - 1) // size, body, before)
-    return result
-
-
 def look_ahead_for(
     simulator: Simulator,
     traffic: Traffic,
@@ -166,7 +146,7 @@ def look_ahead_for(
     next_fix: Int[Array, " slots"],
     exit_level_ticks: Float[Array, " slots"],
 ) -> Outlook:
-    """The outlook of one flight, which is its column of `look_ahead`."""
+    """The outlook of one flight: its column of the result of `look_ahead`."""
     everyone = Flights(traffic, next_fix, exit_level_ticks)
     cleared = subroutine(partial(_as_cleared, simulator), traffic)
     column = jnp.full(1, slot, dtype=jnp.int32)
@@ -176,7 +156,7 @@ def look_ahead_for(
 def _in_columns(
     traffic: Traffic, next_fix: Int[Array, "slots *batch"], exit_level_ticks: Rows
 ) -> Flights:
-    """All flights of a batch of scenarios: slot by slot, and in each the scenarios."""
+    """The flights of a batch of scenarios as columns: for each slot, one column per scenario."""
 
     def flat(values: Array) -> Array:
         if values.ndim > traffic.active.ndim:  # the second axis is that of coordinates

@@ -27,7 +27,8 @@ TIMES_S = (*range(0, 120, 15), *range(120, 601, 40))
 """The times at which flights are predicted; motion in between is taken to be straight."""
 HORIZON_S = float(TIMES_S[-1])
 MAX_HALF_TURN_RAD = float(np.arctan(EARLIEST_TURN_RADII))
-"""Sharper turns at fixes are predicted as turns of twice this, because no turn begins earlier."""
+"""Half of the sharpest turn that is predicted at a fix. It begins `EARLIEST_TURN_RADII` before the
+fix, and no turn in the simulator begins earlier, so sharper turns are predicted like it."""
 LEGS = 6
 """The number of legs of a route that are predicted."""
 

@@ -2,7 +2,8 @@
 
 Each cycle, every flight that hears the controller takes one action: none, a turn of 10 degrees, a
 climb or descent of 10 flight levels, or direct to the next fix of its route. Instructions to a
-flight in consecutive cycles form one transmission, as instructions in one stack do.
+flight in consecutive cycles form one transmission, as instructions in one stack do. For training
+with frozen time, see `skystack.tasks.sector_stacks`.
 """
 
 from collections.abc import Mapping
@@ -174,13 +175,13 @@ class SectorControl:
         return self.with_outlook(self.told(state, action))
 
     def with_outlook(self, state: ControlState) -> ControlState:
-        """The state with the outlook of its clearances."""
+        """The state, with the outlook computed again from its clearances."""
         return state._replace(outlook=self.world.look_ahead(state.world))
 
     def instruct_one(
         self, state: ControlState, slot: Int[Array, ""], action: Int[Array, ""]
     ) -> ControlState:
-        """Instruct one flight. Only its own outlook is computed again, the others' is not."""
+        """Instruct one flight. Only its own outlook is computed again."""
         here = jnp.arange(self.agents, dtype=jnp.int32) == slot
         state = self.told(state, jnp.where(here, action, NO_OP))
         own = self.world.look_ahead_for(state.world, slot)
@@ -191,7 +192,7 @@ class SectorControl:
         )
 
     def told(self, state: ControlState, action: Int[Array, "slots *batch"]) -> ControlState:
-        """`instruct`, but with the outlook of before."""
+        """`instruct`, but without computing the outlook again."""
         told = self.may_stack(state, action)
         world = self.world.instruct(state.world, _clearance(state, jnp.where(told, action, NO_OP)))
         began = told & ~state.burst
@@ -210,7 +211,7 @@ class SectorControl:
     def end_cycle(
         self, state: ControlState, world: WorldState, flown: WorldCycle, outlook: Outlook
     ) -> tuple[ControlState, Outcome]:
-        """`advance` for a cycle that was flown already. `state` is the state before it."""
+        """`advance` for a cycle that has already been flown. `state` is the state before it."""
         heard = self.active(state)
         lost = subroutine(partial(_lost, self.sector), flown) & heard
         level_gap, exit_nm = _level_gap(world), self._exit_nm(world)

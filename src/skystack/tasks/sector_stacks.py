@@ -1,9 +1,9 @@
 """Training of sector control with frozen time: rounds of instructions, then a radar cycle.
 
 The learned controller compiles several instructions to a flight into one transmission before each
-cycle (`skystack.agents.learned`). With these steps it is also trained so. In the first round of a
-cycle, every flight decides; in further rounds, those that were instructed in the round before.
-When no flight is instructed, the cycle is flown.
+cycle (`skystack.agents.learned`). These steps train it in the same way. In the first round of a
+cycle, every flight decides; in further rounds, only those that were instructed in the previous
+round. When no flight is instructed, or after `ROUNDS` rounds, the cycle is flown.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from skystack.tasks.sector_control import ControlState, SectorControl
 from skystack.tasks.wrapper import TaskWrapper
 
 ROUNDS = 20
-"""The maximum number of rounds with instructions in a cycle: enough to turn back."""
+"""The maximum number of rounds with instructions in a cycle: enough for a turn of 180 degrees."""
 
 
 class RoundState(NamedTuple):
@@ -35,7 +35,7 @@ class RoundState(NamedTuple):
 class SectorStacks(TaskWrapper[SectorControl]):
     """Sector control whose step is a round of instructions, or a cycle.
 
-    Implements `skystack.tasks.contract.ManyAgents`. What a transmission costs is paid with the
+    Implements `skystack.tasks.contract.ManyAgents`. The cost of a transmission is part of the
     reward of the cycle.
     """
 
@@ -50,7 +50,7 @@ class SectorStacks(TaskWrapper[SectorControl]):
         return state.decides
 
     def waiting(self, state: RoundState) -> Bool[Array, "slots *batch"]:
-        """The flights that were not instructed in the last round of the cycle."""
+        """The flights that have finished in this cycle; they decide again in the next one."""
         return self.task.active(state.inner) & ~state.decides
 
     def may_stack(
@@ -79,7 +79,7 @@ class SectorStacks(TaskWrapper[SectorControl]):
         instructed = self.task.told(before, jnp.where(told, action, NO_OP))
         flown_world, flown = world.advance(before.world)
         decides = jnp.where(frozen[None], told, flown_world.hears)
-        # One outlook for both, of the flights that decide next.
+        # To save time, one outlook serves both cases, and only for the flights that decide next.
         next_world = choose(frozen, instructed.world, flown_world)
         outlook = world.look_again(next_world, before.outlook, decides)
         flown_state, outcome = self.task.end_cycle(before, flown_world, flown, outlook)
