@@ -41,9 +41,8 @@ CONDITIONS = (
 )
 """The last one has other scenarios, because our settings were chosen on those of seed 0."""
 TRAFFIC = (
-    *(TrafficConditions(rate, hours=20, seed=1) for rate in ("120", "60", "30")),
-    TrafficConditions("200", hours=5, seed=1),
-    TrafficConditions("category", hours=5, seed=1, per_cycle=5),
+    *(TrafficConditions(rate, hours=20, seed=1) for rate in ("120", "60", "30", "200")),
+    TrafficConditions("category", hours=20, seed=1),
 )
 """The conditions for policies of sector control."""
 POLICY_FILES = ("policy.safetensors", "policy.json")
