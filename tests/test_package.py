@@ -68,6 +68,7 @@ def test_a_missing_extra_is_named():
     done = subprocess.run(program, capture_output=True, text=True, check=True)
     found = [re.fullmatch(NEEDS, line).groups() for line in done.stdout.splitlines()]
     assert {module for module, _, _ in found} == {
+        "skystack.gym.flights",
         "skystack.gym.multi_agent",
         "skystack.gym.sb3",
         "skystack.platforms.bluebird",
