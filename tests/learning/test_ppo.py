@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skystack.learning import inference, network, ppo
+from skystack.learning.advantages import Transitions, compute_gae
 from skystack.learning.settings import PPOSettings
 from skystack.tasks.batch import OneByOne
 from skystack.tasks.contract import Metric, Outcome
@@ -24,7 +25,7 @@ SETTINGS = PPOSettings(gamma=GAMMA, gae_lambda=LAMBDA, steps=STEPS, environments
 def transitions(rewards, terminated, truncated):
     empty = jnp.zeros((STEPS, 1))
     column = lambda values, kind: jnp.asarray(values, dtype=kind)[:, None]  # noqa: E731
-    return ppo.Transitions(
+    return Transitions(
         observation=empty[:, :, None],
         final_observation=empty[:, :, None],
         action=empty.astype(jnp.int32),
@@ -48,7 +49,7 @@ def test_advantages_with_an_episode_end_at_every_step(end, kind):
         at_end if kind == "truncated" else never,
     )
     next_values = jnp.asarray(np.where(at_end, final_value, value), dtype=jnp.float32)[:, None]
-    found = ppo.compute_gae(steps, jnp.full((STEPS, 1), value), next_values, SETTINGS)[:, 0]
+    found = compute_gae(steps, jnp.full((STEPS, 1), value), next_values, SETTINGS)[:, 0]
 
     inner = 1.0 + GAMMA * value - value
     last = 1.0 - value + (0.0 if kind == "terminated" else GAMMA * final_value)
@@ -68,7 +69,7 @@ def test_advantages_are_returns_minus_values_if_lambda_is_one():
     next_values = np.append(values[1:], 0.7)
     settings = PPOSettings(gamma=GAMMA, gae_lambda=1.0, steps=STEPS, environments=1, minibatch=1)
     never = np.zeros(STEPS, dtype=bool)
-    found = ppo.compute_gae(
+    found = compute_gae(
         transitions(rewards, never, never),
         jnp.asarray(values, dtype=jnp.float32)[:, None],
         jnp.asarray(next_values, dtype=jnp.float32)[:, None],
@@ -89,11 +90,11 @@ def test_a_step_of_several_time_steps_is_worth_as_much_as_the_steps_in_it():
     zero = jnp.zeros((STEPS, 1))
     settings = PPOSettings(gamma=GAMMA, gae_lambda=1.0, steps=STEPS, environments=1, minibatch=1)
     plain = transitions(rewards, never, never)
-    expected = ppo.compute_gae(plain, zero, zero, settings)[:, 0]
+    expected = compute_gae(plain, zero, zero, settings)[:, 0]
     merged = np.append(np.delete(rewards, [1, 2]), [0.0, 0.0])
     steps = transitions(merged, never, never)
     steps = steps._replace(time_steps=jnp.ones((STEPS, 1)).at[0].set(3.0))
-    found = ppo.compute_gae(steps, zero, zero, settings)[:, 0]
+    found = compute_gae(steps, zero, zero, settings)[:, 0]
     np.testing.assert_allclose(found[:-2], np.delete(expected, [1, 2]), rtol=1e-5)
 
 

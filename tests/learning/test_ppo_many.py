@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from skystack.learning import network, ppo
+from skystack.learning.advantages import Transitions, compute_gae
 from skystack.learning.settings import PPOSettings
 from skystack.tasks.contract import Metric, Outcome
 
@@ -163,7 +164,7 @@ def test_passing_over_minibatches_lowers_the_learning_rate_all_the_same():
 def test_advantages_do_not_cross_a_cycle_without_an_agent():
     column = lambda values, kind: jnp.asarray(values, dtype=kind)[:, None]  # noqa: E731
     empty = jnp.zeros((4, 1))
-    steps = ppo.Transitions(
+    steps = Transitions(
         observation=empty[:, :, None],
         final_observation=empty[:, :, None],
         action=empty.astype(jnp.int32),
@@ -175,7 +176,7 @@ def test_advantages_do_not_cross_a_cycle_without_an_agent():
         waiting=column([False] * 4, bool),
     )
     values = jnp.full((4, 1), 0.5)
-    found = ppo.compute_gae(steps, values, values, PPOSettings(gamma=0.9, gae_lambda=0.8))
+    found = compute_gae(steps, values, values, PPOSettings(gamma=0.9, gae_lambda=0.8))
     assert float(found[0, 0]) == pytest.approx(1.0 - 0.5)
     assert float(found[3, 0]) == pytest.approx(2.0 + 0.9 * 0.5 - 0.5)
 
@@ -184,7 +185,7 @@ def test_advantages_pass_by_steps_in_which_an_agent_waits():
     """Two steps in frozen time, then two cycles. The agent decides in the first and last step."""
     empty = jnp.zeros((4, 1))
     column = lambda *values: jnp.asarray(values, dtype=bool)[:, None]  # noqa: E731
-    steps = ppo.Transitions(
+    steps = Transitions(
         observation=empty[:, :, None],
         final_observation=empty[:, :, None],
         action=empty.astype(jnp.int32),
@@ -198,7 +199,7 @@ def test_advantages_pass_by_steps_in_which_an_agent_waits():
     )
     values = jnp.asarray([0.5, 0.25, 0.75, 1.0])[:, None]
     following = jnp.asarray([0.25, 0.75, 1.0, 9.0])[:, None]
-    found = ppo.compute_gae(steps, values, following, PPOSettings(gamma=0.9, gae_lambda=0.8))
+    found = compute_gae(steps, values, following, PPOSettings(gamma=0.9, gae_lambda=0.8))
     last = 5.0 - 1.0
     # Errors of value while waiting cancel: what remains is the reward and the value after it.
     second = 3.0 + 0.9 * 1.0 - 0.25 + 0.9 * last

@@ -46,6 +46,7 @@ TESTS = {
     "tasks/separation.py": (TRACKING,),
     "tasks/settings.py": (BUILD,),
     "tasks/wrapper.py": (BUILD, "tests/tasks/test_batch.py"),
+    "learning/advantages.py": ("tests/learning/test_ppo.py", "tests/learning/test_ppo_many.py"),
     "learning/inference.py": ("tests/learning/test_network.py",),
     "learning/network.py": ("tests/learning/test_ppo.py",),
     "platforms/bluebird.py": (

@@ -114,27 +114,18 @@ class Learned:
 
     def _ask(self, state: ControlState) -> Query:
         """Query the policy for every flight."""
-        answer = self._answer(
-            self.task.observe(state), jnp.stack(self._allowed(state)), state.burst
-        )
+        answer = self._answer(self.task.observe(state), self.task.allowed(state), state.burst)
         return Query(state, answer, state.outlook.time_s[0] + answer.waits)
 
     def _ask_one(self, state: ControlState, slot: Int[Array, ""]) -> Answer:
         """Query the policy for one flight."""
-        allowed = jnp.stack([each[slot] for each in self._allowed(state)])
-        observation = self.task.observe(state)[:, slot]
-        return self._answer(observation[:, None], allowed[:, None], state.burst[slot][None])
-
-    def _allowed(self, state: ControlState) -> list[Bool[Array, " slots"]]:
-        """Which instructions can be issued, action by action."""
-        numbers = range(NO_OP + 1, len(self.task.action_names))
-        action = jnp.zeros(self.task.agents, dtype=jnp.int32)
-        return [self.task.may_stack(state, action + number) for number in numbers]
+        columns = (self.task.observe(state), self.task.allowed(state), state.burst)
+        return self._answer(*(values[..., slot][..., None] for values in columns))
 
     def _answer(
         self,
         observation: Float[Array, "observation flights"],
-        allowed: Bool[Array, "instructions flights"],
+        allowed: Bool[Array, "actions flights"],
         burst: Bool[Array, " flights"],
     ) -> Answer:
         """Query the policy for some flights.
@@ -143,13 +134,11 @@ class Learned:
         1 - `PATIENCE`, or above one half if that continues a transmission; with the instruction
         that is then the most probable one.
         """
-        logits = self._logits(observation)
-        chances = jax.nn.softmax(
-            logits.at[NO_OP + 1 :].set(jnp.where(allowed, logits[NO_OP + 1 :], -jnp.inf)), axis=0
-        )
+        logits = jnp.where(allowed, self._logits(observation), -jnp.inf)
+        chances = jax.nn.softmax(logits, axis=0)
         action = jnp.argmax(chances[NO_OP + 1 :], axis=0).astype(jnp.int32) + NO_OP + 1
         waits = chances[NO_OP]
-        wanted = jnp.any(allowed, axis=0) & (waits < jnp.where(burst, 0.5, PATIENCE))
+        wanted = jnp.any(allowed[NO_OP + 1 :], axis=0) & (waits < jnp.where(burst, 0.5, PATIENCE))
         return Answer(action, wanted, waits)
 
     def _stack_one(self, query: Query, slot: Int[Array, ""]) -> ControlState:

@@ -1,7 +1,7 @@
 """One scenario at a time as a Gymnasium environment, with `step` or with its two phases."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import gymnasium
 import jax
@@ -18,6 +18,7 @@ from skystack.tasks.plain import PlainState, PlainTask
 
 Observation = Float[np.ndarray, " observation"]
 Info = dict[str, Any]
+Started = TypeVar("Started")
 
 RENDER_MODES = ("rgb_array",)
 FRAMES_PER_S = 10
@@ -102,10 +103,7 @@ class TaskEnvironment(gymnasium.Env[Observation, np.int64]):
 
     @property
     def _scenario(self) -> PlainState:
-        refuse_forked()
-        if self._state is None:
-            raise ResetNeeded("no scenario has been started (call reset first)")
-        return self._state
+        return started(self._state)
 
     def _finish_cycle(self, state: PlainState, outcome: Outcome) -> tuple[float, bool, bool, Info]:
         self._state = state
@@ -116,6 +114,17 @@ class TaskEnvironment(gymnasium.Env[Observation, np.int64]):
         truncated = bool(outcome.ended) and not terminated
         info = metrics_info(outcome.metrics) if outcome.ended else {}
         return float(outcome.reward.sum()), terminated, truncated, info
+
+
+def started(state: Started | None) -> Started:
+    """The state of a scenario. Raises ResetNeeded before the first reset.
+
+    Raises InputError in a process that was forked after JAX was started.
+    """
+    refuse_forked()
+    if state is None:
+        raise ResetNeeded("no scenario has been started (call reset first)")
+    return state
 
 
 def observations_of(task: Task) -> spaces.Box:

@@ -7,11 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from gymnasium import spaces
-from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 from jaxtyping import Array, Float, Int, PRNGKeyArray, UInt8
 
-from skystack.compilation.forks import refuse_forked
 from skystack.errors import requires_extra, unknown_name
 from skystack.gym.environment import (
     FRAMES_PER_S,
@@ -21,6 +19,7 @@ from skystack.gym.environment import (
     next_key,
     observations_of,
     radar_of,
+    started,
 )
 from skystack.gym.registration import settings_of
 from skystack.io.files import AnyPath
@@ -93,10 +92,7 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
     @property
     def task_state(self) -> TaskState:
         """The state of the scenario in the task. Raises ResetNeeded before the first reset."""
-        refuse_forked()
-        if self._state is None:
-            raise ResetNeeded("no scenario has been started (call reset first)")
-        return self._state
+        return started(self._state)
 
     def observation_space(self, agent: str) -> spaces.Box:
         return self._spaces[agent][0]

@@ -5,20 +5,18 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from jaxtyping import Array, Bool, Int, PRNGKeyArray
 
-from skystack.compilation.forks import refuse_forked
 from skystack.errors import InputError
-from skystack.gym.environment import actions_of, metrics_info, next_key, observations_of
+from skystack.gym.environment import actions_of, metrics_info, next_key, observations_of, started
 from skystack.gym.registration import settings_of
 from skystack.io.files import AnyPath
 from skystack.simulator.arrivals import FREE
-from skystack.stacking import NO_OP
 from skystack.tasks.contract import Outcome
+from skystack.tasks.plain import checked_actions
 from skystack.tasks.programs import TaskPrograms, compiled
 from skystack.tasks.registry import build_task
 from skystack.tasks.sector_control import ControlState, SectorControl
@@ -62,14 +60,10 @@ class SectorPrograms(TaskPrograms):
         return state, self._view(state), outcome
 
     def _view(self, state: ControlState) -> SectorView:
-        numbers = range(len(self._task.action_names))
-        none = jnp.zeros(self._task.agents, dtype=jnp.int32)
-        allowed = [self._task.may_stack(state, none + number) for number in numbers]
-        allowed[NO_OP] = jnp.ones_like(allowed[NO_OP])
         decides = self._task.active(state)
         flight = jnp.where(decides, state.world.arrivals.flight, FREE)
         observation = jnp.where(decides[:, None], self._task.observe(state).T, 0.0)
-        return SectorView(observation, flight, jnp.stack(allowed, axis=1))
+        return SectorView(observation, flight, self._task.allowed(state).T)
 
 
 class RunningSector:
@@ -85,10 +79,7 @@ class RunningSector:
     @property
     def task_state(self) -> ControlState:
         """The state of the scenario in the task. Raises ResetNeeded before the first reset."""
-        refuse_forked()
-        if self._state is None:
-            raise ResetNeeded("no scenario has been started (call reset first)")
-        return self._state
+        return started(self._state)
 
     def _start(self, seed: int | None) -> None:
         """Begin a new random scenario. A seed determines it and all that follow."""
@@ -144,7 +135,7 @@ class SectorVectorEnvironment(RunningSector, VectorEnv[np.ndarray, np.ndarray, n
         self, actions: Any
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Instruct all flights, then fly one cycle; or begin a new scenario after the end."""
-        chosen = self._checked(actions)
+        chosen = checked_actions(actions, self.num_envs, len(self.task.action_names))
         if self._ended:
             observation, infos = self.reset()
             nothing = np.zeros(self.num_envs, dtype=bool)
@@ -159,15 +150,6 @@ class SectorVectorEnvironment(RunningSector, VectorEnv[np.ndarray, np.ndarray, n
 
     def _infos(self) -> dict[str, Any]:
         return {"active": self._view.active, "action_mask": self._view.allowed}
-
-    def _checked(self, actions: Any) -> Int[np.ndarray, " slots"]:
-        numbers, last = np.asarray(actions), len(self.task.action_names) - 1
-        whole = numbers.shape == (self.num_envs,) and np.issubdtype(numbers.dtype, np.integer)
-        if not whole or np.any((numbers < 0) | (numbers > last)):
-            raise InputError(
-                f"actions are {actions!r} (allowed: {self.num_envs} whole numbers from 0 to {last})"
-            )
-        return numbers.astype(np.int32)
 
 
 def sector_task(experiment: AnyPath, settings: TaskSettings | None = None) -> SectorControl:

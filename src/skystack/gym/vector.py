@@ -26,6 +26,7 @@ from skystack.gym.radar import Radar
 from skystack.tasks.batch import choose
 from skystack.tasks.contract import Outcome, Task, TaskState
 from skystack.tasks.observations import flatten_observation
+from skystack.tasks.plain import checked_actions
 from skystack.tasks.programs import TaskPrograms, compiled
 
 Observations = Float[np.ndarray, "scenarios observation"]
@@ -116,7 +117,8 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
         scenario, and ResetNeeded if a scenario has ended and the mode is DISABLED.
         """
         self._check_ready()
-        self._state, observation, outcome = self._programs.step(self._state, self._checked(actions))
+        chosen = checked_actions(actions, self.num_envs, len(self.task.action_names))
+        self._state, observation, outcome = self._programs.step(self._state, chosen)
         outcome = jax.device_get(outcome)
         # In NEXT_STEP mode the step after the end only restarts a scenario.
         restarting = self._ended & (self._mode is AutoresetMode.NEXT_STEP)
@@ -180,16 +182,6 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
         """The seeds of the keys of new scenarios; 0 for those that continue."""
         pairs = zip(self.np_random, restarts, strict=True)
         return np.array([next_seed(own) if new else 0 for own, new in pairs], dtype=np.uint32)
-
-    def _checked(self, actions: Any) -> Int[np.ndarray, " scenarios"]:
-        numbers = np.asarray(actions)
-        last = len(self.task.action_names) - 1
-        whole = numbers.shape == (self.num_envs,) and np.issubdtype(numbers.dtype, np.integer)
-        if not whole or np.any((numbers < 0) | (numbers > last)):
-            raise InputError(
-                f"actions are {actions!r} (allowed: {self.num_envs} whole numbers from 0 to {last})"
-            )
-        return numbers.astype(np.int32)
 
     def _infos(self, observation: Observations, outcome: Outcome) -> Infos:
         """Infos as SyncVectorEnv gathers them; metrics only of scenarios that their task ended."""

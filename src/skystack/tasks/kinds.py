@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from skystack.tasks.contract import Task
 from skystack.tasks.settings import TaskSettings
+from skystack.tasks.stacked_steps import StackedSteps
 
 
 class Family(NamedTuple):
@@ -72,6 +73,8 @@ class TaskKind:
     check_cycles: Callable[[Any], str | None] = _no_check
     """Checks whether scenarios can be finished within the task's time limit. Returns a notice for
     the user or None. Raises InputError if no scenario can be finished."""
+    stacked: Callable[[Any], Task] = StackedSteps
+    """Makes the task with frozen time, for training with `timing = "stack"`."""
     describe: Callable[[Any], TaskDescription] = _no_description
     """The description of the task with given settings."""
 

@@ -92,6 +92,16 @@ class Cleared(NamedTuple):
     level_ticks: Float[Array, "times columns"]
 
 
+class Others(NamedTuple):
+    """All flights as cleared, in the form in which each flight is compared with others."""
+
+    cleared: Cleared
+    table: Float[Array, "rows columns"]
+    """Positions east, then north, then levels, at all predicted times."""
+    there: Bits
+    """The intervals that begin before each flight has left, `[columns]`."""
+
+
 def look_ahead(
     simulator: Simulator,
     traffic: Traffic,
@@ -117,11 +127,12 @@ def look_ahead(
         Cleared(PredictedPath(times, times, times[0]), times),
         CHUNK,
     )
+    others = _others(cleared)
     if before is None:
         before = no_outlook(shape)
     outlook = in_chunks(
         active if flights is None else flights.reshape(-1) & active,
-        partial(_outlook_of, simulator, everyone, cleared, batch, margin_nm=margin_nm),
+        partial(_outlook_of, simulator, everyone, others, batch, margin_nm=margin_nm),
         Outlook(*(values.reshape(-1, *active.shape) for values in before)),
         CHUNK,
     )
@@ -150,7 +161,7 @@ def look_ahead_for(
     everyone = Flights(traffic, next_fix, exit_level_ticks)
     cleared = subroutine(partial(_as_cleared, simulator), traffic)
     column = jnp.full(1, slot, dtype=jnp.int32)
-    return _outlook_of(simulator, everyone, cleared, 1, column)
+    return _outlook_of(simulator, everyone, _others(cleared), 1, column)
 
 
 def _in_columns(
@@ -178,10 +189,15 @@ def _as_cleared(simulator: Simulator, traffic: Traffic) -> Cleared:
     return Cleared(path, level)
 
 
+def _others(cleared: Cleared) -> Others:
+    table = (cleared.path.east_nm, cleared.path.north_nm, cleared.level_ticks)
+    return Others(cleared, jnp.concatenate(table), _before(cleared.path.until_s))
+
+
 def _outlook_of(
     simulator: Simulator,
     everyone: Flights,
-    cleared: Cleared,
+    others: Others,
     batch: int,
     column: Int[Array, " chosen"],
     margin_nm: float = MARGIN_NM,
@@ -190,11 +206,12 @@ def _outlook_of(
     sector, flights = simulator.sector, _chosen(everyone, column)
     traffic = flights.traffic
     # Subroutines, or else each result would be computed again wherever it is used.
-    routes = subroutine(partial(_route_paths, sector), flights, _columns_of(cleared.path, column))
+    path = _columns_of(others.cleared.path, column)
+    routes = subroutine(partial(_route_paths, sector), flights, path)
     headings = subroutine(partial(_heading_paths, sector), traffic)
     levels = subroutine(partial(_levels, simulator), flights)
     neighbour, urgency = subroutine(
-        partial(_most_urgent, sector, batch), everyone, cleared, flights, column
+        partial(_most_urgent, sector, batch), everyone, others.cleared, flights, column
     )
     at = neighbour * batch + (column % batch)[None]
     time_s, neighbour_time_s = subroutine(
@@ -202,7 +219,7 @@ def _outlook_of(
         traffic,
         (routes, headings),
         levels,
-        cleared,
+        others,
         at,
         urgency < FAR,
     )
@@ -301,7 +318,7 @@ def _times_to_loss(
     traffic: Traffic,
     paths: tuple[PredictedPath, PredictedPath],
     height: Float[Array, "times levels chosen"],
-    cleared: Cleared,
+    others: Others,
     at: Int[Array, "neighbours chosen"],
     exists: Bool[Array, "neighbours chosen"],
 ) -> tuple[Array, Array]:
@@ -314,8 +331,6 @@ def _times_to_loss(
     there = jnp.concatenate([_before(path.until_s.reshape(-1, at.shape[1])) for path in paths])
     below2 = (sector.separation_nm + margin_nm) ** 2
     limit = ticks(float(sector.separation_fl))
-    theirs = jnp.concatenate([cleared.path.east_nm, cleared.path.north_nm, cleared.level_ticks])
-    theirs_there = _before(cleared.path.until_s)
 
     def close(east: Array, north: Array, other_east: Array, other_north: Array) -> Bits:
         """The intervals in which each path comes too close, `[laterals, chosen]`."""
@@ -348,8 +363,9 @@ def _times_to_loss(
 
     def with_neighbour(bits: Bits, xs: tuple[Array, Array]) -> tuple[Bits, Bits]:
         index, here = xs
-        other_east, other_north, other_height = jnp.split(subroutine(_columns_of, theirs, index), 3)
-        present = jnp.where(here, theirs_there[index], jnp.uint32(0))
+        rows = subroutine(_columns_of, others.table, index)
+        other_east, other_north, other_height = jnp.split(rows, 3)
+        present = jnp.where(here, others.there[index], jnp.uint32(0))
         near = [
             subroutine(close, path.east_nm, path.north_nm, other_east, other_north)
             for path in paths

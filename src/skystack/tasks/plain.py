@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skystack.compilation.forks import refuse_forked
-from skystack.errors import checked_integer
+from skystack.errors import InputError, checked_integer
 from skystack.tasks.contract import Observation, Outcome, Task, TaskState
 from skystack.tasks.programs import TaskPrograms, compiled
 
@@ -40,6 +40,20 @@ class PlainState(NamedTuple):
 def checked_action(action: Any, actions: int) -> int:
     """The action as an int. Raises InputError if it is not in the action table."""
     return checked_integer("action", action, 0, actions - 1)
+
+
+def checked_actions(actions: Any, count: int, table: int) -> Int[np.ndarray, " count"]:
+    """Actions for `count` scenarios or agents, from a table of so many actions.
+
+    Raises InputError unless they are whole numbers from the table.
+    """
+    numbers = np.asarray(actions)
+    whole = numbers.shape == (count,) and np.issubdtype(numbers.dtype, np.integer)
+    if not whole or np.any((numbers < 0) | (numbers >= table)):
+        raise InputError(
+            f"actions are {actions!r} (allowed: {count} whole numbers from 0 to {table - 1})"
+        )
+    return numbers.astype(np.int32)
 
 
 class PlainTask(TaskPrograms):

@@ -12,11 +12,8 @@ from skystack.errors import InputError, unknown_name
 from skystack.tasks.contract import Task, TrafficTask
 from skystack.tasks.kinds import TaskKind
 from skystack.tasks.navigation_kinds import NAVIGATION_KINDS
-from skystack.tasks.sector_control import SectorControl
 from skystack.tasks.sector_kind import SECTOR_KIND
-from skystack.tasks.sector_stacks import SectorStacks
 from skystack.tasks.settings import TaskSettings
-from skystack.tasks.stacked_steps import StackedSteps
 
 ENTRY_POINTS = "skystack.tasks"
 """The group of entry points. Each must refer to a `TaskKind`."""
@@ -89,9 +86,7 @@ def build_traffic_task(settings: TaskSettings) -> TrafficTask:
 def build_training_task(settings: TaskSettings) -> Task:
     """The task for training. Its steps depend on the setting `timing`."""
     task = build_task(settings)
-    if settings.timing != "stack":
-        return task
-    return SectorStacks(task) if isinstance(task, SectorControl) else StackedSteps(task)
+    return find_task(settings.name).stacked(task) if settings.timing == "stack" else task
 
 
 def check_cycles(task: Task) -> str | None:

@@ -170,6 +170,21 @@ class SectorControl:
         allowed |= (action == TO_FIX) & ~traffic.cleared_along_route
         return allowed & self.active(state)
 
+    def allowed(self, state: ControlState) -> Bool[Array, "actions slots *batch"]:
+        """Which actions change something; none always counts as allowed."""
+
+        def may_take(number: Int[Array, ""]) -> Bool[Array, "slots *batch"]:
+            return self.may_stack(state, jnp.full(state.burst.shape, number))
+
+        changes: Bool[Array, "actions slots *batch"] = jax.vmap(may_take)(
+            jnp.arange(len(ACTIONS), dtype=jnp.int32)
+        )
+        return changes.at[NO_OP].set(True)
+
+    def end_burst(self, state: ControlState) -> ControlState:
+        """The same state, in which an instruction begins a new transmission."""
+        return state._replace(burst=jnp.zeros_like(state.burst))
+
     def instruct(self, state: ControlState, action: Int[Array, "slots *batch"]) -> ControlState:
         """Change clearances. Actions that `may_stack` excludes change nothing."""
         return self.with_outlook(self.told(state, action))

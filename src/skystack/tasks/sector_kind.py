@@ -18,6 +18,7 @@ from skystack.tasks.prediction import HORIZON_S
 from skystack.tasks.sector_control import SectorControl
 from skystack.tasks.sector_observation import NAVIGATION, OTHER, OWN, SEEN
 from skystack.tasks.sector_rewards import SECTOR_REWARDS, SectorRewardSettings
+from skystack.tasks.sector_stacks import SectorStacks
 from skystack.tasks.settings import TaskSettings
 
 MAX_SLOTS = 256
@@ -101,5 +102,6 @@ SECTOR_KIND = TaskKind(
     settings=SectorSettings,
     build=build_sector_control,
     description="many flights that arrive and leave, headings and levels together",
+    stacked=SectorStacks,
     describe=describe_sector_control,
 )

@@ -66,7 +66,7 @@ class SectorStacks(TaskWrapper[SectorControl]):
     def advance(self, state: RoundState) -> tuple[RoundState, Outcome]:
         inner, outcome = self.task.advance(state.inner)
         # A stack ends with the cycle: in the next one, an instruction begins a new transmission.
-        inner = inner._replace(burst=jnp.zeros_like(inner.burst))
+        inner = self.task.end_burst(inner)
         return RoundState(inner, self.task.active(inner), jnp.zeros_like(state.rounds)), outcome
 
     def step(
@@ -81,9 +81,9 @@ class SectorStacks(TaskWrapper[SectorControl]):
         decides = jnp.where(frozen[None], told, flown_world.hears)
         # To save time, one outlook serves both cases, and only for the flights that decide next.
         next_world = choose(frozen, instructed.world, flown_world)
-        outlook = world.look_again(next_world, before.outlook, decides)
+        outlook = world.look_ahead(next_world, flights=decides, before=before.outlook)
         flown_state, outcome = self.task.end_cycle(before, flown_world, flown, outlook)
-        flown_state = flown_state._replace(burst=jnp.zeros_like(flown_state.burst))
+        flown_state = self.task.end_burst(flown_state)
         inner = choose(frozen, instructed._replace(outlook=outlook), flown_state)
         return (
             RoundState(inner, decides, jnp.where(frozen, state.rounds + 1, 0)),

@@ -103,18 +103,17 @@ class World:
         traffic = instruct(state.traffic._replace(active=state.hears), clearance)
         return state._replace(traffic=traffic._replace(active=state.traffic.active))
 
-    def look_ahead(self, state: WorldState, margin_nm: float = MARGIN_NM) -> Outlook:
-        """The outlook of all flights; see `skystack.tasks.outlook.look_ahead`."""
-        next_fix, exit_level = state.progress.next_fix, state.plan.exit_level_ticks
-        return look_ahead(self.simulator, state.traffic, next_fix, exit_level, margin_nm)
-
-    def look_again(
-        self, state: WorldState, outlook: Outlook, flights: Bool[Array, "slots *batch"]
+    def look_ahead(
+        self,
+        state: WorldState,
+        margin_nm: float = MARGIN_NM,
+        flights: Bool[Array, "slots *batch"] | None = None,
+        before: Outlook | None = None,
     ) -> Outlook:
-        """An outlook, computed again for some flights."""
+        """The outlook of all flights, or of some; see `skystack.tasks.outlook.look_ahead`."""
         next_fix, exit_level = state.progress.next_fix, state.plan.exit_level_ticks
         return look_ahead(
-            self.simulator, state.traffic, next_fix, exit_level, flights=flights, before=outlook
+            self.simulator, state.traffic, next_fix, exit_level, margin_nm, flights, before
         )
 
     def look_ahead_for(self, state: WorldState, slot: Int[Array, ""]) -> Outlook:
