@@ -5,10 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from skystack.agents.learned import MOST_INSTRUCTIONS, Learned
-from skystack.agents.transmission import Transmission, clearance_of
+from skystack.agents.learned import Learned, _Visited
+from skystack.agents.safety_net import ALERT_S
+from skystack.agents.transmission import clearance_of
 from skystack.learning.policy import Policy
-from skystack.simulator.traffic import DIRECT
+from skystack.simulator.traffic import DIRECT, NO_TURN, ticks
 from skystack.stacking import NO_OP
 from skystack.tasks.sector_control import ACTIONS, CLIMB, DESCEND, LEFT_10, TO_FIX
 from skystack.tasks.sector_observation import NAMES, SINCE_CYCLES
@@ -37,6 +38,20 @@ class Turner(Learned):
     def _logits(self, observation):
         rows = jnp.arange(len(ACTIONS))[:, None] == jnp.full(observation.shape[1], LEFT_10)[None]
         return jnp.where(rows, 10.0, 0.0)
+
+
+class Seesaw(Learned):
+    """Climbs up to the exit level and descends from above it, without end.
+
+    Above the exit level, it would rather wait.
+    """
+
+    def _logits(self, observation):
+        rows = dict(zip(NAMES, observation, strict=True))
+        above = (rows["fl_sx"] - 0.5) * 400.0 > 5.0
+        chosen = jnp.where(above, DESCEND, CLIMB)
+        logits = jnp.where(jnp.arange(len(ACTIONS))[:, None] == chosen[None], 1.0, -9.0)
+        return logits.at[NO_OP].set(jnp.where(above, 0.9, 0.1))
 
 
 def controller(kind=ToExitLevel, per_cycle=1):
@@ -96,12 +111,95 @@ def test_the_most_urgent_flight_is_served_first(world):
     assert float(times[first]) == float(np.asarray(times)[hearing(world)].min())
 
 
-def test_an_endless_burst_is_cut_off(world):
+def test_a_burst_that_turns_in_a_circle_ends_where_it_began_to_repeat(world):
     agent = controller(Turner)
     agent.begin(world)
     (sent,) = agent.transmit(world)
     heading = float(world.traffic.cleared_heading_deg[sent.slot])
-    assert sent.heading_deg == (round(heading) - 10 * MOST_INSTRUCTIONS) % 360
+    assert sent.heading_deg == (round(heading) - 10) % 360
+    assert sent.instructions == 37  # the first instruction ends own navigation
+
+
+def test_a_burst_that_repeats_keeps_the_clearance_after_which_the_policy_would_wait(world):
+    """A single flight, so all clearances are equally safe."""
+    alone = np.zeros_like(world.traffic.active)
+    alone[hearing(world)[0]] = True
+    world = world._replace(traffic=world.traffic._replace(active=alone))
+    agent = controller(Seesaw)
+    agent.begin(world)
+    highest = ticks(float(TASK.sector.levels_fl[1]))
+    (sent,) = agent.transmit(world)
+    exit_level = float(world.plan.exit_level_ticks[sent.slot])
+    assert exit_level < highest
+    assert sent.level_ticks == exit_level + ticks(10.0)
+
+
+def test_a_burst_that_repeats_keeps_the_clearance_that_loses_separation_last():
+    """Even if the policy would rather wait after another one."""
+    visited = _Visited.none()
+    for count, (clearance, worth) in enumerate([(1, 0.9), (2, 60.4), (3, 30.5), (2, 60.4)]):
+        visited = visited.add(count, jnp.full(5, clearance, dtype=jnp.float32), jnp.float32(worth))
+        assert int(visited.kept) == (1 if count == 3 else -1)
+    assert bool(visited.is_kept(jnp.full(5, 2, dtype=jnp.float32)))
+    assert not bool(visited.is_kept(jnp.full(5, 3, dtype=jnp.float32)))
+
+
+def test_a_long_burst_is_cut_off(world, monkeypatch):
+    monkeypatch.setattr("skystack.agents.learned.MOST_INSTRUCTIONS", 5)
+    agent = controller(Turner)
+    agent.begin(world)
+    (sent,) = agent.transmit(world)
+    heading = float(world.traffic.cleared_heading_deg[sent.slot])
+    assert (sent.heading_deg, sent.instructions) == ((round(heading) - 50) % 360, 5)
+
+
+def test_the_safety_net_acts_where_the_policy_waits(world):
+    """Two flights head on at one level, 25 miles apart."""
+
+    class Waits(Learned):
+        def _logits(self, observation):
+            return jnp.zeros((len(ACTIONS), observation.shape[1])).at[NO_OP].set(20.0)
+
+    one, other = hearing(world)[:2].tolist()
+    meeting = head_on(world, one, other)
+    silent = controller(Waits)
+    silent.safety_net = False
+    silent.begin(meeting)
+    assert silent.transmit(meeting) == []
+    agent = controller(Waits, per_cycle=5)
+    agent.begin(meeting)
+    sent = [each for each in agent.transmit(meeting) if each.slot in (one, other)]
+    assert len(sent) == 1  # then the other is out of danger, too
+    told = TASK.world.instruct(meeting, clearance_of(sent, SLOTS))
+    outlook = jax.device_get(TASK.world.look_ahead(jax.tree.map(jnp.asarray, told)))
+    assert float(outlook.time_s[0, one]) >= ALERT_S
+    assert float(outlook.time_s[0, other]) >= ALERT_S
+
+
+def head_on(world, one, other):
+    """The world with two flights on opposite headings, 25 NM apart, far outside the others."""
+    position, heading = (np.array(world.traffic.position_nm), np.array(world.traffic.heading_deg))
+    position[one], position[other] = (60.0, -75.0), (60.0, -50.0)
+    heading[one], heading[other] = 0.0, 180.0
+    level = np.array(world.traffic.level_ticks)
+    level[[one, other]] = ticks(300.0)
+    own = np.array(world.traffic.own_navigation)
+    own[[one, other]] = False
+    pending = np.array(world.traffic.pending_turn)
+    pending[[one, other]] = NO_TURN
+    traffic = world.traffic._replace(
+        position_nm=position,
+        heading_deg=heading,
+        flown_heading_deg=heading,
+        cleared_heading_deg=heading,
+        level_ticks=level,
+        flown_level_ticks=level,
+        cleared_level_ticks=level,
+        own_navigation=own,
+        pending_turn=pending,
+        turn_deg=np.zeros_like(heading),
+    )
+    return world._replace(traffic=traffic)
 
 
 def test_the_time_since_a_transmission_belongs_to_the_flight(world):
@@ -125,7 +223,3 @@ def test_nothing_is_said_if_nothing_changes(world):
     agent = controller(Nobody)
     agent.begin(level)
     assert agent.transmit(level) == []
-
-
-def test_a_transmission_is_a_tuple_of_slot_heading_fix_and_level():
-    assert Transmission(3) == (3, None, None, None)

@@ -8,10 +8,11 @@ from skystack.airspace.xplus import x_plus
 from skystack.evaluation.hour_scores import score, summary
 from skystack.evaluation.hours import Hour, Sent
 from skystack.simulator.arrivals import FREE
-from skystack.simulator.traffic import ticks
+from skystack.simulator.traffic import Traffic, ticks
 
 SECTOR = x_plus()
 CYCLES, SLOTS = 30, 3
+FIELDS = len(Traffic._fields) - len(Traffic._field_defaults)
 
 
 def hour(paths, sent=(), **events):
@@ -22,12 +23,10 @@ def hour(paths, sent=(), **events):
     shape = (CYCLES, SLOTS)
     values = {
         "flight": np.full(shape, FREE),
-        "route": np.zeros(shape, dtype=int),
         "before_nm": np.zeros((*shape, 2)),
         "position_nm": np.zeros((*shape, 2)),
         "before_level_ticks": np.zeros(shape),
         "level_ticks": np.zeros(shape),
-        "ground_speed_kt": np.full(shape, 600.0),
         "exit_level_ticks": np.full(shape, ticks(300.0)),
         **{
             name: np.zeros(shape, dtype=bool)
@@ -47,7 +46,14 @@ def hour(paths, sent=(), **events):
             values[name][cycle, slot] = value
     for name in ("before_nm", "position_nm", "before_level_ticks", "level_ticks"):
         values[name] = values[name].astype(np.float32)
+    traffic = Traffic(*[np.zeros(shape, dtype=np.float32)] * FIELDS)._replace(
+        position_nm=values.pop("position_nm"),
+        level_ticks=values.pop("level_ticks"),
+        ground_speed_kt=np.full(shape, 600.0, dtype=np.float32),
+        route=np.zeros(shape, dtype=np.int32),
+    )
     return Hour(
+        traffic=traffic,
         number=0,
         waiting=np.zeros(CYCLES, dtype=int),
         fail_safe=np.arange(CYCLES) % 2 == 0,

@@ -2,11 +2,13 @@
 
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
+from skystack.evaluation.hour_tables import TABLES
 from skystack.evaluation.traffic import (
     TrafficConditions,
     evaluate_traffic,
@@ -46,15 +48,21 @@ def test_the_row_has_what_is_promised(evaluated):
 
 
 def test_the_tables_agree_with_the_row(evaluated):
-    row, folder, _ = evaluated
-    tables = {path.stem: pq.read_table(path) for path in folder.iterdir()}
-    assert set(tables) == {"flights", "hours", "losses", "transmissions"}
-    assert tables["flights"].num_rows == row["flights"]
+    row, out, _ = evaluated
+    (folder,) = out.iterdir()
+    assert folder.name == "own-navigation-exit-level-traffic-80-seed-0"
+    tables = {path.stem: pq.read_table(path) for path in folder.glob("*.parquet")}
+    assert set(tables) == set(TABLES)
+    assert tables["aircraft"].num_rows == row["flights"]
     assert tables["losses"].num_rows == row["losses_of_separation"]
-    assert tables["transmissions"].num_rows == pytest.approx(
+    episodes = tables["episodes"].to_pydict()
+    assert episodes["scenario"] == [0, 1]
+    assert sum(episodes["transmissions"]) == pytest.approx(
         row["transmissions_per_flight"] * row["flights"]
     )
-    assert tables["hours"]["hour"].to_pylist() == [0, 1]
+    assert np.mean(episodes["lax_s"]) == row["lax_s_mean"]
+    sent = {(each["scenario"], each["transmission"]) for each in tables["clearances"].to_pylist()}
+    assert len(sent) == sum(episodes["transmissions"])
 
 
 def test_equal_conditions_give_equal_rows(evaluated):
@@ -97,6 +105,13 @@ def test_uncertainty_spreads_speeds_and_rates_of_climb():
 def test_policies_of_other_tasks_are_refused():
     with pytest.raises(InputError, match="trained on task lateral"):
         evaluate_traffic("lateral-best", TrafficConditions("60"))
+
+
+def test_only_policies_have_a_safety_net():
+    without = TrafficConditions("60", safety_net=False)
+    assert not find_controller("sector-control", without).agent.safety_net
+    with pytest.raises(InputError, match="search has no safety net"):
+        find_controller("search", without)
 
 
 def test_unknown_agents_are_refused():

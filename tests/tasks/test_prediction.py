@@ -1,5 +1,6 @@
 """Predicted paths and levels against flights of the simulator."""
 
+from functools import partial
 from itertools import pairwise
 
 import jax
@@ -7,20 +8,28 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from skystack.simulator.simulator import CYCLE_S, instruct
+from skystack.agents.sector_rules import OwnNavigation
+from skystack.agents.transmission import clearance_of
+from skystack.airspace.sectors import sector_named
+from skystack.simulator.arrival_flows import Flow, constant_rate
+from skystack.simulator.performance import performance
+from skystack.simulator.simulator import CYCLE_S, Simulator, instruct
 from skystack.simulator.traffic import DIRECT, NO_TURN, SHORTEST, Clearance, ticks
 from skystack.tasks.prediction import (
+    LEAVES_LATE_S,
     TIMES_S,
     path_along_route,
     path_as_cleared,
     path_on_heading,
     predicted_level,
 )
-from tests.tasks.sector_traffic import SIMULATOR, after
+from skystack.tasks.sector_world import World
+from tests.tasks.sector_traffic import SIMULATOR, SLOTS, after
 
 SECTOR = SIMULATOR.sector
 ADVANCE = jax.jit(SIMULATOR.advance)
 UNTIL_S = 300
+LAST_CYCLES = 10
 
 
 def flown(traffic):
@@ -151,4 +160,55 @@ def test_the_predicted_flight_leaves_at_its_exit_fix(state):
         # The arcs of turns are shorter than the corners, or longer than the straight way.
         length = sum(np.hypot(*(b - a)) for a, b in pairwise(points))
         speed = float(traffic.ground_speed_kt[slot]) / 3600.0
-        assert float(path.until_s[slot]) == pytest.approx(length / speed, rel=0.05)
+        expected = length / speed + LEAVES_LATE_S
+        assert float(path.until_s[slot]) == pytest.approx(expected, rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["x-plus", "crossing"])
+def test_no_flight_is_predicted_to_be_gone_before_it_has_left(name):
+    """Also after it has passed its exit fix, or begun the turn there."""
+    simulator = Simulator(sector_named(name), performance("constant"), own_navigation=True)
+    world = World(Flow(simulator, constant_rate(120.0), slots=SLOTS, candidates=64))
+    agent, predict = OwnNavigation(False, per_cycle=SLOTS), jax.jit(partial(_gone_s, world.sector))
+    reset, told, advance = jax.jit(world.reset), jax.jit(world.instruct), jax.jit(world.advance)
+    state = jax.device_get(reset(jax.random.key(1)))
+    predicted, late = [], []
+    for _ in range(300):
+        sent = agent.transmit(state)
+        state = told(state, clearance_of(sent, SLOTS)) if sent else state
+        predicted.append(np.asarray(predict(state.traffic)))
+        flight = np.asarray(state.arrivals.flight)
+        state, cycle = jax.device_get(advance(state))
+        for slot in np.flatnonzero(cycle.exited & (cycle.flight == flight)).tolist():
+            recent = predicted[: -LAST_CYCLES - 1 : -1]
+            late += [
+                (float(gone_s[slot]) - CYCLE_S * (back + 1), flight[slot])
+                for back, gone_s in enumerate(recent)
+            ]
+    assert len({flight for _, flight in late}) > 10
+    assert all(0.0 < seconds <= LEAVES_LATE_S for seconds, _ in late)
+
+
+def _gone_s(sector, traffic):
+    return path_as_cleared(sector, traffic).until_s
+
+
+def test_a_flight_that_has_missed_its_exit_is_not_gone(state):
+    """It flies on to the last fix of its route."""
+    traffic, table = state.world.traffic, SECTOR.route_table
+    route = np.asarray(traffic.route)
+    last = table.last_fix[route]
+    exit_nm, last_nm = (table.fixes_nm[route, fix].astype(np.float64) for fix in (last - 1, last))
+    leg = last_nm - exit_nm
+    beyond = exit_nm + leg / np.hypot(*leg.T)[:, None] * 2.0
+    missed = traffic._replace(
+        position_nm=jnp.asarray(beyond, dtype=jnp.float32),
+        next_fix=jnp.asarray(last, dtype=jnp.int32),
+        own_navigation=jnp.ones_like(traffic.own_navigation),
+        pending_turn=jnp.full_like(traffic.pending_turn, NO_TURN),
+    )
+    speed = np.asarray(traffic.ground_speed_kt) / 3600.0
+    active = np.asarray(traffic.active)
+    expected = (np.hypot(*leg.T) - 2.0) / np.where(active, speed, 1.0) + LEAVES_LATE_S
+    until_s = np.asarray(path_as_cleared(SECTOR, missed).until_s)
+    np.testing.assert_allclose(until_s[active], expected[active], rtol=0.01)

@@ -3,7 +3,8 @@
 Before each cycle, with time frozen, the policy is queried for every flight. Of the flights that it
 would instruct, the most urgent is served first: the policy is queried for this flight until it
 gives no further instruction, and the instructions become one transmission. The other flights are
-then queried again, with what has been cleared.
+then queried again, with what has been cleared. Where the policy would let separation be lost, a
+safety net acts (`skystack.agents.safety_net`).
 """
 
 from functools import cached_property
@@ -14,11 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from skystack.agents.transmission import PER_CYCLE, Transmission
+from skystack.agents.safety_net import ALERT_S, CLEARED, way_out
+from skystack.agents.transmission import PER_CYCLE, Transmission, clearance_of
 from skystack.learning.inference import Normaliser, forward, normalise
 from skystack.learning.policy import Policy
 from skystack.simulator.arrivals import FREE
-from skystack.simulator.traffic import DIRECT, NO_TURN, Traffic
+from skystack.simulator.traffic import DIRECT, NO_TURN, Clearance, Traffic
 from skystack.stacking import NO_OP
 from skystack.tasks.sector_control import ControlState, SectorControl
 from skystack.tasks.sector_observation import SINCE_CYCLES
@@ -55,14 +57,69 @@ class Query(NamedTuple):
     waits, which breaks ties. The flight with the lowest value is served first."""
 
 
+class _Visited(NamedTuple):
+    """What a flight has been cleared to in the course of a burst, to notice when it repeats."""
+
+    clearance: Float[Array, "most parts"]
+    """After each number of instructions; NaN if there have not been as many."""
+    worth: Float[Array, " most"]
+    kept: Int[Array, ""]
+    """The index of the clearance to keep, once the burst repeats itself; before that, -1."""
+
+    @classmethod
+    def none(cls) -> "_Visited":
+        most = MOST_INSTRUCTIONS + 1
+        clearance = jnp.full((most, _CLEARANCE_PARTS), jnp.nan, dtype=jnp.float32)
+        return cls(clearance, jnp.zeros(most, dtype=jnp.float32), jnp.int32(-1))
+
+    def add(
+        self,
+        count: Int[Array, ""] | int,
+        clearance: Float[Array, " parts"],
+        worth: Float[Array, ""],
+    ) -> "_Visited":
+        """With what is cleared after `count` instructions."""
+        before = jnp.all(self.clearance == clearance[None], axis=1)
+        index = jnp.arange(len(before), dtype=jnp.int32)
+        repeated = (index >= jnp.argmax(before).astype(jnp.int32)) & (index < count)
+        best = jnp.argmax(jnp.where(repeated, self.worth, -1.0)).astype(jnp.int32)
+        begins = (self.kept < 0) & jnp.any(before)
+        return _Visited(
+            self.clearance.at[count].set(clearance),
+            self.worth.at[count].set(worth),
+            jnp.where(begins, best, self.kept),
+        )
+
+    def is_kept(self, clearance: Float[Array, " parts"]) -> Bool[Array, ""]:
+        """Whether a clearance is the one to keep."""
+        return (self.kept >= 0) & jnp.all(self.clearance[self.kept] == clearance)
+
+
+class _Burst(NamedTuple):
+    """The instructions to a flight so far, and the answer to what has been cleared."""
+
+    state: ControlState
+    answer: Answer
+    number: Int[Array, ""]
+    visited: _Visited
+
+
 class Learned:
     """Implements `skystack.agents.transmission.SectorAgent`.
 
-    `per_cycle` is the maximum number of transmissions in a cycle.
+    `per_cycle` is the maximum number of transmissions in a cycle. With `safety_net`, the net acts
+    where the policy would let separation be lost (`skystack.agents.safety_net`).
     """
 
-    def __init__(self, policy: Policy, task: SectorControl, per_cycle: int = PER_CYCLE) -> None:
-        self.policy, self.task, self.per_cycle = policy, task, per_cycle
+    def __init__(
+        self,
+        policy: Policy,
+        task: SectorControl,
+        per_cycle: int = PER_CYCLE,
+        safety_net: bool = True,
+    ) -> None:
+        self.policy, self.task = policy, task
+        self.per_cycle, self.safety_net = per_cycle, safety_net
 
     def begin(self, state: WorldState) -> None:
         slots = self.task.agents
@@ -76,22 +133,51 @@ class Learned:
         query = self._begin(state, self._since)
         begun = query.state
         sent: list[Transmission] = []
-        served: Bool[np.ndarray, " slots"] = np.zeros(len(flight), dtype=bool)
+        waits: Bool[np.ndarray, " slots"] = np.array(state.hears)
         while len(sent) < self.per_cycle:
-            wanted = np.asarray(query.answer.wanted) & ~served
+            wanted = waits & self._wanted(query)
             if not wanted.any():
                 break
             slot = int(np.argmin(np.where(wanted, np.asarray(query.rank), np.inf)))
-            served[slot] = True
-            told = self._stack(query, slot)
-            transmission = _transmission(begun, told, slot)
-            if transmission is not None:
-                sent.append(transmission)
-                self._since[slot] = 0.0
+            waits[slot] = False
+            told, instructions = self._serve(query, slot)
+            transmission = _transmission(begun, told, slot, instructions)
+            if transmission is None:
+                continue
+            sent.append(transmission)
+            self._since[slot] = 0.0
             if len(sent) < self.per_cycle:
                 query = self._continue(told)
         self._since = np.minimum(self._since + 1.0, np.float32(SINCE_CYCLES))
         return sent
+
+    def _wanted(self, query: Query) -> Bool[np.ndarray, " slots"]:
+        """The flights that the policy would instruct, or that the safety net may have to."""
+        wanted = np.asarray(query.answer.wanted)
+        if not self.safety_net:
+            return wanted
+        return wanted | (np.asarray(query.state.outlook.time_s[0]) < ALERT_S)
+
+    def _serve(self, query: Query, slot: int) -> tuple[ControlState, int]:
+        """The state after a transmission to a flight, and the number of instructions in it."""
+        told, instructions = self._stack(query, slot)
+        time_s = np.asarray(told.outlook.time_s[:, slot])
+        if not self.safety_net or time_s[CLEARED] >= ALERT_S:
+            return told, int(instructions)
+        way = way_out(self.task.sector, told.world, slot, time_s)
+        if way is not None:
+            return self._rescue(told, clearance_of([way], self.task.agents)), int(instructions) + 1
+        before_s = float(query.state.outlook.time_s[CLEARED, slot])
+        return (query.state, 0) if time_s[CLEARED] < before_s else (told, int(instructions))
+
+    @cached_property
+    def _rescue(self) -> Any:
+        """(state, clearance) -> the state after a clearance of the safety net, compiled."""
+
+        def rescue(state: ControlState, clearance: Clearance) -> ControlState:
+            return state._replace(world=self.task.world.instruct(state.world, clearance))
+
+        return jax.jit(rescue)
 
     @cached_property
     def _begin(self) -> Any:
@@ -104,7 +190,8 @@ class Learned:
 
     @cached_property
     def _stack(self) -> Any:
-        """(query, slot) -> the state after a transmission to a flight, compiled."""
+        """(query, slot) -> the state after a transmission to a flight, and the number of
+        instructions in it, compiled."""
         return jax.jit(self._stack_one)
 
     @cached_property
@@ -141,27 +228,35 @@ class Learned:
         wanted = jnp.any(allowed[NO_OP + 1 :], axis=0) & (waits < jnp.where(burst, 0.5, PATIENCE))
         return Answer(action, wanted, waits)
 
-    def _stack_one(self, query: Query, slot: Int[Array, ""]) -> ControlState:
+    def _stack_one(self, query: Query, slot: Int[Array, ""]) -> tuple[ControlState, Int[Array, ""]]:
         """Serve one flight: instruct it until the policy gives no further instruction.
 
-        In the returned state, only the outlook of this flight is up to date.
+        If the instructions begin to repeat, as climb and descend without end, the flight keeps the
+        one of the repeated clearances that is worth most (`_worth`).
+
+        Returns the state and the number of instructions. In the state, only the outlook of this
+        flight is up to date.
         """
         first = Answer(*(values[slot][None] for values in query.answer))
-        carry = (query.state, first, jnp.int32(0))
+        visited = _Visited.none().add(
+            0, _clearance_of(query.state, slot), _worth(query.state, first, slot)
+        )
+        burst = _Burst(query.state, first, jnp.int32(0), visited)
 
-        def wants(carry: tuple[ControlState, Answer, Int[Array, ""]]) -> Bool[Array, ""]:
-            _, answer, count = carry
-            return answer.wanted[0] & (count < MOST_INSTRUCTIONS)
+        def wants(burst: _Burst) -> Bool[Array, ""]:
+            kept = burst.visited.is_kept(_clearance_of(burst.state, slot))
+            return burst.answer.wanted[0] & (burst.number < MOST_INSTRUCTIONS) & ~kept
 
-        def instruct(
-            carry: tuple[ControlState, Answer, Int[Array, ""]],
-        ) -> tuple[ControlState, Answer, Int[Array, ""]]:
-            state, answer, count = carry
-            state = self.task.instruct_one(state, slot, answer.action[0])
-            return state, self._ask_one(state, slot), count + 1
+        def instruct(burst: _Burst) -> _Burst:
+            state = self.task.instruct_one(burst.state, slot, burst.answer.action[0])
+            answer, count = self._ask_one(state, slot), burst.number + 1
+            visited = burst.visited.add(
+                count, _clearance_of(state, slot), _worth(state, answer, slot)
+            )
+            return _Burst(state, answer, count, visited)
 
-        result: ControlState = jax.lax.while_loop(wants, instruct, carry)[0]
-        return result
+        burst = jax.lax.while_loop(wants, instruct, burst)
+        return burst.state, burst.number
 
     def _logits(
         self, observation: Float[Array, "observation flights"]
@@ -171,8 +266,35 @@ class Learned:
         return forward(actor, normalise(normaliser, observation, columns=True), columns=True)
 
 
-def _transmission(before: ControlState, after: ControlState, slot: int) -> Transmission | None:
-    """What a flight is told in all; None if that is nothing."""
+def _worth(state: ControlState, answer: Answer, slot: Int[Array, ""]) -> Float[Array, ""]:
+    """Seconds until a flight would lose separation as cleared, plus the probability that the policy
+    leaves it at that, which breaks ties."""
+    return state.outlook.time_s[0, slot] + answer.waits[0]
+
+
+_CLEARANCE_PARTS = 5
+
+
+def _clearance_of(state: ControlState, slot: Int[Array, ""]) -> Float[Array, " parts"]:
+    """What a flight is cleared to, as numbers that can be compared."""
+    traffic = state.world.traffic
+    fix = (
+        jnp.zeros_like(traffic.pending_turn) if traffic.cleared_fix is None else traffic.cleared_fix
+    )
+    parts = (
+        traffic.cleared_level_ticks,
+        traffic.cleared_heading_deg,
+        traffic.pending_turn,
+        fix,
+        traffic.own_navigation,
+    )
+    return jnp.stack([values[slot].astype(jnp.float32) for values in parts])
+
+
+def _transmission(
+    before: ControlState, after: ControlState, slot: int, instructions: int
+) -> Transmission | None:
+    """What a flight is told by some instructions in all; None if that is nothing."""
     old, new = before.world.traffic, after.world.traffic
     turn = int(new.pending_turn[slot])
     fix = heading = level = None
@@ -184,8 +306,9 @@ def _transmission(before: ControlState, after: ControlState, slot: int) -> Trans
             heading = None  # turned back to where it was
     if float(new.cleared_level_ticks[slot]) != float(old.cleared_level_ticks[slot]):
         level = float(new.cleared_level_ticks[slot])
-    told = Transmission(slot, heading, fix, level)
-    return None if told == Transmission(slot) else told
+    if heading is None and fix is None and level is None:
+        return None
+    return Transmission(slot, heading, fix, level, instructions)
 
 
 def _whole_heading(traffic: Traffic, slot: int) -> int:

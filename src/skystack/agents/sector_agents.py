@@ -39,6 +39,10 @@ def sector_task_of(policy: Policy) -> SectorControl:
     return task
 
 
-def learned_agent(policy: Policy, task: SectorControl, world: World, per_cycle: int) -> Learned:
+def learned_agent(
+    policy: Policy, task: SectorControl, world: World, per_cycle: int, safety_net: bool = True
+) -> Learned:
     """The agent that flies a policy, trained on a task, in a world."""
-    return Learned(policy, SectorControl(world.flow, task.cycles, task.reward), per_cycle)
+    return Learned(
+        policy, SectorControl(world.flow, task.cycles, task.reward), per_cycle, safety_net
+    )

@@ -21,6 +21,8 @@ class Transmission(NamedTuple):
     fix: int | None = None
     """Index in the route of the fix to fly to on own navigation."""
     level_ticks: float | None = None
+    instructions: int = 1
+    """The number of instructions that were stacked into it."""
 
 
 @runtime_checkable

@@ -299,6 +299,12 @@ def _evaluate_arguments(sub: argparse.ArgumentParser) -> None:
         "climb and descent by up to 10 %%, which they do not",
     )
     sub.add_argument(
+        "--no-safety-net",
+        dest="safety_net",
+        action="store_false",
+        help="with --traffic: fly a policy without its safety net",
+    )
+    sub.add_argument(
         "--experiment",
         metavar="NAME",
         help="for a file: the experiment it was trained for, a name or a .toml file",
@@ -372,7 +378,7 @@ def _replay_arguments(sub: argparse.ArgumentParser) -> None:
         "--scenarios",
         type=_positive,
         metavar="N",
-        help="page: the first N scenarios (default 100)",
+        help="page: the first N scenarios (default 100; of hours of traffic 5)",
     )
     sub.add_argument(
         "--scenario", type=_natural, metavar="N", help="picture, film: the scenario (default 0)"

@@ -4,7 +4,7 @@ import argparse
 import time
 from typing import Any
 
-from skystack.cli.output import DONE, print_json, quoted, say
+from skystack.cli.output import DONE, print_json, program, quoted, say
 from skystack.errors import InputError
 
 _ONLY_SCENARIOS = {
@@ -14,6 +14,8 @@ _ONLY_SCENARIOS = {
     "platform": "skystack",
 }
 """The options that make no sense with hours of traffic, and their defaults."""
+ONLY_TRAFFIC = {"per_cycle": None, "uncertainty": False, "safety_net": True}
+"""The options that are only for hours of traffic, and their defaults."""
 
 
 def check_scenarios(name: str, policy: Any = None) -> None:
@@ -37,7 +39,7 @@ def evaluate_hours(options: argparse.Namespace) -> int:
     from skystack.agents.transmission import PER_CYCLE
     from skystack.cli.console import count_scenarios, output
     from skystack.compilation.programs import program_cache
-    from skystack.evaluation.traffic import TrafficConditions, evaluate_traffic
+    from skystack.evaluation.traffic import TrafficConditions, evaluate_traffic, hours_folder
     from skystack.reporting.hour_table import hour_table
 
     for name, default in _ONLY_SCENARIOS.items():
@@ -53,6 +55,7 @@ def evaluate_hours(options: argparse.Namespace) -> int:
         per_cycle=PER_CYCLE if options.per_cycle is None else options.per_cycle,
         sector=options.sector,
         uncertainty=options.uncertainty,
+        safety_net=options.safety_net,
     )
     if options.cycles is not None:
         conditions = conditions._replace(cycles=options.cycles)
@@ -66,5 +69,7 @@ def evaluate_hours(options: argparse.Namespace) -> int:
     else:
         output().print(hour_table(row).as_rich())
     if options.out is not None:
-        say(f"written: {quoted(options.out)}")
+        folder = hours_folder(options.out, row["agent"], conditions)
+        say(f"written: {folder}")
+        say(f"to see the flights: {program()} replay {quoted(folder)} -o replay.html")
     return DONE

@@ -8,7 +8,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from skystack.cli.hours import check_scenarios, evaluate_hours
+from skystack.cli.hours import ONLY_TRAFFIC, check_scenarios, evaluate_hours
 from skystack.cli.output import (
     DONE,
     FAILED,
@@ -103,9 +103,10 @@ def evaluate(options: argparse.Namespace) -> int:
 
     if options.traffic is not None:
         return evaluate_hours(options)
-    for name in ("per_cycle", "uncertainty"):
-        if getattr(options, name):
-            raise InputError(f"evaluate: --{name.replace('_', '-')} needs --traffic")
+    for name, default in ONLY_TRAFFIC.items():
+        if getattr(options, name) != default:
+            flag = "no-safety-net" if name == "safety_net" else name.replace("_", "-")
+            raise InputError(f"evaluate: --{flag} needs --traffic")
     check_scenarios(options.policy)
     started = time.monotonic()
     episodes = 1000 if options.episodes is None else options.episodes
@@ -233,8 +234,7 @@ def replay(options: argparse.Namespace) -> int:
     for name, value in for_pictures.items():
         if value is not None:
             raise InputError(f"replay: {name} is for pictures and films ({', '.join(SUFFIXES)})")
-    count = {} if options.scenarios is None else {"scenarios": options.scenarios}
-    written = write_replay(runs, options.output, **count)
+    written = write_replay(runs, options.output, options.scenarios)
     if options.json:
         print_json(written)
     count = written["scenarios"]

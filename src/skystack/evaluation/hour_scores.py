@@ -61,10 +61,23 @@ class FlightRow(NamedTuple):
     transmissions: int
 
 
+class CycleSeries(NamedTuple):
+    """What a summary needs of each cycle of an hour."""
+
+    transmissions: Int[np.ndarray, " cycles"]
+    """The number issued before the cycle."""
+    aircraft: Int[np.ndarray, " cycles"]
+    waiting: Int[np.ndarray, " cycles"]
+    fail_safe: Bool[np.ndarray, " cycles"]
+    decision_ms: Float[np.ndarray, " cycles"]
+
+
 class Scores(NamedTuple):
     """The scores of one hour."""
 
-    hour: Hour
+    number: int
+    """The number of the hour under the evaluation seed."""
+    cycles: CycleSeries
     flights: list[FlightRow]
     losses: list[PairEvent]
     close_pairs: list[PairEvent]
@@ -84,7 +97,14 @@ def score(sector: Sector, hour: Hour) -> Scores:
     avoidable = [each for each in losses if not each.at_birth]
     lax_without_births = _first([*left, *_inside_cycles(avoidable)], hour)
     return Scores(
-        hour=hour,
+        number=hour.number,
+        cycles=CycleSeries(
+            transmissions=_sent_by_cycle(hour),
+            aircraft=(hour.flight != FREE).sum(axis=1),
+            waiting=hour.waiting,
+            fail_safe=hour.fail_safe,
+            decision_ms=hour.decision_ms,
+        ),
         flights=_flight_rows(sector, hour),
         losses=losses,
         close_pairs=_pair_events(hour, approaches, CLOSE_NM),
@@ -124,8 +144,14 @@ def _approaches(sector: Sector, hour: Hour, below_nm: float) -> _Approaches:
     parts = []
     for begin in range(0, len(hour.flight), _CYCLES):
         rows = slice(begin, begin + _CYCLES)
-        moved = (hour.before_nm, hour.position_nm, hour.before_level_ticks, hour.level_ticks)
-        squared = np.asarray(squared_nm2(*(np.moveaxis(each[rows], 0, -1) for each in moved))).T
+        moved = (
+            hour.before_nm,
+            hour.traffic.position_nm,
+            hour.before_level_ticks,
+            hour.traffic.level_ticks,
+        )
+        columns = (np.moveaxis(np.asarray(each)[rows], 0, -1) for each in moved)
+        squared = np.asarray(squared_nm2(*columns)).T
         both = present[rows][:, pairs].all(axis=2)
         cycle, pair = np.nonzero((squared < below_nm**2) & both)
         parts.append(_Approaches(begin + cycle, pairs[pair], squared[cycle, pair]))
@@ -153,7 +179,7 @@ def _pair_events(hour: Hour, approaches: _Approaches, below_nm: float) -> list[P
 def _first_moves(hour: Hour) -> dict[int, int]:
     """The first cycle in which each flight moves, if it does."""
     moves: dict[int, int] = {}
-    still = np.all(hour.before_nm == hour.position_nm, axis=-1)
+    still = np.all(hour.before_nm == hour.traffic.position_nm, axis=-1)
     for cycle, slot in np.argwhere(~still & (hour.flight != FREE)).tolist():
         moves.setdefault(int(hour.flight[cycle, slot]), cycle)
     return moves
@@ -174,19 +200,19 @@ def _flight_rows(sector: Sector, hour: Hour) -> list[FlightRow]:
 def _flight_row(
     sector: Sector, hour: Hour, slot: int, cycles: Int[np.ndarray, " rows"], transmissions: int
 ) -> FlightRow:
-    last = int(cycles[-1])
-    before, after = hour.before_nm[cycles, slot], hour.position_nm[cycles, slot]
+    last, traffic = int(cycles[-1]), hour.traffic
+    before, after = hour.before_nm[cycles, slot], np.asarray(traffic.position_nm)[cycles, slot]
     scale = sector.plane.scale((before[:, 1] + after[:, 1]) / 2.0)
     flown_nm = float(np.sum(np.hypot(*(after - before).T) / scale))
     exited, excursion = bool(hour.exited[last, slot]), bool(hour.excursion[last, slot])
-    route = int(hour.route[last, slot])
+    route = int(traffic.route[last, slot])
     offset_nm = extra_nm = delay_s = np.nan
     if exited:
-        crossing = crossing_nm(sector, hour.route[last : last + 1, slot], before[-1:], after[-1:])
+        crossing = crossing_nm(sector, np.array([route]), before[-1:], after[-1:])
         offset_nm = float(distance_to_exit_nm(sector, np.array([route]), crossing)[0])
         extra_nm = flown_nm - _route_nm(sector, route, before[0])
-        delay_s = 3600.0 * extra_nm / float(hour.ground_speed_kt[last, slot])
-    level = hour.level_ticks[cycles, slot]
+        delay_s = 3600.0 * extra_nm / float(traffic.ground_speed_kt[last, slot])
+    level = traffic.level_ticks[cycles, slot]
     moving = hour.before_level_ticks[cycles, slot] != level
     stops = np.flatnonzero(moving[:-1] & ~moving[1:])
     goal = hour.exit_level_ticks[last, slot]
@@ -224,11 +250,10 @@ def summary(scores: Sequence[Scores], agent: str, traffic: str) -> dict[str, Any
     gone = [row for row in flights if row.gone is not None]
     exited = [row for row in gone if row.exited]
     losses = [event for each in scores for event in each.losses]
-    sent_by_cycle = [_sent_by_cycle(each.hour) for each in scores]
-    minutes = sum(len(each) for each in sent_by_cycle) / MINUTE_CYCLES
-    transmissions = sum(len(each.hour.sent) for each in scores)
+    cycles = CycleSeries(*map(np.concatenate, zip(*(each.cycles for each in scores), strict=True)))
+    minutes = len(cycles.transmissions) / MINUTE_CYCLES
+    transmissions = int(cycles.transmissions.sum())
     hours = minutes / 60.0
-    decisions = np.concatenate([each.hour.decision_ms for each in scores])
 
     def rate(count: float, total: float) -> float | None:
         return count / total if total else None
@@ -244,19 +269,21 @@ def summary(scores: Sequence[Scores], agent: str, traffic: str) -> dict[str, Any
         "hours": round(hours, 6),
         "flights": len(flights),
         "flights_gone": len(gone),
-        "flights_waiting_max": int(max(each.hour.waiting.max() for each in scores)),
-        "aircraft_max": int(max((each.hour.flight != FREE).sum(1).max() for each in scores)),
+        "flights_waiting_max": int(cycles.waiting.max()),
+        "aircraft_max": int(cycles.aircraft.max()),
         "losses_of_separation": len(losses),
         "losses_at_birth": sum(event.at_birth for event in losses),
         "close_pairs": sum(len(each.close_pairs) for each in scores),
-        "fail_safe_rate": float(np.mean(np.concatenate([each.hour.fail_safe for each in scores]))),
+        "fail_safe_rate": float(np.mean(cycles.fail_safe)),
         "correct_exit_rate": rate(sum(row.correct for row in gone), len(gone)),
         "exit_rate": rate(len(exited), len(gone)),
         "excursion_rate": rate(sum(row.excursion for row in gone), len(gone)),
         "exit_offset_nm_median": _median([row.exit_offset_nm for row in exited]),
         "transmissions_per_flight": rate(transmissions, len(flights)),
         "transmissions_per_minute": rate(transmissions, minutes),
-        "transmissions_worst_minute": max(_worst_minute(each) for each in sent_by_cycle),
+        "transmissions_worst_minute": max(
+            _worst_minute(each.cycles.transmissions) for each in scores
+        ),
         "extra_miles_rate": rate(sum(row.extra_nm for row in exited), route_nm),
         "level_offs_per_flight": mean(row.level_offs for row in gone),
         "delay_s_mean": mean(row.delay_s for row in exited),
@@ -264,8 +291,8 @@ def summary(scores: Sequence[Scores], agent: str, traffic: str) -> dict[str, Any
         "lax_s_by_hour": [each.lax_s for each in scores],
         "lax_without_births_s_mean": mean(each.lax_without_births_s for each in scores),
         "strict_s_mean": mean(each.strict_s for each in scores),
-        "decision_ms_median": float(np.median(decisions)),
-        "decision_ms_p99": float(np.percentile(decisions, 99.0)),
+        "decision_ms_median": float(np.median(cycles.decision_ms)),
+        "decision_ms_p99": float(np.percentile(cycles.decision_ms, 99.0)),
     }
 
 

@@ -14,6 +14,7 @@ from skystack.agents.transmission import PER_CYCLE, SectorAgent, Transmission, c
 from skystack.errors import InputError
 from skystack.learning.seeds import scenario_key
 from skystack.simulator.arrivals import FREE
+from skystack.simulator.traffic import Traffic
 from skystack.tasks.sector_rewards import FAIL_SAFE_S
 from skystack.tasks.sector_world import World, WorldCycle, WorldState
 
@@ -32,12 +33,10 @@ class Hour(NamedTuple):
     number: int
     """The number of the hour under the evaluation seed."""
     flight: Int[np.ndarray, "cycles slots"]
-    route: Int[np.ndarray, "cycles slots"]
     before_nm: Float[np.ndarray, "cycles slots 2"]
-    position_nm: Float[np.ndarray, "cycles slots 2"]
     before_level_ticks: Float[np.ndarray, "cycles slots"]
-    level_ticks: Float[np.ndarray, "cycles slots"]
-    ground_speed_kt: Float[np.ndarray, "cycles slots"]
+    traffic: Traffic
+    """After each cycle, with the flights that leave; numpy arrays."""
     exit_level_ticks: Float[np.ndarray, "cycles slots"]
     entered: Bool[np.ndarray, "cycles slots"]
     exited: Bool[np.ndarray, "cycles slots"]
@@ -129,12 +128,9 @@ def _hour(
     return Hour(
         number=number,
         flight=stacked.flight,
-        route=stacked.traffic.route,
         before_nm=stacked.before_nm,
-        position_nm=stacked.traffic.position_nm,
         before_level_ticks=stacked.before_level_ticks,
-        level_ticks=stacked.traffic.level_ticks,
-        ground_speed_kt=stacked.traffic.ground_speed_kt,
+        traffic=stacked.traffic,
         exit_level_ticks=stacked.exit_level_ticks,
         entered=stacked.entered,
         exited=stacked.exited,

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from skystack.airspace.projection import MercatorPlane
 from skystack.airspace.sector import Sector
@@ -16,14 +16,24 @@ from skystack.tasks.separation import pair_distance_squared
 _CYCLES = 128
 """The cycles computed at once, for all pairs. With blocks of a fixed length the program is compiled
 once for each number of aircraft, and the pairs of 200 aircraft take little memory."""
+_ROUNDED = 16
+"""The number of aircraft in a block of cycles is rounded up to a multiple of this, because each
+number is compiled."""
 
 
 class FlightPath(NamedTuple):
-    """The path of one aircraft from the start (row 0). It may be shorter than those of others."""
+    """The path of one aircraft from the start. It may end earlier than those of others."""
 
     position_nm: Float[np.ndarray, "rows 2"]
     """Positions in the sector's plane."""
     fl: Float[np.ndarray, " rows"]
+    begins: int = 0
+    """The row of the scenario in which the path begins."""
+
+    @property
+    def ends(self) -> int:
+        """The row after the last one."""
+        return self.begins + len(self.fl)
 
 
 class Loss(NamedTuple):
@@ -41,26 +51,22 @@ def losses(sector: Sector, paths: Sequence[FlightPath]) -> Iterator[Loss]:
 
     Consecutive cycles are one loss. Ordered by pair, then by time.
     """
-    if len(paths) < 2:  # no pairs
+    last_row = max((each.ends for each in paths), default=1) - 1
+    if len(paths) < 2 or not last_row:  # no pairs, or no motion
         return
-    indices, distances = [np.empty((0, 2), dtype=np.int64)], [np.empty(0, dtype=np.float32)]
-    for begin, distance_nm in _distances_nm(sector, paths):
-        too_close = distance_nm < sector.loss_below_nm
-        indices.append(np.argwhere(too_close) + np.array([0, begin]))
-        distances.append(distance_nm[too_close])
-    (pair, cycle), least = np.concatenate(indices).T, np.concatenate(distances)
-    order = np.lexsort((cycle, pair))
-    pair, cycle, least = pair[order], cycle[order], least[order]
-    begins = (np.diff(pair, prepend=-1) != 0) | (np.diff(cycle, prepend=-2) != 1)
-    first, second = np.triu_indices(len(paths), k=1)
+    found = [_too_close(sector, paths, begin) for begin in range(0, last_row, _CYCLES)]
+    close = _TooClose(*map(np.concatenate, zip(*found, strict=True)))
+    pair = close.first * len(paths) + close.second
+    order = np.lexsort((close.cycle, pair))
+    close, pair = _TooClose(*(values[order] for values in close)), pair[order]
+    begins = (np.diff(pair, prepend=-1) != 0) | (np.diff(close.cycle, prepend=-2) != 1)
     for run in np.split(np.arange(len(pair)), np.flatnonzero(begins)[1:]) if len(pair) else ():
-        number = pair[run[0]]
         yield Loss(
-            first=int(first[number]),
-            second=int(second[number]),
-            begins=int(cycle[run[0]]),
-            ends=int(cycle[run[-1]]) + 1,
-            least_nm=float(least[run].min()),
+            first=int(close.first[run[0]]),
+            second=int(close.second[run[0]]),
+            begins=int(close.cycle[run[0]]),
+            ends=int(close.cycle[run[-1]]) + 1,
+            least_nm=float(close.distance_nm[run].min()),
         )
 
 
@@ -70,25 +76,41 @@ def compiled_squared_nm2(plane: MercatorPlane, separation_fl: int) -> Any:
     return jax.jit(partial(pair_distance_squared, plane, separation_fl))
 
 
-def _distances_nm(
-    sector: Sector, paths: Sequence[FlightPath]
-) -> Iterator[tuple[int, Float[np.ndarray, "pairs cycles"]]]:
-    """Blocks of cycles: the first cycle, and the minimum distance of each pair in each cycle.
+class _TooClose(NamedTuple):
+    """Pairs of aircraft that are too close between one row and the next."""
 
-    NaN if the path of one of the two has ended.
-    """
-    rows = max(2, *(len(each.fl) for each in paths))
-    rows += (1 - rows) % _CYCLES  # whole blocks, and the row that ends the last one
-    position = np.stack([_padded(each.position_nm.T, rows) for each in paths])
-    level = np.stack([_padded(np.rint(each.fl * TICKS_PER_FL), rows) for each in paths])
+    first: Int[np.ndarray, " n"]
+    second: Int[np.ndarray, " n"]
+    cycle: Int[np.ndarray, " n"]
+    """The first of the two rows."""
+    distance_nm: Float[np.ndarray, " n"]
+
+
+_NOBODY = np.zeros(0, dtype=np.int64)
+_NONE = _TooClose(_NOBODY, _NOBODY, _NOBODY, np.zeros(0, dtype=np.float32))
+
+
+def _too_close(sector: Sector, paths: Sequence[FlightPath], begin: int) -> _TooClose:
+    """The pairs that are too close in a block of cycles."""
+    rows = range(begin, begin + _CYCLES + 1)
+    present = [n for n, each in enumerate(paths) if each.begins < rows[-1] and each.ends > begin]
+    if len(present) < 2:
+        return _NONE
+    count = min(-(-len(present) // _ROUNDED) * _ROUNDED, len(paths))
+    position = np.full((count, 2, len(rows)), np.nan, dtype=np.float32)
+    level = np.full((count, len(rows)), np.nan, dtype=np.float32)
+    for place, number in enumerate(present):
+        path = paths[number]
+        known = range(max(begin, path.begins), min(rows.stop, path.ends))
+        into = slice(known.start - begin, known.stop - begin)
+        values = slice(known.start - path.begins, known.stop - path.begins)
+        position[place, :, into] = path.position_nm[values].T
+        level[place, into] = np.rint(path.fl[values] * TICKS_PER_FL)
     squared_nm2 = compiled_squared_nm2(sector.plane, sector.separation_fl)
-    for begin in range(0, rows - 1, _CYCLES):
-        before, after = (slice(at, at + _CYCLES) for at in (begin, begin + 1))
-        cycles = position[..., before], position[..., after], level[..., before], level[..., after]
-        yield begin, np.sqrt(np.asarray(squared_nm2(*cycles)))
-
-
-def _padded(values: Float[np.ndarray, "*axes rows"], rows: int) -> Float[np.ndarray, "*axes all"]:
-    """The values padded with NaN, which compares as not too close."""
-    widths = [(0, 0)] * (values.ndim - 1) + [(0, rows - values.shape[-1])]
-    return np.pad(values, widths, constant_values=np.nan).astype(np.float32)
+    moved = position[..., :-1], position[..., 1:], level[:, :-1], level[:, 1:]
+    distance_nm = np.sqrt(np.asarray(squared_nm2(*moved)))
+    # NaN, where the path of one of the two has not begun or has ended, is not below the limit.
+    pair, cycle = np.nonzero(distance_nm < sector.loss_below_nm)
+    index = np.array([*present, *[0] * (count - len(present))], dtype=np.int64)
+    first, second = (index[each][pair] for each in np.triu_indices(count, k=1))
+    return _TooClose(first, second, begin + cycle, distance_nm[pair, cycle])

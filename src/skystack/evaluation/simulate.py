@@ -11,6 +11,7 @@ import pyarrow as pa
 
 from skystack.errors import PlatformError, error_context
 from skystack.evaluation.followed import STATUS, follow
+from skystack.evaluation.tables import clearance_rows
 from skystack.evaluation.writing import write_table
 from skystack.io.files import check_output, scratch_folder
 from skystack.platforms.flight import Flight, flight_rows, fly_scenario
@@ -80,27 +81,13 @@ def _aircraft(scenario: Scenario) -> list[dict[str, Any]]:
 
 
 def _clearances(scenario: Scenario, flight: Flight) -> list[dict[str, Any]]:
-    """The clearances as rows of an evaluation's table; a heading with a level gives two rows.
-
-    The value of a clearance direct to a fix is the fix's index in the route.
-    """
+    """The clearances as rows of an evaluation's table."""
     routes = {each.callsign: each.route for each in scenario.aircraft}
-    rows = []
-    for cycle, each in flight.issued:
-        fix = None
-        if each.direct_to is not None:
-            fix = routes[each.callsign].index(each.direct_to)
-        parts = (
-            ("heading", each.heading_deg, each.turn),
-            ("direct", fix, None),
-            ("level", each.level_fl, each.vertical),
-        )
-        for kind, value, direction in parts:
-            if value is not None:
-                row = {"cycle": cycle, "callsign": each.callsign, "kind": kind, "value": value}
-                rows.append(row | {"direction": direction, "instructions": 1})
-                rows[-1]["text"] = written(each)
-    return rows
+    return [
+        row
+        for cycle, each in flight.issued
+        for row in clearance_rows(cycle, each, routes[each.callsign])
+    ]
 
 
 def _fly(path: Path, scenario: Scenario, platform: str, time_limit_s: float) -> Flight:

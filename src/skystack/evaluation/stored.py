@@ -1,5 +1,6 @@
 """Read and check Parquet tables with their sector; rebuild a flown scenario from them."""
 
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -21,7 +22,15 @@ from skystack.evaluation.columns import (
     TEXT,
     check_columns,
 )
-from skystack.evaluation.writing import EVALUATION, FLEET, PERFORMANCE_MODEL, SCENARIOS, SECTOR
+from skystack.evaluation.writing import (
+    EVALUATION,
+    FLEET,
+    PERFORMANCE_MODEL,
+    SCENARIOS,
+    SECTOR,
+    TRAFFIC,
+    TrafficRecord,
+)
 from skystack.io.json_file import decode
 from skystack.io.validation import convert
 from skystack.platforms.registry import PLATFORMS, flown_type
@@ -31,6 +40,8 @@ from skystack.simulator.performance import DEFAULT_TYPE, PERFORMANCE
 from skystack.simulator.scenario_file import Aircraft, Scenario, ScheduledClearance, on_tick
 
 MAX_STORED_CYCLES = 100_000
+MAX_FLIGHTS = 5_000
+"""The maximum number of flights in an hour of arriving traffic."""
 
 Cycle = Annotated[int, msgspec.Meta(ge=0, le=MAX_STORED_CYCLES)]
 Level = Annotated[float, msgspec.Meta(ge=-1000.0, le=1000.0)]
@@ -167,6 +178,15 @@ def sector_of(path: Path, table: pa.Table) -> Sector:
         return _stored_sector(data)
 
 
+def traffic_of(path: Path, table: pa.Table) -> TrafficRecord | None:
+    """The arriving traffic in a table's metadata, if the scenarios are hours of it."""
+    data = (table.schema.metadata or {}).get(TRAFFIC)
+    if data is None:
+        return None
+    found: TrafficRecord = decode(data, TrafficRecord, f"{path}: the traffic in its metadata")
+    return found
+
+
 @lru_cache(maxsize=16)
 def _stored_sector(data: bytes) -> Sector:
     """The checked sector. Cached, because the check takes longer than reading a table."""
@@ -224,16 +244,18 @@ def metadata_of(path: Path, table: pa.Table, key: str) -> list[dict[str, Any]]:
     return [msgspec.to_builtins(row) for row in rows]
 
 
-def check_aircraft(path: Path, sector: Sector, aircraft: Sequence[Mapping[str, Any]]) -> None:
+def check_aircraft(
+    path: Path, sector: Sector, aircraft: Sequence[Mapping[str, Any]], most: int = MAX_AIRCRAFT
+) -> None:
     """Check the aircraft of one scenario: no duplicates, no unknown fixes.
 
     Raises InputError that names the aircraft.
     """
-    if len(aircraft) > MAX_AIRCRAFT:
-        raise InputError(f"{path}: has {len(aircraft)} aircraft (allowed: {MAX_AIRCRAFT})")
-    signs = [row["callsign"] for row in aircraft]
+    if len(aircraft) > most:
+        raise InputError(f"{path}: has {len(aircraft)} aircraft (allowed: {most})")
+    signs = Counter(row["callsign"] for row in aircraft)
     for row in aircraft:
-        if signs.count(row["callsign"]) > 1:
+        if signs[row["callsign"]] > 1:
             raise InputError(f"{path}: {row['callsign']} appears twice in one scenario")
         for fix in row["route"].split():
             if fix not in sector.fixes:
@@ -252,6 +274,8 @@ def stored_scenario(folder: Path, number: int) -> Scenario:
     start = read_table(
         path, ("callsign", "lat", "lon", "fl", "heading_deg"), [*only, ("cycle", "=", 0)]
     )
+    if traffic_of(path, start) is not None:
+        raise InputError(f"{folder}: hours of arriving traffic cannot be flown again as a scenario")
     if not start.num_rows:
         raise InputError(f"{folder}: has no scenario {number}")
     columns = ("callsign", "type", "route", "exit_fl", "own_navigation")

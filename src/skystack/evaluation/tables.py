@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import numpy as np
@@ -138,13 +139,13 @@ def _trajectory_table(task: TrafficTask, recording: Recording) -> pa.Table:
             "callsign": pa.DictionaryArray.from_arrays(
                 aircraft.astype(np.int32), callsigns(task.aircraft)
             ),
-            **{name: _rounded(name, values.reshape(-1)[keep]) for name, values in columns.items()},
+            **{name: rounded(name, values.reshape(-1)[keep]) for name, values in columns.items()},
             "status": pa.DictionaryArray.from_arrays(status.reshape(-1)[keep], list(STATUS)),
         }
     )
 
 
-def _rounded(name: str, values: Float[np.ndarray, " rows"]) -> np.ndarray:
+def rounded(name: str, values: Float[np.ndarray, " rows"]) -> np.ndarray:
     """Positions rounded to 1 cm, so that separations can be recomputed; other values as float32."""
     return values.round(7) if name in ("lat", "lon") else values.astype(np.float32)
 
@@ -191,6 +192,34 @@ def clearance_table(
             "text": pa.array([written(each) for each in issued], type=pa.string()),
         }
     )
+
+
+def clearance_rows(
+    cycle: int, issued: Instruction, route: Sequence[str], instructions: int = 1
+) -> list[dict[str, Any]]:
+    """The rows of one transmission: a heading or a fix with a level gives two.
+
+    The value of a clearance direct to a fix is the fix's index in the route.
+    """
+    fix = None if issued.direct_to is None else list(route).index(issued.direct_to)
+    parts = (
+        ("heading", issued.heading_deg, issued.turn),
+        ("direct", fix, None),
+        ("level", issued.level_fl, issued.vertical),
+    )
+    return [
+        {
+            "cycle": cycle,
+            "callsign": issued.callsign,
+            "kind": kind,
+            "value": value,
+            "direction": direction,
+            "instructions": instructions,
+            "text": written(issued),
+        }
+        for kind, value, direction in parts
+        if value is not None
+    ]
 
 
 def _when_adopted(recording: Recording, name: str, adoption: Adoption) -> np.ndarray:

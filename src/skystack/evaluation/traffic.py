@@ -1,28 +1,26 @@
 """Evaluate a controller of a sector on hours of arriving traffic."""
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
-
-import numpy as np
-import pyarrow as pa
 
 from skystack.agents.sector_agents import SECTOR_AGENTS, learned_agent, sector_task_of
 from skystack.agents.transmission import PER_CYCLE, SectorAgent
 from skystack.airspace.sector import Sector
 from skystack.airspace.sectors import sector_from, sector_setting
 from skystack.errors import InputError, exists, unknown_name
-from skystack.evaluation.hour_scores import FlightRow, PairEvent, Scores, score, summary
+from skystack.evaluation.hour_scores import score, summary
+from skystack.evaluation.hour_tables import AppendHour, growing_hours
 from skystack.evaluation.hours import HourFlyer
-from skystack.evaluation.writing import write_table
-from skystack.io.files import make_folder
+from skystack.evaluation.writing import TrafficRecord
 from skystack.learning.policy import Policy
 from skystack.policies.shipped import find_policy, shipped_policies
 from skystack.simulator.arrival_flows import FLIGHT_SCHOOL, STARTERS, Flow, constant_rate
-from skystack.simulator.performance import TICKS_PER_FL, performance
-from skystack.simulator.simulator import CYCLE_S, Simulator
+from skystack.simulator.performance import performance
+from skystack.simulator.simulator import Simulator
 from skystack.tasks.sector_control import SectorControl
 from skystack.tasks.sector_world import World
 
@@ -48,6 +46,8 @@ class TrafficConditions(NamedTuple):
     """A sector to use instead of the agent's."""
     uncertainty: bool = False
     """Whether speeds and rates of climb differ from the nominal ones at random."""
+    safety_net: bool = True
+    """Whether a policy flies with its safety net."""
 
 
 def flow_of(conditions: TrafficConditions, simulator: Simulator) -> Flow:
@@ -84,19 +84,20 @@ def evaluate_traffic(
     """Fly hours of traffic under an agent; returns the row of results.
 
     `controller` is a policy, the name of a shipped one or a folder with one, or one of
-    `SECTOR_AGENTS`. With `out`, tables are written into that folder. Raises InputError for invalid
-    conditions.
+    `SECTOR_AGENTS`. With `out`, tables are written into a subfolder of it (`hours_folder`). Raises
+    InputError for invalid conditions.
     """
     found = find_controller(controller, conditions)
     flyer = HourFlyer(found.world, conditions.cycles, conditions.per_cycle)
     scores, cycles = [], count(1)
-    for number in range(conditions.hours):
-        hour = flyer.fly(found.agent, conditions.seed, number, lambda _: on_cycle(next(cycles)))
-        scores.append(score(found.world.sector, hour))
-    row = summary(scores, found.name, conditions.traffic) | {"per_cycle": conditions.per_cycle}
-    if out is not None:
-        write_hours(out, found, scores)
-    return row
+    with _tables_in(out, found, conditions) as append:
+        for number in range(conditions.hours):
+            hour = flyer.fly(found.agent, conditions.seed, number, lambda _: on_cycle(next(cycles)))
+            scores.append(score(found.world.sector, hour))
+            append(hour, scores[-1])
+    row = summary(scores, found.name, conditions.traffic)
+    safety_net = getattr(found.agent, "safety_net", None)
+    return row | {"per_cycle": conditions.per_cycle, "safety_net": safety_net}
 
 
 class ControlledWorld(NamedTuple):
@@ -112,13 +113,15 @@ class ControlledWorld(NamedTuple):
 def find_controller(controller: str | Policy, conditions: TrafficConditions) -> ControlledWorld:
     """The agent of a name or a policy. Raises InputError if it or its conditions are invalid."""
     if isinstance(controller, str) and controller in SECTOR_AGENTS:
+        if not conditions.safety_net:
+            raise InputError(f"{controller} has no safety net (allowed: without --no-safety-net)")
         world = _world(conditions, "x-plus", PERFORMANCE)
         agent = SECTOR_AGENTS[controller](world, conditions.per_cycle)
         return ControlledWorld(controller, agent, world, PERFORMANCE)
     policy = controller if isinstance(controller, Policy) else _policy(controller)
     task, config = sector_task_of(policy), policy.description.config["task"]
     world = _world(conditions, task.sector, config["performance"])
-    agent = learned_agent(policy, task, world, conditions.per_cycle)
+    agent = learned_agent(policy, task, world, conditions.per_cycle, conditions.safety_net)
     return ControlledWorld(policy.description.experiment, agent, world, config["performance"])
 
 
@@ -138,58 +141,17 @@ def _policy(name: str) -> Policy:
     return find_policy(name)
 
 
-def write_hours(folder: Path, flown: ControlledWorld, scores: list[Scores]) -> None:
-    """Write `flights`, `transmissions`, `losses` and `hours` as Parquet."""
-    make_folder(folder)
-    flights = [(each.hour.number, row) for each in scores for row in each.flights]
-    losses = [(each.hour.number, event) for each in scores for event in each.losses]
-    tables = {
-        "flights": _rows(flights, FlightRow, {"gone": pa.int64()}),
-        "losses": _rows(losses, PairEvent, {"inside_cycle": pa.int64()}),
-        "transmissions": _transmissions(scores),
-        "hours": pa.table(
-            {
-                "hour": [each.hour.number for each in scores],
-                "lax_s": [each.lax_s for each in scores],
-                "lax_without_births_s": [each.lax_without_births_s for each in scores],
-                "strict_s": [each.strict_s for each in scores],
-                "decision_ms_median": [float(np.median(each.hour.decision_ms)) for each in scores],
-            }
-        ),
-    }
-    for name, table in tables.items():
-        write_table(folder / f"{name}.parquet", table, flown.world.sector, flown.performance)
+def hours_folder(out: Path, agent: str, conditions: TrafficConditions) -> Path:
+    """The folder of the tables of an agent on some traffic."""
+    return out / f"{agent}-traffic-{conditions.traffic}-seed-{conditions.seed}"
 
 
-_ARROW = {int: pa.int64(), float: pa.float64(), bool: pa.bool_()}
-
-
-def _rows(
-    rows: list[tuple[int, Any]], kind: type[Any], optional: dict[str, pa.DataType]
-) -> pa.Table:
-    """A table of named tuples, each with the number of its hour."""
-    fields = [("hour", pa.int64())]
-    for name, annotation in kind.__annotations__.items():
-        fields.append((name, optional.get(name) or _ARROW[annotation]))
-    values = [{"hour": number, **row._asdict()} for number, row in rows]
-    return pa.Table.from_pylist(values, schema=pa.schema(fields))
-
-
-def _transmissions(scores: list[Scores]) -> pa.Table:
-    sent = [(each.hour.number, item) for each in scores for item in each.hour.sent]
-    told = [item.transmission for _, item in sent]
-    levels = [each.level_ticks for each in told]
-    return pa.table(
-        {
-            "hour": pa.array([number for number, _ in sent], pa.int64()),
-            "time_s": pa.array([item.cycle * CYCLE_S for _, item in sent], pa.int64()),
-            "flight": pa.array([item.flight for _, item in sent], pa.int64()),
-            "heading_deg": pa.array(
-                [item.transmission.heading_deg for _, item in sent], pa.int64()
-            ),
-            "fix": pa.array([item.transmission.fix for _, item in sent], pa.int64()),
-            "fl": pa.array(
-                [None if level is None else level / TICKS_PER_FL for level in levels], pa.float64()
-            ),
-        }
-    )
+def _tables_in(
+    out: Path | None, found: ControlledWorld, conditions: TrafficConditions
+) -> AbstractContextManager[AppendHour]:
+    """The tables in a folder, or nothing that is written if there is none."""
+    if out is None:
+        return nullcontext(lambda hour, scores: None)
+    folder = hours_folder(out, found.name, conditions)
+    traffic = TrafficRecord(found.name, conditions.traffic, conditions.seed, conditions.uncertainty)
+    return growing_hours(folder, found.world, found.performance, traffic)

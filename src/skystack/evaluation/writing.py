@@ -19,6 +19,8 @@ SECTOR, PERFORMANCE_MODEL, FLEET = b"sector", b"performance", b"fleet"
 SCENARIOS = b"scenarios"
 """Metadata key: the lowest and highest scenario of each row group, as JSON. Readers use it to find
 scenarios, because pyarrow aborts the process when it reads the statistics of a damaged file."""
+TRAFFIC = b"traffic"
+"""Metadata key: the traffic and the agent, as JSON, if the scenarios are hours of traffic."""
 EVALUATION = b"evaluation"
 """Metadata key: a digest that tables have in common only if they were written together."""
 GROUP_ROWS = 65_536
@@ -28,12 +30,34 @@ Append = Callable[[Mapping[str, pa.Table]], None]
 """Appends a part to each table of a folder, by name."""
 
 
+class TrafficRecord(msgspec.Struct, frozen=True):
+    """Which arriving traffic was flown, under which agent."""
+
+    agent: str
+    traffic: str
+    """Flights per hour, or the name of the traffic."""
+    seed: int
+    uncertainty: bool
+
+    def is_same_as(self, other: "TrafficRecord | None") -> bool:
+        """Whether the traffic is the same, under whichever agent."""
+        return other is not None and self == msgspec.structs.replace(other, agent=self.agent)
+
+
 def table_metadata(
-    sector: Sector, performance: str, types: Sequence[AircraftType] = ()
+    sector: Sector,
+    performance: str,
+    types: Sequence[AircraftType] = (),
+    traffic: TrafficRecord | None = None,
 ) -> dict[bytes, bytes]:
-    """The metadata of every table: sector, performance model and, if there is one, fleet."""
+    """The metadata of every table: sector, performance model and, if there is one, fleet.
+
+    `traffic` is that of tables of hours.
+    """
     fleet = {FLEET: msgspec.json.encode(types)} if types else {}
-    return {SECTOR: msgspec.json.encode(sector), PERFORMANCE_MODEL: performance.encode()} | fleet
+    arriving = {} if traffic is None else {TRAFFIC: msgspec.json.encode(traffic)}
+    known = {SECTOR: msgspec.json.encode(sector), PERFORMANCE_MODEL: performance.encode()}
+    return known | fleet | arriving
 
 
 def write_table(

@@ -63,6 +63,11 @@ def draw_route_and_trail(
 ) -> None:
     """Draw the route and the trail of an aircraft."""
     draw_route(axes, route_nm, colour)
+    draw_trail(axes, trail_nm, colour)
+
+
+def draw_trail(axes: Axes, trail_nm: Float[np.ndarray, "rows 2"], colour: str) -> None:
+    """Draw the positions that an aircraft has passed."""
     axes.plot(*trail_nm.T, color=colour, **TRAIL)
 
 

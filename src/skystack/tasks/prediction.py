@@ -29,6 +29,11 @@ HORIZON_S = float(TIMES_S[-1])
 MAX_HALF_TURN_RAD = float(np.arctan(EARLIEST_TURN_RADII))
 """Half of the sharpest turn that is predicted at a fix. It begins `EARLIEST_TURN_RADII` before the
 fix, and no turn in the simulator begins earlier, so sharper turns are predicted like it."""
+LEAVES_LATE_S = 12.0
+"""A flight counts until the end of the cycle in which it crosses its exit edge, which may be 0.5 NM
+beyond the exit fix."""
+PASSED_NM = 1.0
+"""A flight this far beyond its exit fix that is still there has missed its exit."""
 LEGS = 6
 """The number of legs of a route that are predicted."""
 
@@ -143,7 +148,7 @@ class Segments(NamedTuple):
     flown: Float[Array, "segments slots *batch"]
     """The length that is flown in each: that of an arc where the segment is its chord."""
     exit_at: Rows
-    """The length that is flown until the exit fix."""
+    """The length that is flown until the exit fix; if that has been missed, until the last fix."""
 
 
 def path_along_route(
@@ -164,7 +169,8 @@ def path_along_route(
         east = east + part * path.east[number][None]
         north = north + part * path.north[number][None]
         left = jnp.maximum(left - flown, 0.0)
-    return PredictedPath(east, north, path.exit_at / jnp.maximum(speed, 1e-9))
+    until_s = path.exit_at / jnp.maximum(speed, 1e-9) + LEAVES_LATE_S
+    return PredictedPath(east, north, until_s)
 
 
 def _segments(
@@ -179,7 +185,7 @@ def _segments(
     for vector, _ in pieces:
         begin = begin + vector
     total = sum((flown for _, flown in pieces), start=jnp.zeros_like(speed))
-    exit_at, lead_before = jnp.zeros_like(speed), jnp.zeros_like(speed)
+    exit_at, lead_before = _beyond_exit_fix(sector, traffic), jnp.zeros_like(speed)
     ahead = direction(heading)
     for number in range(LEGS):
         at = fix_of(table, traffic.route, jnp.minimum(fix + number, last))
@@ -204,6 +210,23 @@ def _segments(
     vectors = jnp.stack([vector for vector, _ in pieces])
     flown = jnp.stack([flown for _, flown in pieces])
     return Segments(vectors[:, :, 0], vectors[:, :, 1], flown, exit_at)
+
+
+def _beyond_exit_fix(sector: Sector, traffic: Traffic) -> Rows:
+    """The length to be flown until a flight leaves whose next fix is the last one of its route.
+
+    Turns at fixes begin early, so its exit may still be ahead.
+    """
+    table, route = sector.route_table, traffic.route
+    last = value_of(table.last_fix, route)
+    exit_fix, last_fix = fix_of(table, route, last - 1), fix_of(table, route, last)
+    leg = last_fix - exit_fix
+    unit = leg / jnp.maximum(length(leg), 1e-6)[:, None]
+    to_exit = dot(exit_fix - traffic.position_nm, unit)
+    scale = sector.plane.scale(traffic.position_nm[:, 1])
+    missed = to_exit < -PASSED_NM * scale
+    to_last = length(last_fix - traffic.position_nm)
+    return jnp.where(missed, to_last, jnp.maximum(to_exit, 0.0))
 
 
 Piece = tuple[Float[Array, "slots 2 *batch"], Rows]

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -26,8 +27,8 @@ from skystack.reporting.radar import (
     colour_of,
     draw_aircraft,
     draw_route,
-    draw_route_and_trail,
     draw_scale_bar,
+    draw_trail,
 )
 from skystack.reporting.replay.frames import Picture, Texts, TrafficPicture, lowest_row_first
 from skystack.reporting.replay.recording import RecordedAircraft, Replay, ReplayScenario
@@ -51,6 +52,8 @@ LATEST = 3
 """The number of latest clearances that are written below the picture."""
 MAX_PAIRS = 2
 """The number of pairs in a loss of separation that are named."""
+SHORT_TRAIL = 20
+"""The length of trails in arriving traffic, in cycles."""
 MAX_FRAMES = 2000
 """The maximum number of frames of a film. All are in memory while it is written."""
 
@@ -219,12 +222,12 @@ class _Scene:
             axes.set_title(_title(replay, scenario, row))
             lost = _in_loss(scenario, row)
             for number, flown in enumerate(scenario.aircraft):
-                trail = flown.position_nm[self._span.begin : row + 1]
-                draw_route_and_trail(
-                    axes, replay.sector.path_nm(flown.route), trail, colour_of(number)
-                )
-                if row < len(flown.fl):
-                    colour = VERMILION if number in lost else colour_of(number)
+                colour = colour_of(number)
+                if not scenario.has_arrivals:
+                    draw_route(axes, replay.sector.path_nm(flown.route), colour)
+                draw_trail(axes, _trail(scenario, number, self._span.begin, row), colour)
+                if flown.flies_at(row):
+                    colour = VERMILION if number in lost else colour
                     ring_nm = replay.sector.separation_nm if number in lost else 0.0
                     draw_aircraft(axes, _blip(replay.sector, flown, row), colour, ring_nm)
             _write_clearances(axes, scenario, row)
@@ -242,7 +245,8 @@ class _FilmScene(_Scene):
             colours = [colour_of(aircraft) for aircraft in range(len(scenario.aircraft))]
             routes = (flown.route for flown in scenario.aircraft)
             for route, colour in dict.fromkeys(zip(routes, colours, strict=True)):
-                draw_route(axes, replay.sector.path_nm(route), colour)
+                if not scenario.has_arrivals:
+                    draw_route(axes, replay.sector.path_nm(route), colour)
             self._traffic.append(TrafficPicture(axes, colours, texts))
             axes.set_title("").set_animated(True)
         for _, artist in self._fix_names:
@@ -264,11 +268,13 @@ class _FilmScene(_Scene):
         self._canvas.restore_region(self._background)  # type: ignore[no-untyped-call]
         for traffic, (_, _, scenario) in zip(self._traffic, self._contents, strict=True):
             begin = self._span.begin
-            traffic.draw_trails([one.position_nm[begin : row + 1] for one in scenario.aircraft])
+            traffic.draw_trails(
+                [_trail(scenario, n, begin, row) for n in range(len(scenario.aircraft))]
+            )
         renderer.draw_image(renderer.new_gc(), 0, 0, self._names_layer)
         for traffic, (axes, replay, scenario) in zip(self._traffic, self._contents, strict=True):
             lost = _in_loss(scenario, row)
-            flying = [n for n, flown in enumerate(scenario.aircraft) if row < len(flown.fl)]
+            flying = [n for n, flown in enumerate(scenario.aircraft) if flown.flies_at(row)]
             traffic.draw_aircraft(
                 [_blip(replay.sector, scenario.aircraft[number], row) for number in flying],
                 [VERMILION if number in lost else colour_of(number) for number in flying],
@@ -348,16 +354,30 @@ def _write_clearances(axes: Axes, scenario: ReplayScenario, row: int) -> list[Te
     return texts
 
 
+def _trail(scenario: ReplayScenario, number: int, begin: int, row: int) -> Float[np.ndarray, "_ 2"]:
+    """The positions of an aircraft from row `begin` to a row, as far as it was there.
+
+    In arriving traffic, trails are short, and flights that have left have none.
+    """
+    flown = scenario.aircraft[number]
+    if scenario.has_arrivals:
+        if not flown.flies_at(row):
+            return flown.position_nm[:0]
+        begin = max(begin, row - SHORT_TRAIL)
+    return flown.position_nm[max(begin - flown.begins, 0) : max(row + 1 - flown.begins, 0)]
+
+
 def _blip(sector: Sector, flown: RecordedAircraft, row: int) -> Blip:
+    at = row - flown.begins
     return Blip(
         flown.callsign,
-        flown.position_nm[row],
-        heading_deg=float(flown.heading_deg[row]),
-        cleared_heading_deg=float(flown.cleared_heading_deg[row]),
-        ground_speed_kt=float(flown.ground_speed_kt[row]),
-        fl=float(flown.fl[row]),
-        cleared_fl=float(flown.cleared_fl[row]),
-        scale=float(sector.plane.scale(flown.position_nm[row, 1:])[0]),
+        flown.position_nm[at],
+        heading_deg=float(flown.heading_deg[at]),
+        cleared_heading_deg=float(flown.cleared_heading_deg[at]),
+        ground_speed_kt=float(flown.ground_speed_kt[at]),
+        fl=float(flown.fl[at]),
+        cleared_fl=float(flown.cleared_fl[at]),
+        scale=float(sector.plane.scale(flown.position_nm[at, 1:])[0]),
     )
 
 

@@ -27,6 +27,8 @@ class Flown(NamedTuple):
     end_fl: float
     exit_fl: int
     clearances: int
+    correct_exit: bool | None = None
+    """Whether it left through its exit at its exit level, if the tables tell."""
 
 
 def counts_clearances(episodes: Iterable[Mapping[str, Any]]) -> bool:
@@ -34,7 +36,9 @@ def counts_clearances(episodes: Iterable[Mapping[str, Any]]) -> bool:
 
     A success with many clearances shows that they are not.
     """
-    return not any(each["success"] and not each.get("few_clearances", True) for each in episodes)
+    return not any(
+        each.get("success") and not each.get("few_clearances", True) for each in episodes
+    )
 
 
 def failures_of(
@@ -42,8 +46,15 @@ def failures_of(
 ) -> tuple[Failure, ...]:
     """The reasons for a failure; none if it succeeded, or if the tables lack the criteria.
 
+    Hours of arriving traffic have no criteria: every excursion and exit at a wrong level is listed.
     `counted` states whether too many clearances can be a reason.
     """
+    if "success" not in episode:
+        listed = (
+            _reason("excursion", aircraft, lambda each: "excursion" in each.status),
+            _reason("wrong_exit_level", aircraft, _is_at_wrong_level),
+        )
+        return tuple(each for each in listed if each.aircraft)
     if episode["success"] or not set(CRITERIA) <= set(episode):
         return ()
     found = []
@@ -70,8 +81,11 @@ def _reason(reason: str, aircraft: Sequence[Flown], applies: Any) -> Failure:
 
 def _is_at_wrong_level(aircraft: Flown) -> bool:
     """Levels are compared in ticks, as in the tasks."""
-    ticks = round(aircraft.end_fl * TICKS_PER_FL)
-    return aircraft.status[-1] == "exited" and ticks != aircraft.exit_fl * TICKS_PER_FL
+    if aircraft.status[-1] != "exited":
+        return False
+    if aircraft.correct_exit is not None:
+        return not aircraft.correct_exit
+    return round(aircraft.end_fl * TICKS_PER_FL) != aircraft.exit_fl * TICKS_PER_FL
 
 
 def _is_inside(aircraft: Flown) -> bool:

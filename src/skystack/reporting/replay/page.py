@@ -26,7 +26,7 @@ from skystack.reporting.replay.side_by_side import read_side_by_side
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
 
-FORMAT = 3
+FORMAT = 4
 PARTS = {"nm": 10_000, "fl": TICKS_PER_FL, "deg": 100, "kt": 10, "ft_min": 1}
 """The resolution of each unit: values are stored as multiples of 1/`PARTS`. Positions must be
 finer than the tolerance of the separation; levels and rates of climb are stored exactly."""
@@ -39,7 +39,7 @@ SCRIPTS = (
 
 
 def write_replay(
-    runs: Sequence[Path], output: Path, scenarios: int = 100, only: int | None = None
+    runs: Sequence[Path], output: Path, scenarios: int | None = None, only: int | None = None
 ) -> dict[str, Any]:
     """Write the page of one run, or of two side by side; the arguments as for `read_replay`.
 
@@ -143,6 +143,7 @@ def _aircraft(flown: RecordedAircraft) -> dict[str, Any]:
         "entry_fl": flown.entry_fl,
         "exit_fl": flown.exit_fl,
         "exit_offset_nm": flown.exit_offset_nm,
+        "begins": flown.begins,
         "rows": len(flown.status),
         "x": _second_differences(flown.position_nm[:, 0], "nm"),
         "y": _second_differences(flown.position_nm[:, 1], "nm"),

@@ -18,6 +18,7 @@ from skystack.airspace.sector import Sector
 from skystack.errors import InputError, exists, printable
 from skystack.evaluation.losses import FlightPath, Loss, losses
 from skystack.evaluation.stored import (
+    MAX_FLIGHTS,
     check_aircraft,
     check_same_evaluation,
     has_column,
@@ -26,7 +27,9 @@ from skystack.evaluation.stored import (
     rows_of,
     sector_of,
     tables_disagree,
+    traffic_of,
 )
+from skystack.evaluation.writing import TrafficRecord
 from skystack.platforms.registry import OWN
 from skystack.reporting.replay.outcome import (
     CRITERIA,
@@ -35,12 +38,17 @@ from skystack.reporting.replay.outcome import (
     counts_clearances,
     failures_of,
 )
+from skystack.simulator.limits import MAX_AIRCRAFT
 
+SCENARIOS, HOURS = 100, 5
+"""The default numbers of scenarios and of hours of arriving traffic in a replay."""
 NUMBERS = (
     *("lat", "lon", "fl", "heading_deg", "cleared_heading_deg", "cleared_fl"),
     *("ground_speed_kt", "vertical_speed_ft_min"),
 )
 """The columns of the trajectories that are drawn."""
+OPTIONAL = ("exit_offset_nm", "birth_cycle", "correct_exit")
+"""Columns of the aircraft that only some tables have."""
 CLEARANCE = ("callsign", "cycle", "kind", "value", "direction", "instructions", "text")
 FLYING = "in_sector"
 
@@ -63,7 +71,10 @@ class RecordedClearance(NamedTuple):
 
 @dataclass(frozen=True)
 class RecordedAircraft:
-    """One aircraft, from its start in row 0 to the row in which it has exited, if it does."""
+    """One aircraft, from the row in which it appears to that in which it has exited, if it does.
+
+    Its arrays have one value for each of these rows.
+    """
 
     callsign: str
     type: str
@@ -82,6 +93,18 @@ class RecordedAircraft:
     """One per row, as in the tables."""
     exit_offset_nm: float | None = None
     """The distance from its exit fix at the exit; None if it does not exit or is not recorded."""
+    begins: int = 0
+    """The row in which it appears; above 0 only for arriving traffic."""
+    correct_exit: bool | None = None
+    """Whether it left at its exit level, if the tables tell."""
+
+    @property
+    def ends(self) -> int:
+        """The row after its last one."""
+        return self.begins + len(self.fl)
+
+    def flies_at(self, row: int) -> bool:
+        return self.begins <= row < self.ends
 
 
 @dataclass(frozen=True)
@@ -91,12 +114,17 @@ class ReplayScenario:
     number: int
     cycles: int
     success: bool | None
-    """None if the scenario was not evaluated."""
+    """None if the scenario was not evaluated, or is an hour of arriving traffic."""
     aircraft: tuple[RecordedAircraft, ...]
     clearances: tuple[RecordedClearance, ...]
     losses: tuple[Loss, ...]
     failures: tuple[Failure, ...] = ()
-    """Why it did not succeed; empty if it did, or if the tables do not tell."""
+    """Why it did not succeed, or what happened to flights in arriving traffic; empty if there is
+    nothing to tell."""
+
+    @property
+    def has_arrivals(self) -> bool:
+        return any(each.begins for each in self.aircraft)
 
     @property
     def transmissions(self) -> list[RecordedClearance]:
@@ -114,11 +142,14 @@ class Replay:
     title: str
     sector: Sector
     scenarios: tuple[ReplayScenario, ...]
+    traffic: TrafficRecord | None = None
+    """The arriving traffic, if the scenarios are hours of it."""
 
 
-def read_replay(path: Path, scenarios: int = 100, only: int | None = None) -> Replay:
+def read_replay(path: Path, scenarios: int | None = None, only: int | None = None) -> Replay:
     """Read an evaluation's first scenarios, or the scenario in a `.parquet` file of `simulate`.
 
+    `scenarios` is their number: by default `SCENARIOS`, or `HOURS` hours of arriving traffic.
     `only` selects a single scenario by its number instead. `path` may also be a folder that
     contains exactly one evaluation. Raises InputError that names a missing or damaged table, a
     missing scenario, or the evaluations to choose from.
@@ -153,25 +184,27 @@ def _evaluation_in(path: Path) -> Path:
     raise InputError(f"{path}: contains {len(found)} evaluations: choose one or two of {names}")
 
 
-def _evaluation(folder: Path, count: int, number: int | None) -> Replay:
+def _evaluation(folder: Path, count: int | None, number: int | None) -> Replay:
     episodes = _episodes(folder, count, number)
     only = [("scenario", "in", episodes["scenario"].to_pylist())]
     path = folder / "trajectories.parquet"
     flown = read_table(path, ("scenario", "cycle", "callsign", "status", *NUMBERS), only)
     columns = ("scenario", "callsign", "type", "route", "entry_fl", "exit_fl")
-    entries = _with_optional(folder / "aircraft.parquet", columns, ("exit_offset_nm",), only)
+    entries = _with_optional(folder / "aircraft.parquet", columns, OPTIONAL, only)
     issued = read_table(folder / "clearances.parquet", ("scenario", *CLEARANCE), only)
     check_same_evaluation(folder, (episodes, flown, entries, issued))
     sector = sector_of(path, flown)
     rows, aircraft, clearances = (_by_scenario(table) for table in (flown, entries, issued))
     outcomes = episodes.to_pylist()
     counted = counts_clearances(outcomes)
+    traffic = traffic_of(path, flown)
     return Replay(
-        _title(folder),
+        _title(folder) if traffic is None else _title_of_hours(traffic),
         sector,
         tuple(
             _scenario(sector, path, row, rows, aircraft, clearances, counted) for row in outcomes
         ),
+        traffic,
     )
 
 
@@ -184,11 +217,16 @@ def _with_optional(
     return read_table(path, (*columns, *found), only) if found else table
 
 
-def _episodes(folder: Path, count: int, number: int | None) -> pa.Table:
+def _episodes(folder: Path, count: int | None, number: int | None) -> pa.Table:
     """The rows of the first scenarios, or of one."""
-    path, columns = folder / "episodes.parquet", ("scenario", "cycles", "success", "clearances")
+    path, columns = folder / "episodes.parquet", ("scenario", "cycles", "clearances")
     one = None if number is None else [("scenario", "=", number)]
-    episodes = _with_optional(path, columns, CRITERIA, one).sort_by("scenario").slice(0, count)
+    episodes = read_table(path, columns, one)
+    if traffic_of(path, episodes) is not None:
+        count = HOURS if count is None else count
+    else:  # hours of arriving traffic have no criteria
+        episodes = _with_optional(path, (*columns, "success"), CRITERIA, one)
+    episodes = episodes.sort_by("scenario").slice(0, SCENARIOS if count is None else count)
     if not episodes.num_rows:
         known = read_table(path, ("scenario",))["scenario"].to_numpy()
         if not len(known):
@@ -209,6 +247,13 @@ def _title(folder: Path) -> str:
     return f"{experiment}, {how}" + (f", {platform}" if platform != OWN else "")
 
 
+def _title_of_hours(traffic: TrafficRecord) -> str:
+    """`sector-control, 120 flights/h`."""
+    rate = traffic.traffic.replace(".", "").isdigit()
+    what = f"{traffic.traffic} flights/h" if rate else f"{traffic.traffic} traffic"
+    return printable(f"{traffic.agent}, {what}{', uncertainty' if traffic.uncertainty else ''}")
+
+
 def _scenario(
     sector: Sector,
     path: Path,
@@ -222,19 +267,33 @@ def _scenario(
     if number not in rows or number not in aircraft:
         raise tables_disagree(path.parent, number)
     entries = aircraft[number].to_pylist()
-    check_aircraft(path.parent / "aircraft.parquet", sector, entries)
+    has_arrivals = any("birth_cycle" in entry for entry in entries)
+    most = MAX_FLIGHTS if has_arrivals else MAX_AIRCRAFT
+    check_aircraft(path.parent / "aircraft.parquet", sector, entries, most)
     issued = clearances[number].to_pylist() if number in clearances else []
     flying = tuple(_aircraft(sector, path, rows[number], each) for each in entries)
     cycles = episode["cycles"]
-    flown = _assemble(sector, number, cycles, episode["success"], flying, issued, path)
+    if any(each.ends > cycles + 1 for each in flying):
+        raise tables_disagree(path.parent, number)
+    flown = _assemble(sector, number, cycles, episode.get("success"), flying, issued, path)
     addressed = [each.aircraft for each in flown.clearances]
     known = [
-        Flown(each.status, float(each.fl[-1]), each.exit_fl, addressed.count(index))
+        Flown(
+            each.status,
+            float(each.fl[-1]),
+            each.exit_fl,
+            addressed.count(index),
+            each.correct_exit,
+        )
         for index, each in enumerate(flying)
     ]
     flown = replace(flown, failures=failures_of(episode, known, counted))
-    found = len(issued), len(rows[number])
-    if found != (episode["clearances"], len(entries) * (cycles + 1)):
+    has_all_rows = (
+        sum(len(each.fl) for each in flying) == len(rows[number])
+        if has_arrivals
+        else len(entries) * (cycles + 1) == len(rows[number])
+    )
+    if len(issued) != episode["clearances"] or not has_all_rows:
         raise tables_disagree(path.parent, number)
     return flown
 
@@ -260,7 +319,8 @@ def _aircraft(
 ) -> RecordedAircraft:
     callsign = entry["callsign"]
     own = rows_of(callsign, rows).sort_by("cycle")
-    if not own.num_rows or own["cycle"].to_pylist() != list(range(own.num_rows)):
+    begins = entry.get("birth_cycle", 0)
+    if not own.num_rows or own["cycle"].to_pylist() != list(range(begins, begins + own.num_rows)):
         raise InputError(f"{path}: the rows of {callsign} are not complete")
     status = own["status"].to_pylist()
     end = status.index("exited") + 1 if "exited" in status else len(status)
@@ -272,6 +332,8 @@ def _aircraft(
         entry_fl=float(entry["entry_fl"]),
         exit_fl=entry["exit_fl"],
         exit_offset_nm=entry.get("exit_offset_nm"),
+        begins=begins,
+        correct_exit=entry.get("correct_exit"),
         position_nm=sector.plane.to_plane(columns.pop("lat"), columns.pop("lon")),
         status=tuple(status[:end]),
         **columns,
@@ -295,7 +357,8 @@ def _assemble(
         RecordedClearance(index[row["callsign"]], *(row[name] for name in CLEARANCE[1:]))
         for row in issued
     )
-    lost = tuple(losses(sector, [FlightPath(each.position_nm, each.fl) for each in aircraft]))
+    paths = [FlightPath(each.position_nm, each.fl, each.begins) for each in aircraft]
+    lost = tuple(losses(sector, paths))
     in_order = tuple(sorted(clearances, key=lambda each: each.cycle))
     return ReplayScenario(number, cycles, success, aircraft, in_order, lost)
 

@@ -14,7 +14,7 @@ SAME_START_NM = 0.1
 
 
 def read_side_by_side(
-    runs: Sequence[Path], scenarios: int = 100, only: int | None = None
+    runs: Sequence[Path], scenarios: int | None = None, only: int | None = None
 ) -> tuple[Replay, ...]:
     """Read recordings, as `read_replay` does, and keep the scenarios that they have in common.
 
@@ -34,7 +34,7 @@ def in_common(replays: tuple[Replay, ...]) -> tuple[Replay, ...]:
     """Keep only the scenarios that all recordings contain.
 
     Raises InputError if there are none, if the sectors differ, or if the aircraft or their starts
-    differ.
+    (of hours, the traffic) differ.
     """
     first = replays[0]
     common = {scenario.number for scenario in first.scenarios}
@@ -59,17 +59,28 @@ def _comparable(first: Replay, other: Replay) -> set[int]:
             f"{other.title} is of sector {other.sector.name}, {first.title} of "
             f"{first.sector.name} (allowed: recordings of one sector)"
         )
+    if first.traffic is not None or other.traffic is not None:
+        _check_traffic(first, other)
     known = {scenario.number: scenario for scenario in first.scenarios}
     common = [scenario for scenario in other.scenarios if scenario.number in known]
     if not common:
         raise InputError(f"{first.title} and {other.title} have no scenario in common")
-    for scenario in common:
+    for scenario in common if first.traffic is None else ():
         if not _same_start(known[scenario.number], scenario):
             raise InputError(
                 f"scenario {scenario.number} of {other.title} starts differently from that of "
                 f"{first.title} (allowed: recordings of the same scenarios)"
             )
     return {scenario.number for scenario in common}
+
+
+def _check_traffic(first: Replay, other: Replay) -> None:
+    """Raise InputError unless both are of the same traffic, under whichever agents."""
+    if first.traffic is None or not first.traffic.is_same_as(other.traffic):
+        raise InputError(
+            f"{other.title} is of other traffic than {first.title} (allowed: recordings of the "
+            "same traffic and seed)"
+        )
 
 
 def _same_start(one: ReplayScenario, other: ReplayScenario) -> bool:

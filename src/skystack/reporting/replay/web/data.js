@@ -2,27 +2,30 @@
 
 const CLIMB_FT_MIN = 2000; // for aircraft that never climb or descend in the recording
 
-/** Values from their second differences; those missing at the end are zero. */
-function summed(differences, rows, parts) {
-  const values = new Float64Array(rows);
+/** Values from their second differences; those missing at the end are zero. Before row `begins`, they
+ *  are NaN. */
+function summed(differences, begins, rows, parts) {
+  const values = new Float64Array(begins + rows).fill(NaN, 0, begins);
   let [whole, step] = [0, 0];
   for (let row = 0; row < rows; row++) {
     step += differences[row] ?? 0;
     whole += step;
-    values[row] = whole / parts;
+    values[begins + row] = whole / parts;
   }
   return values;
 }
 
 /** `parts`: the resolution of each unit; values are stored as multiples of 1 / `parts`. */
 function unpackAircraft(packed, parts) {
-  const column = (name, each) => summed(packed[name], packed.rows, each);
+  const { begins, rows } = packed;
+  const column = (name, each) => summed(packed[name], begins, rows, each);
   const climbFtMin = column("climb_ft_min", parts.ft_min);
   return {
     callsign: packed.callsign,
     type: packed.type,
     route: packed.route,
-    rows: packed.rows,
+    begins, // the row in which it appears
+    rows: begins + rows, // the row after its last one
     entryFl: packed.entry_fl,
     exitFl: packed.exit_fl,
     exitOffsetNm: packed.exit_offset_nm, // null if it has not exited, or if it is not recorded
@@ -34,8 +37,8 @@ function unpackAircraft(packed, parts) {
     clearedFl: column("cleared_fl", parts.fl),
     speedKt: column("speed_kt", parts.kt),
     climbFtMin,
-    maxClimbFtMin: Math.max(...climbFtMin.map(Math.abs)) || CLIMB_FT_MIN,
-    status: packed.status,
+    maxClimbFtMin: Math.max(...climbFtMin.subarray(begins).map(Math.abs)) || CLIMB_FT_MIN,
+    status: packed.status.map(([row, status]) => [begins + row, status]),
   };
 }
 
@@ -55,6 +58,7 @@ function unpackScenario(packed, parts) {
   }));
   return {
     cycles: packed.cycles,
+    hasArrivals: aircraft.some((each) => each.begins > 0),
     success: packed.success,
     failures: packed.failures,
     aircraft,
@@ -64,13 +68,19 @@ function unpackScenario(packed, parts) {
   };
 }
 
+/** The status at a row, or before it has appeared, that in its first row. */
 function statusAt(aircraft, row) {
-  return aircraft.status.findLast(([from]) => from <= row)[1];
+  const { status } = aircraft;
+  return (status.findLast(([from]) => from <= row) ?? status[0])[1];
 }
 
-/** The aircraft on the radar. One that has exited is still shown in its last row. */
+/** Whether an aircraft is on the radar. One that has exited is still shown in its last row. */
+function isFlying(aircraft, row) {
+  return aircraft.begins <= row && row < aircraft.rows;
+}
+
 function onRadar(scenario, row) {
-  return scenario.aircraft.filter((aircraft) => row < aircraft.rows);
+  return scenario.aircraft.filter((aircraft) => isFlying(aircraft, row));
 }
 
 /** A heading as spoken: three digits, north is 360. */

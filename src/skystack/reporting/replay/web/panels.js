@@ -1,6 +1,7 @@
 // The panels next to a radar: title, verdict, count, strips, log. Recorded text is never markup.
 
 const STRIP_CLEARANCES = 12; // the latest ones; the log has all
+const KEPT_ROWS = 20; // the strip of an aircraft that has left arriving traffic stays for two minutes
 
 function element(tag, className = "", text = "") {
   const made = document.createElement(tag);
@@ -29,7 +30,10 @@ function reasonsOf({ failures, aircraft }) {
 
 function verdictOf(scenario) {
   const lost = scenario.losses.length > 0;
-  if (scenario.success === null) return lost ? "separation lost" : ""; // not evaluated
+  if (scenario.success === null) {
+    // Not evaluated, or an hour of arriving traffic.
+    return [...reasonsOf(scenario), ...(lost ? ["separation lost"] : [])].join("; ");
+  }
   if (scenario.success) return lost ? "success, but separation lost" : "success";
   const reasons = reasonsOf(scenario).join(", ");
   return `failed${reasons && `: ${reasons}`}${lost ? "; separation lost" : ""}`;
@@ -106,6 +110,8 @@ class Panels {
     const own = new Map(this.scenario.aircraft.map(({ callsign }) => [callsign, []]));
     for (const each of issued) own.get(each.callsign).push(each);
     for (const each of this.rows) {
+      each.item.hidden = this.scenario.hasArrivals && !this.isAbout(each.aircraft, row);
+      if (each.item.hidden) continue;
       this.showStrip(each, row, own.get(each.aircraft.callsign));
       each.item.classList.toggle("hidden-level", !isShown(each.aircraft));
     }
@@ -119,6 +125,13 @@ class Panels {
     this.notes.measured.setAttribute("aria-live", this.player.playing ? "off" : "polite");
     setText(this.notes.measured, line ? measureWords(line) : "");
     setText(this.notes.levels, display.isFiltered ? band : "");
+  }
+
+  /** Whether an aircraft is on the radar, has just left it, or is selected: those with a strip in
+   *  arriving traffic. */
+  isAbout(aircraft, row) {
+    const isRecent = aircraft.begins <= row && row < aircraft.rows + KEPT_ROWS;
+    return isRecent || (this.player.isSelected(aircraft.callsign) && aircraft.begins <= row);
   }
 
   showStrip({ aircraft, button, now, state, exit, summary }, row, own) {

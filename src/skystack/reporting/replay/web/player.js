@@ -3,6 +3,8 @@
 const SPEEDS = [1, 2, 5, 10, 20, 30, 60];
 const SMOOTH_UP_TO = 10; // times real time; at higher speeds, rows change too fast for interpolation
 
+const callsignsOf = (run) => run.aircraft.map((aircraft) => aircraft.callsign);
+
 class Player {
   /** `changed(what)` is called with "scenario", "row", "selection" or "playing". */
   constructor(replay, changed) {
@@ -31,7 +33,7 @@ class Player {
     this.lastRow = Math.max(...this.runs.map((run) => run.cycles));
     const rows = this.runs.flatMap((run) => run.clearances.map((issued) => issued.row));
     this.clearanceRows = [...new Set(rows)].sort((one, other) => one - other);
-    this.callsigns = this.runs[0].aircraft.map((aircraft) => aircraft.callsign);
+    this.callsigns = [...new Set(this.runs.flatMap(callsignsOf))];
     if (!this.callsigns.includes(this.partner)) this.partner = null;
     if (!this.callsigns.includes(this.selected)) [this.selected, this.partner] = [this.partner, null];
     this.changed("scenario");

@@ -56,7 +56,7 @@ class Profile {
 }
 
 function profileText(aircraft, row) {
-  const last = Math.min(row, aircraft.rows - 1);
+  const last = Math.min(Math.max(row, aircraft.begins), aircraft.rows - 1);
   const level = (fl) => `FL${String(Math.round(fl)).padStart(3, "0")}`;
   const now = `${level(aircraft.fl[last])}, cleared ${level(aircraft.clearedFl[last])}`;
   return `${aircraft.callsign} ${now}, in ${level(aircraft.entryFl)}, out ${level(aircraft.exitFl)}`;
@@ -64,8 +64,8 @@ function profileText(aircraft, row) {
 
 function profileAxes(pen, aircraft, lastRow) {
   const levels = aircraft.flatMap((each) => [
-    ...each.fl,
-    ...each.clearedFl,
+    ...each.fl.subarray(each.begins),
+    ...each.clearedFl.subarray(each.begins),
     each.entryFl,
     each.exitFl,
   ]);
@@ -98,9 +98,11 @@ function drawProfileGrid(pen, axes, { lastRow, replay }) {
 
 /** Flown levels as a solid line, cleared levels as a dashed one. */
 function drawLevels(pen, axes, aircraft, colour) {
-  const flown = [...aircraft.fl].map((fl, row) => [axes.x(row), axes.y(fl)]);
-  const cleared = [...aircraft.clearedFl].flatMap((fl, row) => {
-    const before = row ? aircraft.clearedFl[row - 1] : fl;
+  const rows = Array.from(aircraft.fl.keys()).slice(aircraft.begins);
+  const flown = rows.map((row) => [axes.x(row), axes.y(aircraft.fl[row])]);
+  const cleared = rows.flatMap((row) => {
+    const fl = aircraft.clearedFl[row];
+    const before = row > aircraft.begins ? aircraft.clearedFl[row - 1] : fl;
     const at = [axes.x(row), axes.y(fl)];
     return before === fl ? [at] : [[axes.x(row), axes.y(before)], at];
   });

@@ -169,7 +169,7 @@ function ahead(pen, aircraft, row, position, degrees, seconds) {
 /** The trail of an aircraft; older positions are fainter. */
 function drawTrail(pen, aircraft, row, { colour, trailRows }) {
   const { g } = pen;
-  const rows = Math.min(trailRows, row);
+  const rows = Math.min(trailRows, row - aircraft.begins);
   g.fillStyle = colour;
   for (let back = 1; back <= rows; back++) {
     const [x, y] = pen.at(aircraft.xNm[row - back], aircraft.yNm[row - back]);

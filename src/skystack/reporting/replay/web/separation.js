@@ -122,7 +122,7 @@ function lossText(plane, scenario, [first, second], row, limits, within) {
  * distance. `limits`: distances below `nm` with level differences below `fl` are a loss.
  */
 function encountersAt(plane, scenario, row, limits) {
-  const shown = scenario.aircraft.map((each) => row < each.rows);
+  const shown = scenario.aircraft.map((each) => isFlying(each, row));
   const paths = scenario.aircraft.map((each, index) => shown[index] && projected(plane, each, row));
   const exited = scenario.aircraft.map((each) => statusAt(each, row) === "exited");
   const bounds = boundsOf(paths);
