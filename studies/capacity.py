@@ -4,24 +4,26 @@
         [--out DIR]
 
 Flies hours of traffic (seed 1) under every agent, by default the built-in agents and the shipped
-policy, and prints a Markdown table for each agent. Finished rows in DIR are reused, so the command
-can be interrupted and repeated.
+policy, prints a Markdown table, and writes a page with capacity and survival curves. Finished
+evaluations in DIR are reused, so the command can be interrupted and repeated.
 """
 
 import argparse
-import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from skystack.agents.sector_agents import SECTOR_AGENTS
-from skystack.errors import InputError, checked_integer
-from skystack.evaluation.traffic import TrafficConditions, evaluate_traffic, find_controller
-from skystack.io.files import atomic_write, make_folder
-from skystack.reporting.hour_table import losses
-from skystack.reporting.table import Table
-from skystack.reporting.tables import percent
+from skystack.errors import InputError, checked_integer, exists
+from skystack.evaluation.hour_row import FILE, HourRow, read_row
+from skystack.evaluation.traffic import (
+    TrafficConditions,
+    evaluate_traffic,
+    find_controller,
+    hours_folder,
+)
+from skystack.io.files import make_folder
+from skystack.reporting.hours_report import REPORT, hours_table, write_hours_report
 from skystack.tasks.sector_control import SectorControl
 from studies.parallel import run_pieces
 
@@ -29,52 +31,15 @@ TRAFFIC = ("30", "60", "120", "200", "category")
 SEED = 1
 
 
-def row_of(agent: str, conditions: TrafficConditions, out: Path) -> dict[str, Any]:
-    """The row of an agent on some traffic, from its file if it has been flown before."""
-    uncertain = "-uncertain" if conditions.uncertainty else ""
-    path = out / f"{Path(agent).name}-{conditions.traffic}-{conditions.hours}{uncertain}.json"
-    if path.exists():
-        known: dict[str, Any] = json.loads(path.read_text())
-        return known
-    row = evaluate_traffic(agent, conditions)
-    atomic_write(path, (json.dumps(row, indent=1) + "\n").encode())
-    return row
+def row_of(agent: str, name: str, conditions: TrafficConditions, out: Path) -> HourRow:
+    """The row of an agent on some traffic, from its folder if it has been flown before.
 
-
-def table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """One line per traffic, for the rows of one agent."""
-    header = (
-        "traffic",
-        "flights",
-        "losses of separation (at birth)",
-        "correct exits",
-        "excursions",
-        "transmissions per flight",
-        "worst minute",
-        "fail-safe",
-        "extra distance",
-        "lax score, s",
-        "strict score, s",
-        "decision, ms",
-    )
-    lines = [
-        (
-            str(row["traffic"]),
-            f"{row['flights']:,}",
-            losses(row),
-            percent(row["correct_exit_rate"]),
-            percent(row["excursion_rate"]),
-            f"{row['transmissions_per_flight']:.2f}",
-            str(row["transmissions_worst_minute"]),
-            percent(row["fail_safe_rate"]),
-            percent(row["extra_miles_rate"]),
-            f"{row['lax_s_mean']:,.0f}",
-            f"{row['strict_s_mean']:,.0f}",
-            f"{row['decision_ms_median']:.1f}",
-        )
-        for row in rows
-    ]
-    return Table(header, tuple(lines))
+    `name` is that in the row.
+    """
+    folder = hours_folder(out, name, conditions)
+    if not exists(folder / FILE):
+        evaluate_traffic(agent, conditions, out)
+    return read_row(folder)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -97,15 +62,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 conditions = TrafficConditions(
                     traffic, options.hours, SEED, uncertainty=options.uncertainty
                 )
-                find_controller(agent, conditions)  # raises for mistakes before anything is flown
-                pieces.append((agent, conditions, make_folder(options.out)))
+                # Raises for mistakes before anything is flown.
+                name = find_controller(agent, conditions).name
+                pieces.append((agent, name, conditions, make_folder(options.out)))
         rows = run_pieces(row_of, pieces, "evaluations")
     except InputError as error:
         sys.stderr.write(f"{error}\n")
         return 2
-    for agent in agents:
-        mine = [row for piece, row in zip(pieces, rows, strict=True) if piece[0] == agent]
-        sys.stdout.write(f"\n### {agent}\n\n{table(mine).as_markdown()}\n")
+    write_hours_report(rows, options.out / REPORT)
+    sys.stdout.write(hours_table(rows).as_markdown())
     return 0
 
 

@@ -1,5 +1,6 @@
 """Rows, results and trainings made by hand, with a different value in each column."""
 
+from skystack.evaluation.hour_row import HourRow
 from skystack.reporting.results import Paper, Results, Row, Training
 
 
@@ -20,3 +21,30 @@ def results(**changes):
 
 def training(experiment, seed=0):
     return Training(experiment, seed, 2_007_040, 62.0, 32371.6)
+
+
+def hour_row(agent, traffic, **changed):
+    """A row of an hour of traffic."""
+    values = {
+        "agent": agent,
+        "traffic": traffic,
+        "hours": 2.0,
+        "seed": 1,
+        "per_cycle": 5,
+        "uncertainty": False,
+        "safety_net": None,
+        "flights": 1234,
+        "losses_of_separation": 3,
+        "losses_at_birth": 1,
+        "correct_exit_rate": 0.987,
+        "excursion_rate": 0.001,
+        "fail_safe_rate": 0.91,
+        "transmissions_per_flight": 2.345,
+        "transmissions_worst_minute": 10,
+        "extra_miles_rate": 0.012,
+        "lax_s_mean": 3456.7,
+        "lax_s_by_hour": [3313.4, 3600.0],
+        "strict_s_mean": 1234.5,
+        "decision_ms_median": 4.56,
+    }
+    return HourRow(**(values | changed))

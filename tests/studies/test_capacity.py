@@ -1,51 +1,36 @@
 """The study of capacity: its table, its reuse of finished rows, and its errors."""
 
-import json
+from functools import partial
 
+import msgspec
 import pytest
 
-from skystack.evaluation.traffic import TrafficConditions
+from skystack.evaluation.hour_row import write_row
+from skystack.evaluation.traffic import TrafficConditions, hours_folder
 from studies import capacity
-
-ROW = {
-    "traffic": "60",
-    "flights": 1234,
-    "losses_of_separation": 3,
-    "losses_at_birth": 1,
-    "correct_exit_rate": 0.987,
-    "excursion_rate": 0.001,
-    "transmissions_per_flight": 2.345,
-    "transmissions_worst_minute": 10,
-    "fail_safe_rate": 0.91,
-    "extra_miles_rate": 0.012,
-    "lax_s_mean": 3456.7,
-    "strict_s_mean": 1234.5,
-    "decision_ms_median": 4.56,
-}
+from tests.reporting.rows import hour_row
 
 
-def test_a_line_of_the_table_has_the_figures_of_a_row():
-    found = capacity.table([ROW])
-    assert dict(zip(found.header, found.rows[0], strict=True)) == {
-        "traffic": "60",
-        "flights": "1,234",
-        "losses of separation (at birth)": "3 (1)",
-        "correct exits": "98.7 %",
-        "excursions": "0.1 %",
-        "transmissions per flight": "2.35",
-        "worst minute": "10",
-        "fail-safe": "91.0 %",
-        "extra distance": "1.2 %",
-        "lax score, s": "3,457",
-        "strict score, s": "1,234",
-        "decision, ms": "4.6",
-    }
-
-
-def test_finished_rows_are_reused(tmp_path):
+def test_finished_evaluations_are_reused(tmp_path):
     conditions = TrafficConditions("60", 20, 1)
-    (tmp_path / "search-60-20.json").write_text(json.dumps(ROW))
-    assert capacity.row_of("search", conditions, tmp_path) == ROW
+    row = hour_row("search", "60")
+    folder = hours_folder(tmp_path, "search", conditions)
+    folder.mkdir()
+    write_row(folder, msgspec.to_builtins(row))
+    assert capacity.row_of("search", "search", conditions, tmp_path) == row
+
+
+def test_the_study_writes_a_page(tmp_path, capsys, monkeypatch):
+    """With short hours."""
+    monkeypatch.setattr(capacity, "TrafficConditions", partial(TrafficConditions, cycles=20))
+    monkeypatch.setattr(
+        capacity, "run_pieces", lambda work, pieces, what: [work(*each) for each in pieces]
+    )
+    arguments = ["no-op", "--traffic", "60", "--hours", "1", "--out", str(tmp_path)]
+    assert capacity.main(arguments) == 0
+    assert "| no-op" in capsys.readouterr().out
+    assert (tmp_path / "hours.html").exists()
+    assert (tmp_path / "no-op-traffic-60-seed-1" / "row.json").exists()
 
 
 @pytest.mark.parametrize(

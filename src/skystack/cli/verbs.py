@@ -156,10 +156,13 @@ def evaluate(options: argparse.Namespace) -> int:
 
 
 def report(options: argparse.Namespace) -> int:
+    from skystack.evaluation.hour_row import folders_of_hours
     from skystack.reporting.report import write_report
     from skystack.reporting.trainings import is_reproduction
 
     first, *others = options.runs
+    if any(folders_of_hours(each) for each in options.runs):
+        return _report_hours(options)
     if others or not is_reproduction(first):
         return _compare(options)
     if options.output:
@@ -168,6 +171,25 @@ def report(options: argparse.Namespace) -> int:
         )
     path = write_report(first)
     show_results(first, json.loads((first / "results.json").read_bytes()), options.json)
+    say(f"report: {path}")
+    return DONE
+
+
+def _report_hours(options: argparse.Namespace) -> int:
+    import msgspec
+
+    from skystack.cli.console import output
+    from skystack.reporting.hours_report import REPORT, hours_table, read_hours, write_hours_report
+
+    path = options.output or Path(REPORT)
+    if path.suffix not in (".html", ".htm"):
+        raise InputError(f"report: -o {path} (allowed: .html)")
+    rows = read_hours(options.runs)
+    write_hours_report(rows, path)
+    if options.json:
+        print_json({"rows": msgspec.to_builtins(rows)})
+    else:
+        output().print(hours_table(rows).as_rich())
     say(f"report: {path}")
     return DONE
 

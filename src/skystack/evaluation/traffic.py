@@ -12,6 +12,7 @@ from skystack.agents.transmission import PER_CYCLE, SectorAgent
 from skystack.airspace.sector import Sector
 from skystack.airspace.sectors import sector_from, sector_setting
 from skystack.errors import InputError, exists, unknown_name
+from skystack.evaluation.hour_row import write_row
 from skystack.evaluation.hour_scores import score, summary
 from skystack.evaluation.hour_tables import AppendHour, growing_hours
 from skystack.evaluation.hours import HourFlyer
@@ -97,7 +98,15 @@ def evaluate_traffic(
             append(hour, scores[-1])
     row = summary(scores, found.name, conditions.traffic)
     safety_net = getattr(found.agent, "safety_net", None)
-    return row | {"per_cycle": conditions.per_cycle, "safety_net": safety_net}
+    row |= {
+        "seed": conditions.seed,
+        "per_cycle": conditions.per_cycle,
+        "uncertainty": conditions.uncertainty,
+        "safety_net": safety_net,
+    }
+    if out is not None:
+        write_row(hours_folder(out, found.name, conditions), row)
+    return row
 
 
 class ControlledWorld(NamedTuple):
@@ -122,7 +131,10 @@ def find_controller(controller: str | Policy, conditions: TrafficConditions) -> 
     task, config = sector_task_of(policy), policy.description.config["task"]
     world = _world(conditions, task.sector, config["performance"])
     agent = learned_agent(policy, task, world, conditions.per_cycle, conditions.safety_net)
-    return ControlledWorld(policy.description.experiment, agent, world, config["performance"])
+    name = policy.description.experiment
+    if isinstance(controller, str) and controller not in shipped_policies():
+        name += f"-s{policy.description.seed}"
+    return ControlledWorld(name, agent, world, config["performance"])
 
 
 def _world(conditions: TrafficConditions, sector: str | Sector, model: str) -> World:
@@ -143,7 +155,12 @@ def _policy(name: str) -> Policy:
 
 def hours_folder(out: Path, agent: str, conditions: TrafficConditions) -> Path:
     """The folder of the tables of an agent on some traffic."""
-    return out / f"{agent}-traffic-{conditions.traffic}-seed-{conditions.seed}"
+    name = f"{agent}-traffic-{conditions.traffic}-seed-{conditions.seed}"
+    if conditions.per_cycle != PER_CYCLE:
+        name += f"-per-cycle-{conditions.per_cycle}"
+    if conditions.uncertainty:
+        name += "-uncertainty"
+    return out / (name if conditions.safety_net else f"{name}-no-safety-net")
 
 
 def _tables_in(

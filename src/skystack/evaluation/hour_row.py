@@ -1,0 +1,78 @@
+"""The row of results of an agent on hours of traffic, as stored with the tables."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+
+from skystack.errors import MAX_INT, error_context, exists
+from skystack.io.files import atomic_write
+from skystack.io.json_file import read_json
+from skystack.io.validation import convert
+
+FILE = "row.json"
+_Count = Annotated[int, msgspec.Meta(ge=0, le=MAX_INT)]
+_Rate = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+_Value = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
+_Name = Annotated[str, msgspec.Meta(min_length=1, max_length=200)]
+
+
+class HourRow(msgspec.Struct, frozen=True, kw_only=True):
+    """What reports show of a row; the file has more. None where there was nothing to average."""
+
+    agent: _Name
+    traffic: _Name
+    """Flights per hour, or the name of the traffic."""
+    hours: _Value
+    seed: _Count
+    per_cycle: _Count
+    uncertainty: bool
+    safety_net: bool | None
+    """None if the agent has none."""
+    flights: _Count
+    losses_of_separation: _Count
+    losses_at_birth: _Count
+    correct_exit_rate: _Rate | None
+    excursion_rate: _Rate | None
+    fail_safe_rate: _Rate
+    transmissions_per_flight: _Value | None
+    transmissions_worst_minute: _Count
+    extra_miles_rate: _Value | None
+    lax_s_mean: _Value
+    lax_s_by_hour: list[_Value]
+    strict_s_mean: _Value
+    decision_ms_median: _Value
+
+    @property
+    def length_s(self) -> float:
+        """The length of an hour, which may be shorter than one for quick checks."""
+        return 3600.0 * self.hours / max(len(self.lax_s_by_hour), 1)
+
+    @property
+    def flights_per_hour(self) -> float | None:
+        """None for traffic that has a name instead of a rate."""
+        try:
+            return float(self.traffic)
+        except ValueError:
+            return None
+
+
+def write_row(folder: Path, row: Mapping[str, Any]) -> None:
+    """Write a row into the folder of its tables."""
+    atomic_write(folder / FILE, msgspec.json.format(msgspec.json.encode(row), indent=1))
+
+
+def read_row(folder: Path) -> HourRow:
+    """Read the row in a folder. Raises InputError if it is missing or damaged."""
+    path = folder / FILE
+    with error_context(str(path)):
+        row: HourRow = convert(read_json(path), HourRow)
+    return row
+
+
+def folders_of_hours(folder: Path) -> list[Path]:
+    """The folders with rows: the folder itself, or those in it."""
+    if exists(folder / FILE):
+        return [folder]
+    return sorted(path.parent for path in folder.glob(f"*/{FILE}"))

@@ -1,0 +1,133 @@
+"""Figures of hours of traffic: scores against flights per hour, and survival curves."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+
+from skystack.evaluation.hour_row import HourRow
+from skystack.reporting.style import LINES, SERIES, grid_of_axes
+
+Labelled = Sequence[tuple[str, HourRow]]
+"""Rows with the names of their curves."""
+COLUMNS = 3
+"""The maximum number of survival panels in a row."""
+
+
+class Panel(NamedTuple):
+    """A score that is drawn against flights per hour."""
+
+    title: str
+    value: Callable[[HourRow], float | None]
+    scale: str = "linear"
+
+
+def _percent(rate: float | None) -> float | None:
+    return None if rate is None else 100.0 * rate
+
+
+PANELS = (
+    Panel(
+        "losses of separation per 1,000 flights",
+        lambda row: 1000.0 * row.losses_of_separation / row.flights if row.flights else None,
+        "symlog",
+    ),
+    Panel("correct exits, %", lambda row: _percent(row.correct_exit_rate)),
+    Panel("transmissions per flight", lambda row: row.transmissions_per_flight),
+    Panel("lax score, s", lambda row: row.lax_s_mean),
+)
+
+
+def capacity(rows: Labelled) -> Figure | None:
+    """Scores against flights per hour, one curve per name; None if no traffic has a rate."""
+    rated = [(name, row) for name, row in rows if row.flights_per_hour is not None]
+    if not rated:
+        return None
+    figure, panels = grid_of_axes(2, 2, (9.0, 6.4), sharex=True)
+    names = _names(rows)
+    for axes, panel in zip(panels, PANELS, strict=True):
+        axes.set_title(panel.title)
+        axes.set_yscale(panel.scale)
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,g}"))
+        for name in names:
+            points = sorted(
+                (row.flights_per_hour, value)
+                for each, row in rated
+                if each == name and (value := panel.value(row)) is not None
+            )
+            if points:
+                _curve(axes, names, name, np.array(points))
+        axes.set_ylim(bottom=None if panel.title.startswith("correct") else 0.0)
+        axes.margins(y=0.08)
+    for axes in panels[2:]:
+        axes.set_xlabel("flights per hour")
+    _legend(figure, panels)
+    return figure
+
+
+def survival(rows: Labelled) -> Figure:
+    """The share of the hours without a failure so far, as the lax score counts it."""
+    names, kinds = _names(rows), list(dict.fromkeys(row.traffic for _, row in rows))
+    columns, last_s = min(len(kinds), COLUMNS), max(row.length_s for _, row in rows)
+    lines = -(-len(kinds) // columns)
+    size = (max(3.6 * columns, 5.0), 2.9 * lines + 0.5)
+    figure, panels = grid_of_axes(lines, columns, size, sharey=True)
+    for axes, kind in zip(panels, kinds, strict=False):
+        axes.set_title(f"{kind} flights/h" if kind[0].isdigit() else kind)
+        for name in names:
+            own = [row for each, row in rows if (each, row.traffic) == (name, kind)]
+            if own:
+                _curve(axes, names, name, survival_of(own), step=True)
+        axes.set_ylim(0.0, 1.04)
+        axes.set_xlim(0.0, last_s)
+        axes.set_xlabel("time, s")
+    for axes in panels[len(kinds) :]:
+        axes.set_axis_off()
+    for axes in panels[::columns]:
+        axes.set_ylabel("hours without failure")
+    _legend(figure, panels)
+    return figure
+
+
+def survival_of(rows: Sequence[HourRow]) -> Float[np.ndarray, "times 2"]:
+    """Times, and the share of the hours that have not failed by then.
+
+    An hour without a failure does not end the curve. Hours may have different lengths.
+    """
+    ends = [(end, row.length_s) for row in rows for end in row.lax_s_by_hour]
+    times = np.unique([0.0, *(end for end, _ in ends)])
+    failed = [sum(end <= time and end < length for end, length in ends) for time in times]
+    return np.column_stack([times, 1.0 - np.array(failed) / len(ends)])
+
+
+def _names(rows: Labelled) -> list[str]:
+    return list(dict.fromkeys(name for name, _ in rows))
+
+
+def _curve(
+    axes: Axes,
+    names: Sequence[str],
+    name: str,
+    points: Float[np.ndarray, "points 2"],
+    step: bool = False,
+) -> None:
+    number = names.index(name)
+    colour, line = SERIES[number % len(SERIES)], LINES[number // len(SERIES) % len(LINES)]
+    marker = "" if step else "o"
+    how = "steps-post" if step else "default"
+    axes.plot(
+        *points.T, color=colour, linestyle=line, marker=marker, ms=4.0, drawstyle=how, label=name
+    )
+
+
+def _legend(figure: Figure, panels: Sequence[Axes]) -> None:
+    found: dict[str, Artist] = {}
+    for axes in panels:
+        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
+            found.setdefault(name, handle)
+    figure.legend(list(found.values()), list(found), loc="outside upper left", ncols=3)

@@ -1,0 +1,108 @@
+"""The report on hours of traffic: capacity and survival of controllers of a sector."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import skystack
+from skystack.agents.transmission import PER_CYCLE
+from skystack.errors import InputError
+from skystack.evaluation.hour_row import HourRow, folders_of_hours, read_row
+from skystack.io.files import atomic_write
+from skystack.reporting.hour_figures import capacity, survival
+from skystack.reporting.page import picture_of, render
+from skystack.reporting.style import as_svg, house_style
+from skystack.reporting.table import Table
+from skystack.reporting.tables import NOTHING, percent
+
+REPORT = "hours.html"
+
+
+def read_hours(folders: Sequence[Path]) -> list[HourRow]:
+    """The rows in folders that `evaluate --traffic --out` wrote, by agent and traffic.
+
+    Raises InputError for a folder without rows, or with a damaged one.
+    """
+    rows = []
+    for folder in folders:
+        found = folders_of_hours(folder)
+        if not found:
+            raise InputError(
+                f"{folder}: contains no hours of traffic (allowed: folders that evaluate "
+                "--traffic --out wrote)"
+            )
+        rows += [read_row(each) for each in found]
+    return sorted(rows, key=_order)
+
+
+def _order(row: HourRow) -> tuple[str, float, str, int]:
+    rate = row.flights_per_hour
+    return label(row), float("inf") if rate is None else rate, row.traffic, row.seed
+
+
+def label(row: HourRow) -> str:
+    """The agent, and what differs from the defaults."""
+    parts = [row.agent]
+    if row.safety_net is False:
+        parts.append("no safety net")
+    if row.per_cycle != PER_CYCLE:
+        parts.append(f"{row.per_cycle} per cycle")
+    if row.uncertainty:
+        parts.append("uncertainty")
+    return ", ".join(parts)
+
+
+def hours_table(rows: Sequence[HourRow]) -> Table:
+    """One line per row."""
+    header = (
+        "controller",
+        "traffic",
+        "hours",
+        "flights",
+        "losses of separation (at birth)",
+        "correct exits",
+        "excursions",
+        "transmissions per flight",
+        "worst minute",
+        "fail-safe",
+        "extra distance",
+        "lax score, s",
+        "strict score, s",
+        "decision, ms",
+    )
+    return Table(header, tuple(_line(row) for row in rows))
+
+
+def _line(row: HourRow) -> tuple[str, ...]:
+    sent = row.transmissions_per_flight
+    return (
+        label(row),
+        row.traffic,
+        f"{row.hours:g}",
+        f"{row.flights:,}",
+        f"{row.losses_of_separation:,} ({row.losses_at_birth:,})",
+        percent(row.correct_exit_rate),
+        percent(row.excursion_rate),
+        NOTHING if sent is None else f"{sent:.2f}",
+        str(row.transmissions_worst_minute),
+        percent(row.fail_safe_rate),
+        percent(row.extra_miles_rate),
+        f"{row.lax_s_mean:,.0f}",
+        f"{row.strict_s_mean:,.0f}",
+        f"{row.decision_ms_median:.1f}",
+    )
+
+
+def write_hours_report(rows: Sequence[HourRow], output: Path) -> None:
+    """Write the page. Raises InputError if it cannot be written."""
+    labelled = [(label(row), row) for row in rows]
+    with house_style():
+        curves, survivals = capacity(labelled), survival(labelled)
+        page = render(
+            "hours.html.jinja",
+            version=skystack.__version__,
+            capacity=curves and picture_of(as_svg(curves), "Capacity: scores against traffic"),
+            survival=picture_of(as_svg(survivals), "Hours without a failure against time"),
+            table_of_rows=hours_table(rows),
+            seeds=sorted({row.seed for row in rows}),
+        )
+    atomic_write(output, page)

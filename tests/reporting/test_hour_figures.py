@@ -1,0 +1,39 @@
+"""Capacity and survival curves, against their values."""
+
+import numpy as np
+
+from skystack.reporting.hour_figures import capacity, survival, survival_of
+from tests.reporting.rows import hour_row
+
+
+def test_capacity_curves_have_the_values_of_the_rows():
+    rows = [
+        ("one", hour_row("one", "60", losses_of_separation=6, flights=1000, correct_exit_rate=0.9)),
+        ("one", hour_row("one", "30", losses_of_separation=0, transmissions_per_flight=None)),
+        ("one", hour_row("one", "category")),
+    ]
+    losses, exits, transmissions, lax = capacity(rows).axes
+    (line,) = losses.get_lines()
+    np.testing.assert_allclose(line.get_xydata(), [[30.0, 0.0], [60.0, 6.0]])
+    np.testing.assert_allclose(exits.get_lines()[0].get_xydata(), [[30.0, 98.7], [60.0, 90.0]])
+    np.testing.assert_allclose(transmissions.get_lines()[0].get_xydata(), [[60.0, 2.345]])
+    assert len(lax.get_lines()[0].get_xydata()) == 2
+    assert capacity(rows[2:]) is None
+
+
+def test_survival_is_the_share_of_hours_without_failure():
+    rows = [
+        hour_row("one", "60", hours=3.0, lax_s_by_hour=[600.0, 3600.0, 1200.0]),
+        hour_row("one", "60", hours=0.5, lax_s_by_hour=[1800.0]),  # short, without a failure
+    ]
+    expected = [[0.0, 1.0], [600.0, 0.75], [1200.0, 0.5], [1800.0, 0.5], [3600.0, 0.5]]
+    np.testing.assert_allclose(survival_of(rows), expected)
+
+
+def test_survival_has_a_panel_for_each_traffic():
+    rows = [
+        (name, hour_row(name, kind)) for name in ("one", "other") for kind in ("30", "notebook")
+    ]
+    figure = survival(rows)
+    assert [axes.get_title(loc="left") for axes in figure.axes] == ["30 flights/h", "notebook"]
+    assert [len(axes.get_lines()) for axes in figure.axes] == [2, 2]
