@@ -3,6 +3,7 @@
 import numpy as np
 
 from skystack.reporting.hour_figures import capacity, survival, survival_of
+from skystack.reporting.style import house_style
 from tests.reporting.rows import hour_row
 
 
@@ -31,9 +32,8 @@ def test_survival_is_the_share_of_hours_without_failure():
 
 
 def test_survival_has_a_panel_for_each_traffic():
-    rows = [
-        (name, hour_row(name, kind)) for name in ("one", "other") for kind in ("30", "notebook")
-    ]
-    figure = survival(rows)
+    names, kinds = ("one", "other"), ("30", "notebook")
+    with house_style():
+        figure = survival([(name, hour_row(name, kind)) for name in names for kind in kinds])
     assert [axes.get_title(loc="left") for axes in figure.axes] == ["30 flights/h", "notebook"]
     assert [len(axes.get_lines()) for axes in figure.axes] == [2, 2]
