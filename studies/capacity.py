@@ -34,11 +34,14 @@ SEED = 1
 def row_of(agent: str, name: str, conditions: TrafficConditions, out: Path) -> HourRow:
     """The row of an agent on some traffic, from its folder if it has been flown before.
 
-    `name` is that in the row.
+    `name` is the agent's name in the row.
     """
     folder = hours_folder(out, name, conditions)
-    if not exists(folder / FILE):
-        evaluate_traffic(agent, conditions, out)
+    if exists(folder / FILE):
+        row = read_row(folder)
+        if row.hours == conditions.hours:
+            return row
+    evaluate_traffic(agent, conditions, out)
     return read_row(folder)
 
 

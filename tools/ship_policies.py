@@ -43,6 +43,7 @@ CONDITIONS = (
 TRAFFIC = (
     *(TrafficConditions(rate, hours=20, seed=1) for rate in ("120", "60", "30", "200")),
     TrafficConditions("category", hours=20, seed=1),
+    TrafficConditions("120", hours=20, seed=1, safety_net=False),
 )
 """The conditions for policies of sector control."""
 POLICY_FILES = ("policy.safetensors", "policy.json")

@@ -190,10 +190,11 @@ def test_the_card_of_sector_control_has_a_column_for_each_traffic():
     described = find_policy(SECTOR_CONTROL).description
     assert found.sha256 == described.sha256
     traffic = [row["traffic"] for row in found.rows]
-    assert traffic == ["120", "60", "30", "200", "category"]
-    names = [*(f"{rate} flights/h" for rate in (120, 60, 30, 200)), "`category`"]
+    assert traffic == ["120", "60", "30", "200", "category", "120"]
+    names = [*(f"{rate} flights/h" for rate in (120, 60, 30, 200)), "`category`", "120 flights/h"]
     assert f"| | {' | '.join(names)} |" in text.splitlines()
     assert cells(text, "flights") == [f"{row['flights']:,}" for row in found.rows]
+    assert cells(text, "safety net") == ["yes"] * 5 + ["no"]
     assert cells(text, "losses of separation") == [
         f"{row['losses_of_separation']:,}" for row in found.rows
     ]

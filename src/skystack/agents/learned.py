@@ -58,10 +58,10 @@ class Query(NamedTuple):
 
 
 class _Visited(NamedTuple):
-    """What a flight has been cleared to in the course of a burst, to notice when it repeats."""
+    """The clearances that a flight has had in a burst, to detect when the burst repeats itself."""
 
     clearance: Float[Array, "most parts"]
-    """After each number of instructions; NaN if there have not been as many."""
+    """Row k: the clearance after k instructions; NaN in rows that are not reached yet."""
     worth: Float[Array, " most"]
     kept: Int[Array, ""]
     """The index of the clearance to keep, once the burst repeats itself; before that, -1."""
@@ -78,7 +78,7 @@ class _Visited(NamedTuple):
         clearance: Float[Array, " parts"],
         worth: Float[Array, ""],
     ) -> "_Visited":
-        """With what is cleared after `count` instructions."""
+        """Record the clearance after `count` instructions."""
         before = jnp.all(self.clearance == clearance[None], axis=1)
         index = jnp.arange(len(before), dtype=jnp.int32)
         repeated = (index >= jnp.argmax(before).astype(jnp.int32)) & (index < count)
@@ -133,13 +133,13 @@ class Learned:
         query = self._begin(state, self._since)
         begun = query.state
         sent: list[Transmission] = []
-        waits: Bool[np.ndarray, " slots"] = np.array(state.hears)
+        unserved: Bool[np.ndarray, " slots"] = np.array(state.hears)
         while len(sent) < self.per_cycle:
-            wanted = waits & self._wanted(query)
+            wanted = unserved & self._wanted(query)
             if not wanted.any():
                 break
             slot = int(np.argmin(np.where(wanted, np.asarray(query.rank), np.inf)))
-            waits[slot] = False
+            unserved[slot] = False
             told, instructions = self._serve(query, slot)
             transmission = _transmission(begun, told, slot, instructions)
             if transmission is None:
@@ -231,8 +231,8 @@ class Learned:
     def _stack_one(self, query: Query, slot: Int[Array, ""]) -> tuple[ControlState, Int[Array, ""]]:
         """Serve one flight: instruct it until the policy gives no further instruction.
 
-        If the instructions begin to repeat, as climb and descend without end, the flight keeps the
-        one of the repeated clearances that is worth most (`_worth`).
+        If the burst returns to an earlier clearance (climb, descend, climb, ...), the flight keeps
+        the repeated clearance with the highest `_worth`.
 
         Returns the state and the number of instructions. In the state, only the outlook of this
         flight is up to date.
@@ -268,7 +268,7 @@ class Learned:
 
 def _worth(state: ControlState, answer: Answer, slot: Int[Array, ""]) -> Float[Array, ""]:
     """Seconds until a flight would lose separation as cleared, plus the probability that the policy
-    leaves it at that, which breaks ties."""
+    gives no further instruction, which breaks ties."""
     return state.outlook.time_s[0, slot] + answer.waits[0]
 
 
@@ -294,7 +294,7 @@ def _clearance_of(state: ControlState, slot: Int[Array, ""]) -> Float[Array, " p
 def _transmission(
     before: ControlState, after: ControlState, slot: int, instructions: int
 ) -> Transmission | None:
-    """What a flight is told by some instructions in all; None if that is nothing."""
+    """The transmission that combines all instructions to a flight; None if nothing changes."""
     old, new = before.world.traffic, after.world.traffic
     turn = int(new.pending_turn[slot])
     fix = heading = level = None

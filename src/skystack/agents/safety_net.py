@@ -1,9 +1,9 @@
 """A safety net for a learned controller: it acts where the policy would let separation be lost.
 
 A policy sees in its outlook when separation would be lost, and which clearances would prevent it,
-but in rare situations it gives none of them. Controllers' systems have a safety net for such cases,
-the short-term conflict alert. Here it also chooses the clearance: of those in the outlook, the one
-after which separation is predicted to last longest, with the smallest detour.
+but in rare situations it gives none of them. Air traffic control systems have a safety net for such
+cases, short-term conflict alert. The one here also chooses the clearance: of those in the outlook,
+the one after which separation is predicted to last longest, with the smallest detour.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ from skystack.tasks.sector_world import WorldState
 ALERT_S = 120.0
 """The net acts if a loss of separation is predicted within this time."""
 GAIN_S = 60.0
-"""The net acts only if separation is then predicted to last longer by at least this."""
+"""The net acts only if a clearance delays the predicted loss by at least this."""
 CLEARED = WAYS.index("cleared")
 _TURN_COST_FL, _DIRECT_COST_FL = 1000.0, 500.0
 """Any change of level is preferred to a clearance direct, and that to a turn."""
@@ -30,7 +30,7 @@ def way_out(
     """The clearance that the net gives to the flight in a slot.
 
     `time_s` is the flight's outlook: the time until separation would be lost after each clearance
-    of `WAYS`. None if there is no alert, or if nothing helps.
+    of `WAYS`. None if there is no alert, or if no clearance gains `GAIN_S`.
     """
     best = float(np.max(time_s))
     if time_s[CLEARED] >= ALERT_S or best < time_s[CLEARED] + GAIN_S:
@@ -61,7 +61,7 @@ def _ways(sector: Sector, state: WorldState, slot: int) -> list[Transmission]:
 
 
 def _cost(state: WorldState, way: Transmission, exit_level: float) -> float:
-    """What a clearance costs in detours, in flight levels."""
+    """The cost of a clearance, in flight levels. The one with the lowest is chosen."""
     if way.heading_deg is not None:
         now = float(state.traffic.cleared_heading_deg[way.slot])
         return _TURN_COST_FL + abs((way.heading_deg - now + 180.0) % 360.0 - 180.0)

@@ -364,7 +364,11 @@ def _replay_arguments(sub: argparse.ArgumentParser) -> None:
         help="the folder of an evaluation, or the .parquet file of simulate",
     )
     sub.add_argument(
-        "other", type=Path, nargs="?", metavar="OTHER", help="other flights of the same scenarios"
+        "other",
+        type=Path,
+        nargs="?",
+        metavar="OTHER",
+        help="other flights of the same scenarios or traffic",
     )
     sub.add_argument(
         "-o",
@@ -378,7 +382,7 @@ def _replay_arguments(sub: argparse.ArgumentParser) -> None:
         "--scenarios",
         type=_positive,
         metavar="N",
-        help="page: the first N scenarios (default 100; of hours of traffic 5)",
+        help="page: the first N scenarios (default 100; for hours of traffic: 5)",
     )
     sub.add_argument(
         "--scenario", type=_natural, metavar="N", help="picture, film: the scenario (default 0)"

@@ -46,7 +46,7 @@ class HourRow(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def length_s(self) -> float:
-        """The length of an hour, which may be shorter than one for quick checks."""
+        """The length of each hour in seconds: 3,600 unless `--cycles` was given."""
         return 3600.0 * self.hours / max(len(self.lax_s_by_hour), 1)
 
     @property

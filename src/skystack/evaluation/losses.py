@@ -17,12 +17,12 @@ _CYCLES = 128
 """The cycles computed at once, for all pairs. With blocks of a fixed length the program is compiled
 once for each number of aircraft, and the pairs of 200 aircraft take little memory."""
 _ROUNDED = 16
-"""The number of aircraft in a block of cycles is rounded up to a multiple of this, because each
-number is compiled."""
+"""The number of aircraft in a block of cycles is rounded up to a multiple of this, because every
+new number has to be compiled."""
 
 
 class FlightPath(NamedTuple):
-    """The path of one aircraft from the start. It may end earlier than those of others."""
+    """The path of one aircraft. It may begin later and end earlier than those of others."""
 
     position_nm: Float[np.ndarray, "rows 2"]
     """Positions in the sector's plane."""
@@ -109,7 +109,7 @@ def _too_close(sector: Sector, paths: Sequence[FlightPath], begin: int) -> _TooC
     squared_nm2 = compiled_squared_nm2(sector.plane, sector.separation_fl)
     moved = position[..., :-1], position[..., 1:], level[:, :-1], level[:, 1:]
     distance_nm = np.sqrt(np.asarray(squared_nm2(*moved)))
-    # NaN, where the path of one of the two has not begun or has ended, is not below the limit.
+    # The distance is NaN where either path has not begun or has ended: not below the limit.
     pair, cycle = np.nonzero(distance_nm < sector.loss_below_nm)
     index = np.array([*present, *[0] * (count - len(present))], dtype=np.int64)
     first, second = (index[each][pair] for each in np.triu_indices(count, k=1))

@@ -123,7 +123,9 @@ def find_controller(controller: str | Policy, conditions: TrafficConditions) -> 
     """The agent of a name or a policy. Raises InputError if it or its conditions are invalid."""
     if isinstance(controller, str) and controller in SECTOR_AGENTS:
         if not conditions.safety_net:
-            raise InputError(f"{controller} has no safety net (allowed: without --no-safety-net)")
+            raise InputError(
+                f"{controller} has no safety net (allowed: --no-safety-net only with a policy)"
+            )
         world = _world(conditions, "x-plus", PERFORMANCE)
         agent = SECTOR_AGENTS[controller](world, conditions.per_cycle)
         return ControlledWorld(controller, agent, world, PERFORMANCE)
@@ -166,9 +168,15 @@ def hours_folder(out: Path, agent: str, conditions: TrafficConditions) -> Path:
 def _tables_in(
     out: Path | None, found: ControlledWorld, conditions: TrafficConditions
 ) -> AbstractContextManager[AppendHour]:
-    """The tables in a folder, or nothing that is written if there is none."""
+    """Open the tables of `hours_folder`; without `out`, nothing is written."""
     if out is None:
         return nullcontext(lambda hour, scores: None)
     folder = hours_folder(out, found.name, conditions)
-    traffic = TrafficRecord(found.name, conditions.traffic, conditions.seed, conditions.uncertainty)
+    traffic = TrafficRecord(
+        found.name,
+        conditions.traffic,
+        conditions.seed,
+        conditions.uncertainty,
+        getattr(found.agent, "safety_net", None),
+    )
     return growing_hours(folder, found.world, found.performance, traffic)

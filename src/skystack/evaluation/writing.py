@@ -38,10 +38,15 @@ class TrafficRecord(msgspec.Struct, frozen=True):
     """Flights per hour, or the name of the traffic."""
     seed: int
     uncertainty: bool
+    safety_net: bool | None = None
+    """Whether the agent flew with its safety net; None if it has none."""
 
     def is_same_as(self, other: "TrafficRecord | None") -> bool:
-        """Whether the traffic is the same, under whichever agent."""
-        return other is not None and self == msgspec.structs.replace(other, agent=self.agent)
+        """Whether the traffic is the same, whatever the agent."""
+        if other is None:
+            return False
+        same = msgspec.structs.replace(other, agent=self.agent, safety_net=self.safety_net)
+        return self == same
 
 
 def table_metadata(

@@ -97,7 +97,7 @@ def survival(rows: Labelled) -> Figure:
 def survival_of(rows: Sequence[HourRow]) -> Float[np.ndarray, "times 2"]:
     """Times, and the share of the hours that have not failed by then.
 
-    An hour without a failure does not end the curve. Hours may have different lengths.
+    An hour without a failure never lowers the curve. Rows may have hours of different lengths.
     """
     ends = [(end, row.length_s) for row in rows for end in row.lax_s_by_hour]
     times = np.unique([0.0, *(end for end, _ in ends)])

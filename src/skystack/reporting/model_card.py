@@ -110,6 +110,7 @@ def _rendered(template: str, values: Mapping[str, Any]) -> str:
         "number": "{:,}".format,
         "dataset": _dataset,
         "traffic": _traffic,
+        "yes_or_no": lambda value: "yes" if value else "no",
         "way": _way,
         "weight": _weight,
         "options": _options,
@@ -122,7 +123,8 @@ def _rendered(template: str, values: Mapping[str, Any]) -> str:
 def _dataset(row: Mapping[str, Any]) -> str:
     """The name of what a row was measured on."""
     if "traffic" in row:
-        return f"{row['hours']:g} hours, {_traffic(row['traffic'])}"
+        net = "" if row["safety_net"] else ", no safety net"
+        return f"{row['hours']:g} hours, {_traffic(row['traffic'])}{net}"
     return f"{row['episodes']:,} scenarios, {_way(row['stacking'])}"
 
 

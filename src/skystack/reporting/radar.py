@@ -67,7 +67,7 @@ def draw_route_and_trail(
 
 
 def draw_trail(axes: Axes, trail_nm: Float[np.ndarray, "rows 2"], colour: str) -> None:
-    """Draw the positions that an aircraft has passed."""
+    """Draw the past positions of an aircraft."""
     axes.plot(*trail_nm.T, color=colour, **TRAIL)
 
 

@@ -33,7 +33,7 @@ LEAVES_LATE_S = 12.0
 """A flight counts until the end of the cycle in which it crosses its exit edge, which may be 0.5 NM
 beyond the exit fix."""
 PASSED_NM = 1.0
-"""A flight this far beyond its exit fix that is still there has missed its exit."""
+"""A flight that is still present this far beyond its exit fix has missed its exit."""
 LEGS = 6
 """The number of legs of a route that are predicted."""
 
@@ -213,9 +213,10 @@ def _segments(
 
 
 def _beyond_exit_fix(sector: Sector, traffic: Traffic) -> Rows:
-    """The length to be flown until a flight leaves whose next fix is the last one of its route.
+    """The length left to fly for a flight whose next fix is the last one of its route.
 
-    Turns at fixes begin early, so its exit may still be ahead.
+    It leaves abeam its exit fix, which may still be ahead because a turn begins before its fix. If
+    it has missed its exit, it flies to the last fix.
     """
     table, route = sector.route_table, traffic.route
     last = value_of(table.last_fix, route)

@@ -94,13 +94,15 @@ def test_agents_in_the_same_traffic_can_be_compared(hours):
     _, folders = hours
     one, other = read_side_by_side([folders["rules"], folders["own-navigation"]])
     assert [each.number for each in one.scenarios] == [each.number for each in other.scenarios]
-    with pytest.raises(InputError, match="no-op, 120 flights/h is of other traffic than rules"):
+    with pytest.raises(
+        InputError, match="no-op, 120 flights/h and rules, 120 flights/h have different traffic"
+    ):
         read_side_by_side([folders["rules"], folders["no-op"]])
 
 
 def test_hours_and_scenarios_cannot_be_compared(folder, evaluation):
     for runs in ([folder, evaluation], [evaluation, folder]):
-        with pytest.raises(InputError, match="is of other traffic than"):
+        with pytest.raises(InputError, match="have different traffic"):
             read_side_by_side(runs)
 
 

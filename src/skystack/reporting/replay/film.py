@@ -355,7 +355,7 @@ def _write_clearances(axes: Axes, scenario: ReplayScenario, row: int) -> list[Te
 
 
 def _trail(scenario: ReplayScenario, number: int, begin: int, row: int) -> Float[np.ndarray, "_ 2"]:
-    """The positions of an aircraft from row `begin` to a row, as far as it was there.
+    """The positions of an aircraft from row `begin` to `row`, without rows in which it is absent.
 
     In arriving traffic, trails are short, and flights that have left have none.
     """

@@ -28,7 +28,7 @@ class Flown(NamedTuple):
     exit_fl: int
     clearances: int
     correct_exit: bool | None = None
-    """Whether it left through its exit at its exit level, if the tables tell."""
+    """Whether it left through its exit at its exit level; None if the tables do not say."""
 
 
 def counts_clearances(episodes: Iterable[Mapping[str, Any]]) -> bool:
@@ -44,9 +44,9 @@ def counts_clearances(episodes: Iterable[Mapping[str, Any]]) -> bool:
 def failures_of(
     episode: Mapping[str, Any], aircraft: Sequence[Flown], counted: bool
 ) -> tuple[Failure, ...]:
-    """The reasons for a failure; none if it succeeded, or if the tables lack the criteria.
+    """The reasons for a failure; none if there was none, or if the tables lack the criteria.
 
-    Hours of arriving traffic have no criteria: every excursion and exit at a wrong level is listed.
+    For an hour of arriving traffic, all excursions and exits at a wrong level.
     `counted` states whether too many clearances can be a reason.
     """
     if "success" not in episode:

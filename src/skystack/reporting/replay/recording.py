@@ -96,7 +96,7 @@ class RecordedAircraft:
     begins: int = 0
     """The row in which it appears; above 0 only for arriving traffic."""
     correct_exit: bool | None = None
-    """Whether it left at its exit level, if the tables tell."""
+    """Whether it left through its exit at its exit level; None if the tables do not say."""
 
     @property
     def ends(self) -> int:
@@ -119,8 +119,8 @@ class ReplayScenario:
     clearances: tuple[RecordedClearance, ...]
     losses: tuple[Loss, ...]
     failures: tuple[Failure, ...] = ()
-    """Why it did not succeed, or what happened to flights in arriving traffic; empty if there is
-    nothing to tell."""
+    """Why it did not succeed; for an hour of arriving traffic, its excursions and exits at a wrong
+    level. Empty if there are none, or if the tables do not say."""
 
     @property
     def has_arrivals(self) -> bool:
@@ -251,7 +251,9 @@ def _title_of_hours(traffic: TrafficRecord) -> str:
     """`sector-control, 120 flights/h`."""
     rate = traffic.traffic.replace(".", "").isdigit()
     what = f"{traffic.traffic} flights/h" if rate else f"{traffic.traffic} traffic"
-    return printable(f"{traffic.agent}, {what}{', uncertainty' if traffic.uncertainty else ''}")
+    net = ", no safety net" if traffic.safety_net is False else ""
+    uncertainty = ", uncertainty" if traffic.uncertainty else ""
+    return printable(f"{traffic.agent}{net}, {what}{uncertainty}")
 
 
 def _scenario(

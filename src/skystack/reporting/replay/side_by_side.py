@@ -34,7 +34,7 @@ def in_common(replays: tuple[Replay, ...]) -> tuple[Replay, ...]:
     """Keep only the scenarios that all recordings contain.
 
     Raises InputError if there are none, if the sectors differ, or if the aircraft or their starts
-    (of hours, the traffic) differ.
+    differ (for hours of traffic: if the traffic differs).
     """
     first = replays[0]
     common = {scenario.number for scenario in first.scenarios}
@@ -75,11 +75,11 @@ def _comparable(first: Replay, other: Replay) -> set[int]:
 
 
 def _check_traffic(first: Replay, other: Replay) -> None:
-    """Raise InputError unless both are of the same traffic, under whichever agents."""
+    """Raise InputError unless both are of the same traffic, whatever the agents."""
     if first.traffic is None or not first.traffic.is_same_as(other.traffic):
         raise InputError(
-            f"{other.title} is of other traffic than {first.title} (allowed: recordings of the "
-            "same traffic and seed)"
+            f"{other.title} and {first.title} have different traffic (allowed: recordings of the "
+            "same traffic, seed and uncertainty)"
         )
 
 

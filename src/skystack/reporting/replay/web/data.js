@@ -2,8 +2,8 @@
 
 const CLIMB_FT_MIN = 2000; // for aircraft that never climb or descend in the recording
 
-/** Values from their second differences; those missing at the end are zero. Before row `begins`, they
- *  are NaN. */
+/** Values from their second differences; those missing at the end are zero. Values before row
+ *  `begins` are NaN. */
 function summed(differences, begins, rows, parts) {
   const values = new Float64Array(begins + rows).fill(NaN, 0, begins);
   let [whole, step] = [0, 0];
@@ -68,7 +68,7 @@ function unpackScenario(packed, parts) {
   };
 }
 
-/** The status at a row, or before it has appeared, that in its first row. */
+/** The status at a row; before the aircraft appears, its first status. */
 function statusAt(aircraft, row) {
   const { status } = aircraft;
   return (status.findLast(([from]) => from <= row) ?? status[0])[1];

@@ -1,7 +1,7 @@
 // The panels next to a radar: title, verdict, count, strips, log. Recorded text is never markup.
 
 const STRIP_CLEARANCES = 12; // the latest ones; the log has all
-const KEPT_ROWS = 20; // the strip of an aircraft that has left arriving traffic stays for two minutes
+const KEPT_ROWS = 20; // in arriving traffic, the strip of an aircraft that has left stays for two minutes
 
 function element(tag, className = "", text = "") {
   const made = document.createElement(tag);
@@ -127,8 +127,8 @@ class Panels {
     setText(this.notes.levels, display.isFiltered ? band : "");
   }
 
-  /** Whether an aircraft is on the radar, has just left it, or is selected: those with a strip in
-   *  arriving traffic. */
+  /** Whether an aircraft has a strip in arriving traffic: it is on the radar, has just left it, or has
+   *  appeared and is selected. */
   isAbout(aircraft, row) {
     const isRecent = aircraft.begins <= row && row < aircraft.rows + KEPT_ROWS;
     return isRecent || (this.player.isSelected(aircraft.callsign) && aircraft.begins <= row);
