@@ -21,6 +21,7 @@ from skystack.evaluation.traffic import (
     evaluate_traffic,
     find_controller,
     hours_folder,
+    traffic_name,
 )
 from skystack.io.files import make_folder
 from skystack.reporting.hours_report import REPORT, hours_table, write_hours_report
@@ -63,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for agent in agents:
             for traffic in options.traffic:
                 conditions = TrafficConditions(
-                    traffic, options.hours, SEED, uncertainty=options.uncertainty
+                    traffic_name(traffic), options.hours, SEED, uncertainty=options.uncertainty
                 )
                 # Raises for mistakes before anything is flown.
                 name = find_controller(agent, conditions).name

@@ -35,6 +35,11 @@ def test_folders_of_hours_are_found(tmp_path):
         ({"agent": ""}, "agent"),
         ({"lax_s_by_hour": ["soon"]}, "lax_s_by_hour"),
         ({"hours": 1e300}, "hours"),
+        ({"hours": 0}, "hours"),
+        ({"lax_s_by_hour": []}, "lax_s_by_hour"),
+        ({"traffic": "1e308"}, "traffic"),
+        ({"traffic": "nan"}, "traffic"),
+        ({"traffic": "<b>"}, "traffic"),
     ],
 )
 def test_damaged_rows_are_refused(tmp_path, change, message):

@@ -23,6 +23,7 @@ def hour(paths, sent=(), **events):
     shape = (CYCLES, SLOTS)
     values = {
         "flight": np.full(shape, FREE),
+        "candidate": np.zeros(shape, dtype=int),
         "before_nm": np.zeros((*shape, 2)),
         "position_nm": np.zeros((*shape, 2)),
         "before_level_ticks": np.zeros(shape),

@@ -5,11 +5,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from skystack.evaluation.hour_scores import score
-from skystack.evaluation.hour_tables import TABLES, Flown, growing_hours, tables_of
+from skystack.evaluation.hour_tables import TABLES, Flown, callsigns_of, growing_hours, tables_of
 from skystack.evaluation.hours import HourFlyer
 from skystack.evaluation.losses import FlightPath, losses
-from skystack.evaluation.traffic import TrafficConditions, find_controller
+from skystack.evaluation.traffic import TrafficConditions, evaluate_traffic, find_controller
 from skystack.evaluation.writing import TrafficRecord
+from skystack.reporting.replay.recording import read_replay
 from skystack.simulator.arrivals import FREE
 from skystack.simulator.performance import TICKS_PER_FL
 
@@ -46,7 +47,7 @@ def test_every_flight_has_a_row_for_each_cycle_from_its_birth_to_its_end(flown, 
 def test_positions_and_levels_are_those_after_the_cycle(flown, tables):
     plane, traffic = flown.world.sector.plane, flown.hour.traffic
     for row in tables["trajectories"][:: len(tables["trajectories"]) // 50]:
-        cycle, number = row["cycle"] - 1, int(row["callsign"][2:]) - 1
+        cycle, number = row["cycle"] - 1, callsigns_of(flown.hour).index(row["callsign"])
         (slot,) = np.flatnonzero(flown.hour.flight[cycle] == number)
         at = plane.to_plane(np.array([row["lat"]]), np.array([row["lon"]]))[0]
         np.testing.assert_allclose(at, traffic.position_nm[cycle, slot], atol=1e-4)
@@ -85,7 +86,7 @@ def test_clearances_are_in_words_and_in_order(flown, tables):
 def test_a_turn_is_worded_as_it_is_flown(flown, tables):
     for row in tables["clearances"]:
         if row["kind"] == "heading" and row["direction"] is not None:
-            cycle, number = row["cycle"], int(row["callsign"][2:]) - 1
+            cycle, number = row["cycle"], callsigns_of(flown.hour).index(row["callsign"])
             slots = np.flatnonzero(flown.hour.flight[min(cycle + 1, CYCLES - 1)] == number)
             if cycle + 1 < CYCLES and len(slots):
                 heading = flown.hour.traffic.heading_deg[:, slots[0]]
@@ -128,3 +129,38 @@ def test_tables_appear_together_or_not_at_all(flown, tmp_path):
         add(flown.hour, flown.scores)
     assert {path.stem for path in folder.glob("*.parquet")} == set(TABLES)
     assert pq.read_table(folder / "aircraft.parquet").num_rows == len(flown.scores.flights)
+
+
+def test_hours_without_flights_are_written_with_others(tmp_path):
+    """One flight an hour: most short hours are empty."""
+    conditions = TrafficConditions("3", cycles=60, hours=4)
+    evaluate_traffic("no-op", conditions, tmp_path)
+    (folder,) = tmp_path.iterdir()
+    flights = pq.read_table(folder / "episodes.parquet")["flights"].to_pylist()
+    assert 0 in flights
+    assert any(flights)
+    replay = read_replay(folder)
+    assert [len(each.aircraft) for each in replay.scenarios] == flights
+
+
+def test_a_callsign_is_the_same_flight_under_every_agent():
+    found = {}
+    for agent in ("no-op", "own-navigation-exit-level"):
+        conditions = TrafficConditions("200", cycles=150)
+        flown = find_controller(agent, conditions)
+        hour = HourFlyer(flown.world, 150).fly(flown.agent, seed=0, number=0)
+        tables = tables_of(Flown(flown.world, hour, score(flown.world.sector, hour)))
+        planned = ("route", "entry_fl", "exit_fl")
+        rows = tables["aircraft"].to_pylist()
+        found[agent] = {row["callsign"]: [row[name] for name in planned] for row in rows}
+        assert len(found[agent]) == len(rows)
+    one, other = found.values()
+    common = set(one) & set(other)
+    assert len(common) > 10
+    assert set(one) != set(other)
+    assert all(one[each] == other[each] for each in common)
+
+
+def test_candidates_that_are_used_again_have_another_callsign(flown):
+    hour = flown.hour._replace(candidate=np.zeros_like(flown.hour.candidate))
+    assert callsigns_of(hour)[:3] == ["AC1", "AC1-2", "AC1-3"]

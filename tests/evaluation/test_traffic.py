@@ -14,6 +14,8 @@ from skystack.evaluation.traffic import (
     evaluate_traffic,
     find_controller,
     flow_of,
+    hours_folder,
+    traffic_name,
 )
 from skystack.simulator.performance import performance
 from skystack.simulator.simulator import Simulator
@@ -105,6 +107,22 @@ def test_uncertainty_spreads_speeds_and_rates_of_climb():
 def test_policies_of_other_tasks_are_refused():
     with pytest.raises(InputError, match="trained on task lateral"):
         evaluate_traffic("lateral-best", TrafficConditions("60"))
+
+
+def test_a_row_that_cannot_be_written_leaves_nothing_behind(tmp_path):
+    conditions = TrafficConditions("60", cycles=5)
+    folder = hours_folder(tmp_path, "no-op", conditions)
+    (folder / "row.json").mkdir(parents=True)
+    with pytest.raises(InputError, match=r"row\.json: cannot be written: it is a folder"):
+        evaluate_traffic("no-op", conditions, tmp_path)
+    assert list(folder.glob("*.parquet")) == []
+
+
+@pytest.mark.parametrize(
+    ("traffic", "name"), [("60.0", "60"), (" 6e1", "60"), ("category", "category"), ("x", "x")]
+)
+def test_rates_are_written_alike(traffic, name):
+    assert traffic_name(traffic) == name
 
 
 def test_only_policies_have_a_safety_net():

@@ -28,7 +28,9 @@ def hour_row(agent, traffic, **changed):
     values = {
         "agent": agent,
         "traffic": traffic,
+        "sector": "x-plus",
         "hours": 2.0,
+        "cycles": 600,
         "seed": 1,
         "per_cycle": 5,
         "uncertainty": False,

@@ -22,10 +22,18 @@ def test_capacity_curves_have_the_values_of_the_rows():
     assert capacity(rows[2:]) is None
 
 
+def test_several_seeds_are_averaged():
+    rows = [("one", hour_row("one", "60", seed=n, lax_s_mean=1000.0 * n)) for n in (1, 2)]
+    lax = capacity(rows).axes[3]
+    np.testing.assert_allclose(lax.get_lines()[0].get_xydata(), [[60.0, 1500.0]])
+
+
 def test_survival_is_the_share_of_hours_without_failure():
     rows = [
         hour_row("one", "60", hours=3.0, lax_s_by_hour=[600.0, 3600.0, 1200.0]),
-        hour_row("one", "60", hours=0.5, lax_s_by_hour=[1800.0]),  # short, without a failure
+        hour_row(
+            "one", "60", hours=0.5, cycles=300, lax_s_by_hour=[1800.0]
+        ),  # short, without a failure
     ]
     expected = [[0.0, 1.0], [600.0, 0.75], [1200.0, 0.5], [1800.0, 0.5], [3600.0, 0.5]]
     np.testing.assert_allclose(survival_of(rows), expected)

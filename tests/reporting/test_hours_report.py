@@ -57,12 +57,17 @@ def test_rows_are_in_order_of_the_traffic(tmp_path):
 
 
 def test_the_page_has_both_figures_and_the_table(tmp_path):
-    rows = [hour_row("<b>agent", "30"), hour_row("<b>agent", "60"), hour_row("other", "category")]
+    rows = [
+        hour_row("<b>agent\0", "30"),
+        hour_row("<b>agent\0", "60"),
+        hour_row("other", "category"),
+    ]
     write_hours_report(rows, tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text()
     assert page.count("<img") == 2
     assert "&lt;b&gt;agent" in page
     assert "<b>agent" not in page
+    assert "\0" not in page
     write_hours_report(rows[2:], tmp_path / "page.html")
     assert (tmp_path / "page.html").read_text().count("<img") == 1  # no traffic has a rate
 
@@ -79,6 +84,19 @@ def test_the_verb_writes_the_page(tmp_path, capsys):
     assert '"agent":"search"' in capsys.readouterr().out.replace(" ", "")
     assert main(["report", str(folder), "-o", str(tmp_path / "page.pdf")]) == 2
     assert "allowed: .html" in capsys.readouterr().err
+
+
+def test_a_folder_that_is_given_twice_counts_once(tmp_path):
+    folder = stored(tmp_path / "hours", hour_row("search", "60"))
+    assert len(read_hours([folder, folder / "0"])) == 1
+
+
+def test_hours_of_different_sectors_are_refused(tmp_path):
+    folder = stored(
+        tmp_path / "hours", hour_row("search", "60"), hour_row("search", "60", sector="merge")
+    )
+    with pytest.raises(InputError, match="different sectors: merge, x-plus"):
+        read_hours([folder])
 
 
 def test_folders_without_hours_are_refused(tmp_path):

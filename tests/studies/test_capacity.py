@@ -12,7 +12,7 @@ from tests.reporting.rows import hour_row
 
 
 def test_finished_evaluations_are_reused(tmp_path):
-    conditions = TrafficConditions("60", 20, 1)
+    conditions = TrafficConditions("60", 2, 1)
     row = hour_row("search", "60")
     folder = hours_folder(tmp_path, "search", conditions)
     folder.mkdir()

@@ -11,6 +11,7 @@ _ONLY_SCENARIOS = {
     "experiment": None,
     "stacking": True,
     "sample": False,
+    "time_limit": 120,
     "platform": "skystack",
 }
 """The options that make no sense with hours of traffic, and their defaults."""
@@ -39,17 +40,22 @@ def evaluate_hours(options: argparse.Namespace) -> int:
     from skystack.agents.transmission import PER_CYCLE
     from skystack.cli.console import count_scenarios, output
     from skystack.compilation.programs import program_cache
-    from skystack.evaluation.traffic import TrafficConditions, evaluate_traffic, hours_folder
+    from skystack.evaluation.traffic import (
+        TrafficConditions,
+        evaluate_traffic,
+        hours_folder,
+        traffic_name,
+    )
     from skystack.reporting.hour_table import hour_table
 
     for name, default in _ONLY_SCENARIOS.items():
         if getattr(options, name) != default:
-            flag = "no-stacking" if name == "stacking" else name
+            flag = "no-stacking" if name == "stacking" else name.replace("_", "-")
             raise InputError(f"evaluate: --{flag} cannot be used with --traffic")
     started = time.monotonic()
     hours = 1 if options.episodes is None else options.episodes
     conditions = TrafficConditions(
-        traffic=options.traffic,
+        traffic=traffic_name(options.traffic),
         hours=hours,
         seed=options.seed,
         per_cycle=PER_CYCLE if options.per_cycle is None else options.per_cycle,

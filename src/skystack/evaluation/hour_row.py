@@ -7,14 +7,17 @@ from typing import Annotated, Any
 import msgspec
 
 from skystack.errors import MAX_INT, error_context, exists
-from skystack.io.files import atomic_write
+from skystack.io.files import atomic_write, check_output
 from skystack.io.json_file import read_json
 from skystack.io.validation import convert
+from skystack.simulator.arrival_flows import FLIGHT_SCHOOL, MAX_FLIGHTS_PER_HOUR
+from skystack.simulator.simulator import CYCLE_S
 
 FILE = "row.json"
 _Count = Annotated[int, msgspec.Meta(ge=0, le=MAX_INT)]
 _Rate = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 _Value = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
+_Amount = Annotated[float, msgspec.Meta(ge=0.0, le=1e9)]
 _Name = Annotated[str, msgspec.Meta(min_length=1, max_length=200)]
 
 
@@ -24,7 +27,8 @@ class HourRow(msgspec.Struct, frozen=True, kw_only=True):
     agent: _Name
     traffic: _Name
     """Flights per hour, or the name of the traffic."""
-    hours: _Value
+    sector: _Name
+    hours: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
     seed: _Count
     per_cycle: _Count
     uncertainty: bool
@@ -36,31 +40,47 @@ class HourRow(msgspec.Struct, frozen=True, kw_only=True):
     correct_exit_rate: _Rate | None
     excursion_rate: _Rate | None
     fail_safe_rate: _Rate
-    transmissions_per_flight: _Value | None
+    transmissions_per_flight: _Amount | None
     transmissions_worst_minute: _Count
     extra_miles_rate: _Value | None
-    lax_s_mean: _Value
-    lax_s_by_hour: list[_Value]
-    strict_s_mean: _Value
-    decision_ms_median: _Value
+    cycles: Annotated[int, msgspec.Meta(ge=1, le=100_000)]
+    """The length of each hour: 600 unless `--cycles` was given."""
+    lax_s_mean: _Amount
+    lax_s_by_hour: Annotated[list[_Amount], msgspec.Meta(min_length=1)]
+    strict_s_mean: _Amount
+    decision_ms_median: _Amount
 
     @property
     def length_s(self) -> float:
         """The length of each hour in seconds: 3,600 unless `--cycles` was given."""
-        return 3600.0 * self.hours / max(len(self.lax_s_by_hour), 1)
+        return float(CYCLE_S * self.cycles)
 
     @property
     def flights_per_hour(self) -> float | None:
         """None for traffic that has a name instead of a rate."""
-        try:
-            return float(self.traffic)
-        except ValueError:
-            return None
+        return None if self.traffic in FLIGHT_SCHOOL else float(self.traffic)
+
+    def __post_init__(self) -> None:
+        if self.traffic not in FLIGHT_SCHOOL and not _is_rate(self.traffic):
+            raise ValueError(f"traffic is {self.traffic!r} (allowed: a rate or a known name)")
+
+
+def _is_rate(text: str) -> bool:
+    try:
+        return 0.0 < float(text) <= MAX_FLIGHTS_PER_HOUR
+    except ValueError:
+        return False
 
 
 def write_row(folder: Path, row: Mapping[str, Any]) -> None:
     """Write a row into the folder of its tables."""
     atomic_write(folder / FILE, msgspec.json.format(msgspec.json.encode(row), indent=1))
+
+
+def forget_row(folder: Path) -> None:
+    """Delete the row of an earlier evaluation. Raises InputError if that is not possible."""
+    check_output(folder / FILE)
+    (folder / FILE).unlink(missing_ok=True)
 
 
 def read_row(folder: Path) -> HourRow:

@@ -4,6 +4,7 @@ Each hour is a scenario. `aircraft` has one row per flight, and trajectories beg
 birth (`birth_cycle`), so not in row 0. `losses` has the pairs of flights that lost separation.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,7 +26,7 @@ from skystack.platforms.instruction import Instruction
 from skystack.simulator.arrivals import FREE
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
-from skystack.simulator.traffic import callsigns, trajectory_columns
+from skystack.simulator.traffic import trajectory_columns
 from skystack.tasks.sector_world import World
 
 TABLES = ("episodes", "aircraft", "trajectories", "clearances", "losses")
@@ -118,7 +119,7 @@ _AIRCRAFT = pa.schema(
 
 
 def _aircraft(flown: Flown) -> pa.Table:
-    names = callsigns(_flights(flown.hour))
+    names = callsigns_of(flown.hour)
     rows = [_aircraft_row(flown, each, names[each.flight]) for each in flown.scores.flights]
     return pa.Table.from_pylist(rows, schema=_AIRCRAFT)
 
@@ -167,7 +168,7 @@ def _trajectories(flown: Flown) -> pa.Table:
             "time_s": ((cycle + 1) * CYCLE_S).astype(np.int32),
             "callsign": _signs(hour, hour.flight[present]),
             **{name: rounded(name, values) for name, values in columns.items()},
-            "status": pa.array(np.array(STATUS)[status]),
+            "status": pa.array(np.array(STATUS)[status], pa.string()),
         }
     )
 
@@ -177,7 +178,7 @@ def _clearances(flown: Flown) -> pa.Table:
     hour, routes = flown.hour, flown.world.sector.routes
     cycle = np.array([each.cycle for each in hour.sent], dtype=np.int64)
     slot = np.array([each.transmission.slot for each in hour.sent], dtype=np.int64)
-    names = callsigns(_flights(hour))
+    names = callsigns_of(hour)
     commands, planned = [], []
     for each in hour.sent:
         told = each.transmission
@@ -233,7 +234,7 @@ _LOSSES = pa.schema(
 
 
 def _losses(flown: Flown) -> pa.Table:
-    names = callsigns(_flights(flown.hour))
+    names = callsigns_of(flown.hour)
     rows = [_loss(flown.hour.number, each, names) for each in flown.scores.losses]
     return pa.Table.from_pylist(rows, schema=_LOSSES)
 
@@ -249,10 +250,25 @@ def _loss(number: int, loss: PairEvent, names: list[str]) -> dict[str, Any]:
     }
 
 
-def _flights(hour: Hour) -> int:
-    """The number of flights born in an hour."""
-    return int(hour.flight.max(initial=FREE)) + 1
+def callsigns_of(hour: Hour) -> list[str]:
+    """The callsigns of all flights, in order of birth.
+
+    They are numbered by candidate: which candidates are admitted, and when, depends on the traffic,
+    but a callsign is the same flight under every agent. If the candidates are used up and begin
+    again, a suffix is added.
+    """
+    candidate = dict[int, int]()
+    for cycle, slot in np.argwhere(hour.flight != FREE):
+        candidate[int(hour.flight[cycle, slot])] = int(hour.candidate[cycle, slot])
+    uses = Counter[int]()
+    names = []
+    for flight in sorted(candidate):
+        number = candidate[flight]
+        uses[number] += 1
+        names.append(f"AC{number + 1}" + (f"-{uses[number]}" if uses[number] > 1 else ""))
+    return names
 
 
 def _signs(hour: Hour, flight: Int[np.ndarray, " rows"]) -> pa.DictionaryArray:
-    return pa.DictionaryArray.from_arrays(flight.astype(np.int32), callsigns(_flights(hour)))
+    names = pa.array(callsigns_of(hour), pa.string())
+    return pa.DictionaryArray.from_arrays(flight.astype(np.int32), names)

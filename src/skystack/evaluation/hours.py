@@ -33,6 +33,8 @@ class Hour(NamedTuple):
     number: int
     """The number of the hour under the evaluation seed."""
     flight: Int[np.ndarray, "cycles slots"]
+    candidate: Int[np.ndarray, "cycles slots"]
+    """The candidate that became each flight. Its flight is the same under every agent."""
     before_nm: Float[np.ndarray, "cycles slots 2"]
     before_level_ticks: Float[np.ndarray, "cycles slots"]
     traffic: Traffic
@@ -85,7 +87,7 @@ class HourFlyer:
         """
         state = jax.device_get(self._reset(scenario_key(seed, number)))
         agent.begin(state)
-        cycles, sent, decision_ms, fail_safe = [], [], [], []
+        cycles, candidate, sent, decision_ms, fail_safe = [], [], [], [], []
         for index in range(self.cycles):
             began = time.perf_counter()
             transmissions = agent.transmit(state)
@@ -97,9 +99,10 @@ class HourFlyer:
                 state = self._instruct(state, clearance_of(transmissions, len(flight)))
             state, cycle = jax.device_get(self._advance(state))
             cycles.append(cycle)
+            candidate.append(state.arrivals.candidate)
             fail_safe.append(bool(self._fail_safe(state)))
             on_cycle(index + 1)
-        return _hour(number, cycles, sent, decision_ms, fail_safe)
+        return _hour(number, cycles, np.stack(candidate), sent, decision_ms, fail_safe)
 
     def _check(self, state: WorldState, transmissions: list[Transmission]) -> None:
         if len(transmissions) > self.per_cycle:
@@ -120,6 +123,7 @@ def is_fail_safe(world: World, state: WorldState) -> Bool[Array, "*batch"]:
 def _hour(
     number: int,
     cycles: list[WorldCycle],
+    candidate: Int[np.ndarray, "cycles slots"],
     sent: list[Sent],
     decision_ms: list[float],
     fail_safe: list[bool],
@@ -128,6 +132,7 @@ def _hour(
     return Hour(
         number=number,
         flight=stacked.flight,
+        candidate=candidate,
         before_nm=stacked.before_nm,
         before_level_ticks=stacked.before_level_ticks,
         traffic=stacked.traffic,

@@ -12,7 +12,7 @@ from skystack.agents.transmission import PER_CYCLE, SectorAgent
 from skystack.airspace.sector import Sector
 from skystack.airspace.sectors import sector_from, sector_setting
 from skystack.errors import InputError, exists, unknown_name
-from skystack.evaluation.hour_row import write_row
+from skystack.evaluation.hour_row import forget_row, write_row
 from skystack.evaluation.hour_scores import score, summary
 from skystack.evaluation.hour_tables import AppendHour, growing_hours
 from skystack.evaluation.hours import HourFlyer
@@ -63,6 +63,14 @@ def flow_of(conditions: TrafficConditions, simulator: Simulator) -> Flow:
     return replace(flow, cycles=conditions.cycles)
 
 
+def traffic_name(traffic: str) -> str:
+    """Traffic as it is written in rows: `60` for `60.0`. Invalid traffic is left as it is."""
+    try:
+        return traffic if traffic in FLIGHT_SCHOOL else f"{float(traffic):g}"
+    except ValueError:
+        return traffic
+
+
 def _constant_flow(traffic: str, simulator: Simulator) -> Flow:
     try:
         rate = float(traffic)
@@ -96,10 +104,14 @@ def evaluate_traffic(
             hour = flyer.fly(found.agent, conditions.seed, number, lambda _: on_cycle(next(cycles)))
             scores.append(score(found.world.sector, hour))
             append(hour, scores[-1])
+        if out is not None:  # the row is never older than the tables
+            forget_row(hours_folder(out, found.name, conditions))
     row = summary(scores, found.name, conditions.traffic)
     safety_net = getattr(found.agent, "safety_net", None)
     row |= {
+        "sector": found.world.sector.name,
         "seed": conditions.seed,
+        "cycles": conditions.cycles,
         "per_cycle": conditions.per_cycle,
         "uncertainty": conditions.uncertainty,
         "safety_net": safety_net,
@@ -158,6 +170,8 @@ def _policy(name: str) -> Policy:
 def hours_folder(out: Path, agent: str, conditions: TrafficConditions) -> Path:
     """The folder of the tables of an agent on some traffic."""
     name = f"{agent}-traffic-{conditions.traffic}-seed-{conditions.seed}"
+    if conditions.sector is not None:
+        name += f"-{Path(conditions.sector).stem}"
     if conditions.per_cycle != PER_CYCLE:
         name += f"-per-cycle-{conditions.per_cycle}"
     if conditions.uncertainty:

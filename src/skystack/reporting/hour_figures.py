@@ -44,7 +44,10 @@ PANELS = (
 
 
 def capacity(rows: Labelled) -> Figure | None:
-    """Scores against flights per hour, one curve per name; None if no traffic has a rate."""
+    """Scores against flights per hour, one curve per name: means over seeds.
+
+    None if no traffic has a rate.
+    """
     rated = [(name, row) for name, row in rows if row.flights_per_hour is not None]
     if not rated:
         return None
@@ -55,15 +58,17 @@ def capacity(rows: Labelled) -> Figure | None:
         axes.set_yscale(panel.scale)
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,g}"))
         for name in names:
-            points = sorted(
-                (row.flights_per_hour, value)
-                for each, row in rated
-                if each == name and (value := panel.value(row)) is not None
-            )
-            if points:
+            values: dict[float, list[float]] = {}
+            for each, row in rated:
+                rate, value = row.flights_per_hour, panel.value(row)
+                if each == name and rate is not None and value is not None:
+                    values.setdefault(rate, []).append(value)
+            if values:
+                points = [(rate, float(np.mean(found))) for rate, found in sorted(values.items())]
                 _curve(axes, names, name, np.array(points))
-        axes.set_ylim(bottom=None if panel.title.startswith("correct") else 0.0)
         axes.margins(y=0.08)
+        if not panel.title.startswith("correct"):
+            axes.set_ylim(bottom=0.0)
     for axes in panels[2:]:
         axes.set_xlabel("flights per hour")
     _legend(figure, panels)

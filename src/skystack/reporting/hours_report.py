@@ -5,7 +5,7 @@ from pathlib import Path
 
 import skystack
 from skystack.agents.transmission import PER_CYCLE
-from skystack.errors import InputError
+from skystack.errors import InputError, printable
 from skystack.evaluation.hour_row import HourRow, folders_of_hours, read_row
 from skystack.io.files import atomic_write
 from skystack.reporting.hour_figures import capacity, survival
@@ -22,7 +22,7 @@ def read_hours(folders: Sequence[Path]) -> list[HourRow]:
 
     Raises InputError for a folder without rows, or with a damaged one.
     """
-    rows = []
+    found_in = dict[Path, None]()
     for folder in folders:
         found = folders_of_hours(folder)
         if not found:
@@ -30,8 +30,12 @@ def read_hours(folders: Sequence[Path]) -> list[HourRow]:
                 f"{folder}: contains no hours of traffic (allowed: folders that evaluate "
                 "--traffic --out wrote)"
             )
-        rows += [read_row(each) for each in found]
-    return sorted(rows, key=_order)
+        found_in |= dict.fromkeys(each.resolve() for each in found)
+    rows = sorted(map(read_row, found_in), key=_order)
+    sectors = sorted({printable(row.sector) for row in rows})
+    if len(sectors) > 1:
+        raise InputError(f"hours of different sectors: {', '.join(sectors)} (allowed: of one)")
+    return rows
 
 
 def _order(row: HourRow) -> tuple[str, float, str, int]:
@@ -48,7 +52,7 @@ def label(row: HourRow) -> str:
         parts.append(f"{row.per_cycle} per cycle")
     if row.uncertainty:
         parts.append("uncertainty")
-    return ", ".join(parts)
+    return printable(", ".join(parts))
 
 
 def hours_table(rows: Sequence[HourRow]) -> Table:

@@ -100,6 +100,15 @@ def test_agents_in_the_same_traffic_can_be_compared(hours):
         read_side_by_side([folders["rules"], folders["no-op"]])
 
 
+def test_hours_of_different_lengths_cannot_be_compared(hours, tmp_path):
+    folder = hours[1]["rules"]
+    conditions = TrafficConditions("120", hours=2, cycles=20)
+    evaluate_traffic("rules", conditions, tmp_path)
+    (short,) = tmp_path.iterdir()
+    with pytest.raises(InputError, match="hours of different lengths"):
+        read_side_by_side([folder, short])
+
+
 def test_hours_and_scenarios_cannot_be_compared(folder, evaluation):
     for runs in ([folder, evaluation], [evaluation, folder]):
         with pytest.raises(InputError, match="have different traffic"):

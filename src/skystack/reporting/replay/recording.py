@@ -19,6 +19,7 @@ from skystack.errors import InputError, exists, printable
 from skystack.evaluation.losses import FlightPath, Loss, losses
 from skystack.evaluation.stored import (
     MAX_FLIGHTS,
+    MAX_STORED_CYCLES,
     check_aircraft,
     check_same_evaluation,
     has_column,
@@ -256,6 +257,9 @@ def _title_of_hours(traffic: TrafficRecord) -> str:
     return printable(f"{traffic.agent}{net}, {what}{uncertainty}")
 
 
+_NO_ROWS = pa.table({})
+
+
 def _scenario(
     sector: Sector,
     path: Path,
@@ -266,15 +270,18 @@ def _scenario(
     counted: bool,
 ) -> ReplayScenario:
     number = episode["scenario"]
-    if number not in rows or number not in aircraft:
+    has_arrivals = "success" not in episode
+    if not has_arrivals and (number not in rows or number not in aircraft):
         raise tables_disagree(path.parent, number)
-    entries = aircraft[number].to_pylist()
-    has_arrivals = any("birth_cycle" in entry for entry in entries)
+    entries = aircraft[number].to_pylist() if number in aircraft else []
+    flown_rows = rows.get(number, _NO_ROWS)
     most = MAX_FLIGHTS if has_arrivals else MAX_AIRCRAFT
     check_aircraft(path.parent / "aircraft.parquet", sector, entries, most)
     issued = clearances[number].to_pylist() if number in clearances else []
-    flying = tuple(_aircraft(sector, path, rows[number], each) for each in entries)
+    flying = tuple(_aircraft(sector, path, flown_rows, each) for each in entries)
     cycles = episode["cycles"]
+    if cycles > MAX_STORED_CYCLES:
+        raise tables_disagree(path.parent, number)
     if any(each.ends > cycles + 1 for each in flying):
         raise tables_disagree(path.parent, number)
     flown = _assemble(sector, number, cycles, episode.get("success"), flying, issued, path)
@@ -291,9 +298,9 @@ def _scenario(
     ]
     flown = replace(flown, failures=failures_of(episode, known, counted))
     has_all_rows = (
-        sum(len(each.fl) for each in flying) == len(rows[number])
+        sum(len(each.fl) for each in flying) == len(flown_rows)
         if has_arrivals
-        else len(entries) * (cycles + 1) == len(rows[number])
+        else len(entries) * (cycles + 1) == len(flown_rows)
     )
     if len(issued) != episode["clearances"] or not has_all_rows:
         raise tables_disagree(path.parent, number)

@@ -81,6 +81,11 @@ def _check_traffic(first: Replay, other: Replay) -> None:
             f"{other.title} and {first.title} have different traffic (allowed: recordings of the "
             "same traffic, seed and uncertainty)"
         )
+    lengths = {scenario.cycles for replay in (first, other) for scenario in replay.scenarios}
+    if len(lengths) > 1:
+        raise InputError(
+            f"{other.title} and {first.title} have hours of different lengths (allowed: equal ones)"
+        )
 
 
 def _same_start(one: ReplayScenario, other: ReplayScenario) -> bool:
