@@ -56,7 +56,8 @@ class Panels {
   open(scenario) {
     this.scenario = scenario;
     this.verdict.textContent = verdictOf(scenario);
-    this.verdict.dataset.good = scenario.success !== false && !scenario.losses.length;
+    const { success, losses, failures } = scenario;
+    this.verdict.dataset.good = success !== false && !losses.length && !failures.length;
     this.rows = scenario.aircraft.map((aircraft) => this.strip(aircraft));
     this.strips.replaceChildren(...this.rows.map((row) => row.item));
     this.entries = scenario.transmissions.map((issued) => this.entry(issued));
