@@ -26,10 +26,13 @@ def test_trains_a_policy_and_flies_an_hour_with_it(capsys, trained):
     code, printed, err = run(capsys, "evaluate", str(trained), *options)
     assert code == 0
     row = json.loads(printed)["rows"][0]
-    assert (row["agent"], row["traffic"]) == ("sector-control", "40")
-    assert {path.name for path in out.iterdir()} == {
-        f"{name}.parquet" for name in ("flights", "hours", "losses", "transmissions")
-    }
+    assert (row["agent"], row["traffic"]) == ("sector-control-s0", "40")
+    (folder,) = out.iterdir()
+    assert folder.name == "sector-control-s0-traffic-40-seed-0"
+    names = ("aircraft", "clearances", "episodes", "losses", "trajectories")
+    assert {path.name for path in folder.iterdir() if not path.name.startswith(".")} == {
+        "row.json", *(f"{name}.parquet" for name in names)
+    }  # fmt: skip
     assert "written" in err
 
 
@@ -86,3 +89,29 @@ def test_impossible_settings_are_refused(capsys, tmp_path, change, message):
     assert (code, err.count("\n")) == (2, 1)
     assert message in err
     assert not (tmp_path / "run").exists()
+
+
+def test_hours_are_evaluated_replayed_and_reported(tmp_path, capsys):
+    out, page, report = tmp_path / "hours", tmp_path / "replay.html", tmp_path / "hours.html"
+    options = ["--traffic", "60.0", "--cycles", "40", "--out", str(out)]
+    code, _, err = run(capsys, "evaluate", "rules", *options)
+    assert code == 0
+    folder = out / "rules-traffic-60-seed-0"
+    assert f"replay {folder}" in err
+    assert run(capsys, "replay", str(folder), "-o", str(page))[0] == 0
+    assert run(capsys, "report", str(out), "-o", str(report))[0] == 0
+    assert page.exists()
+    assert report.exists()
+
+
+@pytest.mark.parametrize("option", [["--no-stacking"], ["--time-limit", "5"]])
+def test_options_for_scenarios_are_refused_with_traffic(capsys, option):
+    code, _, err = run(capsys, "evaluate", "rules", "--traffic", "60", *option)
+    assert code == 2
+    assert f"{option[0]} cannot be used with --traffic" in err
+
+
+def test_the_safety_net_is_for_traffic(capsys):
+    code, _, err = run(capsys, "evaluate", "lateral", "--no-safety-net")
+    assert code == 2
+    assert "--no-safety-net needs --traffic" in err

@@ -5,7 +5,7 @@ import pytest
 
 from skystack.evaluation.writing import write_table
 from skystack.reporting.replay.outcome import Failure, Flown, counts_clearances, failures_of
-from skystack.reporting.replay.page import page_data
+from skystack.reporting.replay.page import FORMAT, page_data
 from skystack.reporting.replay.recording import read_replay
 
 FLYING = Flown(("before_entry", "in_sector"), 300.0, 300, 2)
@@ -88,7 +88,7 @@ def test_exit_offsets_are_those_of_the_table(evaluation, tmp_path):
 def test_page_data_has_reasons_and_offsets(evaluation):
     replay = read_replay(evaluation)
     data = page_data((replay,))
-    assert data["format"] == 3
+    assert data["format"] == FORMAT
     for packed, scenario in zip(data["runs"][0]["scenarios"], replay.scenarios, strict=True):
         assert [tuple(each.values()) for each in packed["failures"]] == list(scenario.failures)
         offsets = [each["exit_offset_nm"] for each in packed["aircraft"]]
