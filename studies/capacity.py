@@ -40,7 +40,7 @@ def row_of(agent: str, name: str, conditions: TrafficConditions, out: Path) -> H
     folder = hours_folder(out, name, conditions)
     if exists(folder / FILE):
         row = read_row(folder)
-        if row.hours == conditions.hours:
+        if (len(row.lax_s_by_hour), row.cycles) == (conditions.hours, conditions.cycles):
             return row
     evaluate_traffic(agent, conditions, out)
     return read_row(folder)

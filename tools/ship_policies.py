@@ -109,8 +109,7 @@ def _hours(name: str, policy: Policy, console: Console) -> list[dict[str, Any]]:
     for conditions in TRAFFIC:
         command = f"skystack evaluate {name} --traffic {conditions.traffic}"
         command += f" --episodes {conditions.hours} --seed {conditions.seed}"
-        command += f" --per-cycle {conditions.per_cycle}"
-        command += "" if conditions.safety_net else " --no-safety-net"
+        command = " ".join([command, *conditions.options])
         console.print(command, highlight=False, soft_wrap=True)
         jobs.append((f"{command} --json", policy, conditions))
     return run_pieces(_row, jobs, "evaluations")

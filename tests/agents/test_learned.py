@@ -136,9 +136,11 @@ def test_a_burst_that_repeats_keeps_the_clearance_after_which_the_policy_would_w
 
 def test_a_burst_that_repeats_keeps_the_clearance_that_loses_separation_last():
     """Even if the policy would rather wait after another one."""
-    visited = _Visited.none()
-    for count, (clearance, worth) in enumerate([(1, 0.9), (2, 60.4), (3, 30.5), (2, 60.4)]):
-        visited = visited.add(count, jnp.full(5, clearance, dtype=jnp.float32), jnp.float32(worth))
+    visited = _Visited.begin(jnp.full(5, 1, dtype=jnp.float32), jnp.float32(0.9))
+    assert int(visited.kept) == -1
+    for count, (clearance, worth) in enumerate([(2, 60.4), (3, 30.5), (2, 60.4)], start=1):
+        told = jnp.full(5, clearance, dtype=jnp.float32)
+        visited = visited.add(jnp.int32(count), told, jnp.float32(worth))
         assert int(visited.kept) == (1 if count == 3 else -1)
     assert bool(visited.is_kept(jnp.full(5, 2, dtype=jnp.float32)))
     assert not bool(visited.is_kept(jnp.full(5, 3, dtype=jnp.float32)))

@@ -4,11 +4,11 @@ import jax
 import numpy as np
 import pytest
 
-from skystack.agents.safety_net import ALERT_S, CLEARED, GAIN_S, way_out
+from skystack.agents.safety_net import ALERT_S, GAIN_S, way_out
 from skystack.agents.transmission import Transmission
 from skystack.simulator.traffic import ticks
 from skystack.stacking import NO_OP
-from skystack.tasks.outlook import CHANGES_FL, TURNS_DEG, WAYS
+from skystack.tasks.outlook import CHANGES_FL, CLEARED, TURNS_DEG, WAYS
 from skystack.tasks.prediction import HORIZON_S
 from tests.tasks.sector_traffic import TASK, after
 

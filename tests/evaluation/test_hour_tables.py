@@ -5,7 +5,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from skystack.evaluation.hour_scores import score
-from skystack.evaluation.hour_tables import TABLES, Flown, callsigns_of, growing_hours, tables_of
+from skystack.evaluation.hour_tables import (
+    TABLES,
+    FlownHour,
+    callsigns_of,
+    growing_hours,
+    tables_of,
+)
 from skystack.evaluation.hours import HourFlyer
 from skystack.evaluation.losses import FlightPath, losses
 from skystack.evaluation.traffic import TrafficConditions, evaluate_traffic, find_controller
@@ -23,7 +29,7 @@ def flown():
     conditions = TrafficConditions("150", cycles=CYCLES)
     found = find_controller("rules", conditions)
     hour = HourFlyer(found.world, CYCLES).fly(found.agent, seed=4, number=7)
-    return Flown(found.world, hour, score(found.world.sector, hour))
+    return FlownHour(found.world, hour, score(found.world.sector, hour))
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +155,7 @@ def test_a_callsign_is_the_same_flight_under_every_agent():
         conditions = TrafficConditions("200", cycles=150)
         flown = find_controller(agent, conditions)
         hour = HourFlyer(flown.world, 150).fly(flown.agent, seed=0, number=0)
-        tables = tables_of(Flown(flown.world, hour, score(flown.world.sector, hour)))
+        tables = tables_of(FlownHour(flown.world, hour, score(flown.world.sector, hour)))
         planned = ("route", "entry_fl", "exit_fl")
         rows = tables["aircraft"].to_pylist()
         found[agent] = {row["callsign"]: [row[name] for name in planned] for row in rows}

@@ -15,13 +15,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from skystack.agents.safety_net import ALERT_S, CLEARED, way_out
+from skystack.agents.safety_net import ALERT_S, way_out
 from skystack.agents.transmission import PER_CYCLE, Transmission, clearance_of
 from skystack.learning.inference import Normaliser, forward, normalise
 from skystack.learning.policy import Policy
 from skystack.simulator.arrivals import FREE
 from skystack.simulator.traffic import DIRECT, NO_TURN, Clearance, Traffic
 from skystack.stacking import NO_OP
+from skystack.tasks.outlook import CLEARED
 from skystack.tasks.sector_control import ControlState, SectorControl
 from skystack.tasks.sector_observation import SINCE_CYCLES
 from skystack.tasks.sector_world import WorldState
@@ -53,8 +54,7 @@ class Query(NamedTuple):
     state: ControlState
     answer: Answer
     rank: Float[Array, " slots"]
-    """Seconds until separation would be lost as cleared, plus the probability that the policy
-    waits, which breaks ties. The flight with the lowest value is served first."""
+    """As by `_rank`. The flight with the lowest value is served first."""
 
 
 class _Visited(NamedTuple):
@@ -62,31 +62,33 @@ class _Visited(NamedTuple):
 
     clearance: Float[Array, "most parts"]
     """Row k: the clearance after k instructions; NaN in rows that are not reached yet."""
-    worth: Float[Array, " most"]
+    rank: Float[Array, " most"]
+    """As by `_rank`."""
     kept: Int[Array, ""]
     """The index of the clearance to keep, once the burst repeats itself; before that, -1."""
 
     @classmethod
-    def none(cls) -> "_Visited":
+    def begin(cls, clearance: Float[Array, " parts"], rank: Float[Array, ""]) -> "_Visited":
+        """With what is cleared before the burst."""
         most = MOST_INSTRUCTIONS + 1
-        clearance = jnp.full((most, _CLEARANCE_PARTS), jnp.nan, dtype=jnp.float32)
-        return cls(clearance, jnp.zeros(most, dtype=jnp.float32), jnp.int32(-1))
+        empty = jnp.full((most, len(clearance)), jnp.nan, dtype=jnp.float32)
+        return cls(empty, jnp.zeros(most), jnp.int32(-1)).add(jnp.int32(0), clearance, rank)
 
     def add(
         self,
-        count: Int[Array, ""] | int,
+        count: Int[Array, ""],
         clearance: Float[Array, " parts"],
-        worth: Float[Array, ""],
+        rank: Float[Array, ""],
     ) -> "_Visited":
         """Record the clearance after `count` instructions."""
         before = jnp.all(self.clearance == clearance[None], axis=1)
         index = jnp.arange(len(before), dtype=jnp.int32)
         repeated = (index >= jnp.argmax(before).astype(jnp.int32)) & (index < count)
-        best = jnp.argmax(jnp.where(repeated, self.worth, -1.0)).astype(jnp.int32)
+        best = jnp.argmax(jnp.where(repeated, self.rank, -1.0)).astype(jnp.int32)
         begins = (self.kept < 0) & jnp.any(before)
         return _Visited(
             self.clearance.at[count].set(clearance),
-            self.worth.at[count].set(worth),
+            self.rank.at[count].set(rank),
             jnp.where(begins, best, self.kept),
         )
 
@@ -95,7 +97,7 @@ class _Visited(NamedTuple):
         return (self.kept >= 0) & jnp.all(self.clearance[self.kept] == clearance)
 
 
-class _Burst(NamedTuple):
+class _Stacking(NamedTuple):
     """The instructions to a flight so far, and the answer to what has been cleared."""
 
     state: ControlState
@@ -156,19 +158,22 @@ class Learned:
         wanted = np.asarray(query.answer.wanted)
         if not self.safety_net:
             return wanted
-        return wanted | (np.asarray(query.state.outlook.time_s[0]) < ALERT_S)
+        return wanted | (np.asarray(query.state.outlook.time_s[CLEARED]) < ALERT_S)
 
     def _serve(self, query: Query, slot: int) -> tuple[ControlState, int]:
         """The state after a transmission to a flight, and the number of instructions in it."""
-        told, instructions = self._stack(query, slot)
+        told, count = self._stack(query, slot)
+        instructions = int(count)
+        if not self.safety_net:
+            return told, instructions
         time_s = np.asarray(told.outlook.time_s[:, slot])
-        if not self.safety_net or time_s[CLEARED] >= ALERT_S:
-            return told, int(instructions)
+        if time_s[CLEARED] >= ALERT_S:
+            return told, instructions
         way = way_out(self.task.sector, told.world, slot, time_s)
         if way is not None:
-            return self._rescue(told, clearance_of([way], self.task.agents)), int(instructions) + 1
+            return self._rescue(told, clearance_of([way], self.task.agents)), instructions + 1
         before_s = float(query.state.outlook.time_s[CLEARED, slot])
-        return (query.state, 0) if time_s[CLEARED] < before_s else (told, int(instructions))
+        return (query.state, 0) if time_s[CLEARED] < before_s else (told, instructions)
 
     @cached_property
     def _rescue(self) -> Any:
@@ -202,7 +207,7 @@ class Learned:
     def _ask(self, state: ControlState) -> Query:
         """Query the policy for every flight."""
         answer = self._answer(self.task.observe(state), self.task.allowed(state), state.burst)
-        return Query(state, answer, state.outlook.time_s[0] + answer.waits)
+        return Query(state, answer, _rank(state.outlook.time_s[CLEARED], answer.waits))
 
     def _ask_one(self, state: ControlState, slot: Int[Array, ""]) -> Answer:
         """Query the policy for one flight."""
@@ -232,28 +237,25 @@ class Learned:
         """Serve one flight: instruct it until the policy gives no further instruction.
 
         If the burst returns to an earlier clearance (climb, descend, climb, ...), the flight keeps
-        the repeated clearance with the highest `_worth`.
+        the repeated clearance with the highest rank.
 
         Returns the state and the number of instructions. In the state, only the outlook of this
         flight is up to date.
         """
         first = Answer(*(values[slot][None] for values in query.answer))
-        visited = _Visited.none().add(
-            0, _clearance_of(query.state, slot), _worth(query.state, first, slot)
-        )
-        burst = _Burst(query.state, first, jnp.int32(0), visited)
+        visited = _Visited.begin(_cleared_to(query.state, slot), query.rank[slot])
+        burst = _Stacking(query.state, first, jnp.int32(0), visited)
 
-        def wants(burst: _Burst) -> Bool[Array, ""]:
-            kept = burst.visited.is_kept(_clearance_of(burst.state, slot))
+        def wants(burst: _Stacking) -> Bool[Array, ""]:
+            kept = burst.visited.is_kept(_cleared_to(burst.state, slot))
             return burst.answer.wanted[0] & (burst.number < MOST_INSTRUCTIONS) & ~kept
 
-        def instruct(burst: _Burst) -> _Burst:
+        def instruct(burst: _Stacking) -> _Stacking:
             state = self.task.instruct_one(burst.state, slot, burst.answer.action[0])
             answer, count = self._ask_one(state, slot), burst.number + 1
-            visited = burst.visited.add(
-                count, _clearance_of(state, slot), _worth(state, answer, slot)
-            )
-            return _Burst(state, answer, count, visited)
+            rank = _rank(state.outlook.time_s[CLEARED, slot], answer.waits[0])
+            visited = burst.visited.add(count, _cleared_to(state, slot), rank)
+            return _Stacking(state, answer, count, visited)
 
         burst = jax.lax.while_loop(wants, instruct, burst)
         return burst.state, burst.number
@@ -266,16 +268,13 @@ class Learned:
         return forward(actor, normalise(normaliser, observation, columns=True), columns=True)
 
 
-def _worth(state: ControlState, answer: Answer, slot: Int[Array, ""]) -> Float[Array, ""]:
-    """Seconds until a flight would lose separation as cleared, plus the probability that the policy
-    gives no further instruction, which breaks ties."""
-    return state.outlook.time_s[0, slot] + answer.waits[0]
+def _rank(time_s: Float[Array, "*flights"], waits: Float[Array, "*flights"]) -> Array:
+    """Seconds until separation would be lost as cleared, plus the probability that the policy gives
+    no instruction, which breaks ties."""
+    return time_s + waits
 
 
-_CLEARANCE_PARTS = 5
-
-
-def _clearance_of(state: ControlState, slot: Int[Array, ""]) -> Float[Array, " parts"]:
+def _cleared_to(state: ControlState, slot: Int[Array, ""]) -> Float[Array, " parts"]:
     """What a flight is cleared to, as numbers that can be compared."""
     traffic = state.world.traffic
     fix = (

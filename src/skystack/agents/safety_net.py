@@ -6,20 +6,20 @@ cases, short-term conflict alert. The one here also chooses the clearance: of th
 the one after which separation is predicted to last longest, with the smallest detour.
 """
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from skystack.agents.transmission import Transmission
 from skystack.airspace.sector import Sector
 from skystack.simulator.traffic import ticks
-from skystack.tasks.outlook import CHANGES_FL, TURNS_DEG, WAYS
+from skystack.tasks.outlook import CLEARED, TURNS_DEG, changed_levels
 from skystack.tasks.sector_world import WorldState
 
 ALERT_S = 120.0
 """The net acts if a loss of separation is predicted within this time."""
 GAIN_S = 60.0
 """The net acts only if a clearance delays the predicted loss by at least this."""
-CLEARED = WAYS.index("cleared")
 _TURN_COST_FL, _DIRECT_COST_FL = 1000.0, 500.0
 """Any change of level is preferred to a clearance direct, and that to a turn."""
 
@@ -44,13 +44,10 @@ def way_out(
 def _ways(sector: Sector, state: WorldState, slot: int) -> list[Transmission]:
     """The clearances of `WAYS`, in order. That of `CLEARED` is empty."""
     traffic = state.traffic
-    lowest, highest = (ticks(float(fl)) for fl in sector.levels_fl)
     heading_deg = round(float(traffic.cleared_heading_deg[slot]))
-    cleared, exit_level = (
-        float(each[slot]) for each in (traffic.cleared_level_ticks, state.plan.exit_level_ticks)
-    )
-    fix = int(state.progress.next_fix[slot])
-    changed = [min(max(cleared + ticks(change), lowest), highest) for change in CHANGES_FL]
+    exit_level, fix = float(state.plan.exit_level_ticks[slot]), int(state.progress.next_fix[slot])
+    cleared = jnp.asarray(traffic.cleared_level_ticks[slot])[None]
+    changed = [float(level[0]) for level in changed_levels(sector, cleared)]
     return [
         Transmission(slot),
         Transmission(slot, fix=fix),

@@ -2,6 +2,7 @@
 
 import argparse
 import time
+from collections.abc import Mapping
 from typing import Any
 
 from skystack.cli.output import DONE, print_json, program, quoted, say
@@ -17,6 +18,14 @@ _ONLY_SCENARIOS = {
 """The options that make no sense with hours of traffic, and their defaults."""
 ONLY_TRAFFIC = {"per_cycle": None, "uncertainty": False, "safety_net": True}
 """The options that are only for hours of traffic, and their defaults."""
+
+
+def check_unused(options: argparse.Namespace, defaults: Mapping[str, Any], problem: str) -> None:
+    """Raise InputError for an option of `evaluate` that is not at its default."""
+    for name, default in defaults.items():
+        if getattr(options, name) != default:
+            no = "no-" if default is True else ""
+            raise InputError(f"evaluate: --{no}{name.replace('_', '-')} {problem}")
 
 
 def check_scenarios(name: str, policy: Any = None) -> None:
@@ -48,10 +57,7 @@ def evaluate_hours(options: argparse.Namespace) -> int:
     )
     from skystack.reporting.hour_table import hour_table
 
-    for name, default in _ONLY_SCENARIOS.items():
-        if getattr(options, name) != default:
-            flag = "no-stacking" if name == "stacking" else name.replace("_", "-")
-            raise InputError(f"evaluate: --{flag} cannot be used with --traffic")
+    check_unused(options, _ONLY_SCENARIOS, "cannot be used with --traffic")
     started = time.monotonic()
     hours = 1 if options.episodes is None else options.episodes
     conditions = TrafficConditions(

@@ -8,7 +8,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from skystack.cli.hours import ONLY_TRAFFIC, check_scenarios, evaluate_hours
+from skystack.cli.hours import ONLY_TRAFFIC, check_scenarios, check_unused, evaluate_hours
 from skystack.cli.output import (
     DONE,
     FAILED,
@@ -103,10 +103,7 @@ def evaluate(options: argparse.Namespace) -> int:
 
     if options.traffic is not None:
         return evaluate_hours(options)
-    for name, default in ONLY_TRAFFIC.items():
-        if getattr(options, name) != default:
-            flag = "no-safety-net" if name == "safety_net" else name.replace("_", "-")
-            raise InputError(f"evaluate: --{flag} needs --traffic")
+    check_unused(options, ONLY_TRAFFIC, "needs --traffic")
     check_scenarios(options.policy)
     started = time.monotonic()
     episodes = 1000 if options.episodes is None else options.episodes
@@ -175,15 +172,21 @@ def report(options: argparse.Namespace) -> int:
     return DONE
 
 
+def _page_of(options: argparse.Namespace, default: str) -> Path:
+    """The page to write. Raises InputError for another kind of file."""
+    path: Path = options.output or Path(default)
+    if path.suffix not in (".html", ".htm"):
+        raise InputError(f"report: -o {path} (allowed: .html)")
+    return path
+
+
 def _report_hours(options: argparse.Namespace) -> int:
     import msgspec
 
     from skystack.cli.console import output
     from skystack.reporting.hours_report import REPORT, hours_table, read_hours, write_hours_report
 
-    path = options.output or Path(REPORT)
-    if path.suffix not in (".html", ".htm"):
-        raise InputError(f"report: -o {path} (allowed: .html)")
+    path = _page_of(options, REPORT)
     rows = read_hours(options.runs)
     write_hours_report(rows, path)
     if options.json:
@@ -199,9 +202,7 @@ def _compare(options: argparse.Namespace) -> int:
     from skystack.reporting.comparison import comparison_json, comparison_tables, write_comparison
     from skystack.reporting.trainings import read_runs
 
-    path = options.output or Path("comparison.html")
-    if path.suffix not in (".html", ".htm"):
-        raise InputError(f"report: -o {path} (allowed: .html)")
+    path = _page_of(options, "comparison.html")
     runs = read_runs(options.runs)
     write_comparison(runs, path)
     if options.json:

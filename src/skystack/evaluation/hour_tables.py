@@ -7,13 +7,14 @@ birth (`birth_cycle`), so not in row 0. `losses` has the pairs of flights that l
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
 import pyarrow as pa
-from jaxtyping import Int
 
 from skystack.evaluation.followed import STATUS, status_of
 from skystack.evaluation.hour_scores import FlightRow, PairEvent, Scores
@@ -34,12 +35,18 @@ TABLES = ("episodes", "aircraft", "trajectories", "clearances", "losses")
 AppendHour = Callable[[Hour, Scores], None]
 
 
-class Flown(NamedTuple):
+@dataclass(frozen=True)
+class FlownHour:
     """An hour in its world."""
 
     world: World
     hour: Hour
     scores: Scores
+
+    @cached_property
+    def callsigns(self) -> list[str]:
+        """The callsigns of all flights, in order of birth."""
+        return callsigns_of(self.hour)
 
 
 @contextmanager
@@ -55,12 +62,12 @@ def growing_hours(
     with locked_folder(folder), growing_tables(folder, TABLES, metadata) as append:
 
         def append_hour(hour: Hour, scores: Scores) -> None:
-            append(tables_of(Flown(world, hour, scores)))
+            append(tables_of(FlownHour(world, hour, scores)))
 
         yield append_hour
 
 
-def tables_of(flown: Flown) -> dict[str, pa.Table]:
+def tables_of(flown: FlownHour) -> dict[str, pa.Table]:
     """The tables of one hour, by name."""
     clearances = _clearances(flown)
     return {
@@ -72,7 +79,7 @@ def tables_of(flown: Flown) -> dict[str, pa.Table]:
     }
 
 
-def _episode(flown: Flown, clearances: int) -> pa.Table:
+def _episode(flown: FlownHour, clearances: int) -> pa.Table:
     scores = flown.scores
     gone = [row for row in scores.flights if row.gone is not None]
     row = {
@@ -118,13 +125,12 @@ _AIRCRAFT = pa.schema(
 )
 
 
-def _aircraft(flown: Flown) -> pa.Table:
-    names = callsigns_of(flown.hour)
-    rows = [_aircraft_row(flown, each, names[each.flight]) for each in flown.scores.flights]
+def _aircraft(flown: FlownHour) -> pa.Table:
+    rows = [_aircraft_row(flown, each) for each in flown.scores.flights]
     return pa.Table.from_pylist(rows, schema=_AIRCRAFT)
 
 
-def _aircraft_row(flown: Flown, row: FlightRow, callsign: str) -> dict[str, Any]:
+def _aircraft_row(flown: FlownHour, row: FlightRow) -> dict[str, Any]:
     """Cycles are rows of the trajectories: row k of an hour is the state after cycle k + 1."""
     hour, simulator = flown.hour, flown.world.simulator
     slot = int(np.flatnonzero(hour.flight[row.birth] == row.flight)[0])
@@ -132,7 +138,7 @@ def _aircraft_row(flown: Flown, row: FlightRow, callsign: str) -> dict[str, Any]
     entered = np.flatnonzero(hour.entered[:, slot] & (hour.flight[:, slot] == row.flight))
     return {
         "scenario": hour.number,
-        "callsign": callsign,
+        "callsign": flown.callsigns[row.flight],
         "type": simulator.performance.types[int(hour.traffic.kind[at])],
         "route": " ".join(simulator.sector.routes[int(hour.traffic.route[at])]),
         "entry_fl": float(hour.before_level_ticks[at]) / TICKS_PER_FL,
@@ -153,7 +159,7 @@ def _aircraft_row(flown: Flown, row: FlightRow, callsign: str) -> dict[str, Any]
     }
 
 
-def _trajectories(flown: Flown) -> pa.Table:
+def _trajectories(flown: FlownHour) -> pa.Table:
     """One row per flight and cycle, from the cycle of birth to that in which the flight leaves."""
     hour = flown.hour
     present = hour.flight != FREE
@@ -166,31 +172,30 @@ def _trajectories(flown: Flown) -> pa.Table:
             "scenario": np.full(len(cycle), hour.number),
             "cycle": (cycle + 1).astype(np.int32),
             "time_s": ((cycle + 1) * CYCLE_S).astype(np.int32),
-            "callsign": _signs(hour, hour.flight[present]),
+            "callsign": pa.DictionaryArray.from_arrays(
+                hour.flight[present].astype(np.int32), pa.array(flown.callsigns, pa.string())
+            ),
             **{name: rounded(name, values) for name, values in columns.items()},
             "status": pa.array(np.array(STATUS)[status], pa.string()),
         }
     )
 
 
-def _clearances(flown: Flown) -> pa.Table:
+def _clearances(flown: FlownHour) -> pa.Table:
     """One row per clearance; a heading or fix with a level gives two rows of one transmission."""
     hour, routes = flown.hour, flown.world.sector.routes
     cycle = np.array([each.cycle for each in hour.sent], dtype=np.int64)
     slot = np.array([each.transmission.slot for each in hour.sent], dtype=np.int64)
-    names = callsigns_of(hour)
     commands, planned = [], []
     for each in hour.sent:
         told = each.transmission
         planned.append(routes[int(hour.traffic.route[each.cycle, told.slot])])
         commands.append(
             Instruction(
-                names[each.flight],
+                flown.callsigns[each.flight],
                 heading_deg=told.heading_deg,
                 direct_to=None if told.fix is None else planned[-1][told.fix],
-                level_fl=None
-                if told.level_ticks is None
-                else round(told.level_ticks / TICKS_PER_FL),
+                level_fl=_level_fl(told.level_ticks),
             )
         )
     at = (cycle, slot)
@@ -204,6 +209,10 @@ def _clearances(flown: Flown) -> pa.Table:
         for row in clearance_rows(each.cycle, words, route, each.transmission.instructions)
     ]
     return pa.Table.from_pylist(rows, schema=_CLEARANCES)
+
+
+def _level_fl(ticks: float | None) -> int | None:
+    return None if ticks is None else round(ticks / TICKS_PER_FL)
 
 
 _CLEARANCES = pa.schema(
@@ -233,18 +242,17 @@ _LOSSES = pa.schema(
 )
 
 
-def _losses(flown: Flown) -> pa.Table:
-    names = callsigns_of(flown.hour)
-    rows = [_loss(flown.hour.number, each, names) for each in flown.scores.losses]
+def _losses(flown: FlownHour) -> pa.Table:
+    rows = [_loss(flown, each) for each in flown.scores.losses]
     return pa.Table.from_pylist(rows, schema=_LOSSES)
 
 
-def _loss(number: int, loss: PairEvent, names: list[str]) -> dict[str, Any]:
+def _loss(flown: FlownHour, loss: PairEvent) -> dict[str, Any]:
     return {
-        "scenario": number,
+        "scenario": flown.hour.number,
         "cycle": loss.cycle + 1,
-        "first": names[loss.first],
-        "second": names[loss.second],
+        "first": flown.callsigns[loss.first],
+        "second": flown.callsigns[loss.second],
         "at_birth": loss.at_birth,
         "inside_cycle": None if loss.inside_cycle is None else loss.inside_cycle + 1,
     }
@@ -257,18 +265,10 @@ def callsigns_of(hour: Hour) -> list[str]:
     but a callsign is the same flight under every agent. If the candidates are used up and begin
     again, a suffix is added.
     """
-    candidate = dict[int, int]()
-    for cycle, slot in np.argwhere(hour.flight != FREE):
-        candidate[int(hour.flight[cycle, slot])] = int(hour.candidate[cycle, slot])
+    flight, first = np.unique(hour.flight, return_index=True)
     uses = Counter[int]()
     names = []
-    for flight in sorted(candidate):
-        number = candidate[flight]
+    for number in hour.candidate.reshape(-1)[first[flight != FREE]].tolist():
         uses[number] += 1
         names.append(f"AC{number + 1}" + (f"-{uses[number]}" if uses[number] > 1 else ""))
     return names
-
-
-def _signs(hour: Hour, flight: Int[np.ndarray, " rows"]) -> pa.DictionaryArray:
-    names = pa.array(callsigns_of(hour), pa.string())
-    return pa.DictionaryArray.from_arrays(flight.astype(np.int32), names)

@@ -15,6 +15,7 @@ from skystack.errors import InputError
 from skystack.learning.seeds import scenario_key
 from skystack.simulator.arrivals import FREE
 from skystack.simulator.traffic import Traffic
+from skystack.tasks.outlook import CLEARED
 from skystack.tasks.sector_rewards import FAIL_SAFE_S
 from skystack.tasks.sector_world import World, WorldCycle, WorldState
 
@@ -117,7 +118,7 @@ class HourFlyer:
 def is_fail_safe(world: World, state: WorldState) -> Bool[Array, "*batch"]:
     """Whether nobody would lose separation within `FAIL_SAFE_S` without a further clearance."""
     outlook = world.look_ahead(state, margin_nm=0.0)
-    return jnp.all(outlook.time_s[0] >= FAIL_SAFE_S, axis=0)
+    return jnp.all(outlook.time_s[CLEARED] >= FAIL_SAFE_S, axis=0)
 
 
 def _hour(

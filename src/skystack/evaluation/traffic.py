@@ -50,6 +50,16 @@ class TrafficConditions(NamedTuple):
     safety_net: bool = True
     """Whether a policy flies with its safety net."""
 
+    @property
+    def options(self) -> list[str]:
+        """The options of `evaluate`, without traffic, hours and seed, that are not at their default."""
+        differs = {
+            f"--per-cycle {self.per_cycle}": self.per_cycle != PER_CYCLE,
+            "--uncertainty": self.uncertainty,
+            "--no-safety-net": not self.safety_net,
+        }
+        return [option for option, given in differs.items() if given]
+
 
 def flow_of(conditions: TrafficConditions, simulator: Simulator) -> Flow:
     """The arrivals of the named traffic. Raises InputError for unknown traffic."""
@@ -97,27 +107,26 @@ def evaluate_traffic(
     InputError for invalid conditions.
     """
     found = find_controller(controller, conditions)
+    folder = None if out is None else hours_folder(out, found.name, conditions)
     flyer = HourFlyer(found.world, conditions.cycles, conditions.per_cycle)
     scores, cycles = [], count(1)
-    with _tables_in(out, found, conditions) as append:
+    with _tables_in(folder, found, conditions) as append:
         for number in range(conditions.hours):
             hour = flyer.fly(found.agent, conditions.seed, number, lambda _: on_cycle(next(cycles)))
             scores.append(score(found.world.sector, hour))
             append(hour, scores[-1])
-        if out is not None:  # the row is never older than the tables
-            forget_row(hours_folder(out, found.name, conditions))
-    row = summary(scores, found.name, conditions.traffic)
-    safety_net = getattr(found.agent, "safety_net", None)
-    row |= {
+        if folder is not None:  # the row is never older than the tables
+            forget_row(folder)
+    row = summary(scores, found.name, conditions.traffic) | {
         "sector": found.world.sector.name,
         "seed": conditions.seed,
         "cycles": conditions.cycles,
         "per_cycle": conditions.per_cycle,
         "uncertainty": conditions.uncertainty,
-        "safety_net": safety_net,
+        "safety_net": found.safety_net,
     }
-    if out is not None:
-        write_row(hours_folder(out, found.name, conditions), row)
+    if folder is not None:
+        write_row(folder, row)
     return row
 
 
@@ -129,6 +138,11 @@ class ControlledWorld(NamedTuple):
     world: World
     performance: str
     """The name of the performance model in this world."""
+
+    @property
+    def safety_net(self) -> bool | None:
+        """Whether the agent flies with its safety net; None if it has none."""
+        return getattr(self.agent, "safety_net", None)
 
 
 def find_controller(controller: str | Policy, conditions: TrafficConditions) -> ControlledWorld:
@@ -172,25 +186,21 @@ def hours_folder(out: Path, agent: str, conditions: TrafficConditions) -> Path:
     name = f"{agent}-traffic-{conditions.traffic}-seed-{conditions.seed}"
     if conditions.sector is not None:
         name += f"-{Path(conditions.sector).stem}"
-    if conditions.per_cycle != PER_CYCLE:
-        name += f"-per-cycle-{conditions.per_cycle}"
-    if conditions.uncertainty:
-        name += "-uncertainty"
-    return out / (name if conditions.safety_net else f"{name}-no-safety-net")
+    options = (each.removeprefix("--").replace(" ", "-") for each in conditions.options)
+    return out / "-".join([name, *options])
 
 
 def _tables_in(
-    out: Path | None, found: ControlledWorld, conditions: TrafficConditions
+    folder: Path | None, found: ControlledWorld, conditions: TrafficConditions
 ) -> AbstractContextManager[AppendHour]:
-    """Open the tables of `hours_folder`; without `out`, nothing is written."""
-    if out is None:
+    """Open the tables in a folder; without one, nothing is written."""
+    if folder is None:
         return nullcontext(lambda hour, scores: None)
-    folder = hours_folder(out, found.name, conditions)
     traffic = TrafficRecord(
         found.name,
         conditions.traffic,
         conditions.seed,
         conditions.uncertainty,
-        getattr(found.agent, "safety_net", None),
+        found.safety_net,
     )
     return growing_hours(folder, found.world, found.performance, traffic)

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from skystack.evaluation.hour_row import HourRow
+from skystack.reporting.hour_table import traffic_in_words
 from skystack.reporting.style import LINES, SERIES, grid_of_axes
 
 Labelled = Sequence[tuple[str, HourRow]]
@@ -19,7 +20,7 @@ COLUMNS = 3
 """The maximum number of survival panels in a row."""
 
 
-class Panel(NamedTuple):
+class Measure(NamedTuple):
     """A score that is drawn against flights per hour."""
 
     title: str
@@ -32,14 +33,14 @@ def _percent(rate: float | None) -> float | None:
 
 
 PANELS = (
-    Panel(
+    Measure(
         "losses of separation per 1,000 flights",
         lambda row: 1000.0 * row.losses_of_separation / row.flights if row.flights else None,
         "symlog",
     ),
-    Panel("correct exits, %", lambda row: _percent(row.correct_exit_rate)),
-    Panel("transmissions per flight", lambda row: row.transmissions_per_flight),
-    Panel("lax score, s", lambda row: row.lax_s_mean),
+    Measure("correct exits, %", lambda row: _percent(row.correct_exit_rate)),
+    Measure("transmissions per flight", lambda row: row.transmissions_per_flight),
+    Measure("lax score, s", lambda row: row.lax_s_mean),
 )
 
 
@@ -83,7 +84,7 @@ def survival(rows: Labelled) -> Figure:
     size = (max(3.6 * columns, 5.0), 2.9 * lines + 0.5)
     figure, panels = grid_of_axes(lines, columns, size, sharey=True)
     for axes, kind in zip(panels, kinds, strict=False):
-        axes.set_title(f"{kind} flights/h" if kind[0].isdigit() else kind)
+        axes.set_title(traffic_in_words(kind))
         for name in names:
             own = [row for each, row in rows if (each, row.traffic) == (name, kind)]
             if own:

@@ -5,6 +5,7 @@ from typing import Any
 
 from skystack.reporting.table import Table
 from skystack.reporting.tables import NOTHING, decimal, percent
+from skystack.simulator.arrival_flows import FLIGHT_SCHOOL
 
 
 def hour_table(row: Mapping[str, Any]) -> Table:
@@ -17,7 +18,10 @@ def hour_table(row: Mapping[str, Any]) -> Table:
     lines = (
         ("flights (of which gone)", f"{row['flights']:,} ({row['flights_gone']:,})"),
         ("hours", decimal(row["hours"])),
-        ("losses of separation (at birth)", losses(row)),
+        (
+            "losses of separation (at birth)",
+            losses(row["losses_of_separation"], row["losses_at_birth"]),
+        ),
         ("close pairs, below 7 NM", f"{row['close_pairs']:,}"),
         ("fail-safe cycles", percent(row["fail_safe_rate"])),
         ("correct exits", percent(row["correct_exit_rate"])),
@@ -35,6 +39,11 @@ def hour_table(row: Mapping[str, Any]) -> Table:
     return Table(("measure", "value"), lines)
 
 
-def losses(row: Mapping[str, Any]) -> str:
+def losses(count: int, at_birth: int) -> str:
     """Losses of separation, and in brackets those at birth."""
-    return f"{row['losses_of_separation']:,} ({row['losses_at_birth']:,})"
+    return f"{count:,} ({at_birth:,})"
+
+
+def traffic_in_words(traffic: str, named: str = "{}") -> str:
+    """`60 flights/h`; or, for traffic that has a name, the name in the format `named`."""
+    return named.format(traffic) if traffic in FLIGHT_SCHOOL else f"{traffic} flights/h"

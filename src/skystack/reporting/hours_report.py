@@ -9,6 +9,7 @@ from skystack.errors import InputError, printable
 from skystack.evaluation.hour_row import HourRow, folders_of_hours, read_row
 from skystack.io.files import atomic_write
 from skystack.reporting.hour_figures import capacity, survival
+from skystack.reporting.hour_table import losses
 from skystack.reporting.page import picture_of, render
 from skystack.reporting.style import as_svg, house_style
 from skystack.reporting.table import Table
@@ -83,7 +84,7 @@ def _line(row: HourRow) -> tuple[str, ...]:
         row.traffic,
         f"{row.hours:g}",
         f"{row.flights:,}",
-        f"{row.losses_of_separation:,} ({row.losses_at_birth:,})",
+        losses(row.losses_of_separation, row.losses_at_birth),
         percent(row.correct_exit_rate),
         percent(row.excursion_rate),
         NOTHING if sent is None else f"{sent:.2f}",

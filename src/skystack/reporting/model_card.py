@@ -21,6 +21,7 @@ from skystack.learning.experiment import (
 )
 from skystack.learning.policy import Policy
 from skystack.policies.measured import Measured
+from skystack.reporting.hour_table import traffic_in_words
 from skystack.reporting.page import template_source
 from skystack.reporting.tables import NOTHING, decimal, mean_and_std, percent
 from skystack.tasks.contract import Action, TrafficTask
@@ -133,7 +134,7 @@ def _way(stacking: bool) -> str:
 
 
 def _traffic(name: str) -> str:
-    return f"{name} flights/h" if name.isdecimal() else f"`{name}`"
+    return traffic_in_words(name, "`{}`")
 
 
 def _sentence(experiment: Experiment) -> str:

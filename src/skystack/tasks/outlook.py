@@ -42,6 +42,7 @@ WAYS = (
     "direct, exit level",
 )
 """The clearances that are tried, each with one change, except the last."""
+CLEARED = WAYS.index("cleared")
 NEIGHBOURS = 12
 """The number of other flights that are compared with each flight."""
 MARGIN_NM = 1.0
@@ -255,18 +256,17 @@ def _heading_paths(sector: Sector, traffic: Traffic) -> PredictedPath:
 
 def _levels(simulator: Simulator, flights: Flights) -> Float[Array, "times levels columns"]:
     """The levels after clearances to levels, in the order of `WAYS`; as cleared first."""
-    goals = jnp.stack(_goals(simulator.sector, flights))
+    cleared, exit_level = flights.traffic.cleared_level_ticks, flights.exit_level_ticks
+    goals = jnp.stack([cleared, exit_level, *changed_levels(simulator.sector, cleared)])
     predicted = partial(predicted_level, simulator, flights.traffic)
     levels: Array = jax.vmap(predicted, out_axes=1)(goals)
     return levels
 
 
-def _goals(sector: Sector, flights: Flights) -> list[Rows]:
-    """The cleared level, the exit level, and the changed levels."""
+def changed_levels(sector: Sector, cleared_ticks: Rows) -> list[Rows]:
+    """The levels after `CHANGES_FL` from the cleared ones, within those of the sector."""
     lowest, highest = (ticks(float(fl)) for fl in sector.levels_fl)
-    cleared = flights.traffic.cleared_level_ticks
-    changed = [jnp.clip(cleared + ticks(change), lowest, highest) for change in CHANGES_FL]
-    return [cleared, flights.exit_level_ticks, *changed]
+    return [jnp.clip(cleared_ticks + ticks(change), lowest, highest) for change in CHANGES_FL]
 
 
 def _most_urgent(

@@ -221,9 +221,7 @@ def _beyond_exit_fix(sector: Sector, traffic: Traffic) -> Rows:
     table, route = sector.route_table, traffic.route
     last = value_of(table.last_fix, route)
     exit_fix, last_fix = fix_of(table, route, last - 1), fix_of(table, route, last)
-    leg = last_fix - exit_fix
-    unit = leg / jnp.maximum(length(leg), 1e-6)[:, None]
-    to_exit = dot(exit_fix - traffic.position_nm, unit)
+    to_exit = dot(exit_fix - traffic.position_nm, fix_leg(table, route, last - 1))
     scale = sector.plane.scale(traffic.position_nm[:, 1])
     missed = to_exit < -PASSED_NM * scale
     to_last = length(last_fix - traffic.position_nm)

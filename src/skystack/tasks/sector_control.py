@@ -25,7 +25,7 @@ from skystack.simulator.traffic import DIRECT, NO_TURN, SHORTEST, Clearance, tic
 from skystack.stacking import NO_OP
 from skystack.tasks.contract import Metric, Outcome
 from skystack.tasks.features import exit_distance
-from skystack.tasks.outlook import Outlook
+from skystack.tasks.outlook import CLEARED, Outlook
 from skystack.tasks.sector_observation import (
     NAMES,
     SINCE_CYCLES,
@@ -234,7 +234,7 @@ class SectorControl:
         cycle = FlightCycle(
             transmission=state.began,
             instructions=state.instructions,
-            time_to_loss_s=jnp.where(stays, outlook.time_s[0], jnp.inf),
+            time_to_loss_s=jnp.where(stays, outlook.time_s[CLEARED], jnp.inf),
             loss=lost & ~state.lost,
             excursion=flown.excursion & heard,
             exited=flown.exited & heard,

@@ -32,6 +32,7 @@ from skystack.evaluation.stored import (
 )
 from skystack.evaluation.writing import TrafficRecord
 from skystack.platforms.registry import OWN
+from skystack.reporting.hour_table import traffic_in_words
 from skystack.reporting.replay.outcome import (
     CRITERIA,
     Failure,
@@ -226,7 +227,8 @@ def _episodes(folder: Path, count: int | None, number: int | None) -> pa.Table:
     if traffic_of(path, episodes) is not None:
         count = HOURS if count is None else count
     else:  # hours of arriving traffic have no criteria
-        episodes = _with_optional(path, (*columns, "success"), CRITERIA, one)
+        known = (name for name in CRITERIA if has_column(path, name))
+        episodes = read_table(path, (*columns, "success", *known), one)
     episodes = episodes.sort_by("scenario").slice(0, SCENARIOS if count is None else count)
     if not episodes.num_rows:
         known = read_table(path, ("scenario",))["scenario"].to_numpy()
@@ -250,8 +252,7 @@ def _title(folder: Path) -> str:
 
 def _title_of_hours(traffic: TrafficRecord) -> str:
     """`sector-control, 120 flights/h`."""
-    rate = traffic.traffic.replace(".", "").isdigit()
-    what = f"{traffic.traffic} flights/h" if rate else f"{traffic.traffic} traffic"
+    what = traffic_in_words(traffic.traffic, "{} traffic")
     net = ", no safety net" if traffic.safety_net is False else ""
     uncertainty = ", uncertainty" if traffic.uncertainty else ""
     return printable(f"{traffic.agent}{net}, {what}{uncertainty}")
