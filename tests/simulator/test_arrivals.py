@@ -147,7 +147,7 @@ def test_flights_take_the_lowest_free_slot_and_keep_it():
 )
 def test_a_newborn_keeps_its_distance_from_the_traffic(distance_nm, level, climbs_to, clear):
     """The rule of BluebirdDT, with one candidate at FL300."""
-    clock = clock_of(1, attempts=1)
+    clock = clock_of(1, attempts=1, unchecked_clearances=True)
     arrivals, traffic = world(clock, [(0.0, 0.0, 0.0, 300)])
     north = distance_nm * float(SIMULATOR.sector.plane.scale(np.array([0.0]))[0])
     traffic = traffic._replace(
@@ -160,6 +160,22 @@ def test_a_newborn_keeps_its_distance_from_the_traffic(distance_nm, level, climb
     arrivals, _ = admit(clock, arrivals, traffic)
     assert (arrivals.flight.tolist() == [7, 8, FREE, FREE]) == clear
     assert int(arrivals.waiting) == (not clear)
+
+
+@pytest.mark.parametrize("unchecked", [True, False])
+def test_a_flight_is_not_born_where_another_has_just_been_cleared_through_its_level(unchecked):
+    """BluebirdDT still admits it: there, the clearance takes effect later."""
+    clock = clock_of(1, attempts=1, unchecked_clearances=unchecked)
+    arrivals, traffic = world(clock, [(0.0, 0.0, 0.0, 300)])
+    traffic = traffic._replace(
+        active=jnp.asarray([True, False, False, False]),
+        level_ticks=traffic.level_ticks.at[0].set(ticks(290.0)),
+        flown_level_ticks=traffic.flown_level_ticks.at[0].set(ticks(290.0)),
+        cleared_level_ticks=traffic.cleared_level_ticks.at[0].set(ticks(320.0)),
+    )
+    arrivals = arrivals._replace(flight=arrivals.flight.at[0].set(7), born=jnp.int32(8))
+    arrivals, _ = admit(clock, arrivals, traffic)
+    assert (int(arrivals.born) == 9) == unchecked
 
 
 def test_the_first_clear_candidate_is_born_and_the_others_are_used_up():

@@ -52,7 +52,7 @@ class TrafficConditions(NamedTuple):
 
     @property
     def options(self) -> list[str]:
-        """The options of `evaluate`, without traffic, hours and seed, that are not at their default."""
+        """The options of `evaluate`, except traffic, hours and seed, that have other than defaults."""
         differs = {
             f"--per-cycle {self.per_cycle}": self.per_cycle != PER_CYCLE,
             "--uncertainty": self.uncertainty,

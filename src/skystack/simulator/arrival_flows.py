@@ -35,6 +35,7 @@ def _as_in_bluebird(
         until_s=float(HOUR_S),
         quadratic=True,
         unchecked_twins=True,
+        unchecked_clearances=True,
         held_cycles=2,
     )
 

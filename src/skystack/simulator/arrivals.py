@@ -13,6 +13,7 @@ first reported exactly there.
 """
 
 from dataclasses import dataclass
+from functools import reduce
 from typing import NamedTuple
 
 import jax
@@ -27,8 +28,8 @@ from skystack.simulator.traffic import Traffic, start, where_aircraft
 FREE = -1
 """The flight of a free slot."""
 CLEAR_NM = 10.0
-"""A newborn keeps this distance from traffic whose levels, rounded outwards to multiples of ten,
-include its own."""
+"""A newborn keeps this distance from traffic whose present and cleared levels, and those in
+between, rounded outwards to multiples of ten, include its own."""
 SAME_LEVEL_NM = 60.0
 """A newborn keeps this distance from traffic at exactly its own level."""
 MOST_DUE = 16
@@ -103,6 +104,10 @@ class Clock:
     unchecked_twins: bool = False
     """Whether flights born in the same cycle are not checked against each other, and births that
     find no clear candidate are given up, as in BluebirdDT. Otherwise such flights wait."""
+    unchecked_clearances: bool = False
+    """Whether clearances since the last cycle are not considered when a flight asks to enter, as in
+    BluebirdDT, where they take effect after births. A flight may then be born next to one that has
+    just been cleared through its level."""
     held_cycles: int = 1
     """The number of cycles for which a newborn is held; twins are held longer in BluebirdDT."""
     recorded: bool = False
@@ -218,8 +223,10 @@ class Admission:
         distance = length(offset.reshape(shape)).reshape(offset.shape[:2] + offset.shape[3:])
         distance = distance / self.simulator.sector.plane.scale(tried.position_nm[:, 1])[:, None]
         level = tried.entry_level_ticks[:, None]
-        lower = jnp.minimum(traffic.level_ticks, traffic.flown_level_ticks)
-        upper = jnp.maximum(traffic.level_ticks, traffic.flown_level_ticks)
+        levels = [traffic.level_ticks, traffic.flown_level_ticks]
+        if not self.clock.unchecked_clearances:
+            levels.append(traffic.cleared_level_ticks)
+        lower, upper = reduce(jnp.minimum, levels), reduce(jnp.maximum, levels)
         lower = jnp.floor(lower / _LEVEL_STEP) * _LEVEL_STEP
         upper = jnp.ceil(upper / _LEVEL_STEP) * _LEVEL_STEP
         overlaps = (lower[None] <= level) & (level <= upper[None])

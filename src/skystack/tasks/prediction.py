@@ -34,6 +34,11 @@ LEAVES_LATE_S = 12.0
 beyond the exit fix."""
 PASSED_NM = 1.0
 """A flight that is still present this far beyond its exit fix has missed its exit."""
+SLOW_TURN_DEG = 15.0
+"""Turns to a fix that are smaller are flown with little bank, on a circle that may be so large that
+the flight reaches the fix first."""
+NEAR_NM = 1.0
+"""A turn to a fix that ends this close to it, or later, is taken to last until the next turn."""
 LEGS = 6
 """The number of legs of a route that are predicted."""
 
@@ -181,7 +186,7 @@ def _segments(
     last = value_of(table.last_fix, traffic.route)
     speed = _speed(sector, traffic)
     begin = traffic.position_nm
-    pieces, heading = _first_turn(sector, traffic, fix, continues)
+    pieces, heading = _first_turn(sector, traffic, fix, continues, fix < last)
     for vector, _ in pieces:
         begin = begin + vector
     total = sum((flown for _, flown in pieces), start=jnp.zeros_like(speed))
@@ -233,12 +238,20 @@ Piece = tuple[Float[Array, "slots 2 *batch"], Rows]
 
 
 def _first_turn(
-    sector: Sector, traffic: Traffic, fix: Int[Array, "slots *batch"], continues: Flags
+    sector: Sector,
+    traffic: Traffic,
+    fix: Int[Array, "slots *batch"],
+    continues: Flags,
+    turns: Flags,
 ) -> tuple[list[Piece], Rows]:
-    """The turn to a fix in two chords, and the heading after it."""
+    """The turn to a fix in two chords, and the heading after it.
+
+    `turns` marks flights that turn again at the fix. A slow turn that would last until then is
+    predicted as straight flight to the fix.
+    """
     scale = sector.plane.scale(traffic.position_nm[:, 1])
     to_fix = fix_of(sector.route_table, traffic.route, fix) - traffic.position_nm
-    turn = wrap_180(bearing(to_fix) - traffic.heading_deg)
+    to_course = turn = wrap_180(bearing(to_fix) - traffic.heading_deg)
     radius = turn_radius_nm(jnp.abs(turn), traffic.ground_speed_kt)
     radius = jnp.where(continues & (traffic.turn_radius_nm > 0.0), traffic.turn_radius_nm, radius)
     # On the way to the fix there is no turn.
@@ -249,13 +262,36 @@ def _first_turn(
         chord = 2.0 * radius * jnp.abs(jnp.sin(jnp.radians(angle_deg / 2.0)))
         return chord[:, None] * direction(half)
 
-    for _ in range(2):  # the turn ends where the fix is straight ahead
-        course = bearing(to_fix - turned(turn))
-        turn = turn + wrap_180(course - traffic.heading_deg - turn)
+    slow = jnp.abs(turn) < SLOW_TURN_DEG
+    turn = _turn_to_point(to_fix, traffic.heading_deg, radius, turn)
+    course = to_fix / jnp.maximum(length(to_fix), 1e-6)[:, None]
+    after = fix_leg(sector.route_table, traffic.route, fix)
+    _, lead, _ = _corner(course, after, turns, traffic, sector)
+    slow &= length(to_fix - turned(turn)) < lead + scale * NEAR_NM
+    radius, turn = jnp.where(slow, 0.0, radius), jnp.where(slow, to_course, turn)
     middle = turned(turn / 2.0)
     arc = radius * jnp.radians(jnp.abs(turn))
     halves: list[Piece] = [(middle, arc / 2.0), (turned(turn) - middle, arc / 2.0)]
     return halves, traffic.heading_deg + turn
+
+
+def _turn_to_point(
+    to_fix: Float[Array, "slots 2 *batch"], heading_deg: Rows, radius: Rows, turn_deg: Rows
+) -> Rows:
+    """The turn after which a fix is straight ahead, to the side of `turn_deg`.
+
+    The line from where the turn ends to the fix is a tangent of the circle flown. If the fix is
+    inside the circle, the turn ends where it is nearest.
+    """
+    right = jnp.where(turn_deg < 0.0, -1.0, 1.0)
+    ahead = dot(to_fix, direction(heading_deg))
+    aside = dot(to_fix, direction(heading_deg + 90.0)) * right
+    # The fix as seen from the centre of the circle, from the position of the flight on.
+    from_centre = jnp.arctan2(ahead, radius - aside)
+    tangent = jnp.sqrt(jnp.maximum(ahead**2 + (radius - aside) ** 2 - radius**2, 0.0))
+    turn = jnp.degrees(from_centre - jnp.arctan2(tangent, radius)) % 360.0
+    # Rounding may turn a flight that heads for its fix by a full circle.
+    return jnp.where(turn > 359.0, turn - 360.0, turn) * right
 
 
 def _corner(
