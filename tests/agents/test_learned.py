@@ -11,7 +11,9 @@ from skystack.agents.transmission import clearance_of
 from skystack.learning.policy import Policy
 from skystack.simulator.traffic import DIRECT, NO_TURN, ticks
 from skystack.stacking import NO_OP
-from skystack.tasks.sector_control import ACTIONS, CLIMB, DESCEND, LEFT_10, TO_FIX
+from skystack.tasks.outlook import CLEARED
+from skystack.tasks.prediction import HORIZON_S
+from skystack.tasks.sector_control import ACTIONS, CLIMB, DESCEND, LEFT_10, RIGHT_10, TO_FIX
 from skystack.tasks.sector_observation import NAMES, SINCE_CYCLES
 from tests.tasks.sector_traffic import SLOTS, TASK, after
 
@@ -54,8 +56,24 @@ class Seesaw(Learned):
         return logits.at[NO_OP].set(jnp.where(above, 0.9, 0.1))
 
 
-def controller(kind=ToExitLevel, per_cycle=1):
-    return kind(object.__new__(Policy), TASK, per_cycle)  # the kinds above need no weights
+class Waits(Learned):
+    """Never gives an instruction."""
+
+    def _logits(self, observation):
+        return jnp.zeros((len(ACTIONS), observation.shape[1])).at[NO_OP].set(20.0)
+
+
+class TurnsRight(Learned):
+    """Turns every flight right by 10 degrees."""
+
+    def _logits(self, observation):
+        rows = dict(zip(NAMES, observation, strict=True))
+        chosen = jnp.where(rows["burst"] > 0.5, NO_OP, RIGHT_10)
+        return jnp.where(jnp.arange(len(ACTIONS))[:, None] == chosen[None], 20.0, 0.0)
+
+
+def controller(kind=ToExitLevel, per_cycle=1, safety_net=True):
+    return kind(object.__new__(Policy), TASK, per_cycle, safety_net)  # they need no weights
 
 
 @pytest.fixture(scope="module")
@@ -93,11 +111,11 @@ def test_the_state_is_untouched_and_flies_what_was_said(world):
 
 
 def test_every_flight_is_served_at_most_once_in_a_cycle(world):
-    agent = controller(per_cycle=100)
+    agent = controller(per_cycle=100, safety_net=False)
     agent.begin(world)
     slots = [each.slot for each in agent.transmit(world)]
     assert sorted(slots) == hearing(world).tolist()
-    limited = controller(per_cycle=2)
+    limited = controller(per_cycle=2, safety_net=False)
     limited.begin(world)
     first = [each.slot for each in limited.transmit(world)]
     assert first == slots[:2]
@@ -122,9 +140,7 @@ def test_a_burst_that_turns_in_a_circle_ends_where_it_began_to_repeat(world):
 
 def test_a_burst_that_repeats_keeps_the_clearance_after_which_the_policy_would_wait(world):
     """A single flight, so all clearances are equally safe."""
-    alone = np.zeros_like(world.traffic.active)
-    alone[hearing(world)[0]] = True
-    world = world._replace(traffic=world.traffic._replace(active=alone))
+    world = alone(world, hearing(world)[0])
     agent = controller(Seesaw)
     agent.begin(world)
     highest = ticks(float(TASK.sector.levels_fl[1]))
@@ -158,14 +174,9 @@ def test_a_long_burst_is_cut_off(world, monkeypatch):
 def test_the_safety_net_acts_where_the_policy_waits(world):
     """Two flights head on at one level, 25 miles apart."""
 
-    class Waits(Learned):
-        def _logits(self, observation):
-            return jnp.zeros((len(ACTIONS), observation.shape[1])).at[NO_OP].set(20.0)
-
     one, other = hearing(world)[:2].tolist()
     meeting = head_on(world, one, other)
-    silent = controller(Waits)
-    silent.safety_net = False
+    silent = controller(Waits, safety_net=False)
     silent.begin(meeting)
     assert silent.transmit(meeting) == []
     agent = controller(Waits, per_cycle=5)
@@ -176,6 +187,62 @@ def test_the_safety_net_acts_where_the_policy_waits(world):
     outlook = jax.device_get(TASK.world.look_ahead(jax.tree.map(jnp.asarray, told)))
     assert float(outlook.time_s[0, one]) >= ALERT_S
     assert float(outlook.time_s[0, other]) >= ALERT_S
+
+
+def test_the_safety_net_turns_a_flight_that_would_leave_elsewhere(world):
+    """A flight in the north-western arm, 5.5 NM from its edge and heading for it."""
+    slot = hearing(world)[0]
+    leaving = in_arm(world, slot, 5.5, 45.0)
+    agent = controller(Waits, per_cycle=5)
+    agent.begin(leaving)
+    (sent,) = agent.transmit(leaving)
+    assert sent.fix is not None or sent.heading_deg is not None
+    told = TASK.world.instruct(leaving, clearance_of([sent], SLOTS))
+    outlook = jax.device_get(TASK.world.look_ahead(jax.tree.map(jnp.asarray, told)))
+    assert float(outlook.leaves_s[CLEARED, slot]) == HORIZON_S
+    agent.safety_net = False
+    assert agent.transmit(leaving) == []
+
+
+@pytest.mark.parametrize(("from_edge_nm", "turns"), [(1.0, False), (8.0, True)])
+def test_instructions_that_cause_an_alert_are_not_given(world, from_edge_nm, turns):
+    """The flight is parallel to the edge, and the policy turns it towards the edge."""
+    slot = hearing(world)[0]
+    parallel = in_arm(world, slot, from_edge_nm, 315.0)
+    agent = controller(TurnsRight)
+    agent.begin(parallel)
+    sent = agent.transmit(parallel)
+    assert [each.heading_deg for each in sent] == ([325] if turns else [])
+
+
+def in_arm(world, slot, from_edge_nm, heading_deg):
+    """A world of one flight in the arm of X-Plus that points north-west, 25 NM from its middle."""
+    across = (14.0 - from_edge_nm * np.sqrt(2.0)) / 2.0  # the edge is where east + north = 14 NM
+    position, heading = np.array(world.traffic.position_nm), np.array(world.traffic.heading_deg)
+    position[slot], heading[slot] = (across - 18.0, across + 18.0), heading_deg
+    own, pending = (
+        np.array(each) for each in (world.traffic.own_navigation, world.traffic.pending_turn)
+    )
+    own[slot], pending[slot] = False, NO_TURN
+    entered = np.array(world.progress.entered)
+    entered[slot] = True
+    traffic = world.traffic._replace(
+        position_nm=position,
+        heading_deg=heading,
+        flown_heading_deg=heading,
+        cleared_heading_deg=heading,
+        own_navigation=own,
+        pending_turn=pending,
+        turn_deg=np.zeros_like(heading),
+    )
+    progress = world.progress._replace(entered=entered)
+    return alone(world._replace(traffic=traffic, progress=progress), slot)
+
+
+def alone(world, slot):
+    active = np.zeros_like(world.traffic.active)
+    active[slot] = True
+    return world._replace(traffic=world.traffic._replace(active=active))
 
 
 def head_on(world, one, other):
@@ -201,7 +268,9 @@ def head_on(world, one, other):
         pending_turn=pending,
         turn_deg=np.zeros_like(heading),
     )
-    return world._replace(traffic=traffic)
+    entered = np.array(world.progress.entered)
+    entered[[one, other]] = False
+    return world._replace(traffic=traffic, progress=world.progress._replace(entered=entered))
 
 
 def test_the_time_since_a_transmission_belongs_to_the_flight(world):

@@ -4,11 +4,18 @@ import jax
 import numpy as np
 import pytest
 
-from skystack.agents.safety_net import ALERT_S, GAIN_S, way_out
+from skystack.agents.safety_net import (
+    ALERT_S,
+    AREA_ALERT_S,
+    GAIN_S,
+    alerts,
+    lasts_s,
+    way_out,
+)
 from skystack.agents.transmission import Transmission
 from skystack.simulator.traffic import ticks
 from skystack.stacking import NO_OP
-from skystack.tasks.outlook import CHANGES_FL, CLEARED, TURNS_DEG, WAYS
+from skystack.tasks.outlook import CHANGES_FL, CLEARED, TURNS_DEG, WAYS, no_outlook
 from skystack.tasks.prediction import HORIZON_S
 from tests.tasks.sector_traffic import TASK, after
 
@@ -29,16 +36,39 @@ def world():
 
 
 def answer(world, **times):
-    """The answer if separation is lost in a minute, or after some clearances at other times."""
+    """The answer if separation lasts a minute, or after some clearances other times."""
     time_s = np.full(len(WAYS), 60.0, dtype=np.float32)
     for way, time in times.items():
         time_s[WAYS.index(way.replace("_", " "))] = time
     return way_out(TASK.sector, world, SLOT, time_s)
 
 
-def test_without_an_alert_it_says_nothing(world):
-    assert answer(world, cleared=ALERT_S, direct=HORIZON_S) is None
-    assert answer(world, cleared=HORIZON_S) is None
+def predicted(time_s=HORIZON_S, leaves_s=HORIZON_S):
+    """The outlook of two flights; the second has neither a conflict nor an exit elsewhere."""
+    outlook = jax.tree.map(np.array, no_outlook((2,)))
+    outlook.time_s[CLEARED, 0], outlook.leaves_s[CLEARED, 0] = time_s, leaves_s
+    return outlook
+
+
+def no_alert(**times):
+    return not alerts(predicted(**times)).any()
+
+
+def test_alerts_are_of_losses_within_two_minutes_and_of_departures_within_one():
+    assert no_alert()
+    assert no_alert(time_s=ALERT_S, leaves_s=AREA_ALERT_S)
+    assert alerts(predicted(time_s=ALERT_S - 1.0)).tolist() == [True, False]
+    assert alerts(predicted(leaves_s=AREA_ALERT_S - 1.0)).tolist() == [True, False]
+
+
+def test_a_clearance_lasts_until_the_first_of_both():
+    outlook = predicted(time_s=100.0, leaves_s=45.0)
+    lasts = lasts_s(outlook)[:, 0]
+    assert lasts[CLEARED] == 45.0
+    assert lasts[WAYS.index("level +10")] == 45.0  # the same path
+    assert lasts[WAYS.index("direct")] == lasts[WAYS.index("turn +10")] == HORIZON_S
+    outlook.leaves_s[WAYS.index("direct"), 0] = 60.0
+    assert lasts_s(outlook)[WAYS.index("direct, exit level"), 0] == 60.0
 
 
 def test_it_says_nothing_that_hardly_helps(world):

@@ -59,7 +59,7 @@ def test_the_time_to_loss_is_that_of_a_search_second_by_second(seed):
     state = after(120, seed)
     traffic = straight(state)
     plan = state.world.plan
-    outlook = LOOK_AHEAD(traffic, traffic.next_fix, plan.exit_level_ticks)
+    outlook = LOOK_AHEAD(traffic, traffic.next_fix, plan.exit_level_ticks, traffic.active)
     predicted, searched = np.asarray(outlook.time_s[0]), second_by_second(traffic)
     active = np.asarray(traffic.active)
     assert (searched[active] < HORIZON_S).any()
@@ -88,7 +88,7 @@ def test_a_turn_away_or_another_level_ends_a_conflict():
         jnp.full(SLOTS, 360.0),
         jnp.zeros(SLOTS, dtype=bool),
     )._replace(active=jnp.asarray(mask), cleared_fix=nobody)
-    outlook = LOOK_AHEAD(traffic, traffic.next_fix, level)
+    outlook = LOOK_AHEAD(traffic, traffic.next_fix, level, traffic.active)
     time = dict(zip(WAYS, np.asarray(outlook.time_s)[:, one], strict=True))
     # Head-on at 720 kt: 6 NM, with the margin, are left after 34 NM, 170 s.
     assert time["cleared"] == 160.0
@@ -117,12 +117,15 @@ def test_every_neighbour_is_another_flight():
 @pytest.mark.parametrize("seed", [0, 3])
 def test_the_outlook_of_one_flight_is_its_column(seed):
     state = after(120, seed)
-    traffic, plan, fix = state.world.traffic, state.world.plan, state.world.progress.next_fix
-    everyone = LOOK_AHEAD(traffic, fix, plan.exit_level_ticks)
+    progress, plan = state.world.progress, state.world.plan
+    traffic = state.world.traffic
+    looks = (traffic, progress.next_fix, plan.exit_level_ticks, progress.entered)
+    everyone = LOOK_AHEAD(*looks)
     one = jax.jit(partial(look_ahead_for, SIMULATOR))
     for slot in np.flatnonzero(np.asarray(traffic.active))[:6]:
-        own = one(traffic, jnp.int32(slot), fix, plan.exit_level_ticks)
+        own = one(jnp.int32(slot), *looks)
         np.testing.assert_array_equal(own.time_s[:, 0], everyone.time_s[:, slot])
+        np.testing.assert_array_equal(own.leaves_s[:, 0], everyone.leaves_s[:, slot])
         exists = np.asarray(own.exists)[:, 0]
         np.testing.assert_array_equal(exists, np.asarray(everyone.exists)[:, slot])
         for name in ("neighbour", "neighbour_time_s"):

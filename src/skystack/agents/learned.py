@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from skystack.agents.safety_net import ALERT_S, way_out
+from skystack.agents.safety_net import alerts, lasts_s, way_out
 from skystack.agents.transmission import PER_CYCLE, Transmission, clearance_of
 from skystack.learning.inference import Normaliser, forward, normalise
 from skystack.learning.policy import Policy
@@ -158,7 +158,7 @@ class Learned:
         wanted = np.asarray(query.answer.wanted)
         if not self.safety_net:
             return wanted
-        return wanted | (np.asarray(query.state.outlook.time_s[CLEARED]) < ALERT_S)
+        return wanted | alerts(query.state.outlook)
 
     def _serve(self, query: Query, slot: int) -> tuple[ControlState, int]:
         """The state after a transmission to a flight, and the number of instructions in it."""
@@ -166,13 +166,15 @@ class Learned:
         instructions = int(count)
         if not self.safety_net:
             return told, instructions
-        time_s = np.asarray(told.outlook.time_s[:, slot])
-        if time_s[CLEARED] >= ALERT_S:
+        if not alerts(told.outlook)[slot]:
             return told, instructions
+        if not alerts(query.state.outlook)[slot]:
+            return query.state, 0  # there is no alert without the instructions
+        time_s = lasts_s(told.outlook)[:, slot]
         way = way_out(self.task.sector, told.world, slot, time_s)
         if way is not None:
             return self._rescue(told, clearance_of([way], self.task.agents)), instructions + 1
-        before_s = float(query.state.outlook.time_s[CLEARED, slot])
+        before_s = lasts_s(query.state.outlook)[CLEARED, slot]
         return (query.state, 0) if time_s[CLEARED] < before_s else (told, instructions)
 
     @cached_property

@@ -1,39 +1,55 @@
-"""A safety net for a learned controller: it acts where the policy would let separation be lost.
+"""A safety net for a learned controller: it acts where the policy would let separation be lost, or
+a flight leave the area elsewhere than through its exit.
 
 A policy sees in its outlook when separation would be lost, and which clearances would prevent it,
-but in rare situations it gives none of them. Air traffic control systems have a safety net for such
-cases, short-term conflict alert. The one here also chooses the clearance: of those in the outlook,
-the one after which separation is predicted to last longest, with the smallest detour.
+but in rare situations it gives none of them. Air traffic control systems have safety nets for such
+cases, short-term conflict alert and area proximity warning. The one here also chooses the
+clearance: of those in the outlook, the one after which it is longest until either happens, with the
+smallest detour.
 """
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from skystack.agents.transmission import Transmission
 from skystack.airspace.sector import Sector
 from skystack.simulator.traffic import ticks
-from skystack.tasks.outlook import CLEARED, TURNS_DEG, changed_levels
+from skystack.tasks.outlook import CLEARED, PATH_OF_WAY, TURNS_DEG, Outlook, changed_levels
 from skystack.tasks.sector_world import WorldState
 
 ALERT_S = 120.0
 """The net acts if a loss of separation is predicted within this time."""
+AREA_ALERT_S = 60.0
+"""The net acts if a flight is predicted to leave the area elsewhere within this time."""
 GAIN_S = 60.0
-"""The net acts only if a clearance delays the predicted loss by at least this."""
+"""The net acts only if a clearance delays what is predicted by at least this."""
 _TURN_COST_FL, _DIRECT_COST_FL = 1000.0, 500.0
 """Any change of level is preferred to a clearance direct, and that to a turn."""
+
+
+def alerts(outlook: Outlook) -> Bool[np.ndarray, " *flights"]:
+    """For which flights the net would have to act, as they are cleared."""
+    time_s, leaves_s = np.asarray(outlook.time_s), np.asarray(outlook.leaves_s)
+    alert: Bool[np.ndarray, " *flights"] = time_s[CLEARED] < ALERT_S
+    return alert | (leaves_s[CLEARED] < AREA_ALERT_S)
+
+
+def lasts_s(outlook: Outlook) -> Float[np.ndarray, "ways *flights"]:
+    """The time until each flight would lose separation or leave the area elsewhere than through its
+    exit, after each clearance of `WAYS`."""
+    return np.minimum(np.asarray(outlook.time_s), np.asarray(outlook.leaves_s)[PATH_OF_WAY])
 
 
 def way_out(
     sector: Sector, state: WorldState, slot: int, time_s: Float[np.ndarray, " ways"]
 ) -> Transmission | None:
-    """The clearance that the net gives to the flight in a slot.
+    """The clearance that the net gives to the flight in a slot. None if none gains `GAIN_S`.
 
-    `time_s` is the flight's outlook: the time until separation would be lost after each clearance
-    of `WAYS`. None if there is no alert, or if no clearance gains `GAIN_S`.
+    `time_s` is that of `lasts_s` for this flight.
     """
     best = float(np.max(time_s))
-    if time_s[CLEARED] >= ALERT_S or best < time_s[CLEARED] + GAIN_S:
+    if best < time_s[CLEARED] + GAIN_S:
         return None
     ways = _ways(sector, state, slot)
     exit_level = float(state.plan.exit_level_ticks[slot])

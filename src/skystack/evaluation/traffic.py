@@ -52,7 +52,7 @@ class TrafficConditions(NamedTuple):
 
     @property
     def options(self) -> list[str]:
-        """The options of `evaluate`, except traffic, hours and seed, that have other than defaults."""
+        """The options of `evaluate` that are not at their default; not traffic, hours and seed."""
         differs = {
             f"--per-cycle {self.per_cycle}": self.per_cycle != PER_CYCLE,
             "--uncertainty": self.uncertainty,

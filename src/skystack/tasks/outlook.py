@@ -1,7 +1,8 @@
 """The outlook of flights: when they would lose separation, as cleared and after other clearances.
 
 Each flight is predicted (`skystack.tasks.prediction`) as cleared and after each of a few other
-clearances, `WAYS`. All other flights are predicted as cleared.
+clearances, `WAYS`. All other flights are predicted as cleared. The outlook also has the time until
+the flight would leave the area elsewhere than through its exit (`skystack.tasks.leaving`).
 """
 
 from functools import partial
@@ -17,6 +18,7 @@ from skystack.compilation.chunks import in_chunks
 from skystack.compilation.subroutine import subroutine
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import Traffic, ticks
+from skystack.tasks.leaving import time_to_leaving
 from skystack.tasks.prediction import (
     HORIZON_S,
     TIMES_S,
@@ -43,6 +45,10 @@ WAYS = (
 )
 """The clearances that are tried, each with one change, except the last."""
 CLEARED = WAYS.index("cleared")
+PATH_OF_WAY = np.array(
+    [*range(2 + len(TURNS_DEG)), *[CLEARED] * (1 + len(CHANGES_FL)), WAYS.index("direct")]
+)
+"""Changes of level are flown on the path as cleared, and the last way is that of `direct`."""
 NEIGHBOURS = 12
 """The number of other flights that are compared with each flight."""
 MARGIN_NM = 1.0
@@ -64,6 +70,9 @@ class Outlook(NamedTuple):
 
     time_s: Float[Array, "ways slots *batch"]
     """The time until separation would be lost after each clearance of `WAYS`."""
+    leaves_s: Float[Array, "paths slots *batch"]
+    """The time until the flight would leave the area elsewhere than through its exit, on each path
+    of `PATH_OF_WAY`; see `skystack.tasks.leaving`."""
     neighbour: Int[Array, "neighbours slots *batch"]
     """The slots of the other flights that matter most, the most urgent first."""
     urgency: Float[Array, "neighbours slots *batch"]
@@ -84,6 +93,8 @@ class Flights(NamedTuple):
     next_fix: Int[Array, " columns"]
     """The fix of a clearance direct."""
     exit_level_ticks: Float[Array, " columns"]
+    entered: Bool[Array, " columns"]
+    """Whether the flight has been inside the area."""
 
 
 class Cleared(NamedTuple):
@@ -108,6 +119,7 @@ def look_ahead(
     traffic: Traffic,
     next_fix: Int[Array, "slots *batch"],
     exit_level_ticks: Rows,
+    entered: Flags,
     margin_nm: float = MARGIN_NM,
     flights: Flags | None = None,
     before: Outlook | None = None,
@@ -119,7 +131,7 @@ def look_ahead(
     Flights are computed in chunks, so the work depends little on the number of free slots.
     """
     shape, batch = traffic.active.shape, int(np.prod(traffic.active.shape[1:], dtype=int))
-    everyone = _in_columns(traffic, next_fix, exit_level_ticks)
+    everyone = _in_columns(Flights(traffic, next_fix, exit_level_ticks, entered))
     active = everyone.traffic.active
     times = jnp.zeros((len(TIMES_S), *active.shape))
     cleared = in_chunks(
@@ -145,6 +157,7 @@ def no_outlook(shape: tuple[int, ...]) -> Outlook:
     count = min(NEIGHBOURS, shape[0] - 1)
     return Outlook(
         time_s=jnp.full((len(WAYS), *shape), HORIZON_S),
+        leaves_s=jnp.full((max(PATH_OF_WAY) + 1, *shape), HORIZON_S),
         neighbour=jnp.zeros((count, *shape), dtype=jnp.int32),
         urgency=jnp.full((count, *shape), FAR),
         neighbour_time_s=jnp.full((count, *shape), HORIZON_S),
@@ -153,29 +166,29 @@ def no_outlook(shape: tuple[int, ...]) -> Outlook:
 
 def look_ahead_for(
     simulator: Simulator,
-    traffic: Traffic,
     slot: Int[Array, ""],
+    traffic: Traffic,
     next_fix: Int[Array, " slots"],
     exit_level_ticks: Float[Array, " slots"],
+    entered: Bool[Array, " slots"],
 ) -> Outlook:
     """The outlook of one flight: its column of the result of `look_ahead`."""
-    everyone = Flights(traffic, next_fix, exit_level_ticks)
+    everyone = Flights(traffic, next_fix, exit_level_ticks, entered)
     cleared = subroutine(partial(_as_cleared, simulator), traffic)
     column = jnp.full(1, slot, dtype=jnp.int32)
     return _outlook_of(simulator, everyone, _others(cleared), 1, column)
 
 
-def _in_columns(
-    traffic: Traffic, next_fix: Int[Array, "slots *batch"], exit_level_ticks: Rows
-) -> Flights:
+def _in_columns(everyone: Flights) -> Flights:
     """The flights of a batch of scenarios as columns: for each slot, one column per scenario."""
+    slots = everyone.traffic.active
 
     def flat(values: Array) -> Array:
-        if values.ndim > traffic.active.ndim:  # the second axis is that of coordinates
+        if values.ndim > slots.ndim:  # the second axis is that of coordinates
             return jnp.moveaxis(values, 1, -1).reshape(-1, values.shape[1])
         return values.reshape(-1)
 
-    flights: Flights = jax.tree.map(flat, Flights(traffic, next_fix, exit_level_ticks))
+    flights: Flights = jax.tree.map(flat, everyone)
     return flights
 
 
@@ -211,6 +224,7 @@ def _outlook_of(
     routes = subroutine(partial(_route_paths, sector), flights, path)
     headings = subroutine(partial(_heading_paths, sector), traffic)
     levels = subroutine(partial(_levels, simulator), flights)
+    leaves_s = subroutine(partial(_leaves_s, sector), flights, routes, headings)
     neighbour, urgency = subroutine(
         partial(_most_urgent, sector, batch), everyone, others.cleared, flights, column
     )
@@ -224,7 +238,7 @@ def _outlook_of(
         at,
         urgency < FAR,
     )
-    return Outlook(time_s, neighbour, urgency, neighbour_time_s)
+    return Outlook(time_s, leaves_s, neighbour, urgency, neighbour_time_s)
 
 
 def _columns_of(values: Tree, column: Int[Array, " chosen"]) -> Tree:
@@ -252,6 +266,13 @@ def _heading_paths(sector: Sector, traffic: Traffic) -> PredictedPath:
         heading
     )
     return paths
+
+
+def _leaves_s(
+    sector: Sector, flights: Flights, routes: PredictedPath, headings: PredictedPath
+) -> Float[Array, "paths columns"]:
+    leaves = partial(time_to_leaving, sector, flights.traffic, flights.entered)
+    return jnp.concatenate([leaves(routes), leaves(headings)])
 
 
 def _levels(simulator: Simulator, flights: Flights) -> Float[Array, "times levels columns"]:

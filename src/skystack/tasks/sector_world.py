@@ -111,15 +111,16 @@ class World:
         before: Outlook | None = None,
     ) -> Outlook:
         """The outlook of all flights, or of some; see `skystack.tasks.outlook.look_ahead`."""
-        next_fix, exit_level = state.progress.next_fix, state.plan.exit_level_ticks
-        return look_ahead(
-            self.simulator, state.traffic, next_fix, exit_level, margin_nm, flights, before
-        )
+        return look_ahead(self.simulator, *self._looks(state), margin_nm, flights, before)
 
     def look_ahead_for(self, state: WorldState, slot: Int[Array, ""]) -> Outlook:
         """The outlook of one flight; see `skystack.tasks.outlook.look_ahead_for`."""
-        next_fix, exit_level = state.progress.next_fix, state.plan.exit_level_ticks
-        return look_ahead_for(self.simulator, state.traffic, slot, next_fix, exit_level)
+        return look_ahead_for(self.simulator, slot, *self._looks(state))
+
+    def _looks(self, state: WorldState) -> tuple[Traffic, Any, Any, Any]:
+        """What an outlook needs: the traffic, next fixes, exit levels, and who has entered."""
+        progress = state.progress
+        return state.traffic, progress.next_fix, state.plan.exit_level_ticks, progress.entered
 
     def advance(self, state: WorldState) -> tuple[WorldState, WorldCycle]:
         """One cycle. Flights that are due are admitted before it is flown."""
