@@ -62,7 +62,7 @@ def test_prints_a_table_for_other_agents(capsys):
         (["search", "--traffic", "many"], "traffic 'many' (allowed: flights per hour, or"),
         (["search", "--traffic", "60", "--sample"], "--sample cannot be used with --traffic"),
         (["search", "--traffic", "60", "--no-stacking"], "--no-stacking cannot be used"),
-        (["search", "--traffic", "60", "--platform", "bluesky"], "--platform cannot be used"),
+        (["search", "--traffic", "60", "--platform", "bluesky"], "--platform bluesky (allowed with --traffic: skystack, bluebird)"),
         (["search", "--traffic", "60", "--sector", "x-pluss"], "did you mean 'x-plus'"),
         (["lateral", "--per-cycle", "2"], "--per-cycle needs --traffic"),
         (["lateral", "--uncertainty"], "--uncertainty needs --traffic"),
@@ -102,6 +102,36 @@ def test_hours_are_evaluated_replayed_and_reported(tmp_path, capsys):
     assert run(capsys, "report", str(out), "-o", str(report))[0] == 0
     assert page.exists()
     assert report.exists()
+
+
+def test_hours_are_flown_in_bluebird(tmp_path, capsys):
+    pytest.importorskip("bluebird_dt")
+    out, page = tmp_path / "hours", tmp_path / "replay.html"
+    options = ["--traffic", "category", "--platform", "bluebird", "--cycles", "40", "--json"]
+    code, printed, _ = run(capsys, "evaluate", "own-navigation", *options, "--out", str(out))
+    assert code == 0
+    (row,) = json.loads(printed)["rows"]
+    assert (row["platform"], row["traffic"]) == ("bluebird", "category")
+    assert row["flights"] > 4
+    assert row["transmissions_per_flight"] > 0.5
+    folder = out / "own-navigation-traffic-category-seed-0-platform-bluebird"
+    assert run(capsys, "replay", str(folder), "-o", str(page))[0] == 0
+    assert "own-navigation, category traffic, in bluebird" in page.read_text()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--traffic", "60"], "traffic 60 in BluebirdDT (allowed: category, notebook, environ"),
+        (["--traffic", "category", "--uncertainty"], "--uncertainty cannot be used with --plat"),
+        (["--traffic", "category", "--sector", "merge"], "--sector cannot be used with --plat"),
+    ],
+)
+def test_what_bluebird_does_not_fly_is_refused(capsys, options, message):
+    pytest.importorskip("bluebird_dt")
+    code, _, err = run(capsys, "evaluate", "rules", "--platform", "bluebird", *options)
+    assert (code, err.count("\n")) == (2, 1)
+    assert message in err
 
 
 @pytest.mark.parametrize("option", [["--no-stacking"], ["--time-limit", "5"]])

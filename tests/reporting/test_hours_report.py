@@ -41,6 +41,7 @@ def test_names_tell_what_differs_from_the_defaults():
     assert label(hour_row("learned", "60", safety_net=True)) == "learned"
     changed = hour_row("learned", "60", safety_net=False, per_cycle=1, uncertainty=True)
     assert label(changed) == "learned, no safety net, 1 per cycle, uncertainty"
+    assert label(hour_row("learned", "category", platform="bluebird")) == "learned, in bluebird"
 
 
 def test_rows_are_in_order_of_the_traffic(tmp_path):

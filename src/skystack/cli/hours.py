@@ -13,7 +13,6 @@ _ONLY_SCENARIOS = {
     "stacking": True,
     "sample": False,
     "time_limit": 120,
-    "platform": "skystack",
 }
 """The options that make no sense with hours of traffic, and their defaults."""
 ONLY_TRAFFIC = {"per_cycle": None, "uncertainty": False, "safety_net": True}
@@ -68,6 +67,7 @@ def evaluate_hours(options: argparse.Namespace) -> int:
         sector=options.sector,
         uncertainty=options.uncertainty,
         safety_net=options.safety_net,
+        platform=options.platform,
     )
     if options.cycles is not None:
         conditions = conditions._replace(cycles=options.cycles)

@@ -34,6 +34,7 @@ class HourRow(msgspec.Struct, frozen=True, kw_only=True):
     uncertainty: bool
     safety_net: bool | None
     """None if the agent has none."""
+    platform: _Name = "skystack"
     flights: _Count
     losses_of_separation: _Count
     losses_at_birth: _Count

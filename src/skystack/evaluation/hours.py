@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -53,23 +53,48 @@ class Hour(NamedTuple):
     """The time that the agent took before each cycle."""
 
 
+@runtime_checkable
+class Hours(Protocol):
+    """Flies the traffic of hours, one after another. All arrays are numpy arrays."""
+
+    def reset(self, seed: int, number: int) -> WorldState:
+        """Begin an hour of an evaluation seed."""
+
+    def advance(
+        self, state: WorldState, transmissions: list[Transmission]
+    ) -> tuple[WorldState, WorldCycle]:
+        """Transmit, and fly one cycle."""
+
+
+class OwnHours:
+    """Implements `Hours` in our simulator. Its programs are compiled once, on first use."""
+
+    def __init__(self, world: World) -> None:
+        self._reset, self._advance = jax.jit(world.reset), jax.jit(world.advance)
+        self._instruct = jax.jit(world.instruct)
+
+    def reset(self, seed: int, number: int) -> WorldState:
+        state: WorldState = jax.device_get(self._reset(scenario_key(seed, number)))
+        return state
+
+    def advance(
+        self, state: WorldState, transmissions: list[Transmission]
+    ) -> tuple[WorldState, WorldCycle]:
+        if transmissions:
+            slots = len(state.arrivals.flight)
+            state = self._instruct(state, clearance_of(transmissions, slots))
+        flown: tuple[WorldState, WorldCycle] = jax.device_get(self._advance(state))
+        return flown
+
+
 class HourFlyer:
-    """Flies hours in a world. Its programs are compiled once, on first use."""
+    """Flies hours in a world, in our simulator or in another one."""
 
-    def __init__(self, world: World, cycles: int, per_cycle: int = PER_CYCLE) -> None:
+    def __init__(
+        self, world: World, cycles: int, per_cycle: int = PER_CYCLE, hours: Hours | None = None
+    ) -> None:
         self.world, self.cycles, self.per_cycle = world, cycles, per_cycle
-
-    @cached_property
-    def _reset(self) -> Any:
-        return jax.jit(self.world.reset)
-
-    @cached_property
-    def _advance(self) -> Any:
-        return jax.jit(self.world.advance)
-
-    @cached_property
-    def _instruct(self) -> Any:
-        return jax.jit(self.world.instruct)
+        self.hours = OwnHours(world) if hours is None else hours
 
     @cached_property
     def _fail_safe(self) -> Any:
@@ -86,7 +111,7 @@ class HourFlyer:
 
         Raises InputError if the agent transmits too often, or to a slot without a flight.
         """
-        state = jax.device_get(self._reset(scenario_key(seed, number)))
+        state = self.hours.reset(seed, number)
         agent.begin(state)
         cycles, candidate, sent, decision_ms, fail_safe = [], [], [], [], []
         for index in range(self.cycles):
@@ -96,9 +121,7 @@ class HourFlyer:
             self._check(state, transmissions)
             flight = state.arrivals.flight
             sent += [Sent(index, int(flight[each.slot]), each) for each in transmissions]
-            if transmissions:
-                state = self._instruct(state, clearance_of(transmissions, len(flight)))
-            state, cycle = jax.device_get(self._advance(state))
+            state, cycle = self.hours.advance(state, transmissions)
             cycles.append(cycle)
             candidate.append(state.arrivals.candidate)
             fail_safe.append(bool(self._fail_safe(state)))

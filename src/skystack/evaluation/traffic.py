@@ -1,7 +1,7 @@
 """Evaluate a controller of a sector on hours of arriving traffic."""
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -15,9 +15,10 @@ from skystack.errors import InputError, exists, unknown_name
 from skystack.evaluation.hour_row import forget_row, write_row
 from skystack.evaluation.hour_scores import score, summary
 from skystack.evaluation.hour_tables import AppendHour, growing_hours
-from skystack.evaluation.hours import HourFlyer
+from skystack.evaluation.hours import HourFlyer, Hours, OwnHours
 from skystack.evaluation.writing import TrafficRecord
 from skystack.learning.policy import Policy
+from skystack.platforms.registry import OWN, check_platform
 from skystack.policies.shipped import find_policy, shipped_policies
 from skystack.simulator.arrival_flows import FLIGHT_SCHOOL, STARTERS, Flow, constant_rate
 from skystack.simulator.performance import performance
@@ -29,6 +30,8 @@ SPEED_SPREAD, CLIMB_SPREAD = 0.03, 0.10
 """The spread of airspeeds and of rates of climb and descent with `uncertainty`."""
 PERFORMANCE = "constant"
 """The performance model of agents that are not policies, which is that of BluebirdDT's traffic."""
+BLUEBIRD = "bluebird"
+"""The other platform in which hours can be flown."""
 _SLOTS = (16, 32, 64, 128, 256)
 
 
@@ -49,6 +52,8 @@ class TrafficConditions(NamedTuple):
     """Whether speeds and rates of climb differ from the nominal ones at random."""
     safety_net: bool = True
     """Whether a policy flies with its safety net."""
+    platform: str = OWN
+    """The simulator, `skystack` or `bluebird`."""
 
     @property
     def options(self) -> list[str]:
@@ -57,6 +62,7 @@ class TrafficConditions(NamedTuple):
             f"--per-cycle {self.per_cycle}": self.per_cycle != PER_CYCLE,
             "--uncertainty": self.uncertainty,
             "--no-safety-net": not self.safety_net,
+            f"--platform {self.platform}": self.platform != OWN,
         }
         return [option for option, given in differs.items() if given]
 
@@ -106,11 +112,12 @@ def evaluate_traffic(
     `SECTOR_AGENTS`. With `out`, tables are written into a subfolder of it (`hours_folder`). Raises
     InputError for invalid conditions.
     """
+    check_conditions(conditions)
     found = find_controller(controller, conditions)
     folder = None if out is None else hours_folder(out, found.name, conditions)
-    flyer = HourFlyer(found.world, conditions.cycles, conditions.per_cycle)
     scores, cycles = [], count(1)
-    with _tables_in(folder, found, conditions) as append:
+    with _tables_in(folder, found, conditions) as append, _hours_of(found, conditions) as hours:
+        flyer = HourFlyer(found.world, conditions.cycles, conditions.per_cycle, hours)
         for number in range(conditions.hours):
             hour = flyer.fly(found.agent, conditions.seed, number, lambda _: on_cycle(next(cycles)))
             scores.append(score(found.world.sector, hour))
@@ -124,10 +131,45 @@ def evaluate_traffic(
         "per_cycle": conditions.per_cycle,
         "uncertainty": conditions.uncertainty,
         "safety_net": found.safety_net,
+        "platform": conditions.platform,
     }
     if folder is not None:
         write_row(folder, row)
     return row
+
+
+def check_conditions(conditions: TrafficConditions) -> None:
+    """Raise InputError for conditions that the platform cannot fly."""
+    platform = conditions.platform
+    check_platform(platform)
+    if platform == OWN:
+        return
+    if platform != BLUEBIRD:
+        raise InputError(f"--platform {platform} (allowed with --traffic: {OWN}, {BLUEBIRD})")
+    if conditions.traffic not in FLIGHT_SCHOOL:
+        raise InputError(
+            f"traffic {conditions.traffic} in BluebirdDT (allowed: {', '.join(FLIGHT_SCHOOL)})"
+        )
+    for option, given in (("sector", conditions.sector), ("uncertainty", conditions.uncertainty)):
+        if given:
+            raise InputError(f"--{option} cannot be used with --platform {platform}")
+
+
+@contextmanager
+def _hours_of(found: "ControlledWorld", conditions: TrafficConditions) -> Iterator[Hours]:
+    """Open the simulator that flies the hours."""
+    if conditions.platform == OWN:
+        yield OwnHours(found.world)
+        return
+    from skystack.evaluation.bluebird_hours import BluebirdHours  # noqa: PLC0415  # an extra
+
+    if found.performance != PERFORMANCE:
+        raise InputError(
+            f"a policy for performance {found.performance} (allowed in BluebirdDT's traffic: "
+            f"{PERFORMANCE})"
+        )
+    with closing(BluebirdHours(found.world, FLIGHT_SCHOOL[conditions.traffic])) as hours:
+        yield hours
 
 
 class ControlledWorld(NamedTuple):
@@ -202,5 +244,6 @@ def _tables_in(
         conditions.seed,
         conditions.uncertainty,
         found.safety_net,
+        conditions.platform,
     )
     return growing_hours(folder, found.world, found.performance, traffic)

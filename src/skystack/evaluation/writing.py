@@ -40,6 +40,8 @@ class TrafficRecord(msgspec.Struct, frozen=True):
     uncertainty: bool
     safety_net: bool | None = None
     """Whether the agent flew with its safety net; None if it has none."""
+    platform: str = "skystack"
+    """The simulator."""
 
     def is_same_as(self, other: "TrafficRecord | None") -> bool:
         """Whether the traffic is the same, whatever the agent."""

@@ -1,9 +1,9 @@
 """BluebirdDT, the simulator of the paper's authors, behind the platform protocol.
 
-Needs `bluebird-dt` (extra `[bluebird]`, AGPL); no other module imports it. Scenarios with the
-`table` performance fly its `LinearPredictor` at the speeds of its tables, those with `constant` its
-`SimplePredictor` at 400 kt; skystack's models follow these two. Types of a fleet fly the fleet's
-speeds and rates.
+Needs `bluebird-dt` (extra `[bluebird]`, AGPL), which only this module and `bluebird_traffic`
+import. Scenarios with the `table` performance fly its `LinearPredictor` at the speeds of its
+tables, those with `constant` its `SimplePredictor` at 400 kt; skystack's models follow these two.
+Types of a fleet fly the fleet's speeds and rates.
 
 BluebirdDT's areas end at the 180th meridian, so it gets longitudes relative to the sector's origin.
 Nothing else changes, since an ellipsoid of revolution is the same at every longitude.
@@ -49,10 +49,7 @@ class Bluebird:
     adoption = BLUEBIRD
 
     def __init__(self) -> None:
-        # Otherwise Python's handler of last resort would print its warnings to standard error.
-        logger = logging.getLogger("bluebird_dt")
-        logger.addHandler(logging.NullHandler())
-        logger.propagate = False
+        silence()
         self._types = json.loads(Path(AIRCRAFT_WEIGHT_MAPPING_FILE).read_bytes())
         self._simulator: Any = None
         self._aircraft: list[Any] = []
@@ -86,19 +83,7 @@ class Bluebird:
                 f"level_fl is {instruction.level_fl} for {instruction.callsign} (allowed: "
                 "multiples of 10, to which BluebirdDT rounds)"
             )
-        accepted = self._simulator.action(
-            [
-                {
-                    "callsign": self._names[instruction.callsign],
-                    "kind": kind,
-                    "value": value,
-                    "agent": "skystack",
-                }
-                for kind, value in bluebird_actions(instruction)
-            ]
-        )
-        if not accepted:
-            raise PlatformError(f"BluebirdDT refused {instruction}")
+        act(self._simulator, self._names[instruction.callsign], instruction)
 
     def advance(self) -> Report:
         self._simulator.evolve(float(CYCLE_S))
@@ -125,14 +110,34 @@ class Bluebird:
             lon=wrap_longitude(column([each.lon for each in aircraft]) + self._origin_lon_deg),
             fl=column([each.fl for each in aircraft]),
             heading_deg=column([each.heading for each in aircraft]),
-            cleared_heading_deg=column([_cleared_heading_deg(each) for each in aircraft]),
+            cleared_heading_deg=column([cleared_heading_deg(each) for each in aircraft]),
             cleared_fl=column([chosen.fl for chosen in selected]),
             ground_speed_kt=column([each.ground_speed or each.speed_tas for each in aircraft]),
             vertical_speed_ft_min=column([each.vertical_speed for each in aircraft]),
         )
 
 
-def _cleared_heading_deg(aircraft: Any) -> float:
+def silence() -> None:
+    """Let BluebirdDT print no warnings."""
+    # Without a handler, Python's handler of last resort would print them to standard error.
+    logger = logging.getLogger("bluebird_dt")
+    logger.addHandler(logging.NullHandler())
+    logger.propagate = False
+
+
+def act(simulator: Any, callsign: str, instruction: Instruction) -> None:
+    """Clear an aircraft, by its name in BluebirdDT. Raises PlatformError if it is refused."""
+    accepted = simulator.action(
+        [
+            {"callsign": callsign, "kind": kind, "value": value, "agent": "skystack"}
+            for kind, value in bluebird_actions(instruction)
+        ]
+    )
+    if not accepted:
+        raise PlatformError(f"BluebirdDT refused {instruction}")
+
+
+def cleared_heading_deg(aircraft: Any) -> float:
     """The cleared heading; on own navigation the actual one.
 
     An aircraft whose own navigation has ended may still be turning to the last fix.

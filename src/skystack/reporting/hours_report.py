@@ -8,6 +8,7 @@ from skystack.agents.transmission import PER_CYCLE
 from skystack.errors import InputError, printable
 from skystack.evaluation.hour_row import HourRow, folders_of_hours, read_row
 from skystack.io.files import atomic_write
+from skystack.platforms.registry import OWN
 from skystack.reporting.hour_figures import capacity, survival
 from skystack.reporting.hour_table import losses
 from skystack.reporting.page import picture_of, render
@@ -53,6 +54,8 @@ def label(row: HourRow) -> str:
         parts.append(f"{row.per_cycle} per cycle")
     if row.uncertainty:
         parts.append("uncertainty")
+    if row.platform != OWN:
+        parts.append(f"in {row.platform}")
     return printable(", ".join(parts))
 
 

@@ -127,23 +127,40 @@ class World:
         before = state.arrivals.flight
         arrivals, traffic = self.flow.admission.admit(state.arrivals, state.traffic)
         born = (arrivals.flight != before) & (arrivals.flight != FREE)
-        state = WorldState(traffic, arrivals, self._begin(state.progress, traffic, born))
         arrivals, flown = fly(self.simulator, arrivals, traffic)
-        progress = subroutine(self.tracker.update, state.progress, state.plan, flown)
+        return self.end_cycle(state.progress, traffic, born, arrivals, flown)
+
+    def end_cycle(
+        self,
+        progress: Progress,
+        traffic: Traffic,
+        born: Bool[Array, "slots *batch"],
+        arrivals: Arrivals,
+        flown: Traffic,
+    ) -> tuple[WorldState, WorldCycle]:
+        """Find the flights that leave in a cycle, which may have been flown by another simulator.
+
+        `progress` is that before the cycle, and `traffic` that before it, with the flights `born`
+        in it; `arrivals` and `flown` are those after it.
+        """
+        progress = self._begin(progress, traffic, born)
+        before_nm, before_level_ticks = progress.previous_nm, progress.previous_level_ticks
+        plan = FlightPlan(arrivals.entry_level_ticks, arrivals.exit_level_ticks)
+        progress = subroutine(self.tracker.update, progress, plan, flown)
         strayed = flown.active & ~progress.entered & self._is_far(flown)
         excursion = (progress.excursion & flown.active) | strayed
         exited = progress.exited & flown.active
         cycle = WorldCycle(
             flight=arrivals.flight,
-            before_nm=state.progress.previous_nm,
-            before_level_ticks=state.progress.previous_level_ticks,
+            before_nm=before_nm,
+            before_level_ticks=before_level_ticks,
             traffic=flown,
             born=born,
             entered=progress.entered,
             exited=exited,
             exited_correctly=progress.exited_correctly & flown.active,
             excursion=excursion,
-            exit_level_ticks=state.plan.exit_level_ticks,
+            exit_level_ticks=arrivals.exit_level_ticks,
             waiting=arrivals.waiting,
         )
         arrivals, left = release(arrivals, flown, exited | excursion)

@@ -255,7 +255,8 @@ def _title_of_hours(traffic: TrafficRecord) -> str:
     what = traffic_in_words(traffic.traffic, "{} traffic")
     net = ", no safety net" if traffic.safety_net is False else ""
     uncertainty = ", uncertainty" if traffic.uncertainty else ""
-    return printable(f"{traffic.agent}{net}, {what}{uncertainty}")
+    where = "" if traffic.platform == OWN else f", in {traffic.platform}"
+    return printable(f"{traffic.agent}{net}, {what}{uncertainty}{where}")
 
 
 _NO_ROWS = pa.table({})

@@ -1,0 +1,187 @@
+"""Hours of BluebirdDT's own arriving traffic, flown in BluebirdDT, for agents of sector control.
+
+The state that agents see is made anew from BluebirdDT's reports after every cycle. Exits,
+excursions and losses of separation are judged as in our simulator.
+"""
+
+from functools import cached_property, partial
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Bool
+
+from skystack.agents.transmission import Transmission
+from skystack.airspace.projection import wrap_longitude
+from skystack.errors import InputError
+from skystack.learning.seeds import scenario_key
+from skystack.platforms.bluebird_traffic import BluebirdTraffic, FlightReport
+from skystack.platforms.instruction import Instruction
+from skystack.simulator.arrivals import FREE, Arrivals, Clock
+from skystack.simulator.performance import TICKS_PER_FL
+from skystack.simulator.simulator import turn_to_deg
+from skystack.simulator.traffic import NO_TURN, RADIUS_UNKNOWN, Traffic, ticks
+from skystack.tasks.sector_world import World, WorldCycle, WorldState
+
+
+class BluebirdHours:
+    """Implements `skystack.evaluation.hours.Hours` in BluebirdDT.
+
+    `world` has BluebirdDT's sector and performance, and the number of slots.
+    """
+
+    def __init__(self, world: World, clock: Clock) -> None:
+        self.world, self.platform = world, BluebirdTraffic(clock)
+        self._end_cycle = jax.jit(world.end_cycle)
+        self._routes = {tuple(route): index for index, route in enumerate(world.sector.routes)}
+        self._slot: dict[str, int] = {}
+        """The slots of the flights that have not left, by callsign."""
+        self._left: set[str] = set()
+        """Flights that have left, which BluebirdDT may still report."""
+
+    def reset(self, seed: int, number: int) -> WorldState:
+        state: WorldState = jax.device_get(jax.jit(self.world.reset)(scenario_key(seed, number)))
+        self._slot, self._left = {}, set()
+        reports = self.platform.reset(_random_seed(seed, number))
+        arrivals, traffic = _without_flights(state)
+        arrivals, _ = self._admit(arrivals, reports)
+        traffic = self._read(traffic, reports)
+        progress = jax.device_get(jax.jit(self.world.tracker.begin)(traffic))
+        return WorldState(traffic, arrivals, progress)
+
+    def advance(
+        self, state: WorldState, transmissions: list[Transmission]
+    ) -> tuple[WorldState, WorldCycle]:
+        callsigns = {slot: callsign for callsign, slot in self._slot.items()}
+        for each in transmissions:
+            self.platform.issue(self._instruction(state, callsigns[each.slot], each))
+        reports = {
+            callsign: report
+            for callsign, report in self.platform.advance().items()
+            if callsign not in self._left
+        }
+        arrivals, born = self._admit(state.arrivals, reports)
+        arrivals = arrivals._replace(cycle=arrivals.cycle + 1)
+        flown = self._read(state.traffic, reports)
+        before: Traffic = jax.tree.map(partial(_where, born), flown, state.traffic)
+        next_state, cycle = jax.device_get(
+            self._end_cycle(state.progress, before, born, arrivals, flown)
+        )
+        gone = {
+            callsign for callsign, slot in self._slot.items() if not next_state.traffic.active[slot]
+        }
+        self._left |= gone
+        self._slot = {name: slot for name, slot in self._slot.items() if name not in gone}
+        return next_state, cycle
+
+    def close(self) -> None:
+        self.platform.close()
+
+    def _admit(
+        self, arrivals: Arrivals, reports: dict[str, FlightReport]
+    ) -> tuple[Arrivals, Bool[np.ndarray, " slots"]]:
+        """Give slots to the flights that are reported for the first time."""
+        values = _writable(arrivals)
+        flight, born, number = values["flight"], values["held"] < 0, int(arrivals.born)
+        for callsign, report in reports.items():
+            if callsign in self._slot:
+                continue
+            free = np.flatnonzero(flight == FREE)
+            if not len(free):
+                raise InputError(f"BluebirdDT has more than {len(flight)} flights at once")
+            slot = int(free[0])
+            self._slot[callsign], flight[slot], born[slot] = slot, number, True
+            values["candidate"][slot] = number
+            values["entry_level_ticks"][slot] = ticks(report.entry_fl)
+            values["exit_level_ticks"][slot] = ticks(report.exit_fl)
+            number += 1
+        values["held"][:] = 0
+        for callsign, slot in self._slot.items():
+            values["held"][slot] = callsign in reports and reports[callsign].held
+        return Arrivals(**values | {"born": np.int32(number)}), born
+
+    def _read(self, traffic: Traffic, reports: dict[str, FlightReport]) -> Traffic:
+        """The traffic as reported. Flights that are no longer reported become inactive."""
+        values = _writable(traffic)
+        values["active"][:] = False
+        values["pending_turn"][:] = NO_TURN
+        for callsign, slot in self._slot.items():
+            if callsign in reports:
+                for name, value in self._flight(reports[callsign]).items():
+                    values[name][slot] = value
+        read: Traffic = jax.device_get(self._adopted(Traffic(**values)))
+        return read
+
+    @cached_property
+    def _adopted(self) -> Any:
+        """(traffic) -> the traffic, which flies what it is cleared to, compiled."""
+
+        def adopted(traffic: Traffic) -> Traffic:
+            nominal_kt = self.world.simulator.level_ground_speed_kt(traffic.level_ticks)
+            return traffic._replace(
+                flown_heading_deg=traffic.cleared_heading_deg,
+                flown_level_ticks=traffic.cleared_level_ticks,
+                turn_deg=turn_to_deg(traffic.heading_deg, traffic.cleared_heading_deg),
+                cleared_fix=traffic.next_fix,
+                airspeed_factor=traffic.ground_speed_kt / nominal_kt,
+            )
+
+        return jax.jit(adopted)
+
+    def _flight(self, report: FlightReport) -> dict[str, Any]:
+        """The values of a flight in `Traffic`."""
+        sector = self.world.sector
+        lon = wrap_longitude(np.array([report.lon]))
+        last, radius_nm = len(report.route) - 1, report.turn_radius_nm
+        next_fix = last if report.next_fix is None else report.route.index(report.next_fix)
+        return {
+            "active": True,
+            "position_nm": sector.plane.to_plane(np.array([report.lat]), lon)[0],
+            "heading_deg": report.heading_deg,
+            "level_ticks": ticks(report.fl),
+            "ground_speed_kt": report.speed_kt,
+            "vertical_speed_ft_min": report.vertical_speed_ft_min,
+            "cleared_heading_deg": report.cleared_heading_deg,
+            "cleared_level_ticks": ticks(report.cleared_fl),
+            "own_navigation": report.own_navigation,
+            "route": self._routes[report.route],
+            "next_fix": next_fix,
+            "turn_radius_nm": RADIUS_UNKNOWN if radius_nm is None else radius_nm,
+            "climb_factor": 1.0,
+        }
+
+    def _instruction(
+        self, state: WorldState, callsign: str, transmission: Transmission
+    ) -> Instruction:
+        fix, level = transmission.fix, transmission.level_ticks
+        route = self.world.sector.routes[int(state.traffic.route[transmission.slot])]
+        return Instruction(
+            callsign,
+            heading_deg=transmission.heading_deg,
+            direct_to=None if fix is None else route[fix],
+            level_fl=None if level is None else round(level / TICKS_PER_FL),
+        )
+
+
+def _random_seed(seed: int, number: int) -> int:
+    """BluebirdDT's random seed for an hour."""
+    return int(np.random.SeedSequence((seed, number)).generate_state(1)[0])
+
+
+def _writable(values: Arrivals | Traffic) -> dict[str, Any]:
+    """The arrays by name, which can be changed; but not those of the candidates."""
+    return {
+        name: each if name == "candidates" else np.array(each)
+        for name, each in values._asdict().items()
+    }
+
+
+def _without_flights(state: WorldState) -> tuple[Arrivals, Traffic]:
+    """The arrivals and the traffic of an empty sector."""
+    arrivals, traffic = _writable(state.arrivals), _writable(state.traffic)
+    arrivals["flight"][:], arrivals["candidate"][:], traffic["active"][:] = FREE, FREE, False
+    return Arrivals(**arrivals | {"born": np.int32(0)}), Traffic(**traffic)
+
+
+def _where(born: Any, new: Any, old: Any) -> Any:
+    return np.where(born if old.ndim == 1 else born[:, None], new, old)
