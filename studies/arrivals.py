@@ -4,8 +4,9 @@
 
 Flies hours without instructions in both simulators and prints a Markdown table with the two-sample
 tests of what arrives: the numbers of births and of flights present, times of birth, gaps, twins,
-routes, levels, speeds and positions. Small p-values are differences; with a dozen tests per kind of
-traffic, one below 0.05 is expected. Needs the extra `[bluebird]`.
+routes, levels, speeds and positions. A small p-value suggests a difference. There are 16 tests per
+kind of traffic, so about one p-value below 0.05 is expected by chance. Needs the extra
+`[bluebird]`.
 """
 
 import argparse
@@ -71,7 +72,11 @@ class Comparison(NamedTuple):
 
 
 def in_skystack(traffic: str, first: int, hours: int) -> Arrived:
-    """Hours in skystack. As in BluebirdDT, flights that are not handed over fly on."""
+    """Hours in skystack.
+
+    Flights are removed only when they are far outside the sector. Unlike in BluebirdDT, this
+    includes the few that happen to leave through their exit at their exit level.
+    """
     flow = find_controller("no-op", TrafficConditions(traffic)).world.flow
     draw, advance = jax.jit(flow.draw), jax.jit(partial(_cycle, flow))
     births, present = list[Birth](), list[tuple[int, ...]]()

@@ -92,33 +92,62 @@ def test_entry_and_exit_levels_are_the_coordinated_ones(flown):
         assert (cycle.before_level_ticks[cycle.born] == cycle.traffic.level_ticks[cycle.born]).all()
 
 
-def test_newborns_do_not_hear_until_they_have_been_put_back():
-    class ClimbsAtOnce:
-        def begin(self, state):
-            self.told = {}
+class Once:
+    """Tells every flight once, as soon as it hears."""
 
-        def transmit(self, state):
-            sent = []
-            for slot in np.flatnonzero(state.hears).tolist():
-                if int(state.arrivals.flight[slot]) not in self.told:
-                    level = ticks(300.0)
-                    self.told[int(state.arrivals.flight[slot])] = slot
-                    sent.append(Transmission(slot, level_ticks=level))
-            return sent[:5]
+    def __init__(self, **clearance):
+        self.clearance = clearance
 
-    agent = ClimbsAtOnce()
+    def begin(self, state):
+        self.told = {}
+
+    def transmit(self, state):
+        new = [
+            slot
+            for slot in np.flatnonzero(state.hears).tolist()
+            if int(state.arrivals.flight[slot]) not in self.told
+        ]
+        cycle = int(state.arrivals.cycle)
+        self.told |= {int(state.arrivals.flight[slot]): cycle for slot in new}
+        return [Transmission(slot, **self.clearance) for slot in new]
+
+
+def test_newborns_hear_as_soon_as_clearances_are_kept():
+    agent = Once(level_ticks=ticks(300.0))
     flown = Flown(agent, 80)
+    assert len(agent.told) > 8
+    assert max(before.arrivals.held.sum() for before, *_ in flown.rows) > 0
+    before, _, _, _ = flown.rows[-1]
+    for slot in np.flatnonzero(before.hears):
+        if agent.told.get(int(before.arrivals.flight[slot]), CYCLES) < len(flown.rows) - 1:
+            assert before.traffic.cleared_level_ticks[slot] == ticks(300.0)
+    born = {
+        int(cycle.flight[slot]): number + 1
+        for number, (_, _, cycle, _) in enumerate(flown.rows)
+        for slot in np.flatnonzero(cycle.born)
+    }
+    waits = [told - born[flight] for flight, told in agent.told.items() if flight in born]
+    assert min(waits) == 1  # as in our simulator
+
+
+def test_flights_that_bluebird_removes_are_excursions():
+    """Newborns that are turned back before they enter."""
+
+    class TurnsBack(Once):
+        def transmit(self, state):
+            headings = (state.traffic.heading_deg + 180.0).round().astype(int) % 360
+            return [
+                each._replace(heading_deg=int(headings[each.slot]))
+                for each in super().transmit(state)
+            ]
+
+    flown = Flown(TurnsBack(heading_deg=0), 120)
+    left = sum(int((cycle.exited | cycle.excursion).sum()) for _, _, cycle, _ in flown.rows)
     _, _, _, last = flown.rows[-1]
-    assert len(agent.told) > 6
-    held = [before.arrivals.held.sum() for before, *_ in flown.rows]
-    assert max(held) > 0
-    told_long_ago = [
-        slot
-        for number, slot in agent.told.items()
-        if last.arrivals.flight[slot] == number and last.hears[slot]
-    ]
-    cleared = last.traffic.cleared_level_ticks[told_long_ago]
-    assert (cleared == ticks(300.0)).mean() > 0.9  # the last may have been told just now
+    assert left > 2
+    assert np.array_equal(last.traffic.active, last.arrivals.flight != FREE)
+    assert int(last.arrivals.born) == left + last.traffic.active.sum()
+    assert last.traffic.active.sum() == len(flown.reports)
 
 
 def test_a_clearance_direct_to_a_fix_does_not_change_the_routes_of_others(flown):

@@ -6,11 +6,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from skystack.airspace.sectors import sector_named
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
 from skystack.evaluation.hour_tables import TABLES
 from skystack.evaluation.traffic import (
     TrafficConditions,
+    _is_x_plus,
     evaluate_traffic,
     find_controller,
     flow_of,
@@ -148,3 +150,13 @@ def test_a_policy_flies_with_the_performance_model_of_its_training():
     found = find_controller("sector-control", TrafficConditions("60"))
     assert (found.name, found.performance) == ("sector-control", "constant")
     assert found.world.simulator.performance == performance("constant")
+
+
+@pytest.mark.parametrize(
+    ("sector", "is_x_plus"),
+    [("x-plus", True), ("bluebird:Xplus-Sector", True), ("merge", False), ("crossing", False)],
+)
+def test_bluebird_flies_its_traffic_in_x_plus_only(sector, is_x_plus):
+    if sector.startswith("bluebird:"):
+        pytest.importorskip("bluebird_dt")
+    assert _is_x_plus(sector_named(sector)) == is_x_plus

@@ -3,8 +3,8 @@
 Before each cycle, with time frozen, the policy is queried for every flight. Of the flights that it
 would instruct, the most urgent is served first: the policy is queried for this flight until it
 gives no further instruction, and the instructions become one transmission. The other flights are
-then queried again, with what has been cleared. Where the policy would let separation be lost, a
-safety net acts (`skystack.agents.safety_net`).
+then queried again, with what has been cleared. A safety net acts on predicted losses of separation
+and excursions (`skystack.agents.safety_net`).
 """
 
 from functools import cached_property
@@ -53,8 +53,8 @@ class Query(NamedTuple):
 
     state: ControlState
     answer: Answer
-    rank: Float[Array, " slots"]
-    """As by `_rank`. The flight with the lowest value is served first."""
+    margin_s: Float[Array, " slots"]
+    """See `_margin_s`. The flight with the smallest margin is served first."""
 
 
 class _Visited(NamedTuple):
@@ -62,33 +62,33 @@ class _Visited(NamedTuple):
 
     clearance: Float[Array, "most parts"]
     """Row k: the clearance after k instructions; NaN in rows that are not reached yet."""
-    rank: Float[Array, " most"]
-    """As by `_rank`."""
+    margin_s: Float[Array, " most"]
+    """See `_margin_s`."""
     kept: Int[Array, ""]
     """The index of the clearance to keep, once the burst repeats itself; before that, -1."""
 
     @classmethod
-    def begin(cls, clearance: Float[Array, " parts"], rank: Float[Array, ""]) -> "_Visited":
-        """With what is cleared before the burst."""
+    def begin(cls, clearance: Float[Array, " parts"], margin_s: Float[Array, ""]) -> "_Visited":
+        """A record of only the clearance before the burst."""
         most = MOST_INSTRUCTIONS + 1
         empty = jnp.full((most, len(clearance)), jnp.nan, dtype=jnp.float32)
-        return cls(empty, jnp.zeros(most), jnp.int32(-1)).add(jnp.int32(0), clearance, rank)
+        return cls(empty, jnp.zeros(most), jnp.int32(-1)).add(jnp.int32(0), clearance, margin_s)
 
     def add(
         self,
         count: Int[Array, ""],
         clearance: Float[Array, " parts"],
-        rank: Float[Array, ""],
+        margin_s: Float[Array, ""],
     ) -> "_Visited":
         """Record the clearance after `count` instructions."""
         before = jnp.all(self.clearance == clearance[None], axis=1)
         index = jnp.arange(len(before), dtype=jnp.int32)
         repeated = (index >= jnp.argmax(before).astype(jnp.int32)) & (index < count)
-        best = jnp.argmax(jnp.where(repeated, self.rank, -1.0)).astype(jnp.int32)
+        best = jnp.argmax(jnp.where(repeated, self.margin_s, -1.0)).astype(jnp.int32)
         begins = (self.kept < 0) & jnp.any(before)
         return _Visited(
             self.clearance.at[count].set(clearance),
-            self.rank.at[count].set(rank),
+            self.margin_s.at[count].set(margin_s),
             jnp.where(begins, best, self.kept),
         )
 
@@ -109,8 +109,8 @@ class _Stacking(NamedTuple):
 class Learned:
     """Implements `skystack.agents.transmission.SectorAgent`.
 
-    `per_cycle` is the maximum number of transmissions in a cycle. With `safety_net`, the net acts
-    where the policy would let separation be lost (`skystack.agents.safety_net`).
+    `per_cycle` is the maximum number of transmissions in a cycle. `safety_net` turns on the safety
+    net (`skystack.agents.safety_net`).
     """
 
     def __init__(
@@ -140,7 +140,7 @@ class Learned:
             wanted = unserved & self._wanted(query)
             if not wanted.any():
                 break
-            slot = int(np.argmin(np.where(wanted, np.asarray(query.rank), np.inf)))
+            slot = int(np.argmin(np.where(wanted, np.asarray(query.margin_s), np.inf)))
             unserved[slot] = False
             told, instructions = self._serve(query, slot)
             transmission = _transmission(begun, told, slot, instructions)
@@ -209,7 +209,7 @@ class Learned:
     def _ask(self, state: ControlState) -> Query:
         """Query the policy for every flight."""
         answer = self._answer(self.task.observe(state), self.task.allowed(state), state.burst)
-        return Query(state, answer, _rank(state.outlook.time_s[CLEARED], answer.waits))
+        return Query(state, answer, _margin_s(state.outlook.time_s[CLEARED], answer.waits))
 
     def _ask_one(self, state: ControlState, slot: Int[Array, ""]) -> Answer:
         """Query the policy for one flight."""
@@ -239,13 +239,13 @@ class Learned:
         """Serve one flight: instruct it until the policy gives no further instruction.
 
         If the burst returns to an earlier clearance (climb, descend, climb, ...), the flight keeps
-        the repeated clearance with the highest rank.
+        the repeated clearance with the largest margin.
 
         Returns the state and the number of instructions. In the state, only the outlook of this
         flight is up to date.
         """
         first = Answer(*(values[slot][None] for values in query.answer))
-        visited = _Visited.begin(_cleared_to(query.state, slot), query.rank[slot])
+        visited = _Visited.begin(_cleared_to(query.state, slot), query.margin_s[slot])
         burst = _Stacking(query.state, first, jnp.int32(0), visited)
 
         def wants(burst: _Stacking) -> Bool[Array, ""]:
@@ -255,8 +255,8 @@ class Learned:
         def instruct(burst: _Stacking) -> _Stacking:
             state = self.task.instruct_one(burst.state, slot, burst.answer.action[0])
             answer, count = self._ask_one(state, slot), burst.number + 1
-            rank = _rank(state.outlook.time_s[CLEARED, slot], answer.waits[0])
-            visited = burst.visited.add(count, _cleared_to(state, slot), rank)
+            margin_s = _margin_s(state.outlook.time_s[CLEARED, slot], answer.waits[0])
+            visited = burst.visited.add(count, _cleared_to(state, slot), margin_s)
             return _Stacking(state, answer, count, visited)
 
         burst = jax.lax.while_loop(wants, instruct, burst)
@@ -270,7 +270,7 @@ class Learned:
         return forward(actor, normalise(normaliser, observation, columns=True), columns=True)
 
 
-def _rank(time_s: Float[Array, "*flights"], waits: Float[Array, "*flights"]) -> Array:
+def _margin_s(time_s: Float[Array, "*flights"], waits: Float[Array, "*flights"]) -> Array:
     """Seconds until separation would be lost as cleared, plus the probability that the policy gives
     no instruction, which breaks ties."""
     return time_s + waits

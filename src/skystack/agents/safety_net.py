@@ -1,11 +1,11 @@
-"""A safety net for a learned controller: it acts where the policy would let separation be lost, or
-a flight leave the area elsewhere than through its exit.
+"""A safety net for a learned controller: it acts on predicted losses of separation and excursions.
 
-A policy sees in its outlook when separation would be lost, and which clearances would prevent it,
-but in rare situations it gives none of them. Air traffic control systems have safety nets for such
-cases, short-term conflict alert and area proximity warning. The one here also chooses the
-clearance: of those in the outlook, the one after which it is longest until either happens, with the
-smallest detour.
+A policy observes when separation would be lost, and which clearances would prevent it, but in rare
+situations it gives none of them. It does not observe predicted excursions (flights that leave the
+area other than through their exit). Air traffic control systems have similar safety nets:
+short-term conflict alert and, for airspace infringements, area proximity warning. The one here also
+chooses the clearance: of those in the outlook, the one that delays the first of these events
+longest; of equals, the one with the smallest detour.
 """
 
 import jax.numpy as jnp
@@ -21,32 +21,33 @@ from skystack.tasks.sector_world import WorldState
 ALERT_S = 120.0
 """The net acts if a loss of separation is predicted within this time."""
 AREA_ALERT_S = 60.0
-"""The net acts if a flight is predicted to leave the area elsewhere within this time."""
+"""The net acts if an excursion is predicted within this time."""
 GAIN_S = 60.0
-"""The net acts only if a clearance delays what is predicted by at least this."""
+"""The net adds a clearance only if it delays the predicted event by at least this."""
 _TURN_COST_FL, _DIRECT_COST_FL = 1000.0, 500.0
 """Any change of level is preferred to a clearance direct, and that to a turn."""
 
 
 def alerts(outlook: Outlook) -> Bool[np.ndarray, " *flights"]:
-    """For which flights the net would have to act, as they are cleared."""
+    """Which flights have an alert, as cleared."""
     time_s, leaves_s = np.asarray(outlook.time_s), np.asarray(outlook.leaves_s)
     alert: Bool[np.ndarray, " *flights"] = time_s[CLEARED] < ALERT_S
     return alert | (leaves_s[CLEARED] < AREA_ALERT_S)
 
 
 def lasts_s(outlook: Outlook) -> Float[np.ndarray, "ways *flights"]:
-    """The time until each flight would lose separation or leave the area elsewhere than through its
-    exit, after each clearance of `WAYS`."""
+    """The time until each flight would lose separation or make an excursion, after each clearance
+    of `WAYS`."""
     return np.minimum(np.asarray(outlook.time_s), np.asarray(outlook.leaves_s)[PATH_OF_WAY])
 
 
 def way_out(
     sector: Sector, state: WorldState, slot: int, time_s: Float[np.ndarray, " ways"]
 ) -> Transmission | None:
-    """The clearance that the net gives to the flight in a slot. None if none gains `GAIN_S`.
+    """The clearance that the net gives to the flight in a slot. None if no clearance gains
+    `GAIN_S`.
 
-    `time_s` is that of `lasts_s` for this flight.
+    `time_s` is this flight's column of `lasts_s`.
     """
     best = float(np.max(time_s))
     if best < time_s[CLEARED] + GAIN_S:

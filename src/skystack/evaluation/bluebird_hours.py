@@ -1,6 +1,6 @@
 """Hours of BluebirdDT's own arriving traffic, flown in BluebirdDT, for agents of sector control.
 
-The state that agents see is made anew from BluebirdDT's reports after every cycle. Exits,
+The state that agents see is rebuilt from BluebirdDT's reports after every cycle. Exits,
 excursions and losses of separation are judged as in our simulator.
 """
 
@@ -64,8 +64,10 @@ class BluebirdHours:
         arrivals = arrivals._replace(cycle=arrivals.cycle + 1)
         flown = self._read(state.traffic, reports)
         before: Traffic = jax.tree.map(partial(_where, born), flown, state.traffic)
+        removed = np.zeros_like(born)
+        removed[[slot for callsign, slot in self._slot.items() if callsign not in reports]] = True
         next_state, cycle = jax.device_get(
-            self._end_cycle(state.progress, before, born, arrivals, flown)
+            self._end_cycle(state.progress, before, born, arrivals, flown, removed)
         )
         gone = {
             callsign for callsign, slot in self._slot.items() if not next_state.traffic.active[slot]
@@ -101,9 +103,8 @@ class BluebirdHours:
         return Arrivals(**values | {"born": np.int32(number)}), born
 
     def _read(self, traffic: Traffic, reports: dict[str, FlightReport]) -> Traffic:
-        """The traffic as reported. Flights that are no longer reported become inactive."""
+        """The traffic as reported. Flights that are no longer reported stay where they were."""
         values = _writable(traffic)
-        values["active"][:] = False
         values["pending_turn"][:] = NO_TURN
         for callsign, slot in self._slot.items():
             if callsign in reports:
@@ -114,7 +115,7 @@ class BluebirdHours:
 
     @cached_property
     def _adopted(self) -> Any:
-        """(traffic) -> the traffic, which flies what it is cleared to, compiled."""
+        """(traffic) -> the traffic with all clearances adopted, compiled."""
 
         def adopted(traffic: Traffic) -> Traffic:
             nominal_kt = self.world.simulator.level_ground_speed_kt(traffic.level_ticks)
@@ -169,7 +170,7 @@ def _random_seed(seed: int, number: int) -> int:
 
 
 def _writable(values: Arrivals | Traffic) -> dict[str, Any]:
-    """The arrays by name, which can be changed; but not those of the candidates."""
+    """Writable copies of the arrays, by name. `candidates` is not copied."""
     return {
         name: each if name == "candidates" else np.array(each)
         for name, each in values._asdict().items()

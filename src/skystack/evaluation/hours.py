@@ -58,7 +58,7 @@ class Hours(Protocol):
     """Flies the traffic of hours, one after another. All arrays are numpy arrays."""
 
     def reset(self, seed: int, number: int) -> WorldState:
-        """Begin an hour of an evaluation seed."""
+        """Begin hour `number` of an evaluation seed."""
 
     def advance(
         self, state: WorldState, transmissions: list[Transmission]
@@ -88,7 +88,7 @@ class OwnHours:
 
 
 class HourFlyer:
-    """Flies hours in a world, in our simulator or in another one."""
+    """Flies hours of a world's traffic, in our simulator or in another one."""
 
     def __init__(
         self, world: World, cycles: int, per_cycle: int = PER_CYCLE, hours: Hours | None = None

@@ -7,10 +7,13 @@ from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from skystack.agents.sector_agents import SECTOR_AGENTS, learned_agent, sector_task_of
 from skystack.agents.transmission import PER_CYCLE, SectorAgent
 from skystack.airspace.sector import Sector
 from skystack.airspace.sectors import sector_from, sector_setting
+from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError, exists, unknown_name
 from skystack.evaluation.hour_row import forget_row, write_row
 from skystack.evaluation.hour_scores import score, summary
@@ -57,7 +60,7 @@ class TrafficConditions(NamedTuple):
 
     @property
     def options(self) -> list[str]:
-        """The options of `evaluate` that are not at their default; not traffic, hours and seed."""
+        """`--per-cycle`, `--uncertainty`, `--no-safety-net` and `--platform`, unless at default."""
         differs = {
             f"--per-cycle {self.per_cycle}": self.per_cycle != PER_CYCLE,
             "--uncertainty": self.uncertainty,
@@ -168,8 +171,21 @@ def _hours_of(found: "ControlledWorld", conditions: TrafficConditions) -> Iterat
             f"a policy for performance {found.performance} (allowed in BluebirdDT's traffic: "
             f"{PERFORMANCE})"
         )
+    if not _is_x_plus(found.world.sector):
+        name = found.world.sector.name
+        raise InputError(f"a policy for sector {name} (allowed in BluebirdDT's traffic: x-plus)")
     with closing(BluebirdHours(found.world, FLIGHT_SCHOOL[conditions.traffic])) as hours:
         yield hours
+
+
+def _is_x_plus(sector: Sector) -> bool:
+    """Whether a sector is X-Plus, by whatever name."""
+    ours = x_plus()
+    if set(sector.routes) != set(ours.routes) or sector.levels_fl != ours.levels_fl:
+        return False
+    names = sorted(ours.fixes)
+    one, two = (np.array([of.fixes[name] for name in names]) for of in (sector, ours))
+    return np.allclose(one, two, atol=1e-4) and len(sector.area) == len(ours.area)
 
 
 class ControlledWorld(NamedTuple):

@@ -118,7 +118,7 @@ class Bluebird:
 
 
 def silence() -> None:
-    """Let BluebirdDT print no warnings."""
+    """Keep BluebirdDT from printing warnings."""
     # Without a handler, Python's handler of last resort would print them to standard error.
     logger = logging.getLogger("bluebird_dt")
     logger.addHandler(logging.NullHandler())
@@ -126,7 +126,10 @@ def silence() -> None:
 
 
 def act(simulator: Any, callsign: str, instruction: Instruction) -> None:
-    """Clear an aircraft, by its name in BluebirdDT. Raises PlatformError if it is refused."""
+    """Instruct the aircraft with this callsign in BluebirdDT.
+
+    Raises PlatformError if BluebirdDT refuses.
+    """
     accepted = simulator.action(
         [
             {"callsign": callsign, "kind": kind, "value": value, "agent": "skystack"}

@@ -5,8 +5,10 @@
     advance() -> reports          one radar cycle: births, flight, departures
     close()
 
-Reports are by callsign. A flight that BluebirdDT removes is no longer reported: flights that have
-left through their exits at their exit levels, and those far outside the sector.
+Reports are by callsign. Flights are reported until BluebirdDT removes them, far outside the sector.
+
+A cycle or more after a birth, BluebirdDT puts the flight back to its position of birth, without the
+clearances that it has been given. Until then, it is reported at that position.
 
 Needs `bluebird-dt` (extra `[bluebird]`, AGPL).
 """
@@ -29,7 +31,7 @@ _STARTERS = 2
 
 
 class FlightReport(NamedTuple):
-    """A flight as BluebirdDT has it."""
+    """The state of a flight in BluebirdDT."""
 
     route: tuple[str, ...]
     entry_fl: float
@@ -49,19 +51,24 @@ class FlightReport(NamedTuple):
     turn_radius_nm: float | None
     """That of its turn to the next fix; 0 without one, None if it is computed in the next cycle."""
     held: bool
-    """Whether BluebirdDT will put it back to its position of birth, without its clearances."""
+    """Whether BluebirdDT will put it back later than in the next cycle, so that it would lose a
+    clearance that it is given now."""
 
 
 class BluebirdTraffic:
     """Flies hours of arriving traffic, one after another."""
 
     def __init__(self, clock: Clock) -> None:
-        """`clock` has the rates, such as `FLIGHT_SCHOOL["category"]`; BluebirdDT has its own."""
+        """Only the rates and the end time of `clock` are used, such as `FLIGHT_SCHOOL["category"]`.
+
+        BluebirdDT itself decides which flights enter.
+        """
         silence()
         self._clock = clock
         self._simulator: Any = None
-        self._aircraft: dict[str, Any] = {}
-        self._entry: dict[str, tuple[tuple[str, ...], float, float]] = {}
+        self._separate: dict[int, Any] = {}
+        """The aircraft with a route of their own, by their id."""
+        self._plans: dict[str, tuple[tuple[str, ...], float, float]] = {}
         """The route, entry and exit level of each flight, by callsign."""
 
     def reset(self, seed: int) -> dict[str, FlightReport]:
@@ -86,7 +93,7 @@ class BluebirdTraffic:
                 max_spawn_rate=clock.max_rate_per_s,
                 total_time_seconds=clock.until_s,
             )
-        self._entry, self._aircraft = {}, {}
+        self._plans, self._separate = {}, {}
         return self._reports()
 
     def issue(self, instruction: Instruction) -> None:
@@ -108,18 +115,44 @@ class BluebirdTraffic:
 
     def _reports(self) -> dict[str, FlightReport]:
         environment = self._simulator.manager.environment
-        put_back = {each.callsign for _, each in self._simulator.scenario_manager.aircraft_to_add}
+        manager = self._simulator.scenario_manager
+        later = {aircraft.callsign: aircraft for _, aircraft in manager.aircraft_to_add}
+        self._separate_routes([*environment.aircraft.values(), *later.values()])
+        held = later.keys() - _put_back_next(manager, environment.time)
         reports = {}
         for callsign, aircraft in environment.aircraft.items():
-            if self._aircraft.get(callsign) is not aircraft:  # new, or put back as another object
-                self._aircraft[callsign] = aircraft
-                # BluebirdDT gives flights on the same route the same object, and a clearance direct
-                # to a fix changes it for all of them.
-                aircraft.flight_plan.route = copy(aircraft.flight_plan.route)
-            if callsign not in self._entry:
-                self._entry[callsign] = _plan(environment, aircraft)
-            reports[callsign] = _report(aircraft, self._entry[callsign], callsign in put_back)
+            if callsign not in self._plans:
+                self._plans[callsign] = _plan(environment, aircraft)
+            now = later.get(callsign, aircraft)
+            reports[callsign] = _report(now, self._plans[callsign], callsign in held)
         return reports
+
+    def _separate_routes(self, aircraft: list[Any]) -> None:
+        """Give every aircraft its own copy of its route.
+
+        BluebirdDT gives flights on the same route the same object, and a clearance direct to a fix
+        changes it for all of them.
+        """
+        for each in aircraft:
+            if id(each) not in self._separate:
+                self._separate[id(each)] = each
+                each.flight_plan.route = copy(each.flight_plan.route)
+
+
+def _put_back_next(manager: Any, time_s: float) -> set[str]:
+    """The flights that BluebirdDT will put back in the next cycle.
+
+    It puts none back within `min_spawn_delta` after a birth. It removes flights from the list while
+    it iterates over it, and so skips every second one.
+    """
+    left, put_back = list(manager.aircraft_to_add), set[str]()
+    if time_s - manager.last_spawn_time < manager.min_spawn_delta:
+        return put_back
+    for entry in left:
+        if time_s >= entry[0]:
+            put_back.add(entry[1].callsign)
+            left.remove(entry)
+    return put_back
 
 
 def _plan(environment: Any, aircraft: Any) -> tuple[tuple[str, ...], float, float]:

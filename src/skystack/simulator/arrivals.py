@@ -28,8 +28,9 @@ from skystack.simulator.traffic import Traffic, start, where_aircraft
 FREE = -1
 """The flight of a free slot."""
 CLEAR_NM = 10.0
-"""A newborn keeps this distance from traffic whose present and cleared levels, and those in
-between, rounded outwards to multiples of ten, include its own."""
+"""A newborn keeps this distance from a flight if its level is between that flight's present and
+cleared level, rounded outwards to multiples of ten. With `unchecked_clearances`, only clearances
+that have been adopted count."""
 SAME_LEVEL_NM = 60.0
 """A newborn keeps this distance from traffic at exactly its own level."""
 MOST_DUE = 16

@@ -1,4 +1,4 @@
-"""When predicted flights would leave the area elsewhere than through their exits."""
+"""Predicted excursions: when flights would leave the area other than through their exits."""
 
 from itertools import pairwise
 
@@ -11,7 +11,7 @@ from skystack.simulator.traffic import Traffic
 from skystack.tasks.prediction import HORIZON_S, TIMES_S, PredictedPath
 
 LEAVING_S = 120
-"""How far ahead flights are predicted to leave."""
+"""Excursions are predicted this far ahead, in seconds."""
 _TIMES = tuple(time for time in TIMES_S if time <= LEAVING_S)
 
 
@@ -21,11 +21,11 @@ def time_to_leaving(
     entered: Bool[Array, " flights"],
     path: PredictedPath,
 ) -> Float[Array, "paths flights"]:
-    """The time after which each flight would leave the area elsewhere than through its exit.
+    """The time until each flight would make an excursion.
 
     The arrays of `path` have an axis for several paths before that of the flights. The result is
     the beginning of the interval between predicted times in which the flight leaves, or `HORIZON_S`
-    if it is not within `LEAVING_S`, or if the flight has not entered the area yet.
+    if it makes no excursion within `LEAVING_S`, or has not entered the area yet.
     """
     position = jnp.stack([path.east_nm[: len(_TIMES)], path.north_nm[: len(_TIMES)]], axis=1)
     outside = ~inside_area(position, sector.area_nm)[1:]

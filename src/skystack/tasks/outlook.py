@@ -2,7 +2,7 @@
 
 Each flight is predicted (`skystack.tasks.prediction`) as cleared and after each of a few other
 clearances, `WAYS`. All other flights are predicted as cleared. The outlook also has the time until
-the flight would leave the area elsewhere than through its exit (`skystack.tasks.leaving`).
+the flight would make an excursion (`skystack.tasks.leaving`).
 """
 
 from functools import partial
@@ -48,7 +48,8 @@ CLEARED = WAYS.index("cleared")
 PATH_OF_WAY = np.array(
     [*range(2 + len(TURNS_DEG)), *[CLEARED] * (1 + len(CHANGES_FL)), WAYS.index("direct")]
 )
-"""Changes of level are flown on the path as cleared, and the last way is that of `direct`."""
+"""The index of the lateral path of each of `WAYS`. Changes of level keep the path as cleared;
+`direct, exit level` has that of `direct`."""
 NEIGHBOURS = 12
 """The number of other flights that are compared with each flight."""
 MARGIN_NM = 1.0
@@ -71,8 +72,8 @@ class Outlook(NamedTuple):
     time_s: Float[Array, "ways slots *batch"]
     """The time until separation would be lost after each clearance of `WAYS`."""
     leaves_s: Float[Array, "paths slots *batch"]
-    """The time until the flight would leave the area elsewhere than through its exit, on each path
-    of `PATH_OF_WAY`; see `skystack.tasks.leaving`."""
+    """The time until the flight would make an excursion on each path that `PATH_OF_WAY` refers to;
+    see `skystack.tasks.leaving`."""
     neighbour: Int[Array, "neighbours slots *batch"]
     """The slots of the other flights that matter most, the most urgent first."""
     urgency: Float[Array, "neighbours slots *batch"]
@@ -285,7 +286,7 @@ def _levels(simulator: Simulator, flights: Flights) -> Float[Array, "times level
 
 
 def changed_levels(sector: Sector, cleared_ticks: Rows) -> list[Rows]:
-    """The levels after `CHANGES_FL` from the cleared ones, within those of the sector."""
+    """The cleared levels changed by each of `CHANGES_FL`, limited to those of the sector."""
     lowest, highest = (ticks(float(fl)) for fl in sector.levels_fl)
     return [jnp.clip(cleared_ticks + ticks(change), lowest, highest) for change in CHANGES_FL]
 

@@ -38,7 +38,8 @@ SLOW_TURN_DEG = 15.0
 """Turns to a fix that are smaller are flown with little bank, on a circle that may be so large that
 the flight reaches the fix first."""
 NEAR_NM = 1.0
-"""A turn to a fix that ends this close to it, or later, is taken to last until the next turn."""
+"""A slow turn that would end less than this before the next turn begins, or before the fix if there
+is none, is predicted as straight flight to the fix."""
 LEGS = 6
 """The number of legs of a route that are predicted."""
 
@@ -246,8 +247,8 @@ def _first_turn(
 ) -> tuple[list[Piece], Rows]:
     """The turn to a fix in two chords, and the heading after it.
 
-    `turns` marks flights that turn again at the fix. A slow turn that would last until then is
-    predicted as straight flight to the fix.
+    `turns` marks flights that turn again at the fix. A slow turn that would last until then, or
+    almost, is predicted as straight flight to the fix.
     """
     scale = sector.plane.scale(traffic.position_nm[:, 1])
     to_fix = fix_of(sector.route_table, traffic.route, fix) - traffic.position_nm
@@ -278,19 +279,19 @@ def _first_turn(
 def _turn_to_point(
     to_fix: Float[Array, "slots 2 *batch"], heading_deg: Rows, radius: Rows, turn_deg: Rows
 ) -> Rows:
-    """The turn after which a fix is straight ahead, to the side of `turn_deg`.
+    """The turn after which a fix is straight ahead, in the direction of `turn_deg`.
 
-    The line from where the turn ends to the fix is a tangent of the circle flown. If the fix is
-    inside the circle, the turn ends where it is nearest.
+    The line from the end of the turn to the fix is tangent to the circle flown. If the fix is
+    inside the circle, the turn ends at the point of the circle nearest to the fix.
     """
     right = jnp.where(turn_deg < 0.0, -1.0, 1.0)
     ahead = dot(to_fix, direction(heading_deg))
     aside = dot(to_fix, direction(heading_deg + 90.0)) * right
-    # The fix as seen from the centre of the circle, from the position of the flight on.
+    # The angle at the centre of the circle from the flight to the fix.
     from_centre = jnp.arctan2(ahead, radius - aside)
     tangent = jnp.sqrt(jnp.maximum(ahead**2 + (radius - aside) ** 2 - radius**2, 0.0))
     turn = jnp.degrees(from_centre - jnp.arctan2(tangent, radius)) % 360.0
-    # Rounding may turn a flight that heads for its fix by a full circle.
+    # Rounding could otherwise add a full circle for a flight that already heads for its fix.
     return jnp.where(turn > 359.0, turn - 360.0, turn) * right
 
 

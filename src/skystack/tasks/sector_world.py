@@ -137,17 +137,20 @@ class World:
         born: Bool[Array, "slots *batch"],
         arrivals: Arrivals,
         flown: Traffic,
+        removed: Bool[Array, "slots *batch"] | None = None,
     ) -> tuple[WorldState, WorldCycle]:
-        """Find the flights that leave in a cycle, which may have been flown by another simulator.
+        """Update the progress of flights after a cycle, and release those that left.
 
-        `progress` is that before the cycle, and `traffic` that before it, with the flights `born`
-        in it; `arrivals` and `flown` are those after it.
+        The cycle may have been flown by another simulator. `progress` and `traffic` are from before
+        the cycle; `traffic` already has the flights `born` in it. `arrivals` and `flown` are from
+        after it. `removed` marks flights that the other simulator has removed: excursions.
         """
         progress = self._begin(progress, traffic, born)
         before_nm, before_level_ticks = progress.previous_nm, progress.previous_level_ticks
         plan = FlightPlan(arrivals.entry_level_ticks, arrivals.exit_level_ticks)
         progress = subroutine(self.tracker.update, progress, plan, flown)
-        strayed = flown.active & ~progress.entered & self._is_far(flown)
+        strayed = ~progress.entered & self._is_far(flown)
+        strayed = flown.active & (strayed if removed is None else strayed | removed)
         excursion = (progress.excursion & flown.active) | strayed
         exited = progress.exited & flown.active
         cycle = WorldCycle(
