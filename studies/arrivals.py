@@ -19,7 +19,6 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from scipy.stats import chi2_contingency, ks_2samp, mannwhitneyu
 
@@ -30,11 +29,11 @@ from skystack.learning.seeds import scenario_key
 from skystack.platforms.bluebird_traffic import BluebirdTraffic
 from skystack.platforms.registry import check_platform
 from skystack.reporting.table import Table
-from skystack.simulator.arrival_flows import FLIGHT_SCHOOL, HOUR_CYCLES, Flow
-from skystack.simulator.arrivals import FREE, Arrivals, fly, release
+from skystack.simulator.arrival_flows import FLIGHT_SCHOOL, HOUR_CYCLES
+from skystack.simulator.arrivals import Arrivals, release
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import Traffic
-from skystack.tasks.sector_world import FAR_NM
+from skystack.tasks.sector_world import World
 from studies.parallel import run_pieces
 
 HOURS_A_PIECE = 5
@@ -77,29 +76,23 @@ def in_skystack(traffic: str, first: int, hours: int) -> Arrived:
     Flights are removed only when they are far outside the sector. Unlike in BluebirdDT, this
     includes the few that happen to leave through their exit at their exit level.
     """
-    flow = find_controller("no-op", TrafficConditions(traffic)).world.flow
-    draw, advance = jax.jit(flow.draw), jax.jit(partial(_cycle, flow))
+    world = find_controller("no-op", TrafficConditions(traffic)).world
+    draw, advance = jax.jit(world.flow.draw), jax.jit(partial(_cycle, world))
     births, present = list[Birth](), list[tuple[int, ...]]()
     for hour in range(first, first + hours):
         (arrivals, flying), counts = draw(scenario_key(0, hour)), []
         for cycle in range(1, HOUR_CYCLES + 1):
             arrivals, flying, born = advance(arrivals, flying)
-            births += _born(flow.simulator.sector, arrivals, flying, np.asarray(born), hour, cycle)
+            births += _born(world.sector, arrivals, flying, np.asarray(born), hour, cycle)
             counts.append(int(flying.active.sum()))
         present.append(_sixths(counts))
     return Arrived(births, present)
 
 
-def _cycle(flow: Flow, arrivals: Arrivals, traffic: Traffic) -> tuple[Arrivals, Traffic, Any]:
+def _cycle(world: World, arrivals: Arrivals, traffic: Traffic) -> tuple[Arrivals, Traffic, Any]:
     """A cycle, and which flights were born in it."""
-    before, sector = arrivals.flight, flow.simulator.sector
-    arrivals, traffic = flow.admission.admit(arrivals, traffic)
-    born = (arrivals.flight != before) & (arrivals.flight != FREE)
-    arrivals, flown = fly(flow.simulator, arrivals, traffic)
-    points = np.stack([*sector.area_nm, *sector.fixes_nm.values()])
-    low, high = points.min(axis=0)[None] - FAR_NM, points.max(axis=0)[None] + FAR_NM
-    near = jnp.all((flown.position_nm >= low) & (flown.position_nm <= high), axis=1)
-    return *release(arrivals, flown, flown.active & ~near), born
+    _, born, arrivals, flown = world.fly(arrivals, traffic)
+    return *release(arrivals, flown, flown.active & world.is_far(flown)), born
 
 
 def _born(
@@ -232,7 +225,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for simulator in (in_bluebird, in_skystack)
             for first in range(0, options.hours, HOURS_A_PIECE)
         ]
-        found = run_pieces(_fly, pieces, "pieces")
+        found = run_pieces(_arrived, pieces, "pieces")
         half = len(found) // 2
         tests = compare(_together(found[half:]), _together(found[:half]))
         rows = [(each.what, each.test, each.ours, each.bluebird, f"{each.p:.3f}") for each in tests]
@@ -241,8 +234,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _fly(fly: Callable[[str, int, int], Arrived], traffic: str, first: int, hours: int) -> Arrived:
-    return fly(traffic, first, hours)
+def _arrived(
+    simulator: Callable[[str, int, int], Arrived], traffic: str, first: int, hours: int
+) -> Arrived:
+    return simulator(traffic, first, hours)
 
 
 def _together(parts: Sequence[Arrived]) -> Arrived:

@@ -154,9 +154,9 @@ def test_a_burst_that_repeats_keeps_the_clearance_that_loses_separation_last():
     """Even if the policy would rather wait after another one."""
     visited = _Visited.begin(jnp.full(5, 1, dtype=jnp.float32), jnp.float32(0.9))
     assert int(visited.kept) == -1
-    for count, (clearance, worth) in enumerate([(2, 60.4), (3, 30.5), (2, 60.4)], start=1):
+    for count, (clearance, margin_s) in enumerate([(2, 60.4), (3, 30.5), (2, 60.4)], start=1):
         told = jnp.full(5, clearance, dtype=jnp.float32)
-        visited = visited.add(jnp.int32(count), told, jnp.float32(worth))
+        visited = visited.add(jnp.int32(count), told, jnp.float32(margin_s))
         assert int(visited.kept) == (1 if count == 3 else -1)
     assert bool(visited.is_kept(jnp.full(5, 2, dtype=jnp.float32)))
     assert not bool(visited.is_kept(jnp.full(5, 3, dtype=jnp.float32)))
@@ -218,15 +218,26 @@ def test_instructions_that_cause_an_alert_are_not_given(world, from_edge_nm, tur
 def in_arm(world, slot, from_edge_nm, heading_deg):
     """A world of one flight in the arm of X-Plus that points north-west, 25 NM from its middle."""
     across = (14.0 - from_edge_nm * np.sqrt(2.0)) / 2.0  # the edge is where east + north = 14 NM
-    position, heading = np.array(world.traffic.position_nm), np.array(world.traffic.heading_deg)
-    position[slot], heading[slot] = (across - 18.0, across + 18.0), heading_deg
-    own, pending = (
-        np.array(each) for each in (world.traffic.own_navigation, world.traffic.pending_turn)
+    position = (across - 18.0, across + 18.0)
+    return alone(placed(world, slot, position, heading_deg, entered=True), slot)
+
+
+def placed(world, slots, position_nm, heading_deg, entered):
+    """The world with flights at other positions, which hold their headings."""
+    traffic, progress = world.traffic, world.progress
+    position, heading, own, pending, inside = map(
+        np.array,
+        (
+            traffic.position_nm,
+            traffic.heading_deg,
+            traffic.own_navigation,
+            traffic.pending_turn,
+            progress.entered,
+        ),
     )
-    own[slot], pending[slot] = False, NO_TURN
-    entered = np.array(world.progress.entered)
-    entered[slot] = True
-    traffic = world.traffic._replace(
+    position[slots], heading[slots], inside[slots] = position_nm, heading_deg, entered
+    own[slots], pending[slots] = False, NO_TURN
+    traffic = traffic._replace(
         position_nm=position,
         heading_deg=heading,
         flown_heading_deg=heading,
@@ -235,8 +246,7 @@ def in_arm(world, slot, from_edge_nm, heading_deg):
         pending_turn=pending,
         turn_deg=np.zeros_like(heading),
     )
-    progress = world.progress._replace(entered=entered)
-    return alone(world._replace(traffic=traffic, progress=progress), slot)
+    return world._replace(traffic=traffic, progress=progress._replace(entered=inside))
 
 
 def alone(world, slot):
@@ -247,30 +257,12 @@ def alone(world, slot):
 
 def head_on(world, one, other):
     """The world with two flights on opposite headings, 25 NM apart, far outside the others."""
-    position, heading = (np.array(world.traffic.position_nm), np.array(world.traffic.heading_deg))
-    position[one], position[other] = (60.0, -75.0), (60.0, -50.0)
-    heading[one], heading[other] = 0.0, 180.0
+    pair, positions = [one, other], [(60.0, -75.0), (60.0, -50.0)]
+    world = placed(world, pair, positions, (0.0, 180.0), entered=False)
     level = np.array(world.traffic.level_ticks)
-    level[[one, other]] = ticks(300.0)
-    own = np.array(world.traffic.own_navigation)
-    own[[one, other]] = False
-    pending = np.array(world.traffic.pending_turn)
-    pending[[one, other]] = NO_TURN
-    traffic = world.traffic._replace(
-        position_nm=position,
-        heading_deg=heading,
-        flown_heading_deg=heading,
-        cleared_heading_deg=heading,
-        level_ticks=level,
-        flown_level_ticks=level,
-        cleared_level_ticks=level,
-        own_navigation=own,
-        pending_turn=pending,
-        turn_deg=np.zeros_like(heading),
-    )
-    entered = np.array(world.progress.entered)
-    entered[[one, other]] = False
-    return world._replace(traffic=traffic, progress=world.progress._replace(entered=entered))
+    level[pair] = ticks(300.0)
+    levels = dict.fromkeys(("level_ticks", "flown_level_ticks", "cleared_level_ticks"), level)
+    return world._replace(traffic=world.traffic._replace(**levels))
 
 
 def test_the_time_since_a_transmission_belongs_to_the_flight(world):

@@ -97,7 +97,7 @@ class _Visited(NamedTuple):
         return (self.kept >= 0) & jnp.all(self.clearance[self.kept] == clearance)
 
 
-class _Stacking(NamedTuple):
+class _FlightBurst(NamedTuple):
     """The instructions to a flight so far, and the answer to what has been cleared."""
 
     state: ControlState
@@ -164,9 +164,7 @@ class Learned:
         """The state after a transmission to a flight, and the number of instructions in it."""
         told, count = self._stack(query, slot)
         instructions = int(count)
-        if not self.safety_net:
-            return told, instructions
-        if not alerts(told.outlook)[slot]:
+        if not (self.safety_net and alerts(told.outlook)[slot]):
             return told, instructions
         if not alerts(query.state.outlook)[slot]:
             return query.state, 0  # there is no alert without the instructions
@@ -246,18 +244,18 @@ class Learned:
         """
         first = Answer(*(values[slot][None] for values in query.answer))
         visited = _Visited.begin(_cleared_to(query.state, slot), query.margin_s[slot])
-        burst = _Stacking(query.state, first, jnp.int32(0), visited)
+        burst = _FlightBurst(query.state, first, jnp.int32(0), visited)
 
-        def wants(burst: _Stacking) -> Bool[Array, ""]:
+        def wants(burst: _FlightBurst) -> Bool[Array, ""]:
             kept = burst.visited.is_kept(_cleared_to(burst.state, slot))
             return burst.answer.wanted[0] & (burst.number < MOST_INSTRUCTIONS) & ~kept
 
-        def instruct(burst: _Stacking) -> _Stacking:
+        def instruct(burst: _FlightBurst) -> _FlightBurst:
             state = self.task.instruct_one(burst.state, slot, burst.answer.action[0])
             answer, count = self._ask_one(state, slot), burst.number + 1
             margin_s = _margin_s(state.outlook.time_s[CLEARED, slot], answer.waits[0])
             visited = burst.visited.add(count, _cleared_to(state, slot), margin_s)
-            return _Stacking(state, answer, count, visited)
+            return _FlightBurst(state, answer, count, visited)
 
         burst = jax.lax.while_loop(wants, instruct, burst)
         return burst.state, burst.number

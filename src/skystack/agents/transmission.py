@@ -5,6 +5,8 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import jax.numpy as jnp
 import numpy as np
 
+from skystack.platforms.instruction import Instruction
+from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import DIRECT, NO_TURN, SHORTEST, Clearance
 from skystack.tasks.sector_world import WorldState
 
@@ -34,6 +36,19 @@ class SectorAgent(Protocol):
 
     def transmit(self, state: WorldState) -> list[Transmission]:
         """The transmissions before the next cycle; the arrays of the state are numpy arrays."""
+
+
+def instruction_of(
+    transmission: Transmission, callsign: str, route: tuple[str, ...]
+) -> Instruction:
+    """A transmission to the flight with a callsign and a route, as platforms receive it."""
+    fix, level = transmission.fix, transmission.level_ticks
+    return Instruction(
+        callsign,
+        heading_deg=transmission.heading_deg,
+        direct_to=None if fix is None else route[fix],
+        level_fl=None if level is None else round(level / TICKS_PER_FL),
+    )
 
 
 def clearance_of(transmissions: list[Transmission], slots: int) -> Clearance:

@@ -4,21 +4,19 @@ The state that agents see is rebuilt from BluebirdDT's reports after every cycle
 excursions and losses of separation are judged as in our simulator.
 """
 
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import Bool
 
-from skystack.agents.transmission import Transmission
-from skystack.airspace.projection import wrap_longitude
+from skystack.agents.transmission import Transmission, instruction_of
 from skystack.errors import InputError
 from skystack.learning.seeds import scenario_key
 from skystack.platforms.bluebird_traffic import BluebirdTraffic, FlightReport
-from skystack.platforms.instruction import Instruction
 from skystack.simulator.arrivals import FREE, Arrivals, Clock
-from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import turn_to_deg
 from skystack.simulator.traffic import NO_TURN, RADIUS_UNKNOWN, Traffic, ticks
 from skystack.tasks.sector_world import World, WorldCycle, WorldState
@@ -32,7 +30,8 @@ class BluebirdHours:
 
     def __init__(self, world: World, clock: Clock) -> None:
         self.world, self.platform = world, BluebirdTraffic(clock)
-        self._end_cycle = jax.jit(world.end_cycle)
+        self._empty = jax.jit(World(replace(world.flow, starters=0)).reset)
+        self._begin, self._end_cycle = jax.jit(world.tracker.begin), jax.jit(world.end_cycle)
         self._routes = {tuple(route): index for index, route in enumerate(world.sector.routes)}
         self._slot: dict[str, int] = {}
         """The slots of the flights that have not left, by callsign."""
@@ -40,21 +39,20 @@ class BluebirdHours:
         """Flights that have left, which BluebirdDT may still report."""
 
     def reset(self, seed: int, number: int) -> WorldState:
-        state: WorldState = jax.device_get(jax.jit(self.world.reset)(scenario_key(seed, number)))
+        empty: WorldState = jax.device_get(self._empty(scenario_key(seed, number)))
         self._slot, self._left = {}, set()
         reports = self.platform.reset(_random_seed(seed, number))
-        arrivals, traffic = _without_flights(state)
-        arrivals, _ = self._admit(arrivals, reports)
-        traffic = self._read(traffic, reports)
-        progress = jax.device_get(jax.jit(self.world.tracker.begin)(traffic))
-        return WorldState(traffic, arrivals, progress)
+        arrivals, _ = self._admit(empty.arrivals, reports)
+        traffic = self._read(empty.traffic, reports)
+        return WorldState(traffic, arrivals, jax.device_get(self._begin(traffic)))
 
     def advance(
         self, state: WorldState, transmissions: list[Transmission]
     ) -> tuple[WorldState, WorldCycle]:
         callsigns = {slot: callsign for callsign, slot in self._slot.items()}
         for each in transmissions:
-            self.platform.issue(self._instruction(state, callsigns[each.slot], each))
+            route = self.world.sector.routes[int(state.traffic.route[each.slot])]
+            self.platform.issue(instruction_of(each, callsigns[each.slot], route))
         reports = {
             callsign: report
             for callsign, report in self.platform.advance().items()
@@ -63,11 +61,10 @@ class BluebirdHours:
         arrivals, born = self._admit(state.arrivals, reports)
         arrivals = arrivals._replace(cycle=arrivals.cycle + 1)
         flown = self._read(state.traffic, reports)
-        before: Traffic = jax.tree.map(partial(_where, born), flown, state.traffic)
         removed = np.zeros_like(born)
         removed[[slot for callsign, slot in self._slot.items() if callsign not in reports]] = True
         next_state, cycle = jax.device_get(
-            self._end_cycle(state.progress, before, born, arrivals, flown, removed)
+            self._end_cycle(state.progress, flown, born, arrivals, flown, removed)
         )
         gone = {
             callsign for callsign, slot in self._slot.items() if not next_state.traffic.active[slot]
@@ -84,7 +81,8 @@ class BluebirdHours:
     ) -> tuple[Arrivals, Bool[np.ndarray, " slots"]]:
         """Give slots to the flights that are reported for the first time."""
         values = _writable(arrivals)
-        flight, born, number = values["flight"], values["held"] < 0, int(arrivals.born)
+        flight, number = values["flight"], int(arrivals.born)
+        born = np.zeros(len(flight), dtype=bool)
         for callsign, report in reports.items():
             if callsign in self._slot:
                 continue
@@ -131,13 +129,11 @@ class BluebirdHours:
 
     def _flight(self, report: FlightReport) -> dict[str, Any]:
         """The values of a flight in `Traffic`."""
-        sector = self.world.sector
-        lon = wrap_longitude(np.array([report.lon]))
         last, radius_nm = len(report.route) - 1, report.turn_radius_nm
         next_fix = last if report.next_fix is None else report.route.index(report.next_fix)
         return {
             "active": True,
-            "position_nm": sector.plane.to_plane(np.array([report.lat]), lon)[0],
+            "position_nm": self.world.sector.plane.to_plane(report.lat, report.lon),
             "heading_deg": report.heading_deg,
             "level_ticks": ticks(report.fl),
             "ground_speed_kt": report.speed_kt,
@@ -151,18 +147,6 @@ class BluebirdHours:
             "climb_factor": 1.0,
         }
 
-    def _instruction(
-        self, state: WorldState, callsign: str, transmission: Transmission
-    ) -> Instruction:
-        fix, level = transmission.fix, transmission.level_ticks
-        route = self.world.sector.routes[int(state.traffic.route[transmission.slot])]
-        return Instruction(
-            callsign,
-            heading_deg=transmission.heading_deg,
-            direct_to=None if fix is None else route[fix],
-            level_fl=None if level is None else round(level / TICKS_PER_FL),
-        )
-
 
 def _random_seed(seed: int, number: int) -> int:
     """BluebirdDT's random seed for an hour."""
@@ -175,14 +159,3 @@ def _writable(values: Arrivals | Traffic) -> dict[str, Any]:
         name: each if name == "candidates" else np.array(each)
         for name, each in values._asdict().items()
     }
-
-
-def _without_flights(state: WorldState) -> tuple[Arrivals, Traffic]:
-    """The arrivals and the traffic of an empty sector."""
-    arrivals, traffic = _writable(state.arrivals), _writable(state.traffic)
-    arrivals["flight"][:], arrivals["candidate"][:], traffic["active"][:] = FREE, FREE, False
-    return Arrivals(**arrivals | {"born": np.int32(0)}), Traffic(**traffic)
-
-
-def _where(born: Any, new: Any, old: Any) -> Any:
-    return np.where(born if old.ndim == 1 else born[:, None], new, old)

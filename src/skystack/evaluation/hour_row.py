@@ -10,6 +10,7 @@ from skystack.errors import MAX_INT, error_context, exists
 from skystack.io.files import atomic_write, check_output
 from skystack.io.json_file import read_json
 from skystack.io.validation import convert
+from skystack.platforms.registry import OWN
 from skystack.simulator.arrival_flows import FLIGHT_SCHOOL, MAX_FLIGHTS_PER_HOUR
 from skystack.simulator.simulator import CYCLE_S
 
@@ -34,7 +35,7 @@ class HourRow(msgspec.Struct, frozen=True, kw_only=True):
     uncertainty: bool
     safety_net: bool | None
     """None if the agent has none."""
-    platform: _Name = "skystack"
+    platform: _Name = OWN
     flights: _Count
     losses_of_separation: _Count
     losses_at_birth: _Count

@@ -16,6 +16,7 @@ import jax
 import numpy as np
 import pyarrow as pa
 
+from skystack.agents.transmission import instruction_of
 from skystack.evaluation.followed import STATUS, status_of
 from skystack.evaluation.hour_scores import FlightRow, PairEvent, Scores
 from skystack.evaluation.hours import Hour
@@ -23,7 +24,6 @@ from skystack.evaluation.tables import clearance_rows, rounded
 from skystack.evaluation.writing import TrafficRecord, growing_tables, table_metadata
 from skystack.io.locks import locked_folder
 from skystack.platforms.adoption import SKYSTACK, in_words
-from skystack.platforms.instruction import Instruction
 from skystack.simulator.arrivals import FREE
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
@@ -190,14 +190,7 @@ def _clearances(flown: FlownHour) -> pa.Table:
     for each in hour.sent:
         told = each.transmission
         planned.append(routes[int(hour.traffic.route[each.cycle, told.slot])])
-        commands.append(
-            Instruction(
-                flown.callsigns[each.flight],
-                heading_deg=told.heading_deg,
-                direct_to=None if told.fix is None else planned[-1][told.fix],
-                level_fl=_level_fl(told.level_ticks),
-            )
-        )
+        commands.append(instruction_of(told, flown.callsigns[each.flight], planned[-1]))
     at = (cycle, slot)
     heading_deg, level_ticks = (
         np.asarray(each)[at] for each in (hour.traffic.heading_deg, hour.traffic.level_ticks)
@@ -209,10 +202,6 @@ def _clearances(flown: FlownHour) -> pa.Table:
         for row in clearance_rows(each.cycle, words, route, each.transmission.instructions)
     ]
     return pa.Table.from_pylist(rows, schema=_CLEARANCES)
-
-
-def _level_fl(ticks: float | None) -> int | None:
-    return None if ticks is None else round(ticks / TICKS_PER_FL)
 
 
 _CLEARANCES = pa.schema(

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 
 from skystack.airspace.sector import Sector
 from skystack.io.files import atomic_files, writing
+from skystack.platforms.registry import OWN
 from skystack.simulator.fleet import AircraftType
 
 SECTOR, PERFORMANCE_MODEL, FLEET = b"sector", b"performance", b"fleet"
@@ -40,7 +41,7 @@ class TrafficRecord(msgspec.Struct, frozen=True):
     uncertainty: bool
     safety_net: bool | None = None
     """Whether the agent flew with its safety net; None if it has none."""
-    platform: str = "skystack"
+    platform: str = OWN
     """The simulator."""
 
     def is_same_as(self, other: "TrafficRecord | None") -> bool:

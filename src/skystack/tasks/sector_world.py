@@ -124,16 +124,26 @@ class World:
 
     def advance(self, state: WorldState) -> tuple[WorldState, WorldCycle]:
         """One cycle. Flights that are due are admitted before it is flown."""
-        before = state.arrivals.flight
-        arrivals, traffic = self.flow.admission.admit(state.arrivals, state.traffic)
+        begun, born, arrivals, flown = self.fly(state.arrivals, state.traffic)
+        return self.end_cycle(state.progress, begun, born, arrivals, flown)
+
+    def fly(
+        self, arrivals: Arrivals, traffic: Traffic
+    ) -> tuple[Traffic, Bool[Array, "slots *batch"], Arrivals, Traffic]:
+        """Admit the flights that are due, and fly a cycle; nobody leaves.
+
+        Returns the traffic before the cycle with the newborns, which flights these are, and the
+        arrivals and the traffic after the cycle.
+        """
+        before = arrivals.flight
+        arrivals, begun = self.flow.admission.admit(arrivals, traffic)
         born = (arrivals.flight != before) & (arrivals.flight != FREE)
-        arrivals, flown = fly(self.simulator, arrivals, traffic)
-        return self.end_cycle(state.progress, traffic, born, arrivals, flown)
+        return begun, born, *fly(self.simulator, arrivals, begun)
 
     def end_cycle(
         self,
         progress: Progress,
-        traffic: Traffic,
+        begun: Traffic,
         born: Bool[Array, "slots *batch"],
         arrivals: Arrivals,
         flown: Traffic,
@@ -141,15 +151,15 @@ class World:
     ) -> tuple[WorldState, WorldCycle]:
         """Update the progress of flights after a cycle, and release those that left.
 
-        The cycle may have been flown by another simulator. `progress` and `traffic` are from before
-        the cycle; `traffic` already has the flights `born` in it. `arrivals` and `flown` are from
-        after it. `removed` marks flights that the other simulator has removed: excursions.
+        The cycle may have been flown by another simulator. `progress` is from before the cycle;
+        `arrivals` and `flown` are from after it. `begun` has the flights `born` in the cycle, as
+        they begin. `removed` marks flights that the other simulator has removed: excursions.
         """
-        progress = self._begin(progress, traffic, born)
+        progress = self._begin(progress, begun, born)
         before_nm, before_level_ticks = progress.previous_nm, progress.previous_level_ticks
         plan = FlightPlan(arrivals.entry_level_ticks, arrivals.exit_level_ticks)
         progress = subroutine(self.tracker.update, progress, plan, flown)
-        strayed = ~progress.entered & self._is_far(flown)
+        strayed = ~progress.entered & self.is_far(flown)
         strayed = flown.active & (strayed if removed is None else strayed | removed)
         excursion = (progress.excursion & flown.active) | strayed
         exited = progress.exited & flown.active
@@ -177,7 +187,7 @@ class World:
         # All fields but the last are per aircraft; the last is the number of cycles flown.
         return Progress(*where_aircraft(born, fresh[:-1], progress[:-1]), cycles=progress.cycles)
 
-    def _is_far(self, traffic: Traffic) -> Bool[Array, "slots *batch"]:
+    def is_far(self, traffic: Traffic) -> Bool[Array, "slots *batch"]:
         """Whether flights are far outside the area."""
         points = np.stack([*self.sector.area_nm, *self.sector.fixes_nm.values()])
         # The scale of the plane hardly changes across a sector, so the box is in plane units.
