@@ -24,7 +24,8 @@ from scipy.stats import chi2_contingency, ks_2samp, mannwhitneyu
 
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError, checked_integer
-from skystack.evaluation.traffic import TrafficConditions, find_controller
+from skystack.evaluation.controllers import find_controller
+from skystack.evaluation.traffic_conditions import TrafficConditions
 from skystack.learning.seeds import scenario_key
 from skystack.platforms.bluebird_traffic import BluebirdTraffic
 from skystack.platforms.registry import check_platform

@@ -15,14 +15,10 @@ from pathlib import Path
 
 from skystack.agents.sector_agents import SECTOR_AGENTS
 from skystack.errors import InputError, checked_integer, exists
+from skystack.evaluation.controllers import find_controller
 from skystack.evaluation.hour_row import FILE, HourRow, read_row
-from skystack.evaluation.traffic import (
-    TrafficConditions,
-    evaluate_traffic,
-    find_controller,
-    hours_folder,
-    traffic_name,
-)
+from skystack.evaluation.traffic import evaluate_traffic, hours_folder
+from skystack.evaluation.traffic_conditions import TrafficConditions, traffic_name
 from skystack.io.files import make_folder
 from skystack.reporting.hours_report import REPORT, hours_table, write_hours_report
 from skystack.tasks.sector_control import SectorControl

@@ -10,7 +10,8 @@ from typing import TypeVar
 
 from skystack.compilation.cores import cores
 from skystack.compilation.programs import compile_for_one_core
-from skystack.reproduction.processes import end_with_parent, stop_workers
+from skystack.io.parents import end_with_parent
+from skystack.reproduction.processes import stop_workers
 
 Result = TypeVar("Result")
 INTERRUPTED = 130

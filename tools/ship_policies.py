@@ -23,7 +23,8 @@ from skystack.cli.arguments import Parser
 from skystack.errors import InputError, unknown_name
 from skystack.evaluation.evaluate import Conditions, evaluate
 from skystack.evaluation.summary import aggregate
-from skystack.evaluation.traffic import TrafficConditions, evaluate_traffic
+from skystack.evaluation.traffic import evaluate_traffic
+from skystack.evaluation.traffic_conditions import TrafficConditions
 from skystack.io.files import atomic_write, make_folder
 from skystack.learning.experiment import experiment_from, load_experiment
 from skystack.learning.policy import Policy, load_policy

@@ -265,14 +265,15 @@ def head_on(world, one, other):
     return world._replace(traffic=world.traffic._replace(**levels))
 
 
-def test_the_time_since_a_transmission_belongs_to_the_flight(world):
+def test_observes_the_time_since_a_transmission(world):
+    """That is told by the logits: they are asked again in the next cycle."""
     agent = controller()
     agent.begin(world)
     (sent,) = agent.transmit(world)
-    assert agent._since[sent.slot] == 1.0
-    other = world._replace(arrivals=world.arrivals._replace(flight=world.arrivals.flight + 1))
-    agent.transmit(other)
-    assert agent._since[sent.slot] in {1.0, SINCE_CYCLES}
+    query = agent._begin(world, agent._since.cycles(world))
+    assert float(query.state.since_cycles[sent.slot]) == 1.0
+    others = np.delete(np.asarray(query.state.since_cycles), sent.slot)
+    assert np.all(others == SINCE_CYCLES)
 
 
 def test_nothing_is_said_if_nothing_changes(world):

@@ -9,7 +9,8 @@ pytest.importorskip("bluebird_dt")
 from skystack.agents.sector_agents import SECTOR_AGENTS
 from skystack.agents.transmission import Transmission, clearance_of
 from skystack.evaluation.bluebird_hours import BluebirdHours
-from skystack.evaluation.traffic import TrafficConditions, find_controller
+from skystack.evaluation.controllers import find_controller
+from skystack.evaluation.traffic_conditions import TrafficConditions
 from skystack.simulator.arrival_flows import FLIGHT_SCHOOL
 from skystack.simulator.arrivals import FREE
 from skystack.simulator.simulator import instruct

@@ -83,6 +83,7 @@ def test_a_loss_of_separation_is_counted_once_per_pair():
     assert (loss.cycle, loss.first, loss.second) == (7, 0, 1)
     assert not loss.at_birth
     assert scores.lax_s == scores.lax_without_births_s == 6 * 8
+    assert scores.lax_ended_by == scores.strict_ended_by == "loss"
     assert [each.cycle for each in scores.close_pairs] == [6]
 
 
@@ -107,6 +108,7 @@ def test_losses_at_birth_are_told_apart():
     scores = score(SECTOR, hour([(0, 0, *one), (1, 10, *other)]))
     assert [each.at_birth for each in scores.losses] == [True]
     assert (scores.lax_s, scores.lax_without_births_s) == (6 * 11, 6 * CYCLES)
+    assert scores.lax_ended_by == "loss at birth"
 
 
 def test_losses_outside_count_for_the_lax_score_once_both_are_inside():
@@ -121,8 +123,10 @@ def test_excursions_and_wrong_levels_end_the_scores():
     path = (0, 0, *straight((0.0, 0.0), (1.0, 0.0), 20))
     scores = score(SECTOR, hour([path], excursion=[(19, 0, True)]))
     assert scores.lax_s == scores.strict_s == 6 * 20
+    assert scores.lax_ended_by == scores.strict_ended_by == "excursion"
     scores = score(SECTOR, hour([path], exited=[(19, 0, True)]))
     assert (scores.lax_s, scores.strict_s) == (6 * CYCLES, 6 * 20)
+    assert (scores.lax_ended_by, scores.strict_ended_by) == (None, "wrong exit level")
     scores = score(SECTOR, hour([path]))
     assert (scores.lax_s, scores.strict_s) == (6 * CYCLES, 6 * CYCLES)
 
@@ -167,5 +171,6 @@ def test_the_summary_of_two_hours():
     assert row["transmissions_per_minute"] == pytest.approx(15 / 6)
     assert row["lax_s_by_hour"] == [48.0, 180.0]
     assert row["lax_s_mean"] == 114.0
+    assert row["lax_ended_by"] == {"loss": 1}
     assert row["fail_safe_rate"] == 0.5
     assert row["decision_ms_median"] == 14.5

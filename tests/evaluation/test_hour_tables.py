@@ -4,6 +4,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from skystack.evaluation.controllers import find_controller
 from skystack.evaluation.hour_scores import score
 from skystack.evaluation.hour_tables import (
     TABLES,
@@ -14,7 +15,8 @@ from skystack.evaluation.hour_tables import (
 )
 from skystack.evaluation.hours import HourFlyer
 from skystack.evaluation.losses import FlightPath, losses
-from skystack.evaluation.traffic import TrafficConditions, evaluate_traffic, find_controller
+from skystack.evaluation.traffic import evaluate_traffic
+from skystack.evaluation.traffic_conditions import TrafficConditions
 from skystack.evaluation.writing import TrafficRecord
 from skystack.reporting.replay.recording import read_replay
 from skystack.simulator.arrivals import FREE

@@ -9,16 +9,10 @@ import pytest
 from skystack.airspace.sectors import sector_named
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
+from skystack.evaluation.controllers import find_controller
 from skystack.evaluation.hour_tables import TABLES
-from skystack.evaluation.traffic import (
-    TrafficConditions,
-    _is_x_plus,
-    evaluate_traffic,
-    find_controller,
-    flow_of,
-    hours_folder,
-    traffic_name,
-)
+from skystack.evaluation.traffic import _is_x_plus, evaluate_traffic, hours_folder
+from skystack.evaluation.traffic_conditions import TrafficConditions, flow_of, traffic_name
 from skystack.simulator.performance import performance
 from skystack.simulator.simulator import Simulator
 

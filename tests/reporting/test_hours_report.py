@@ -6,7 +6,13 @@ import pytest
 from skystack.cli import main
 from skystack.errors import InputError
 from skystack.evaluation.hour_row import write_row
-from skystack.reporting.hours_report import hours_table, label, read_hours, write_hours_report
+from skystack.reporting.hours_report import (
+    hours_table,
+    label,
+    ranges,
+    read_hours,
+    write_hours_report,
+)
 from tests.reporting.rows import hour_row
 
 
@@ -104,3 +110,14 @@ def test_folders_without_hours_are_refused(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match="contains no hours of traffic"):
         read_hours([stored(tmp_path / "hours", hour_row("search", "60")), tmp_path / "empty"])
+
+
+def test_seeds_are_listed_as_ranges():
+    assert ranges([1, 2, 5, 6, 7, 9]) == ["1", "2", "5 to 7", "9"]
+    assert ranges([]) == []
+
+
+def test_a_row_of_several_seeds_lists_them(tmp_path):
+    rows = [hour_row("learned", "60", seed_numbers=[3, 4, 5])]
+    write_hours_report(rows, tmp_path / "hours.html")
+    assert "seeds 3 to 5" in (tmp_path / "hours.html").read_text()

@@ -40,7 +40,7 @@ def wait():
     """The work of a worker: print its process number and wait."""
     import os
 
-    from skystack.reproduction.processes import end_with_parent
+    from skystack.io.parents import end_with_parent
 
     end_with_parent()
     sys.stdout.write(f"{os.getpid()}\n")

@@ -6,7 +6,8 @@ import msgspec
 import pytest
 
 from skystack.evaluation.hour_row import write_row
-from skystack.evaluation.traffic import TrafficConditions, hours_folder
+from skystack.evaluation.traffic import hours_folder
+from skystack.evaluation.traffic_conditions import TrafficConditions
 from studies import capacity
 from tests.reporting.rows import hour_row
 

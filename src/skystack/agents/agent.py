@@ -11,7 +11,8 @@ from jaxtyping import Float
 
 from skystack.errors import InputError
 from skystack.io.names import as_name
-from skystack.policies.facts import Facts
+from skystack.policies.facts import Facts, check_trained_for
+from skystack.tasks.contract import Task
 
 AgentFunction = Callable[[Float[np.ndarray, "*scenarios observation"]], Any]
 """A function from observations to actions or scores."""
@@ -78,6 +79,20 @@ def agent_of(policy: Any, name: str | None = None) -> Agent:
         f"policy is {policy!r} (allowed: a policy of find_policy or find_agent, a function from "
         "an observation to an action, or a model with predict)"
     )
+
+
+def check_agent(agent: Agent, task: Task, experiment: str) -> None:
+    """Raise InputError if the agent's observation or actions differ from those of the task.
+
+    `experiment` is that of the task, for the message.
+    """
+    if agent.facts is not None:
+        check_trained_for(task, agent.facts, agent.name)
+    observations, actions = len(task.observation_names), len(task.action_names)
+    if agent.observations not in (None, observations) or agent.actions not in (None, actions):
+        sizes = f"{agent.observations or '?'} observed values and {agent.actions or '?'} actions"
+        allowed = f"{experiment}: {observations}, {actions}"
+        raise InputError(f"{agent.name} has {sizes} (allowed for {allowed})")
 
 
 def _name(policy: Any) -> str:

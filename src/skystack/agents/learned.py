@@ -16,15 +16,19 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from skystack.agents.safety_net import alerts, lasts_s, way_out
-from skystack.agents.transmission import PER_CYCLE, Transmission, clearance_of
+from skystack.agents.since import SinceTransmission
+from skystack.agents.transmission import (
+    PER_CYCLE,
+    Transmission,
+    clearance_of,
+    transmission_between,
+)
 from skystack.learning.inference import Normaliser, forward, normalise
 from skystack.learning.policy import Policy
-from skystack.simulator.arrivals import FREE
-from skystack.simulator.traffic import DIRECT, NO_TURN, Clearance, Traffic
+from skystack.simulator.traffic import Clearance
 from skystack.stacking import NO_OP
 from skystack.tasks.outlook import CLEARED
 from skystack.tasks.sector_control import ControlState, SectorControl
-from skystack.tasks.sector_observation import SINCE_CYCLES
 from skystack.tasks.sector_world import WorldState
 
 MOST_INSTRUCTIONS = 40
@@ -124,15 +128,10 @@ class Learned:
         self.per_cycle, self.safety_net = per_cycle, safety_net
 
     def begin(self, state: WorldState) -> None:
-        slots = self.task.agents
-        self._flight: Int[np.ndarray, " slots"] = np.full(slots, FREE)
-        self._since: Float[np.ndarray, " slots"] = np.full(slots, SINCE_CYCLES, np.float32)
+        self._since = SinceTransmission(self.task.agents)
 
     def transmit(self, state: WorldState) -> list[Transmission]:
-        flight = np.asarray(state.arrivals.flight)
-        self._since[flight != self._flight] = SINCE_CYCLES
-        self._flight = flight.copy()
-        query = self._begin(state, self._since)
+        query = self._begin(state, self._since.cycles(state))
         begun = query.state
         sent: list[Transmission] = []
         unserved: Bool[np.ndarray, " slots"] = np.array(state.hears)
@@ -143,14 +142,15 @@ class Learned:
             slot = int(np.argmin(np.where(wanted, np.asarray(query.margin_s), np.inf)))
             unserved[slot] = False
             told, instructions = self._serve(query, slot)
-            transmission = _transmission(begun, told, slot, instructions)
+            transmission = transmission_between(
+                begun.world.traffic, told.world.traffic, slot, instructions
+            )
             if transmission is None:
                 continue
             sent.append(transmission)
-            self._since[slot] = 0.0
             if len(sent) < self.per_cycle:
                 query = self._continue(told)
-        self._since = np.minimum(self._since + 1.0, np.float32(SINCE_CYCLES))
+        self._since.end_cycle(sent)
         return sent
 
     def _wanted(self, query: Query) -> Bool[np.ndarray, " slots"]:
@@ -288,27 +288,3 @@ def _cleared_to(state: ControlState, slot: Int[Array, ""]) -> Float[Array, " par
         traffic.own_navigation,
     )
     return jnp.stack([values[slot].astype(jnp.float32) for values in parts])
-
-
-def _transmission(
-    before: ControlState, after: ControlState, slot: int, instructions: int
-) -> Transmission | None:
-    """The transmission that combines all instructions to a flight; None if nothing changes."""
-    old, new = before.world.traffic, after.world.traffic
-    turn = int(new.pending_turn[slot])
-    fix = heading = level = None
-    if turn == DIRECT and new.cleared_fix is not None:
-        fix = int(new.cleared_fix[slot])
-    elif turn != NO_TURN:
-        heading = _whole_heading(new, slot)
-        if heading == _whole_heading(old, slot) and not bool(old.own_navigation[slot]):
-            heading = None  # turned back to where it was
-    if float(new.cleared_level_ticks[slot]) != float(old.cleared_level_ticks[slot]):
-        level = float(new.cleared_level_ticks[slot])
-    if heading is None and fix is None and level is None:
-        return None
-    return Transmission(slot, heading, fix, level, instructions)
-
-
-def _whole_heading(traffic: Traffic, slot: int) -> int:
-    return int(np.round(float(traffic.cleared_heading_deg[slot]))) % 360

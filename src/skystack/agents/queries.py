@@ -1,8 +1,8 @@
 """Query an agent: actions are checked and copied, and errors name the scenario and cycle."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -12,23 +12,43 @@ from skystack.errors import InputError
 from skystack.tasks.plain import checked_action
 
 
+class Asked(NamedTuple):
+    """What an agent is queried about, as messages name it: one name for each observation."""
+
+    numbers: Sequence[int]
+    cycle: int
+    name: Callable[[int], str] = "scenario {}".format
+
+    @contextmanager
+    def errors(self, *numbers: int) -> Iterator[None]:
+        """Convert any exception inside to an InputError that names the scenarios and the cycle."""
+        others = f" and {len(numbers) - 1} more" if len(numbers) > 1 else ""
+        where = f"{self.name(numbers[0])}{others}, cycle {self.cycle}"
+        try:
+            yield
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from error
+        except Exception as error:
+            text = " ".join(f"{type(error).__name__}: {error}".split())
+            raise InputError(f"{where}: the policy failed: {text}") from error
+
+
 def query_actions(
     agent: Agent,
     observations: Float[np.ndarray, "scenarios observation"],
-    numbers: Int[np.ndarray, " scenarios"],
-    cycle: int,
+    asked: Asked,
     actions: int,
 ) -> Int[np.ndarray, " scenarios"]:
     """The actions that an agent takes: those with the highest score if it has no `act`.
 
-    `numbers` are the scenario numbers, for messages. Raises InputError, which names scenario and
-    cycle, for an agent that fails or returns anything but one of the actions 0, 1, ...
+    Raises InputError, which names scenario and cycle, for an agent that fails or returns anything
+    but one of the actions 0, 1, ...
     """
     if agent.act is None:
-        return query_scores(agent, observations, numbers, cycle, actions).argmax(axis=1)
+        return query_scores(agent, observations, asked, actions).argmax(axis=1)
     checked = []
-    for number, answer in _answers(agent.act, agent.batched, observations, numbers, cycle):
-        with _at([number], cycle):
+    for number, answer in _answers(agent.act, agent.batched, observations, asked):
+        with asked.errors(number):
             checked.append(checked_action(answer, actions))
     return np.array(checked, dtype=np.int32)
 
@@ -36,16 +56,15 @@ def query_actions(
 def query_scores(
     agent: Agent,
     observations: Float[np.ndarray, "scenarios observation"],
-    numbers: Int[np.ndarray, " scenarios"],
-    cycle: int,
+    asked: Asked,
     actions: int,
 ) -> Float[np.ndarray, "scenarios actions"]:
     """An agent's score of each action; raises InputError as `query_actions` does."""
     assert agent.scores is not None, "checked by the caller"
     checked = []
-    for number, answer in _answers(agent.scores, agent.batched, observations, numbers, cycle):
+    for number, answer in _answers(agent.scores, agent.batched, observations, asked):
         scores = np.array(answer, dtype=np.float32)
-        with _at([number], cycle):
+        with asked.errors(number):
             if scores.shape != (actions,) or not np.all(np.isfinite(scores)):
                 raise InputError(
                     f"its scores are {answer} (allowed: {actions} finite numbers, one per action)"
@@ -58,42 +77,27 @@ def _answers(
     decide: AgentFunction,
     batched: bool,
     observations: Float[np.ndarray, "scenarios observation"],
-    numbers: Int[np.ndarray, " scenarios"],
-    cycle: int,
+    asked: Asked,
 ) -> Iterator[tuple[int, Any]]:
     """The number of each scenario and its action or scores, in order."""
     if not batched:
-        for number, observation in zip(numbers.tolist(), observations, strict=True):
-            with _at([number], cycle):
+        for number, observation in zip(asked.numbers, observations, strict=True):
+            with asked.errors(number):
                 answer = _plain(decide(observation))
             yield number, answer
         return
-    with _at(numbers.tolist(), cycle):
+    with asked.errors(*asked.numbers):
         answers = _plain(decide(observations))
         if not isinstance(answers, list | tuple):
-            raise InputError(f"it returned {answers!r} (allowed: a list, one item per scenario)")
-        if len(answers) != len(numbers):
+            raise InputError(f"it returned {answers!r} (allowed: a list, one item per observation)")
+        if len(answers) != len(asked.numbers):
             raise InputError(
-                f"it returned a list of {len(answers)} for {len(numbers)} scenarios "
-                "(allowed: one item per scenario)"
+                f"it returned a list of {len(answers)} for {len(asked.numbers)} observations "
+                "(allowed: one item per observation)"
             )
-    yield from zip(numbers.tolist(), answers, strict=True)
+    yield from zip(asked.numbers, answers, strict=True)
 
 
 def _plain(answer: Any) -> Any:
     """An array of any library as plain numbers, which later changes to the array cannot affect."""
     return answer.tolist() if hasattr(answer, "tolist") else answer
-
-
-@contextmanager
-def _at(numbers: Sequence[int], cycle: int) -> Iterator[None]:
-    """Convert any exception inside to an InputError that names the scenario and the cycle."""
-    others = f" and {len(numbers) - 1} more" if len(numbers) > 1 else ""
-    where = f"scenario {numbers[0]}{others}, cycle {cycle}"
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from error
-    except Exception as error:
-        text = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InputError(f"{where}: the policy failed: {text}") from error

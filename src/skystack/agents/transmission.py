@@ -7,7 +7,7 @@ import numpy as np
 
 from skystack.platforms.instruction import Instruction
 from skystack.simulator.performance import TICKS_PER_FL
-from skystack.simulator.traffic import DIRECT, NO_TURN, SHORTEST, Clearance
+from skystack.simulator.traffic import DIRECT, NO_TURN, SHORTEST, Clearance, Traffic
 from skystack.tasks.sector_world import WorldState
 
 PER_CYCLE = 5
@@ -64,3 +64,29 @@ def clearance_of(transmissions: list[Transmission], slots: int) -> Clearance:
         if each.level_ticks is not None:
             changes[each.slot], level[each.slot] = True, each.level_ticks
     return Clearance(*map(jnp.asarray, (turn, heading, changes, level, fix)))
+
+
+def transmission_between(
+    before: Traffic, after: Traffic, slot: int, instructions: int
+) -> Transmission | None:
+    """The transmission that combines all instructions to a flight; None if nothing changes.
+
+    `before` and `after` are the traffic before and after the instructions.
+    """
+    turn = int(after.pending_turn[slot])
+    fix = heading = level = None
+    if turn == DIRECT and after.cleared_fix is not None:
+        fix = int(after.cleared_fix[slot])
+    elif turn != NO_TURN:
+        heading = _whole_heading(after, slot)
+        if heading == _whole_heading(before, slot) and not bool(before.own_navigation[slot]):
+            heading = None  # turned back to where it was
+    if float(after.cleared_level_ticks[slot]) != float(before.cleared_level_ticks[slot]):
+        level = float(after.cleared_level_ticks[slot])
+    if heading is None and fix is None and level is None:
+        return None
+    return Transmission(slot, heading, fix, level, instructions)
+
+
+def _whole_heading(traffic: Traffic, slot: int) -> int:
+    return int(np.round(float(traffic.cleared_heading_deg[slot]))) % 360

@@ -9,6 +9,8 @@ from typing import Any, NamedTuple, NoReturn
 
 import skystack
 from skystack.cli import verbs
+from skystack.cli.flight_school import OPTIONS as FLIGHT_SCHOOL_OPTIONS
+from skystack.cli.flight_school import flight_school
 from skystack.cli.reproduce import reproduce
 from skystack.errors import MAX_INT, InputError
 from skystack.io.streams import StandardOutput
@@ -127,6 +129,13 @@ def build_parser() -> Commands:
     sub = verb("evaluate", "evaluate a policy on held-out scenarios", verbs.evaluate)
     _evaluate_arguments(sub)
     platform(sub)
+
+    sub = verb(
+        "flight-school",
+        "fly a controller on Flight School traffic: an hour per seed, in parallel",
+        flight_school,
+    )
+    _flight_school_arguments(sub)
 
     sub = verb("report", "write the report of a run again, or compare several runs", verbs.report)
     sub.add_argument(
@@ -286,24 +295,7 @@ def _evaluate_arguments(sub: argparse.ArgumentParser) -> None:
         help="sector control: fly hours of arriving traffic, with this many flights per hour, or "
         "category, notebook or environment (BluebirdDT's Flight School)",
     )
-    sub.add_argument(
-        "--per-cycle",
-        type=_positive,
-        metavar="N",
-        help="with --traffic: maximum number of transmissions in a radar cycle (default 5)",
-    )
-    sub.add_argument(
-        "--uncertainty",
-        action="store_true",
-        help="with --traffic: change speeds by up to 3 %%, which controllers observe, and rates of "
-        "climb and descent by up to 10 %%, which they do not",
-    )
-    sub.add_argument(
-        "--no-safety-net",
-        dest="safety_net",
-        action="store_false",
-        help="with --traffic: fly a policy without its safety net",
-    )
+    _controller_arguments(sub, "with --traffic: ")
     sub.add_argument(
         "--experiment",
         metavar="NAME",
@@ -342,6 +334,72 @@ def _evaluate_arguments(sub: argparse.ArgumentParser) -> None:
         "--sector", metavar="NAME", help="another sector: a name (see list) or a file (.json)"
     )
     _cycles(sub)
+
+
+def _controller_arguments(sub: argparse.ArgumentParser, when: str = "") -> None:
+    """The options of a controller of a sector; `when` says when they are allowed."""
+    sub.add_argument(
+        "--per-cycle",
+        type=_positive,
+        metavar="N",
+        help=f"{when}maximum number of transmissions in a radar cycle (default 5; no limit for "
+        "module:Class)",
+    )
+    sub.add_argument(
+        "--uncertainty",
+        action="store_true",
+        help=f"{when}change speeds by up to 3 %%, which controllers observe, and rates of "
+        "climb and descent by up to 10 %%, which they do not",
+    )
+    sub.add_argument(
+        "--no-safety-net",
+        dest="safety_net",
+        action="store_false",
+        help=f"{when}fly a policy without its safety net",
+    )
+
+
+def _flight_school_arguments(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument(
+        "agent",
+        metavar="AGENT",
+        help="noop, own-navigation, own-navigation-exit-level, rules, search, a shipped policy "
+        "(sector-control), a run folder, a file (.onnx, .zip), or your own module:Class or "
+        "file.py:Class, whose code is executed",
+    )
+    sub.add_argument(
+        "--traffic",
+        metavar="TRAFFIC",
+        help="category (default), notebook or environment, or a number of flights per hour",
+    )
+    sub.add_argument(
+        "--platform",
+        metavar="NAME",
+        help="simulator: skystack (default) or bluebird (extra)",
+    )
+    sub.add_argument("--seeds", type=_positive, metavar="N", help="number of hours (default 5)")
+    sub.add_argument("--first-seed", type=_natural, metavar="N", help="first seed (default 0)")
+    sub.add_argument(
+        "--strict",
+        action="store_true",
+        help="show survival by the strict score, which ends with an exit at a wrong level",
+    )
+    _controller_arguments(sub)
+    sub.add_argument(
+        "--time-limit",
+        type=_positive,
+        metavar="S",
+        help="limit for a radar cycle in seconds of real time, decision included (default 60)",
+    )
+    _cycles(sub, "600, an hour")
+    sub.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder of all results; finished seeds are not flown again (default "
+        "runs/flight-school)",
+    )
+    sub.set_defaults(**FLIGHT_SCHOOL_OPTIONS)
 
 
 def _cycles(

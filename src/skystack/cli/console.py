@@ -123,13 +123,19 @@ def count_scenarios(
     name: str, total: int, noun: str = "scenarios"
 ) -> Iterator[Callable[[int], None]]:
     """Show that scenarios are flown, and if it takes long how many, the speed and the time left."""
-    started = time.monotonic()
-    next_due = started
+    next_due = time.monotonic()
+    first: tuple[int, float] | None = None
+    """The first report: what is compiled before it does not count as time per scenario."""
 
     def line(done: int) -> str:
+        nonlocal first
         if not done:
             return f"{name}: compiling, then flying {total:,} {noun} ..."
-        rate = done / max(time.monotonic() - started, 1e-9)
+        now = time.monotonic()
+        if first is None or done <= first[0]:
+            first = (done, now)
+            return f"{name}: {done:,}/{total:,} {noun}"
+        rate = (done - first[0]) / max(now - first[1], 1e-9)
         left_s = (total - done) / rate
         return f"{name}: {done:,}/{total:,} {noun} {rate:.2f}/s, {left_s:.0f} s left"
 

@@ -45,15 +45,10 @@ def check_scenarios(name: str, policy: Any = None) -> None:
 
 
 def evaluate_hours(options: argparse.Namespace) -> int:
-    from skystack.agents.transmission import PER_CYCLE
     from skystack.cli.console import count_scenarios, output
     from skystack.compilation.programs import program_cache
-    from skystack.evaluation.traffic import (
-        TrafficConditions,
-        evaluate_traffic,
-        hours_folder,
-        traffic_name,
-    )
+    from skystack.evaluation.traffic import evaluate_traffic, hours_folder
+    from skystack.evaluation.traffic_conditions import TrafficConditions, traffic_name
     from skystack.reporting.hour_table import hour_table
 
     check_unused(options, _ONLY_SCENARIOS, "cannot be used with --traffic")
@@ -63,7 +58,7 @@ def evaluate_hours(options: argparse.Namespace) -> int:
         traffic=traffic_name(options.traffic),
         hours=hours,
         seed=options.seed,
-        per_cycle=PER_CYCLE if options.per_cycle is None else options.per_cycle,
+        per_cycle=options.per_cycle,
         sector=options.sector,
         uncertainty=options.uncertainty,
         safety_net=options.safety_net,

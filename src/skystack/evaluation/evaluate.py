@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pyarrow as pa
 
-from skystack.agents.agent import Agent, agent_of
+from skystack.agents.agent import Agent, agent_of, check_agent
 from skystack.airspace.sectors import AnySector, sector_setting
 from skystack.errors import MAX_INT, InputError, checked_integer
 from skystack.evaluation.hosted import AgentController, fly_with_agent
@@ -145,15 +145,9 @@ def agent_task(
     The sector and the number of cycles can be replaced. Raises InputError if the experiment is
     missing, or if the agent's observation or actions differ from those of the task.
     """
-    facts, experiment = agent.facts, agent_experiment(agent, experiment)
+    experiment = agent_experiment(agent, experiment)
     task = build_traffic_task(_settings(experiment, sector, cycles))
-    if facts is not None:
-        check_trained_for(task, facts, agent.name)
-    observations, actions = len(task.observation_names), len(task.action_names)
-    if agent.observations not in (None, observations) or agent.actions not in (None, actions):
-        sizes = f"{agent.observations or '?'} observed values and {agent.actions or '?'} actions"
-        allowed = f"{experiment.name}: {observations}, {actions}"
-        raise InputError(f"{agent.name} has {sizes} (allowed for {allowed})")
+    check_agent(agent, task, experiment.name)
     return task
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from skystack.agents.agent import Agent
-from skystack.agents.queries import query_actions, query_scores
+from skystack.agents.queries import Asked, query_actions, query_scores
 from skystack.evaluation.rollout import (
     Recording,
     blocks,
@@ -90,8 +90,8 @@ class Decisions:
     ) -> Int[np.ndarray, " asking"]:
         agent, greedy = self._controller
         query_agent = query_actions if greedy else query_scores
-        numbers = moment.numbers[asked]
-        answers = query_agent(agent, observations, numbers, moment.cycle, self._actions)
+        names = Asked(moment.numbers[asked].tolist(), moment.cycle)
+        answers = query_agent(agent, observations, names, self._actions)
         if greedy:
             return answers
         logits = np.zeros((len(moment.numbers), self._actions), dtype=np.float32)

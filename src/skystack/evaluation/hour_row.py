@@ -31,7 +31,10 @@ class HourRow(msgspec.Struct, frozen=True, kw_only=True):
     sector: _Name
     hours: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
     seed: _Count
-    per_cycle: _Count
+    seed_numbers: list[_Count] | None = None
+    """All seeds, if there are several; `seed` is the first."""
+    per_cycle: _Count | None
+    """None without a limit of transmissions."""
     uncertainty: bool
     safety_net: bool | None
     """None if the agent has none."""
@@ -51,6 +54,11 @@ class HourRow(msgspec.Struct, frozen=True, kw_only=True):
     lax_s_by_hour: Annotated[list[_Amount], msgspec.Meta(min_length=1)]
     strict_s_mean: _Amount
     decision_ms_median: _Amount
+
+    @property
+    def seeds(self) -> list[int]:
+        """The seeds of the hours."""
+        return self.seed_numbers or [self.seed]
 
     @property
     def length_s(self) -> float:

@@ -5,7 +5,8 @@ controller can prevent such a loss. The scores are times to the first failure: t
 with an excursion or a loss inside the sector, the strict one also with an incorrect exit.
 """
 
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +21,9 @@ from skystack.simulator.simulator import CYCLE_S
 
 CLOSE_NM = 7.0
 """Two flights closer than this, without vertical separation, are a close pair."""
+BIRTH, LOSS, EXCURSION, WRONG_EXIT = "loss at birth", "loss", "excursion", "wrong exit level"
+CAUSES = (BIRTH, LOSS, EXCURSION, WRONG_EXIT)
+"""What ends the scores; the last one ends only the strict score."""
 MINUTE_CYCLES = 60 // CYCLE_S
 _CYCLES = 100
 """The cycles whose pairs are computed at once."""
@@ -84,6 +88,9 @@ class Scores(NamedTuple):
     lax_s: float
     lax_without_births_s: float
     strict_s: float
+    lax_ended_by: str | None
+    """The first of `CAUSES` that ended the lax score; None if nothing did."""
+    strict_ended_by: str | None
 
 
 def score(sector: Sector, hour: Hour) -> Scores:
@@ -91,11 +98,14 @@ def score(sector: Sector, hour: Hour) -> Scores:
     below_nm = sector.loss_below_nm
     approaches = _approaches(sector, hour, max(below_nm, CLOSE_NM))
     losses = _pair_events(hour, approaches, below_nm)
-    left = _cycles(np.any(hour.excursion, axis=1))
-    wrong = _cycles(np.any(hour.exited & ~hour.exited_correctly, axis=1))
-    lax = _first([*left, *_inside_cycles(losses)], hour)
-    avoidable = [each for each in losses if not each.at_birth]
-    lax_without_births = _first([*left, *_inside_cycles(avoidable)], hour)
+    first = {
+        BIRTH: _inside_cycle(each for each in losses if each.at_birth),
+        LOSS: _inside_cycle(each for each in losses if not each.at_birth),
+        EXCURSION: _cycle(np.any(hour.excursion, axis=1)),
+        WRONG_EXIT: _cycle(np.any(hour.exited & ~hour.exited_correctly, axis=1)),
+    }
+    lax = _ended(first, (BIRTH, LOSS, EXCURSION))
+    strict = _ended(first, CAUSES)
     return Scores(
         number=hour.number,
         cycles=CycleSeries(
@@ -108,23 +118,35 @@ def score(sector: Sector, hour: Hour) -> Scores:
         flights=_flight_rows(sector, hour),
         losses=losses,
         close_pairs=_pair_events(hour, approaches, CLOSE_NM),
-        lax_s=lax,
-        lax_without_births_s=lax_without_births,
-        strict_s=min(lax, _first(wrong, hour)),
+        lax_s=_seconds(first, lax, hour),
+        lax_without_births_s=_seconds(first, _ended(first, (LOSS, EXCURSION)), hour),
+        strict_s=_seconds(first, strict, hour),
+        lax_ended_by=lax,
+        strict_ended_by=strict,
     )
 
 
-def _inside_cycles(events: Iterable[PairEvent]) -> list[int]:
-    return [each.inside_cycle for each in events if each.inside_cycle is not None]
+def _inside_cycle(events: Iterable[PairEvent]) -> int | None:
+    """The first cycle in which a pair was too close inside the sector."""
+    return min(
+        (each.inside_cycle for each in events if each.inside_cycle is not None), default=None
+    )
 
 
-def _cycles(happened: Bool[np.ndarray, " cycles"]) -> list[int]:
-    return np.flatnonzero(happened)[:1].tolist()
+def _cycle(happened: Bool[np.ndarray, " cycles"]) -> int | None:
+    return next(iter(np.flatnonzero(happened).tolist()), None)
 
 
-def _first(cycles: Iterable[int], hour: Hour) -> float:
-    """The time of the first of some cycles, or the length of the hour [s]."""
-    return float(CYCLE_S * min([cycle + 1 for cycle in cycles], default=len(hour.flight)))
+def _ended(first: Mapping[str, int | None], causes: Iterable[str]) -> str | None:
+    """Which of some causes came first."""
+    found = [(cycle, cause) for cause in causes if (cycle := first[cause]) is not None]
+    return min(found, key=lambda each: each[0])[1] if found else None
+
+
+def _seconds(first: Mapping[str, int | None], cause: str | None, hour: Hour) -> float:
+    """The time of the first event of a cause, or the length of the hour [s]."""
+    cycle = None if cause is None else first[cause]
+    return float(CYCLE_S * (len(hour.flight) if cycle is None else cycle + 1))
 
 
 class _Approaches(NamedTuple):
@@ -275,6 +297,10 @@ def summary(scores: Sequence[Scores], agent: str, traffic: str) -> dict[str, Any
         "losses_at_birth": sum(event.at_birth for event in losses),
         "close_pairs": sum(len(each.close_pairs) for each in scores),
         "fail_safe_rate": float(np.mean(cycles.fail_safe)),
+        "losses_per_flight_hour": rate(
+            len(losses), float(cycles.aircraft.sum()) * CYCLE_S / 3600.0
+        ),
+        "deliveries": sum(row.correct for row in gone),
         "correct_exit_rate": rate(sum(row.correct for row in gone), len(gone)),
         "exit_rate": rate(len(exited), len(gone)),
         "excursion_rate": rate(sum(row.excursion for row in gone), len(gone)),
@@ -291,9 +317,18 @@ def summary(scores: Sequence[Scores], agent: str, traffic: str) -> dict[str, Any
         "lax_s_by_hour": [each.lax_s for each in scores],
         "lax_without_births_s_mean": mean(each.lax_without_births_s for each in scores),
         "strict_s_mean": mean(each.strict_s for each in scores),
+        "strict_s_by_hour": [each.strict_s for each in scores],
+        "lax_ended_by": _causes(each.lax_ended_by for each in scores),
+        "strict_ended_by": _causes(each.strict_ended_by for each in scores),
         "decision_ms_median": float(np.median(cycles.decision_ms)),
         "decision_ms_p99": float(np.percentile(cycles.decision_ms, 99.0)),
     }
+
+
+def _causes(ended_by: Iterable[str | None]) -> dict[str, int]:
+    """How many hours each cause ended."""
+    counts = Counter(ended_by)
+    return {cause: counts[cause] for cause in CAUSES if counts[cause]}
 
 
 def _median(values: Sequence[float]) -> float | None:

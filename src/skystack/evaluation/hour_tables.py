@@ -4,7 +4,6 @@ Each hour is a scenario. `aircraft` has one row per flight, and trajectories beg
 birth (`birth_cycle`), so not in row 0. `losses` has the pairs of flights that lost separation.
 """
 
-from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ import jax
 import numpy as np
 import pyarrow as pa
 
+from skystack.agents.callsigns import Callsigns
 from skystack.agents.transmission import instruction_of
 from skystack.evaluation.followed import STATUS, status_of
 from skystack.evaluation.hour_scores import FlightRow, PairEvent, Scores
@@ -248,16 +248,7 @@ def _loss(flown: FlownHour, loss: PairEvent) -> dict[str, Any]:
 
 
 def callsigns_of(hour: Hour) -> list[str]:
-    """The callsigns of all flights, in order of birth.
-
-    They are numbered by candidate: which candidates are admitted, and when, depends on the traffic,
-    but a callsign is the same flight under every agent. If the candidates are used up and begin
-    again, a suffix is added.
-    """
+    """The callsigns of all flights, in order of birth."""
     flight, first = np.unique(hour.flight, return_index=True)
-    uses = Counter[int]()
-    names = []
-    for number in hour.candidate.reshape(-1)[first[flight != FREE]].tolist():
-        uses[number] += 1
-        names.append(f"AC{number + 1}" + (f"-{uses[number]}" if uses[number] > 1 else ""))
-    return names
+    candidates, names = hour.candidate.reshape(-1)[first[flight != FREE]], Callsigns()
+    return [names.add(candidate) for candidate in candidates.tolist()]

@@ -65,6 +65,9 @@ class Hours(Protocol):
     ) -> tuple[WorldState, WorldCycle]:
         """Transmit, and fly one cycle."""
 
+    def close(self) -> None:
+        """Release all resources."""
+
 
 class OwnHours:
     """Implements `Hours` in our simulator. Its programs are compiled once, on first use."""
@@ -86,13 +89,21 @@ class OwnHours:
         flown: tuple[WorldState, WorldCycle] = jax.device_get(self._advance(state))
         return flown
 
+    def close(self) -> None:
+        """Do nothing."""
+
 
 class HourFlyer:
     """Flies hours of a world's traffic, in our simulator or in another one."""
 
     def __init__(
-        self, world: World, cycles: int, per_cycle: int = PER_CYCLE, hours: Hours | None = None
+        self,
+        world: World,
+        cycles: int,
+        per_cycle: int | None = PER_CYCLE,
+        hours: Hours | None = None,
     ) -> None:
+        """`per_cycle` is the maximum number of transmissions in a cycle; None without a limit."""
         self.world, self.cycles, self.per_cycle = world, cycles, per_cycle
         self.hours = OwnHours(world) if hours is None else hours
 
@@ -129,7 +140,7 @@ class HourFlyer:
         return _hour(number, cycles, np.stack(candidate), sent, decision_ms, fail_safe)
 
     def _check(self, state: WorldState, transmissions: list[Transmission]) -> None:
-        if len(transmissions) > self.per_cycle:
+        if self.per_cycle is not None and len(transmissions) > self.per_cycle:
             raise InputError(
                 f"{len(transmissions)} transmissions in a cycle (allowed: {self.per_cycle})"
             )

@@ -50,7 +50,7 @@ def label(row: HourRow) -> str:
     parts = [row.agent]
     if row.safety_net is False:
         parts.append("no safety net")
-    if row.per_cycle != PER_CYCLE:
+    if row.per_cycle not in (None, PER_CYCLE):
         parts.append(f"{row.per_cycle} per cycle")
     if row.uncertainty:
         parts.append("uncertainty")
@@ -111,6 +111,20 @@ def write_hours_report(rows: Sequence[HourRow], output: Path) -> None:
             capacity=curves and picture_of(as_svg(curves), "Capacity: scores against traffic"),
             survival=picture_of(as_svg(survivals), "Hours without a failure against time"),
             table_of_rows=hours_table(rows),
-            seeds=sorted({row.seed for row in rows}),
+            seeds=ranges(sorted({seed for row in rows for seed in row.seeds})),
         )
     atomic_write(output, page)
+
+
+def ranges(numbers: Sequence[int]) -> list[str]:
+    """Increasing numbers as words, with runs of three and more as ranges: 1, 2, 5 to 9."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    words: list[str] = []
+    for run in runs:
+        words += [f"{run[0]} to {run[-1]}"] if len(run) > 2 else map(str, run)
+    return words

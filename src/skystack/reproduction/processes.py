@@ -13,6 +13,7 @@ from typing import Any
 from skystack.compilation.cores import cores
 from skystack.errors import InputError, TrainingError
 from skystack.io.locks import locked_folder
+from skystack.io.parents import end_with_parent
 from skystack.io.signals import starting_processes, wait_for
 from skystack.reproduction.jobs import Job, JobResult, OnProgress, jobs_of, longest_first, run_job
 from skystack.reproduction.plan import Plan
@@ -87,18 +88,6 @@ def _pin(free_cores: Any) -> None:
     core = free_cores.get()
     if core is not None:
         os.sched_setaffinity(0, {core})
-
-
-def end_with_parent() -> None:
-    """Exit when the parent ends. A killed parent cannot stop its workers, which hold its locks."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        Thread(target=_exit_after, args=(parent,), daemon=True).start()
-
-
-def _exit_after(parent: Any) -> None:
-    parent.join()
-    os._exit(1)
 
 
 def _listen(messages: Messages, report: OnProgress) -> None:

@@ -127,13 +127,13 @@ class SectorControl:
         lasts = jax.random.randint(jax.random.fold_in(key, 1), (), least, self.cycles + 1)
         return self.begin(self.world.reset(key))._replace(lasts=lasts)
 
-    def begin(self, world: WorldState) -> ControlState:
-        """The state in which nothing has been said yet."""
+    def begin(self, world: WorldState, outlook: Outlook | None = None) -> ControlState:
+        """The state in which nothing has been said yet. The outlook is computed if not given."""
         nobody = jnp.zeros_like(world.traffic.active)
         zero = jnp.zeros(world.traffic.active.shape[1:], dtype=jnp.float32)
         return ControlState(
             world=world,
-            outlook=self.world.look_ahead(world),
+            outlook=self.world.look_ahead(world) if outlook is None else outlook,
             burst=nobody,
             began=nobody,
             instructions=nobody.astype(jnp.float32),

@@ -9,7 +9,8 @@ import pytest
 
 from skystack.errors import InputError
 from skystack.evaluation.stored import MAX_FLIGHTS, stored_scenario
-from skystack.evaluation.traffic import TrafficConditions, evaluate_traffic
+from skystack.evaluation.traffic import evaluate_traffic
+from skystack.evaluation.traffic_conditions import TrafficConditions
 from skystack.reporting.replay.film import SHORT_TRAIL, _trail, write_picture
 from skystack.reporting.replay.page import PARTS, page_data, write_replay
 from skystack.reporting.replay.recording import read_replay

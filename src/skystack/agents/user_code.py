@@ -1,0 +1,301 @@
+"""Controllers written by users, in the form of the public BluebirdDT challenge.
+
+    class MyController:
+        def generate_action(self, env, observation, info):
+            return {callsign: action}       # or {callsign: [action, action, ...]}
+
+It is called before each cycle. `observation` maps the callsigns of the flights that hear the
+controller to what the task observes of them. `info` has
+
+    info["simulator_environment"].aircraft   all flights by callsign, as `FlightView`
+    info["sim_time"]                         seconds since the start
+    info["action_mask"]                      which actions change something, by callsign
+
+Actions are numbers in the task's table, `env.actions`. A list of actions is a burst: its clearance
+is issued in one transmission. Flights that are not named get no instruction.
+"""
+
+import importlib
+import importlib.util
+import sys
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stdout
+from functools import cached_property
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skystack.agents.callsigns import Callsigns
+from skystack.agents.per_flight import FlightActions, FlightViews
+from skystack.agents.transmission import Transmission
+from skystack.airspace.sector import Sector
+from skystack.errors import InputError, error_context
+from skystack.simulator.performance import TICKS_PER_FL
+from skystack.simulator.simulator import CYCLE_S
+from skystack.tasks.plain import checked_action
+from skystack.tasks.sector_control import ACTIONS, SectorControl
+from skystack.tasks.sector_world import WorldState
+
+METHOD = "generate_action"
+MOST_ACTIONS = 40
+"""The maximum number of actions for a flight in a cycle."""
+IN_BLUEBIRD = (
+    "action_noop",
+    "simple_heading_left__10",
+    "simple_heading_right__10",
+    "simple_fl_climb__10",
+    "simple_fl_descent__10",
+    "route_direct_to",
+)
+"""The names of `ACTIONS` in the style of BluebirdDT's environments."""
+Make = Callable[[], Any]
+
+
+class RouteView(NamedTuple):
+    """A route, as names of fixes."""
+
+    filed: tuple[str, ...]
+    current: tuple[str, ...]
+    """The fixes that are still ahead."""
+
+
+class FlightPlanView(NamedTuple):
+    """What a flight has planned."""
+
+    route: RouteView
+    entry_fl: float
+    exit_fl: float
+    """The level at which it must leave the sector."""
+
+
+class FlightView(NamedTuple):
+    """The state of a flight. Names are those of BluebirdDT's aircraft, where it has them."""
+
+    callsign: str
+    lat: float
+    """Degrees, like `lon`."""
+    lon: float
+    fl: float
+    heading: float
+    """Degrees in [0, 360), like `selected_heading`."""
+    selected_heading: float
+    """The cleared heading."""
+    selected_fl: float
+    """The cleared level."""
+    speed_tas: float
+    """Knots. Without wind, it is the ground speed, except in climbs and descents."""
+    vertical_speed: float
+    """Feet per minute."""
+    on_route: bool
+    """Whether it is on own navigation."""
+    flight_plan: FlightPlanView
+
+
+class TrafficView(NamedTuple):
+    """All flights, and the time."""
+
+    aircraft: dict[str, FlightView]
+    time: float
+    """Seconds since the start."""
+
+
+class ActionNames(NamedTuple):
+    """The actions by number, as BluebirdDT's environments name them."""
+
+    action_formatter_map: dict[int, str]
+
+
+class ControllerEnvironment(NamedTuple):
+    """What a controller is given as `env`."""
+
+    sector: Sector
+    actions: dict[str, int]
+    """The numbers of the actions by name, such as `climb 10 FL`."""
+
+    def get_action_parser(self) -> ActionNames:
+        """The actions as BluebirdDT's environments name them."""
+        return ActionNames(dict(enumerate(IN_BLUEBIRD)))
+
+
+class _Observed(Mapping[str, np.ndarray]):
+    """Rows by callsign, which are computed when they are first read."""
+
+    def __init__(self, slots: dict[str, int], rows: Callable[[], np.ndarray]) -> None:
+        self._slots, self._rows = slots, rows
+
+    def __getitem__(self, callsign: str) -> np.ndarray:
+        row: np.ndarray = self._rows()[self._slots[callsign]].copy()
+        return row
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._slots)
+
+    def __len__(self) -> int:
+        return len(self._slots)
+
+
+class _Views:
+    """The observations of a cycle, computed when they are first read."""
+
+    def __init__(self, observe: Callable[[], FlightViews]) -> None:
+        self._observe = observe
+
+    @cached_property
+    def views(self) -> FlightViews:
+        return self._observe()
+
+
+class UserController:
+    """Flies a user's controller. Implements `skystack.agents.transmission.SectorAgent`.
+
+    `make` makes it anew for every hour. Whatever it prints goes to standard error.
+    """
+
+    def __init__(self, make: Make, task: SectorControl) -> None:
+        self._make, self._flights = make, FlightActions(task)
+        self._sector = task.sector
+        self._environment = ControllerEnvironment(
+            task.sector, {name: number for number, name in enumerate(ACTIONS)}
+        )
+
+    def begin(self, state: WorldState) -> None:
+        self._flights.begin()
+        self._callsigns = Callsigns()
+        with _as_input_error("it cannot be made"), redirect_stdout(sys.stderr):
+            self._controller = self._make()
+
+    def transmit(self, state: WorldState) -> list[Transmission]:
+        """Raises InputError, which names cycle and callsign, for a failure or a wrong answer."""
+        present = self._callsigns.follow(state)
+        hearing = {name: slot for name, slot in present.items() if state.hears[slot]}
+        cycle = int(state.arrivals.cycle)
+        observed = _Views(lambda: self._flights.observe(state))
+        info = {
+            "simulator_environment": self._traffic(state, present),
+            "sim_time": float(CYCLE_S * cycle),
+            "action_mask": _Observed(hearing, lambda: observed.views.allowed),
+        }
+        observation = _Observed(hearing, lambda: observed.views.observation)
+        with error_context(f"cycle {cycle}", ", "):
+            with _as_input_error(f"{METHOD} failed"), redirect_stdout(sys.stderr):
+                answer = getattr(self._controller, METHOD)(self._environment, observation, info)
+            return self._flights.transmissions(state, self._checked(answer, present, hearing))
+
+    def _checked(
+        self, answer: Any, present: Mapping[str, int], hearing: Mapping[str, int]
+    ) -> dict[int, list[int]]:
+        """The actions by slot. Those for newborns that do not hear yet are left out."""
+        if not isinstance(answer, Mapping):
+            raise InputError(
+                f"{METHOD} returned {type(answer).__name__} (allowed: a dict, actions by callsign)"
+            )
+        chosen = {}
+        for callsign, actions in answer.items():
+            if callsign not in present:
+                known = callsign in self._callsigns
+                raise InputError(f"{callsign!s}: {'has left' if known else 'unknown callsign'}")
+            with error_context(str(callsign)):
+                checked = _checked_actions(actions)
+            if callsign in hearing:
+                chosen[hearing[callsign]] = checked
+        return chosen
+
+    def _traffic(self, state: WorldState, slots: Mapping[str, int]) -> TrafficView:
+        traffic, plane = state.traffic, self._sector.plane
+        lat, lon = plane.to_degrees(traffic.position_nm).T
+        flights = {}
+        for callsign, slot in slots.items():
+            filed = tuple(self._sector.routes[int(traffic.route[slot])])
+            route = RouteView(filed, filed[int(state.progress.next_fix[slot]) :])
+            entry, leaves = (float(each[slot]) / TICKS_PER_FL for each in state.plan)
+            flights[callsign] = FlightView(
+                callsign=callsign,
+                lat=float(lat[slot]),
+                lon=float(lon[slot]),
+                fl=float(traffic.level_ticks[slot]) / TICKS_PER_FL,
+                heading=float(traffic.heading_deg[slot]) % 360.0,
+                selected_heading=float(traffic.cleared_heading_deg[slot]) % 360.0,
+                selected_fl=float(traffic.cleared_level_ticks[slot]) / TICKS_PER_FL,
+                speed_tas=float(traffic.ground_speed_kt[slot]),
+                vertical_speed=float(traffic.vertical_speed_ft_min[slot]),
+                on_route=bool(traffic.own_navigation[slot]),
+                flight_plan=FlightPlanView(route, entry, leaves),
+            )
+        return TrafficView(flights, float(CYCLE_S * int(state.arrivals.cycle)))
+
+
+def _checked_actions(actions: Any) -> list[int]:
+    if isinstance(actions, np.ndarray):
+        actions = actions.tolist()
+    burst = actions if isinstance(actions, Sequence) and not isinstance(actions, str) else [actions]
+    if len(burst) > MOST_ACTIONS:
+        raise InputError(f"{len(burst)} actions (allowed: up to {MOST_ACTIONS})")
+    return [checked_action(each, len(ACTIONS)) for each in burst]
+
+
+def is_user_code(name: str) -> bool:
+    """Whether the name of an agent is `module:Class` or `file.py:Class`."""
+    module, colon, member = name.rpartition(":")
+    return bool(colon and module) and member.isidentifier()
+
+
+def find_user_code(name: str) -> Make:
+    """The class of a `module:Class` or `file.py:Class`. The module is imported, so it is executed.
+
+    Modules are also looked for in the working directory. Raises InputError if that fails, or if
+    the class has no method `generate_action`.
+    """
+    where, _, member = name.rpartition(":")
+    with error_context(name), redirect_stdout(sys.stderr):
+        with _as_input_error("cannot be imported"):
+            module = _loaded(where)
+        found = getattr(module, member, None)
+        if found is None:
+            raise InputError(f"there is no {member} in {where}")
+        if not callable(found) or not callable(getattr(found, METHOD, None)):
+            raise InputError(f"{member} is not a class with a method {METHOD}")
+    make: Make = found
+    return make
+
+
+def user_code_file(name: str) -> Path | None:
+    """The file that defines a `module:Class` that has been found; None if there is none."""
+    file = getattr(sys.modules.get(find_user_code(name).__module__), "__file__", None)
+    return None if file is None else Path(file)
+
+
+def _loaded(where: str) -> ModuleType:
+    path = Path(where)
+    if path.suffix == ".py":
+        if not path.is_file():
+            raise InputError(f"{where} does not exist")
+        folder, where = str(path.resolve().parent), path.stem
+    else:
+        folder = str(Path.cwd())
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    return importlib.import_module(where)
+
+
+@contextmanager
+def _as_input_error(what: str) -> Iterator[None]:
+    """Convert any exception of a user's code to an InputError that names the line."""
+    try:
+        yield
+    except InputError:
+        raise
+    except (Exception, SystemExit) as error:
+        frames = traceback.extract_tb(error.__traceback__)
+        users = [each for each in frames if not _is_library(each.filename)]
+        last = f" ({Path(users[-1].filename).name}, line {users[-1].lineno})" if users else ""
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"{what}: {text}{last}") from error
+
+
+def _is_library(file: str) -> bool:
+    """Whether a file is not the user's."""
+    ours = str(Path(__file__).parents[1])
+    return file.startswith(("<", ours)) or "site-packages" in file

@@ -1,0 +1,140 @@
+"""Find controllers of a sector by name, and the worlds that they control."""
+
+from hashlib import sha256
+from pathlib import Path
+from typing import NamedTuple
+
+from skystack.agents.agent import Agent, check_agent
+from skystack.agents.find import READERS, find_agent
+from skystack.agents.per_flight import PerFlight
+from skystack.agents.sector_agents import SECTOR_AGENTS, learned_agent, sector_task_of
+from skystack.agents.transmission import PER_CYCLE, SectorAgent
+from skystack.agents.user_code import (
+    UserController,
+    find_user_code,
+    is_user_code,
+    user_code_file,
+)
+from skystack.airspace.sector import Sector
+from skystack.airspace.sectors import sector_from, sector_setting
+from skystack.errors import InputError, exists, unknown_name
+from skystack.evaluation.traffic_conditions import TrafficConditions, flow_of
+from skystack.io.files import read_whole
+from skystack.io.names import as_name
+from skystack.learning.policy import Policy
+from skystack.policies.shipped import find_policy, shipped_policies
+from skystack.simulator.performance import performance
+from skystack.simulator.simulator import Simulator
+from skystack.tasks.sector_control import SectorControl
+from skystack.tasks.sector_rewards import SectorRewardSettings
+from skystack.tasks.sector_world import World
+
+ALIASES = {"noop": "no-op"}
+"""Other spellings of names."""
+DEFAULT_SECTOR = "x-plus"
+"""The sector of agents that are not policies."""
+PERFORMANCE = "constant"
+"""The performance model of agents that are not policies, which is that of BluebirdDT's traffic."""
+
+
+class ControlledWorld(NamedTuple):
+    """An agent and the world that it controls."""
+
+    name: str
+    agent: SectorAgent
+    world: World
+    performance: str
+    """The name of the performance model in this world."""
+    per_cycle: int | None
+    """The maximum number of transmissions in a cycle; None without a limit."""
+    digest: str
+    """Differs if the agent is another one; of users' code, only the file with the class counts."""
+
+    @property
+    def safety_net(self) -> bool | None:
+        """Whether the agent flies with its safety net; None if it has none."""
+        return getattr(self.agent, "safety_net", None)
+
+
+def find_controller(controller: str | Policy, conditions: TrafficConditions) -> ControlledWorld:
+    """The agent of a policy or a name. Raises InputError if it or its conditions are invalid.
+
+    A name is one of `SECTOR_AGENTS` or of a shipped policy, a folder with a policy, a policy file
+    of another library, or a class `module:Class` (`skystack.agents.user_code`).
+    """
+    if isinstance(controller, Policy):
+        return _learned(controller, controller.description.experiment, conditions)
+    name = ALIASES.get(controller, controller)
+    if name in shipped_policies() or _is_folder(name):
+        policy = find_policy(name)
+        row = policy.description.experiment
+        if name not in shipped_policies():
+            row += f"-s{policy.description.seed}"
+        return _learned(policy, row, conditions)
+    if not conditions.safety_net:
+        raise InputError(f"{name} has no safety net (allowed: --no-safety-net only with a policy)")
+    if name in SECTOR_AGENTS:
+        world, per_cycle = _world(conditions, DEFAULT_SECTOR, PERFORMANCE), _per_cycle(conditions)
+        agent = SECTOR_AGENTS[name](world, per_cycle)
+        return ControlledWorld(name, agent, world, PERFORMANCE, per_cycle, name)
+    if is_user_code(name):
+        return _user_code(name, conditions)
+    if Path(name).suffix.lower() in READERS:
+        return _other_library(name, conditions)
+    also = "a folder with a policy.json, an .onnx or .zip file, module:Class, or "
+    raise unknown_name("agent", name, [*SECTOR_AGENTS, SectorControl.name], also=also)
+
+
+def _is_folder(name: str) -> bool:
+    """Whether a name is that of a policy's folder or file, which may be damaged."""
+    return exists(name) and Path(name).suffix.lower() not in READERS and not is_user_code(name)
+
+
+def _learned(policy: Policy, name: str, conditions: TrafficConditions) -> ControlledWorld:
+    task, config = sector_task_of(policy), policy.description.config["task"]
+    world, per_cycle = (
+        _world(conditions, task.sector, config["performance"]),
+        _per_cycle(conditions),
+    )
+    agent = learned_agent(policy, task, world, per_cycle, conditions.safety_net)
+    digest = policy.description.sha256
+    return ControlledWorld(name, agent, world, config["performance"], per_cycle, digest)
+
+
+def _user_code(name: str, conditions: TrafficConditions) -> ControlledWorld:
+    """A user's class, without a limit of transmissions unless one is given."""
+    make, file = find_user_code(name), user_code_file(name)
+    world = _world(conditions, DEFAULT_SECTOR, PERFORMANCE)
+    agent = UserController(make, _task(world, conditions))
+    member = name.rpartition(":")[2].encode()
+    digest = sha256(member + (b"" if file is None else read_whole(file))).hexdigest()
+    row = as_name(name.replace(".py:", ".").replace(":", "."))
+    return ControlledWorld(row, agent, world, PERFORMANCE, conditions.per_cycle, digest)
+
+
+def _other_library(name: str, conditions: TrafficConditions) -> ControlledWorld:
+    found = find_agent(name)
+    assert isinstance(found, Agent), "the readers make agents"
+    world, per_cycle = _world(conditions, DEFAULT_SECTOR, PERFORMANCE), _per_cycle(conditions)
+    task = _task(world, conditions)
+    check_agent(found, task, SectorControl.name)
+    digest = sha256(read_whole(Path(name))).hexdigest()
+    agent = PerFlight(found, task, per_cycle)
+    return ControlledWorld(found.name, agent, world, PERFORMANCE, per_cycle, digest)
+
+
+def _per_cycle(conditions: TrafficConditions) -> int:
+    return PER_CYCLE if conditions.per_cycle is None else conditions.per_cycle
+
+
+def _task(world: World, conditions: TrafficConditions) -> SectorControl:
+    return SectorControl(world.flow, conditions.cycles, SectorRewardSettings())
+
+
+def _world(conditions: TrafficConditions, sector: str | Sector, model: str) -> World:
+    """The world of a sector, or of that of the conditions, with a performance model."""
+    if conditions.sector is not None:
+        sector = conditions.sector
+    if isinstance(sector, str):
+        sector = sector_from(sector_setting(sector))
+    return World(flow_of(conditions, Simulator(sector, performance(model), own_navigation=True)))

@@ -1,0 +1,180 @@
+"""Flight School: one hour of traffic per seed, in parallel processes, cached seed by seed.
+
+The hour of a seed is hour 0 of that evaluation seed, in whichever simulator. Each finished seed is
+stored in the folder `seeds` next to the tables, and is not flown again under equal conditions.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from skystack.errors import MAX_INT, InputError
+from skystack.evaluation.controllers import ControlledWorld, find_controller
+from skystack.evaluation.flown_seeds import FlownSeed, conditions_digest, read_seed, write_seed
+from skystack.evaluation.hour_row import forget_row, write_row
+from skystack.evaluation.hour_scores import score, summary
+from skystack.evaluation.hour_tables import TABLES, FlownHour, tables_of
+from skystack.evaluation.hours import HourFlyer
+from skystack.evaluation.traffic import conditions_row, open_hours, record_of
+from skystack.evaluation.traffic_conditions import TrafficConditions, check_conditions
+from skystack.evaluation.workers import Report, run_in_workers
+from skystack.evaluation.writing import growing_tables, table_metadata
+from skystack.io.files import make_folder
+from skystack.io.locks import delete_empty_on_failure, locked_folder
+
+LIMIT_S = 60.0
+"""The default limit for a cycle: the agent's decision and the simulator's work."""
+SEEDS = "seeds"
+"""The folder of the finished seeds."""
+CONFIDENCE = 0.95
+
+
+class FlightSchoolResult(NamedTuple):
+    """What was flown."""
+
+    row: dict[str, Any]
+    """The results of the seeds that did not fail."""
+    folder: Path
+    failed: dict[int, str]
+    """The seeds that failed, and why."""
+    cached: int
+    """The number of seeds that were already finished."""
+
+
+class _Job(NamedTuple):
+    """What a worker needs to fly seeds; picklable."""
+
+    agent: str
+    conditions: TrafficConditions
+    folder: Path
+    digest: str
+
+
+def fly_flight_school(
+    agent: str,
+    conditions: TrafficConditions,
+    seeds: Sequence[int],
+    out: Path,
+    limit_s: float = LIMIT_S,
+    on_cycle: Callable[[int, int], None] = lambda flown, total: None,
+) -> FlightSchoolResult:
+    """Fly one hour of traffic for each seed, and write the tables into a subfolder of `out`.
+
+    The seed and the number of hours in `conditions` are not used. `on_cycle` is called with the
+    number of cycles flown so far and that of all cycles to fly. Raises InputError for an invalid
+    agent or conditions, and if all seeds fail.
+    """
+    if not seeds or min(seeds) < 0 or max(seeds) > MAX_INT:
+        raise InputError(f"seeds {list(seeds)} (allowed: at least one, from 0 to {MAX_INT})")
+    check_conditions(conditions)
+    found = find_controller(agent, conditions)
+    folder = out / folder_name(found.name, conditions)
+    job = _Job(agent, conditions, folder / SEEDS, conditions_digest(found, conditions))
+    with delete_empty_on_failure(job.folder), locked_folder(folder, below=(SEEDS,)):
+        make_folder(job.folder)
+        cached = _finished(job, seeds)
+        left = [seed for seed in seeds if seed not in cached]
+        failed = _fly_others(job, left, limit_s, on_cycle)
+        flown = _finished(job, seeds)
+        if not flown:
+            raise InputError(f"all seeds failed: seed {seeds[0]}, {failed[seeds[0]]}")
+        forget_row(folder)  # it is never older than the tables
+        _write_tables(folder, found, conditions._replace(seed=seeds[0]), flown)
+        row = _row(found, conditions, flown)
+        write_row(folder, row)
+    return FlightSchoolResult(row, folder, failed, len(cached))
+
+
+def folder_name(agent: str, conditions: TrafficConditions) -> str:
+    """The name of the folder of an agent's results under some conditions."""
+    parts = [agent, "flight-school", conditions.traffic]
+    if conditions.sector is not None:
+        parts.append(Path(conditions.sector).stem)
+    parts += [each.removeprefix("--").replace(" ", "-") for each in conditions.options]
+    return "-".join(parts)
+
+
+def _finished(job: _Job, seeds: Sequence[int]) -> dict[int, FlownSeed]:
+    """The seeds that are finished, in order."""
+    found = ((seed, read_seed(job.folder, seed, job.digest)) for seed in seeds)
+    return {seed: flown for seed, flown in found if flown is not None}
+
+
+def _fly_others(
+    job: _Job, seeds: Sequence[int], limit_s: float, on_cycle: Callable[[int, int], None]
+) -> dict[int, str]:
+    """Fly seeds in parallel; returns those that failed, and why."""
+    total, flown = len(seeds) * job.conditions.cycles, dict.fromkeys(seeds, 0)
+
+    def on_report(seed: int, doing: str) -> None:
+        flown[seed] = int(doing.rpartition(" ")[2])
+        on_cycle(sum(flown.values()), total)
+
+    failed = {}
+    if seeds:
+        for finished in run_in_workers(partial(_worker, job), seeds, limit_s, on_report):
+            flown[finished.item] = job.conditions.cycles
+            on_cycle(sum(flown.values()), total)
+            if finished.failed is not None:
+                failed[finished.item] = finished.failed
+    return failed
+
+
+def _worker(job: _Job) -> Callable[[int, Report], None]:
+    """The function that flies a seed, in a worker process."""
+    found = find_controller(job.agent, job.conditions)
+    hours = open_hours(found, job.conditions)
+    flyer = HourFlyer(found.world, job.conditions.cycles, found.per_cycle, hours)
+
+    def fly(seed: int, report: Report) -> None:
+        hour = flyer.fly(found.agent, seed, 0, lambda cycle: report(f"cycle {cycle}"))
+        hour = hour._replace(number=seed)
+        scores = score(found.world.sector, hour)
+        tables = tables_of(FlownHour(found.world, hour, scores))
+        write_seed(job.folder, seed, job.digest, FlownSeed(scores, tables))
+
+    return fly
+
+
+def _write_tables(
+    folder: Path,
+    found: ControlledWorld,
+    conditions: TrafficConditions,
+    flown: Mapping[int, FlownSeed],
+) -> None:
+    record = record_of(found, conditions)
+    metadata = table_metadata(found.world.sector, found.performance, traffic=record)
+    with growing_tables(folder, TABLES, metadata) as append:
+        for each in flown.values():
+            append(each.tables)
+
+
+def _row(
+    found: ControlledWorld, conditions: TrafficConditions, flown: Mapping[int, FlownSeed]
+) -> dict[str, Any]:
+    row = summary([each.scores for each in flown.values()], found.name, conditions.traffic)
+    lax, strict = row["lax_s_by_hour"], row["strict_s_by_hour"]
+    return (
+        row
+        | conditions_row(found, conditions._replace(seed=next(iter(flown))))
+        | {
+            "seeds": len(flown),
+            "seed_numbers": list(flown),
+            "lax_s_by_seed": lax,
+            "strict_s_by_seed": strict,
+            "lax_s_interval": interval(lax),
+            "strict_s_interval": interval(strict),
+        }
+    )
+
+
+def interval(values: Sequence[float]) -> tuple[float, float] | None:
+    """Student's 95 % confidence interval of the mean; None for fewer than two values."""
+    if len(values) < 2:
+        return None
+    half = stats.t.ppf(0.5 + CONFIDENCE / 2, len(values) - 1) * stats.sem(values)
+    return float(np.mean(values) - half), float(np.mean(values) + half)

@@ -1,0 +1,96 @@
+"""Finished hours on disk: their scores and tables, one file per seed, with what they depend on."""
+
+import hashlib
+from collections.abc import Mapping
+from functools import cache
+from io import BytesIO
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+import pyarrow as pa
+
+from skystack.errors import InputError
+from skystack.evaluation.controllers import ControlledWorld
+from skystack.evaluation.hour_scores import Scores
+from skystack.evaluation.hour_tables import TABLES
+from skystack.evaluation.traffic_conditions import TrafficConditions
+from skystack.io.files import atomic_write, read_whole
+
+_HASH_BYTES = hashlib.sha256().digest_size
+
+
+class FlownSeed(NamedTuple):
+    """A flown hour."""
+
+    scores: Scores
+    tables: Mapping[str, pa.Table]
+    """`skystack.evaluation.hour_tables.tables_of`."""
+
+
+class _File(NamedTuple):
+    conditions: str
+    """The digest of everything that the hour depends on."""
+    scores: Scores
+    tables: dict[str, bytes]
+    """In the format of Arrow's streams."""
+
+
+def conditions_digest(found: ControlledWorld, conditions: TrafficConditions) -> str:
+    """A digest of everything that an hour of a seed depends on: agent, traffic and our programs."""
+    parts: list[Any] = [
+        *(found.name, found.digest, found.performance, found.per_cycle, found.safety_net),
+        *(conditions.traffic, conditions.cycles, conditions.uncertainty, conditions.platform),
+        found.world.sector,
+        _source_digest(),
+    ]
+    return hashlib.sha256(msgspec.json.encode(parts)).hexdigest()
+
+
+@cache
+def _source_digest() -> str:
+    """A digest of the source of this package."""
+    package, digest = Path(__file__).parents[1], hashlib.sha256()
+    for path in sorted(package.rglob("*.py")):
+        digest.update(f"{path.relative_to(package)}\n".encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+def write_seed(folder: Path, seed: int, digest: str, flown: FlownSeed) -> None:
+    """Write a flown hour. Raises InputError if the file cannot be written."""
+    tables = {name: _as_bytes(table) for name, table in flown.tables.items()}
+    data = msgspec.msgpack.encode(_File(digest, flown.scores, tables), enc_hook=np.ndarray.tolist)
+    atomic_write(_path(folder, seed), hashlib.sha256(data).digest() + data)
+
+
+def read_seed(folder: Path, seed: int, digest: str) -> FlownSeed | None:
+    """Read a flown hour; None if it is missing or damaged, or flown under other conditions."""
+    try:
+        data = read_whole(_path(folder, seed))
+        stored, data = data[:_HASH_BYTES], data[_HASH_BYTES:]
+        if stored != hashlib.sha256(data).digest():
+            return None
+        file = msgspec.msgpack.decode(data, type=_File, dec_hook=lambda _, value: np.array(value))
+        if file.conditions != digest or set(file.tables) != set(TABLES):
+            return None
+        return FlownSeed(file.scores, {name: _as_table(of) for name, of in file.tables.items()})
+    except (InputError, OSError, msgspec.MsgspecError, pa.ArrowException):
+        return None
+
+
+def _path(folder: Path, seed: int) -> Path:
+    return folder / f"seed-{seed}.hour"
+
+
+def _as_bytes(table: pa.Table) -> bytes:
+    file = BytesIO()
+    options = pa.ipc.IpcWriteOptions(compression="zstd")
+    with pa.ipc.new_stream(file, table.schema, options=options) as writer:
+        writer.write_table(table)
+    return file.getvalue()
+
+
+def _as_table(data: bytes) -> pa.Table:
+    with pa.ipc.open_stream(data) as reader:
+        return reader.read_all()

@@ -1,0 +1,98 @@
+"""The conditions of an evaluation on hours of arriving traffic."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+from skystack.agents.transmission import PER_CYCLE
+from skystack.errors import InputError
+from skystack.platforms.registry import OWN, check_platform
+from skystack.simulator.arrival_flows import FLIGHT_SCHOOL, STARTERS, Flow, constant_rate
+from skystack.simulator.simulator import Simulator
+
+SPEED_SPREAD, CLIMB_SPREAD = 0.03, 0.10
+"""The spread of airspeeds and of rates of climb and descent with `uncertainty`."""
+BLUEBIRD = "bluebird"
+"""The other platform in which hours can be flown."""
+_SLOTS = (16, 32, 64, 128, 256)
+
+
+class TrafficConditions(NamedTuple):
+    """The traffic of an evaluation, and what the controller is allowed."""
+
+    traffic: str
+    """Flights per hour, or a name in `FLIGHT_SCHOOL`."""
+    hours: int = 1
+    seed: int = 0
+    per_cycle: int | None = None
+    """The maximum number of transmissions in a cycle; None for the agent's default."""
+    cycles: int = 600
+    """The length of an hour in cycles; shorter values are for quick checks."""
+    sector: str | None = None
+    """A sector to use instead of the agent's."""
+    uncertainty: bool = False
+    """Whether speeds and rates of climb differ from the nominal ones at random."""
+    safety_net: bool = True
+    """Whether a policy flies with its safety net."""
+    platform: str = OWN
+    """The simulator, `skystack` or `bluebird`."""
+
+    @property
+    def options(self) -> list[str]:
+        """`--per-cycle`, `--uncertainty`, `--no-safety-net` and `--platform`, unless at default."""
+        differs = {
+            f"--per-cycle {self.per_cycle}": self.per_cycle not in (None, PER_CYCLE),
+            "--uncertainty": self.uncertainty,
+            "--no-safety-net": not self.safety_net,
+            f"--platform {self.platform}": self.platform != OWN,
+        }
+        return [option for option, given in differs.items() if given]
+
+
+def check_conditions(conditions: TrafficConditions) -> None:
+    """Raise InputError for conditions that the platform cannot fly."""
+    platform = conditions.platform
+    check_platform(platform)
+    if platform == OWN:
+        return
+    if platform != BLUEBIRD:
+        raise InputError(f"--platform {platform} (allowed with --traffic: {OWN}, {BLUEBIRD})")
+    if conditions.traffic not in FLIGHT_SCHOOL:
+        raise InputError(
+            f"traffic {conditions.traffic} in BluebirdDT (allowed: {', '.join(FLIGHT_SCHOOL)})"
+        )
+    for option, given in (("sector", conditions.sector), ("uncertainty", conditions.uncertainty)):
+        if given:
+            raise InputError(f"--{option} cannot be used with --platform {platform}")
+
+
+def flow_of(conditions: TrafficConditions, simulator: Simulator) -> Flow:
+    """The arrivals of the named traffic. Raises InputError for unknown traffic."""
+    traffic = conditions.traffic
+    if traffic in FLIGHT_SCHOOL:
+        flow = Flow(simulator, FLIGHT_SCHOOL[traffic], starters=STARTERS)
+    else:
+        flow = _constant_flow(traffic, simulator)
+    if conditions.uncertainty:
+        flow = replace(flow, speed_spread=SPEED_SPREAD, climb_spread=CLIMB_SPREAD)
+    return replace(flow, cycles=conditions.cycles)
+
+
+def traffic_name(traffic: str) -> str:
+    """Traffic as it is written in rows: `60` for `60.0`. Invalid traffic is left as it is."""
+    try:
+        return traffic if traffic in FLIGHT_SCHOOL else f"{float(traffic):g}"
+    except ValueError:
+        return traffic
+
+
+def _constant_flow(traffic: str, simulator: Simulator) -> Flow:
+    try:
+        rate = float(traffic)
+    except ValueError:
+        raise InputError(
+            f"traffic {traffic!r} (allowed: flights per hour, or {', '.join(FLIGHT_SCHOOL)})"
+        ) from None
+    clock = constant_rate(rate)
+    # About a quarter of the flights of an hour are there at once.
+    slots = next((each for each in _SLOTS if each >= 0.45 * rate + 8.0), _SLOTS[-1])
+    return Flow(simulator, clock, slots=slots)

@@ -1,0 +1,79 @@
+"""The table of a Flight School: scores with intervals, survival, and what ended the hours."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from skystack.reporting.hour_table import losses
+from skystack.reporting.table import Table
+from skystack.reporting.tables import NOTHING, percent
+
+SHOWN = 6
+"""The number of times at which survival is shown."""
+
+
+def flight_school_table(row: Mapping[str, Any], strict: bool = False) -> Table:
+    """One line per measure, for a row of `skystack.evaluation.flight_school`.
+
+    Survival, and what ended the hours, are those of the lax score or, with `strict`, of the strict
+    one.
+    """
+    score = "strict" if strict else "lax"
+    by_seed, length_s = row[f"{score}_s_by_seed"], 6.0 * row["cycles"]
+    at_s = [length_s * (number + 1) / SHOWN for number in range(SHOWN)]
+    lines = (
+        ("seeds (hours of traffic)", f"{row['seeds']}"),
+        ("lax score, s", _score(row, "lax")),
+        ("  without losses at birth", f"{row['lax_without_births_s_mean']:,.0f}"),
+        ("strict score, s", _score(row, "strict")),
+        (f"hours without a failure ({score})", f"{_whole(by_seed, length_s)} of {row['seeds']}"),
+        (f"hours ended by ({score})", _causes(row[f"{score}_ended_by"])),
+        (f"survival (%) at {_minutes(at_s)} min", survival_text(by_seed, at_s)),
+        ("deliveries, of flights gone", f"{row['deliveries']:,} of {row['flights_gone']:,}"),
+        (
+            "losses of separation (at birth)",
+            losses(row["losses_of_separation"], row["losses_at_birth"]),
+        ),
+        ("losses per flight hour", _number(row["losses_per_flight_hour"], 4)),
+        ("excursions", percent(row["excursion_rate"])),
+        ("transmissions per flight", _number(row["transmissions_per_flight"], 2)),
+        ("transmissions per minute", _number(row["transmissions_per_minute"], 1)),
+        (
+            "decision, ms (median, 99 %)",
+            f"{row['decision_ms_median']:.1f}, {row['decision_ms_p99']:.1f}",
+        ),
+    )
+    return Table(("measure", "value"), lines)
+
+
+def survival_text(by_seed: Sequence[float], at_s: Sequence[float]) -> str:
+    """The share of hours that had not failed before each time, in percent."""
+    alive = [100.0 * float(np.mean(np.asarray(by_seed) >= time_s)) for time_s in at_s]
+    return " ".join(f"{each:.0f}" for each in alive)
+
+
+def _score(row: Mapping[str, Any], score: str) -> str:
+    """The mean, with its interval and range if there are several seeds."""
+    mean, between = row[f"{score}_s_mean"], row[f"{score}_s_interval"]
+    if between is None:
+        return f"{mean:,.0f}"
+    values = row[f"{score}_s_by_seed"]
+    half = (between[1] - between[0]) / 2.0
+    return f"{mean:,.0f} ± {half:,.0f} ({min(values):,.0f} to {max(values):,.0f})"
+
+
+def _whole(by_seed: Sequence[float], length_s: float) -> int:
+    return sum(each >= length_s for each in by_seed)
+
+
+def _causes(ended_by: Mapping[str, int]) -> str:
+    return ", ".join(f"{cause} {count}" for cause, count in ended_by.items()) or NOTHING
+
+
+def _minutes(at_s: Sequence[float]) -> str:
+    return " ".join(f"{time_s / 60.0:g}" for time_s in at_s)
+
+
+def _number(value: float | None, digits: int) -> str:
+    return NOTHING if value is None else f"{value:,.{digits}f}"

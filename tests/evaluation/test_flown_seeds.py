@@ -1,0 +1,78 @@
+"""Finished hours on disk."""
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from skystack.evaluation.controllers import find_controller
+from skystack.evaluation.flown_seeds import FlownSeed, conditions_digest, read_seed, write_seed
+from skystack.evaluation.hour_scores import CycleSeries, FlightRow, PairEvent, Scores
+from skystack.evaluation.hour_tables import TABLES
+from skystack.evaluation.traffic_conditions import TrafficConditions
+
+SCORES = Scores(
+    number=7,
+    cycles=CycleSeries(
+        np.array([0, 2]), np.array([3, 4]), np.array([0, 1]), np.array([True, False]),
+        np.array([0.25, 1e-3]),
+    ),
+    flights=[FlightRow(0, 1, None, True, False, False, float("nan"), 9.5, float("nan"), 2.0, 1, 2)],
+    losses=[PairEvent(3, 0, 1, True, None)],
+    close_pairs=[],
+    lax_s=600.0,
+    lax_without_births_s=606.0,
+    strict_s=600.0,
+    lax_ended_by="loss",
+    strict_ended_by=None,
+)  # fmt: skip
+TABLE = pa.table({"scenario": [7, 7], "text": ["a", None]})
+FLOWN = FlownSeed(SCORES, dict.fromkeys(TABLES, TABLE))
+
+
+def test_what_is_written_is_read(tmp_path):
+    write_seed(tmp_path, 7, "conditions", FLOWN)
+    read = read_seed(tmp_path, 7, "conditions")
+    assert read.tables == FLOWN.tables
+    for one, other in zip(read.scores.cycles, SCORES.cycles, strict=True):
+        np.testing.assert_array_equal(one, other)
+    (flight,), (expected,) = read.scores.flights, SCORES.flights
+    np.testing.assert_equal(tuple(flight), tuple(expected))
+    assert read.scores[3:] == SCORES[3:]
+
+
+def test_other_conditions_and_seeds_are_not_read(tmp_path):
+    write_seed(tmp_path, 7, "conditions", FLOWN)
+    assert read_seed(tmp_path, 7, "others") is None
+    assert read_seed(tmp_path, 8, "conditions") is None
+
+
+@pytest.mark.parametrize("at", [0, 40, 200, -1])
+def test_a_damaged_file_is_not_read(tmp_path, at):
+    write_seed(tmp_path, 7, "conditions", FLOWN)
+    (path,) = tmp_path.iterdir()
+    data = bytearray(path.read_bytes())
+    data[at] ^= 1
+    path.write_bytes(data)
+    assert read_seed(tmp_path, 7, "conditions") is None
+    path.write_bytes(data[:50])
+    assert read_seed(tmp_path, 7, "conditions") is None
+    path.write_bytes(b"")
+    assert read_seed(tmp_path, 7, "conditions") is None
+
+
+def test_the_digest_depends_on_all_conditions(tmp_path):
+    base = TrafficConditions("category")
+    changed = [
+        base,
+        base._replace(traffic="60"),
+        base._replace(cycles=60),
+        base._replace(uncertainty=True),
+        base._replace(per_cycle=1),
+        base._replace(platform="bluebird"),
+        base._replace(sector="crossing"),
+    ]
+    digests = [conditions_digest(find_controller("rules", each), each) for each in changed]
+    digests.append(conditions_digest(find_controller("no-op", base), base))
+    assert len(set(digests)) == len(digests)
+    again = base._replace(seed=5, hours=9)  # neither changes the hour of a seed
+    assert conditions_digest(find_controller("rules", again), again) == digests[0]
