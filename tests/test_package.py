@@ -72,7 +72,7 @@ def test_a_missing_extra_is_named():
         "skystack.gym.multi_agent",
         "skystack.gym.sb3",
         "skystack.platforms.bluebird",
-        "skystack.platforms.bluesky",
+        "skystack.platforms.bluesky_program",
     }
     for _, package, extra in found:
         assert any(line.startswith(HIDDEN[package]) for line in extras[extra])

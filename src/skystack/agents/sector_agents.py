@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from skystack.agents.learned import Learned
 from skystack.agents.search import Search
-from skystack.agents.sector_rules import NoOp, OwnNavigation, Rules
+from skystack.agents.sector_rules import Mvp, NoOp, OwnNavigation, Rules
 from skystack.agents.transmission import SectorAgent
 from skystack.errors import InputError
 from skystack.learning.experiment import experiment_from
@@ -20,6 +20,7 @@ SECTOR_AGENTS: dict[str, Callable[[World, int], SectorAgent]] = {
     "own-navigation-exit-level": lambda world, per_cycle: OwnNavigation(True, per_cycle),
     "rules": Rules,
     "search": Search,
+    "mvp": lambda world, per_cycle: Mvp(True, per_cycle),
 }
 """Makes an agent for a world and a maximum number of transmissions in a cycle, by its name."""
 

@@ -375,7 +375,7 @@ def _flight_school_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--platform",
         metavar="NAME",
-        help="simulator: skystack (default) or bluebird (extra)",
+        help="simulator: skystack (default), bluebird or bluesky (extras)",
     )
     sub.add_argument("--seeds", type=_positive, metavar="N", help="number of hours (default 5)")
     sub.add_argument("--first-seed", type=_natural, metavar="N", help="first seed (default 0)")

@@ -5,8 +5,6 @@ excursions and losses of separation are judged as in our simulator.
 """
 
 from dataclasses import replace
-from functools import cached_property
-from typing import Any
 
 import jax
 import numpy as np
@@ -14,11 +12,12 @@ from jaxtyping import Bool
 
 from skystack.agents.transmission import Transmission, instruction_of
 from skystack.errors import InputError
+from skystack.evaluation.foreign_hours import ReportedTraffic, writable
 from skystack.learning.seeds import scenario_key
-from skystack.platforms.bluebird_traffic import BluebirdTraffic, FlightReport
+from skystack.platforms.bluebird_traffic import BluebirdTraffic
+from skystack.platforms.flight_report import FlightReport
 from skystack.simulator.arrivals import FREE, Arrivals, Clock
-from skystack.simulator.simulator import turn_to_deg
-from skystack.simulator.traffic import NO_TURN, RADIUS_UNKNOWN, Traffic, ticks
+from skystack.simulator.traffic import ticks
 from skystack.tasks.sector_world import World, WorldCycle, WorldState
 
 
@@ -32,7 +31,7 @@ class BluebirdHours:
         self.world, self.platform = world, BluebirdTraffic(clock)
         self._empty = jax.jit(World(replace(world.flow, starters=0)).reset)
         self._begin, self._end_cycle = jax.jit(world.tracker.begin), jax.jit(world.end_cycle)
-        self._routes = {tuple(route): index for index, route in enumerate(world.sector.routes)}
+        self._reports = ReportedTraffic(world)
         self._slot: dict[str, int] = {}
         """The slots of the flights that have not left, by callsign."""
         self._left: set[str] = set()
@@ -43,7 +42,7 @@ class BluebirdHours:
         self._slot, self._left = {}, set()
         reports = self.platform.reset(_random_seed(seed, number))
         arrivals, _ = self._admit(empty.arrivals, reports)
-        traffic = self._read(empty.traffic, reports)
+        traffic = self._reports.read(empty.traffic, self._slot, reports)
         return WorldState(traffic, arrivals, jax.device_get(self._begin(traffic)))
 
     def advance(
@@ -60,7 +59,7 @@ class BluebirdHours:
         }
         arrivals, born = self._admit(state.arrivals, reports)
         arrivals = arrivals._replace(cycle=arrivals.cycle + 1)
-        flown = self._read(state.traffic, reports)
+        flown = self._reports.read(state.traffic, self._slot, reports)
         removed = np.zeros_like(born)
         removed[[slot for callsign, slot in self._slot.items() if callsign not in reports]] = True
         next_state, cycle = jax.device_get(
@@ -80,7 +79,7 @@ class BluebirdHours:
         self, arrivals: Arrivals, reports: dict[str, FlightReport]
     ) -> tuple[Arrivals, Bool[np.ndarray, " slots"]]:
         """Give slots to the flights that are reported for the first time."""
-        values = _writable(arrivals)
+        values = writable(arrivals)
         flight, number = values["flight"], int(arrivals.born)
         born = np.zeros(len(flight), dtype=bool)
         for callsign, report in reports.items():
@@ -100,62 +99,7 @@ class BluebirdHours:
             values["held"][slot] = callsign in reports and reports[callsign].held
         return Arrivals(**values | {"born": np.int32(number)}), born
 
-    def _read(self, traffic: Traffic, reports: dict[str, FlightReport]) -> Traffic:
-        """The traffic as reported. Flights that are no longer reported stay where they were."""
-        values = _writable(traffic)
-        values["pending_turn"][:] = NO_TURN
-        for callsign, slot in self._slot.items():
-            if callsign in reports:
-                for name, value in self._flight(reports[callsign]).items():
-                    values[name][slot] = value
-        read: Traffic = jax.device_get(self._adopted(Traffic(**values)))
-        return read
-
-    @cached_property
-    def _adopted(self) -> Any:
-        """(traffic) -> the traffic with all clearances adopted, compiled."""
-
-        def adopted(traffic: Traffic) -> Traffic:
-            nominal_kt = self.world.simulator.level_ground_speed_kt(traffic.level_ticks)
-            return traffic._replace(
-                flown_heading_deg=traffic.cleared_heading_deg,
-                flown_level_ticks=traffic.cleared_level_ticks,
-                turn_deg=turn_to_deg(traffic.heading_deg, traffic.cleared_heading_deg),
-                cleared_fix=traffic.next_fix,
-                airspeed_factor=traffic.ground_speed_kt / nominal_kt,
-            )
-
-        return jax.jit(adopted)
-
-    def _flight(self, report: FlightReport) -> dict[str, Any]:
-        """The values of a flight in `Traffic`."""
-        last, radius_nm = len(report.route) - 1, report.turn_radius_nm
-        next_fix = last if report.next_fix is None else report.route.index(report.next_fix)
-        return {
-            "active": True,
-            "position_nm": self.world.sector.plane.to_plane(report.lat, report.lon),
-            "heading_deg": report.heading_deg,
-            "level_ticks": ticks(report.fl),
-            "ground_speed_kt": report.speed_kt,
-            "vertical_speed_ft_min": report.vertical_speed_ft_min,
-            "cleared_heading_deg": report.cleared_heading_deg,
-            "cleared_level_ticks": ticks(report.cleared_fl),
-            "own_navigation": report.own_navigation,
-            "route": self._routes[report.route],
-            "next_fix": next_fix,
-            "turn_radius_nm": RADIUS_UNKNOWN if radius_nm is None else radius_nm,
-            "climb_factor": 1.0,
-        }
-
 
 def _random_seed(seed: int, number: int) -> int:
     """BluebirdDT's random seed for an hour."""
     return int(np.random.SeedSequence((seed, number)).generate_state(1)[0])
-
-
-def _writable(values: Arrivals | Traffic) -> dict[str, Any]:
-    """Writable copies of the arrays, by name. `candidates` is not copied."""
-    return {
-        name: each if name == "candidates" else np.array(each)
-        for name, each in values._asdict().items()
-    }

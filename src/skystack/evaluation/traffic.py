@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from skystack.agents.transmission import SectorAgent
 from skystack.airspace.sector import Sector
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
@@ -16,7 +17,7 @@ from skystack.evaluation.hour_row import forget_row, write_row
 from skystack.evaluation.hour_scores import score, summary
 from skystack.evaluation.hour_tables import AppendHour, growing_hours
 from skystack.evaluation.hours import HourFlyer, Hours, OwnHours
-from skystack.evaluation.traffic_conditions import TrafficConditions, check_conditions
+from skystack.evaluation.traffic_conditions import BLUESKY, TrafficConditions, check_conditions
 from skystack.evaluation.writing import TrafficRecord
 from skystack.learning.policy import Policy
 from skystack.platforms.registry import OWN
@@ -38,8 +39,10 @@ def evaluate_traffic(
     found = find_controller(controller, conditions)
     folder = None if out is None else hours_folder(out, found.name, conditions)
     scores, cycles = [], count(1)
-    tables, opened = _tables_in(folder, found, conditions), open_hours(found, conditions)
-    with tables as append, closing(opened) as hours:
+    with (
+        _tables_in(folder, found, conditions) as append,
+        closing(open_hours(found, conditions)) as hours,
+    ):
         flyer = HourFlyer(found.world, conditions.cycles, found.per_cycle, hours)
         for number in range(conditions.hours):
             hour = flyer.fly(found.agent, conditions.seed, number, lambda _: on_cycle(next(cycles)))
@@ -68,19 +71,31 @@ def conditions_row(found: ControlledWorld, conditions: TrafficConditions) -> dic
 
 def open_hours(found: ControlledWorld, conditions: TrafficConditions) -> Hours:
     """The simulator that flies the hours. Raises InputError if it cannot fly this world."""
+    if avoids_in_bluesky(found.agent) and conditions.platform != BLUESKY:
+        raise InputError(f"{found.name} flies in BlueSky only (allowed: --platform {BLUESKY})")
     if conditions.platform == OWN:
         return OwnHours(found.world)
-    from skystack.evaluation.bluebird_hours import BluebirdHours  # noqa: PLC0415  # an extra
-
+    platform = conditions.platform
     if found.performance != PERFORMANCE:
         raise InputError(
-            f"a policy for performance {found.performance} (allowed in BluebirdDT's traffic: "
+            f"a policy for performance {found.performance} (allowed with --platform {platform}: "
             f"{PERFORMANCE})"
         )
+    if platform == BLUESKY:
+        from skystack.evaluation.bluesky_hours import BlueskyHours  # noqa: PLC0415  # an extra
+
+        return BlueskyHours(found.world, avoids_in_bluesky(found.agent))
+    from skystack.evaluation.bluebird_hours import BluebirdHours  # noqa: PLC0415  # an extra
+
     if not _is_x_plus(found.world.sector):
         name = found.world.sector.name
         raise InputError(f"a policy for sector {name} (allowed in BluebirdDT's traffic: x-plus)")
     return BluebirdHours(found.world, FLIGHT_SCHOOL[conditions.traffic])
+
+
+def avoids_in_bluesky(agent: SectorAgent) -> bool:
+    """Whether BlueSky's own conflict resolution belongs to an agent."""
+    return getattr(agent, "avoids_in_bluesky", False)
 
 
 def _is_x_plus(sector: Sector) -> bool:

@@ -11,8 +11,8 @@ from skystack.simulator.simulator import Simulator
 
 SPEED_SPREAD, CLIMB_SPREAD = 0.03, 0.10
 """The spread of airspeeds and of rates of climb and descent with `uncertainty`."""
-BLUEBIRD = "bluebird"
-"""The other platform in which hours can be flown."""
+BLUEBIRD, BLUESKY = "bluebird", "bluesky"
+"""The other platforms."""
 _SLOTS = (16, 32, 64, 128, 256)
 
 
@@ -34,7 +34,7 @@ class TrafficConditions(NamedTuple):
     safety_net: bool = True
     """Whether a policy flies with its safety net."""
     platform: str = OWN
-    """The simulator, `skystack` or `bluebird`."""
+    """The simulator: `skystack`, `bluebird` or `bluesky`."""
 
     @property
     def options(self) -> list[str]:
@@ -49,13 +49,11 @@ class TrafficConditions(NamedTuple):
 
 
 def check_conditions(conditions: TrafficConditions) -> None:
-    """Raise InputError for conditions that the platform cannot fly."""
+    """Raise InputError for an unknown platform, and for conditions that it cannot fly."""
     platform = conditions.platform
     check_platform(platform)
-    if platform == OWN:
-        return
     if platform != BLUEBIRD:
-        raise InputError(f"--platform {platform} (allowed with --traffic: {OWN}, {BLUEBIRD})")
+        return
     if conditions.traffic not in FLIGHT_SCHOOL:
         raise InputError(
             f"traffic {conditions.traffic} in BluebirdDT (allowed: {', '.join(FLIGHT_SCHOOL)})"

@@ -15,10 +15,11 @@ Needs `bluebird-dt` (extra `[bluebird]`, AGPL).
 
 import warnings
 from copy import copy
-from typing import Any, NamedTuple
+from typing import Any
 
 from skystack.errors import PlatformError, requires_extra
 from skystack.platforms.bluebird import act, cleared_heading_deg, silence
+from skystack.platforms.flight_report import FlightReport
 from skystack.platforms.instruction import Instruction
 from skystack.simulator.arrivals import Clock
 from skystack.simulator.simulator import CYCLE_S
@@ -28,31 +29,6 @@ with requires_extra(__name__, "bluebird"):
 
 _SECTOR = "Xplus-Sector"
 _STARTERS = 2
-
-
-class FlightReport(NamedTuple):
-    """The state of a flight in BluebirdDT."""
-
-    route: tuple[str, ...]
-    entry_fl: float
-    exit_fl: float
-    lat: float
-    lon: float
-    fl: float
-    heading_deg: float
-    cleared_heading_deg: float
-    """The actual heading if none was cleared."""
-    cleared_fl: float
-    speed_kt: float
-    vertical_speed_ft_min: float
-    own_navigation: bool
-    next_fix: str | None
-    """The fix to which it flies; None if its own navigation has ended."""
-    turn_radius_nm: float | None
-    """That of its turn to the next fix; 0 without one, None if it is computed in the next cycle."""
-    held: bool
-    """Whether BluebirdDT will put it back later than in the next cycle, so that it would lose a
-    clearance that it is given now."""
 
 
 class BluebirdTraffic:

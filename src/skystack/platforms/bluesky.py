@@ -8,23 +8,28 @@ flight changes; values outside the envelope are refused. Clearances take effect 
 of the next cycle.
 """
 
-import io
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import replace
 from pathlib import Path
-from typing import ClassVar
-from zipfile import ZipFile
 
 import numpy as np
-from jaxtyping import Float
 
 from skystack.airspace.projection import wrap_longitude
 from skystack.errors import InputError, PlatformError, requires_extra
 from skystack.platforms.adoption import BLUESKY
+from skystack.platforms.bluesky_program import (
+    M_PER_FL,
+    M_S_PER_FT_MIN,
+    M_S_PER_KT,
+    clear_bluesky,
+    close_bluesky,
+    fly_cycle,
+    flying,
+    levels_fl,
+    open_bluesky,
+    process,
+    run_bluesky,
+)
 from skystack.platforms.bluesky_scenario import (
-    STEP_S,
     check_flown_types,
     clearance_commands,
     phase_of,
@@ -41,7 +46,6 @@ with requires_extra(__name__, "bluesky"):
     import bluesky
     from bluesky.tools import aero
 
-_M_PER_FL, _M_S_PER_KT, _M_S_PER_FT_MIN = 30.48, 1852.0 / 3600.0, 0.3048 / 60.0
 _TOLERANCE = 1e-6
 """The largest difference between a selected and a cleared heading [deg] or level [FL], and between
 a Mach number and its limit."""
@@ -56,20 +60,10 @@ class BlueSky:
     """
 
     adoption = BLUESKY
-    _is_open: ClassVar[bool] = False
 
     def __init__(self, folder: Path) -> None:
         """Start BlueSky in an existing folder; the first start in a process takes some seconds."""
-        if BlueSky._is_open:
-            raise PlatformError("BlueSky is already open in this process (allowed: one at a time)")
-        folder = folder.absolute()
-        _write_empty_navigation_data(folder)
-        with _silent():
-            if bluesky.traf is None:
-                bluesky.init(mode="sim", detached=True, workdir=folder)
-            else:
-                bluesky.pathfinder.init(folder)
-        BlueSky._is_open = True
+        open_bluesky(folder)
         self._scenario: Scenario
         self._index: dict[str, int] = {}
         self._callsigns: list[str] = []
@@ -84,17 +78,15 @@ class BlueSky:
         self._index = {one.callsign: index for index, one in enumerate(scenario.aircraft)}
         self._callsigns = list(substitute_callsigns(scenario).values())
         self._cleared_heading_deg = np.full(len(self._index), np.nan)
-        with _silent():
-            bluesky.sim.reset()
+        clear_bluesky()
         self._models = [scenario.performance_of(one.type) for one in scenario.aircraft]
         self._speeds = [
             selected_speed(model, one.fl)
             for model, one in zip(self._models, scenario.aircraft, strict=True)
         ]
-        _process(start_commands(scenario, self._callsigns))
+        process(start_commands(scenario, self._callsigns))
         self._check_start()
-        with _silent():
-            bluesky.sim.op()
+        run_bluesky()
         return self._report()
 
     def issue(self, instruction: Instruction) -> None:
@@ -104,7 +96,7 @@ class BlueSky:
         if instruction.level_fl is not None:
             self._check_level(index, instruction.level_fl)
         command = replace(instruction, callsign=self._callsigns[index])
-        _process(clearance_commands(command, self._scenario, self._scenario.aircraft[index]))
+        process(clearance_commands(command, self._scenario, self._scenario.aircraft[index]))
         if instruction.heading_deg is not None:
             selected = bluesky.traf.ap.trk[index]
             wrong = abs((selected - instruction.heading_deg + 180.0) % 360.0 - 180.0) > _TOLERANCE
@@ -116,18 +108,16 @@ class BlueSky:
                 raise PlatformError(f"BlueSky refused {instruction}")
             self._cleared_heading_deg[index] = np.nan  # on own navigation, the actual heading
         if instruction.level_fl is not None:
-            selected = bluesky.traf.selalt[index] / _M_PER_FL
+            selected = bluesky.traf.selalt[index] / M_PER_FL
             if abs(selected - instruction.level_fl) > _TOLERANCE:
                 raise PlatformError(f"BlueSky refused {instruction}")
 
     def advance(self) -> Report:
         self._select_speeds()
-        with _silent():
-            for _ in range(CYCLE_S // STEP_S):
-                bluesky.sim.step()
+        fly_cycle()
         self._cycle += 1
-        flying = set(_flying())
-        lost = [one for one, index in self._index.items() if self._callsigns[index] not in flying]
+        present = set(flying())
+        lost = [one for one, index in self._index.items() if self._callsigns[index] not in present]
         if lost:
             raise PlatformError(f"BlueSky has lost {', '.join(lost)}")
         if bluesky.sim.simt != self._cycle * CYCLE_S:
@@ -135,11 +125,11 @@ class BlueSky:
         return self._report()
 
     def close(self) -> None:
-        BlueSky._is_open = False
+        close_bluesky()
 
     def _select_speeds(self) -> None:
         """Select each aircraft's speed for its level and phase of flight, where it has changed."""
-        both = (_levels_fl(each).tolist() for each in (bluesky.traf.alt, bluesky.traf.selalt))
+        both = (levels_fl(each).tolist() for each in (bluesky.traf.alt, bluesky.traf.selalt))
         commands = []
         for index, (fl, selected_fl) in enumerate(zip(*both, strict=True)):
             speed = selected_speed(self._models[index], fl, phase_of(fl, selected_fl))
@@ -147,13 +137,13 @@ class BlueSky:
                 commands.append(f"SPD {self._callsigns[index]} {speed}")
             self._speeds[index] = speed
         if commands:
-            _process(commands)
+            process(commands)
 
     def _check_level(self, index: int, fl: int) -> None:
         """Raise InputError for a level that BlueSky cannot fly with the scenario's performance."""
         aircraft = self._scenario.aircraft[index]
         _check_ceiling(aircraft.callsign, fl, index)
-        model, actual_fl = self._models[index], _levels_fl(bluesky.traf.alt)[index]
+        model, actual_fl = self._models[index], levels_fl(bluesky.traf.alt)[index]
         ceiling_fl = getattr(model, "ceiling_fl", np.inf)
         if max(ceiling_fl, actual_fl) < fl:
             raise InputError(
@@ -161,7 +151,7 @@ class BlueSky:
                 f"ceiling of {aircraft.type} in the scenario)"
             )
         _check_speed(aircraft.callsign, selected_speed(model, fl), fl, index)
-        fastest = bluesky.traf.perf.vsmax[index] / _M_S_PER_FT_MIN
+        fastest = bluesky.traf.perf.vsmax[index] / M_S_PER_FT_MIN
         if model.rate_ft_min > fastest and fl != actual_fl:
             raise InputError(
                 f"rate_ft_min is {model.rate_ft_min:g} for {aircraft.callsign} (allowed: up to "
@@ -171,8 +161,8 @@ class BlueSky:
 
     def _check_start(self) -> None:
         """Raise InputError or PlatformError unless BlueSky has accepted the scenario unchanged."""
-        if _flying() != self._callsigns:
-            raise PlatformError(f"BlueSky created {_flying()} for {list(self._index)}")
+        if flying() != self._callsigns:
+            raise PlatformError(f"BlueSky created {flying()} for {list(self._index)}")
         for index, aircraft in enumerate(self._scenario.aircraft):
             _check_ceiling(aircraft.callsign, aircraft.fl, index)
             _check_speed(aircraft.callsign, self._speeds[index], aircraft.fl, index)
@@ -190,52 +180,13 @@ class BlueSky:
         return Report(
             lat=traffic.lat.copy(),
             lon=wrap_longitude(traffic.lon),
-            fl=_levels_fl(traffic.alt),
+            fl=levels_fl(traffic.alt),
             heading_deg=heading,
             cleared_heading_deg=np.where(np.isnan(cleared), heading, cleared),
-            cleared_fl=_levels_fl(traffic.selalt),
-            ground_speed_kt=traffic.gs / _M_S_PER_KT,
-            vertical_speed_ft_min=traffic.vs / _M_S_PER_FT_MIN,
+            cleared_fl=levels_fl(traffic.selalt),
+            ground_speed_kt=traffic.gs / M_S_PER_KT,
+            vertical_speed_ft_min=traffic.vs / M_S_PER_FT_MIN,
         )
-
-
-def _write_empty_navigation_data(folder: Path) -> None:
-    """Write empty navigation data into the folder, where BlueSky looks before its own.
-
-    Reading BlueSky's takes seconds at the start and 0.1 s at every reset, and is not needed: routes
-    are given as positions.
-    """
-    data = folder / "navdata"
-    data.mkdir(exist_ok=True)
-    for name in ("nav.dat", "fix.dat", "awy.dat", "airports.dat", "icao-countries.dat"):
-        (data / name).touch()
-    with ZipFile(data / "apt.zip", "w") as archive:
-        archive.writestr("apt.dat", "")
-
-
-@contextmanager
-def _silent() -> Iterator[None]:
-    """Suppress BlueSky's output and deprecation warnings, and restore the warning filters."""
-    printed = io.StringIO()
-    with warnings.catch_warnings(), redirect_stdout(printed), redirect_stderr(printed):
-        warnings.filterwarnings("ignore", category=DeprecationWarning)
-        yield
-
-
-def _process(commands: list[str]) -> None:
-    """Let BlueSky execute commands now; it does not report refused ones."""
-    with _silent():
-        bluesky.stack.stack(*commands)
-        bluesky.stack.process()
-
-
-def _flying() -> list[str]:
-    return list(bluesky.traf.id)
-
-
-def _levels_fl(altitude_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-    """Flight levels, rounded so that a level kept in metres equals the cleared one exactly."""
-    return np.round(altitude_m / _M_PER_FL, 9)
 
 
 def _check_direction(instruction: Instruction, heading_deg: float) -> None:
@@ -251,7 +202,7 @@ def _check_direction(instruction: Instruction, heading_deg: float) -> None:
 
 def _check_ceiling(callsign: str, fl: float, index: int) -> None:
     """Raise InputError for a level above the ceiling of the type in BlueSky."""
-    ceiling_fl = bluesky.traf.perf.hmax[index] / _M_PER_FL
+    ceiling_fl = bluesky.traf.perf.hmax[index] / M_PER_FL
     if fl > ceiling_fl:
         raise InputError(
             f"fl is {fl} for {callsign} (allowed: up to FL{ceiling_fl:.0f}, the ceiling of its "
@@ -261,17 +212,17 @@ def _check_ceiling(callsign: str, fl: float, index: int) -> None:
 
 def _check_speed(callsign: str, speed: str, fl: float, index: int) -> None:
     """Raise InputError for a selected speed that BlueSky would not fly in level flight."""
-    limits, altitude_m = bluesky.traf.perf, fl * _M_PER_FL
+    limits, altitude_m = bluesky.traf.perf, fl * M_PER_FL
     if speed.startswith("M"):
         mach = float(speed[1:])
         cas_m_s = aero.vmach2cas(np.array([mach]), np.array([altitude_m])).item()
     else:
-        cas_m_s = float(speed) * _M_S_PER_KT
+        cas_m_s = float(speed) * M_S_PER_KT
         mach = aero.vcas2mach(np.array([cas_m_s]), np.array([altitude_m])).item()
     low, high, most = limits.vmin[index], limits.vmax[index], limits.mmo[index]
     if not (low - _SLACK_M_S <= cas_m_s <= high + _SLACK_M_S and mach <= most + _TOLERANCE):
         raise InputError(
-            f"{callsign} flies {cas_m_s / _M_S_PER_KT:.0f} kt CAS, M{mach:.2f}, at FL{fl:g} "
-            f"(allowed for its type {limits.actype[index]} in BlueSky: {low / _M_S_PER_KT:.0f} "
-            f"to {high / _M_S_PER_KT:.0f} kt, up to M{most:.2f})"
+            f"{callsign} flies {cas_m_s / M_S_PER_KT:.0f} kt CAS, M{mach:.2f}, at FL{fl:g} "
+            f"(allowed for its type {limits.actype[index]} in BlueSky: {low / M_S_PER_KT:.0f} "
+            f"to {high / M_S_PER_KT:.0f} kt, up to M{most:.2f})"
         )

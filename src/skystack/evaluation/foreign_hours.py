@@ -1,0 +1,82 @@
+"""The states that agents see of traffic in another simulator, rebuilt from its reports."""
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import jax
+import numpy as np
+
+from skystack.platforms.flight_report import FlightReport
+from skystack.simulator.arrivals import Arrivals
+from skystack.simulator.simulator import turn_to_deg
+from skystack.simulator.traffic import NO_TURN, RADIUS_UNKNOWN, Traffic, ticks
+from skystack.tasks.sector_world import World
+
+
+class ReportedTraffic:
+    """Reads reports into the traffic of a world."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._routes = {tuple(route): index for index, route in enumerate(world.sector.routes)}
+
+    def read(
+        self, traffic: Traffic, slots: Mapping[str, int], reports: Mapping[str, FlightReport]
+    ) -> Traffic:
+        """The traffic as reported, in numpy arrays, with all clearances adopted.
+
+        `slots` are those of the flights by callsign. Flights without a report do not change.
+        """
+        values = writable(traffic)
+        values["pending_turn"][:] = NO_TURN
+        for callsign, slot in slots.items():
+            if callsign in reports:
+                for name, value in self._flight(reports[callsign]).items():
+                    values[name][slot] = value
+        read: Traffic = jax.device_get(self._adopted(Traffic(**values)))
+        return read
+
+    @cached_property
+    def _adopted(self) -> Any:
+        """(traffic) -> the traffic with all clearances adopted, compiled."""
+
+        def adopted(traffic: Traffic) -> Traffic:
+            nominal_kt = self._world.simulator.level_ground_speed_kt(traffic.level_ticks)
+            return traffic._replace(
+                flown_heading_deg=traffic.cleared_heading_deg,
+                flown_level_ticks=traffic.cleared_level_ticks,
+                turn_deg=turn_to_deg(traffic.heading_deg, traffic.cleared_heading_deg),
+                cleared_fix=traffic.next_fix,
+                airspeed_factor=traffic.ground_speed_kt / nominal_kt,
+            )
+
+        return jax.jit(adopted)
+
+    def _flight(self, report: FlightReport) -> dict[str, Any]:
+        """The values of a flight in `Traffic`."""
+        last, radius_nm = len(report.route) - 1, report.turn_radius_nm
+        next_fix = last if report.next_fix is None else report.route.index(report.next_fix)
+        return {
+            "active": True,
+            "position_nm": self._world.sector.plane.to_plane(report.lat, report.lon),
+            "heading_deg": report.heading_deg,
+            "level_ticks": ticks(report.fl),
+            "ground_speed_kt": report.speed_kt,
+            "vertical_speed_ft_min": report.vertical_speed_ft_min,
+            "cleared_heading_deg": report.cleared_heading_deg,
+            "cleared_level_ticks": ticks(report.cleared_fl),
+            "own_navigation": report.own_navigation,
+            "route": self._routes[report.route],
+            "next_fix": next_fix,
+            "turn_radius_nm": RADIUS_UNKNOWN if radius_nm is None else radius_nm,
+            "climb_factor": 1.0,
+        }
+
+
+def writable(values: Arrivals | Traffic) -> dict[str, Any]:
+    """Writable copies of the arrays, by name. `candidates` is not copied."""
+    return {
+        name: each if name == "candidates" else np.array(each)
+        for name, each in values._asdict().items()
+    }

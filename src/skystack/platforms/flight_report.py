@@ -1,0 +1,27 @@
+"""What another simulator reports of a flight in arriving traffic."""
+
+from typing import NamedTuple
+
+
+class FlightReport(NamedTuple):
+    """The state of a flight in another simulator."""
+
+    route: tuple[str, ...]
+    entry_fl: float
+    exit_fl: float
+    lat: float
+    lon: float
+    fl: float
+    heading_deg: float
+    cleared_heading_deg: float
+    """The actual heading if none was cleared."""
+    cleared_fl: float
+    speed_kt: float
+    vertical_speed_ft_min: float
+    own_navigation: bool
+    next_fix: str | None
+    """The fix to which it flies; None if its own navigation has ended."""
+    turn_radius_nm: float | None
+    """That of its turn to the next fix; 0 without one, None if it is not known yet."""
+    held: bool
+    """Whether it would lose a clearance that it is given now."""
