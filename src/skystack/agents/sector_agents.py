@@ -20,9 +20,12 @@ SECTOR_AGENTS: dict[str, Callable[[World, int], SectorAgent]] = {
     "own-navigation-exit-level": lambda world, per_cycle: OwnNavigation(True, per_cycle),
     "rules": Rules,
     "search": Search,
-    "mvp": lambda world, per_cycle: Mvp(True, per_cycle),
 }
 """Makes an agent for a world and a maximum number of transmissions in a cycle, by its name."""
+BLUESKY_AGENTS: dict[str, Callable[[World, int], SectorAgent]] = {
+    "mvp": lambda world, per_cycle: Mvp(True, per_cycle),
+}
+"""The same for agents that fly in BlueSky only."""
 
 
 def sector_task_of(policy: Policy) -> SectorControl:

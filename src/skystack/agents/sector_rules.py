@@ -47,8 +47,6 @@ class Mvp(OwnNavigation):
     """Own navigation to the exit level, while BlueSky's conflict resolution (the modified voltage
     potential) manoeuvres the flights. Its manoeuvres are not transmissions."""
 
-    avoids_in_bluesky = True
-
 
 def resume(state: WorldState, slot: int, clears_exit_level: bool) -> Transmission:
     """Direct to the next fix, with the exit level if `clears_exit_level`."""

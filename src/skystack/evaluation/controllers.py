@@ -7,7 +7,12 @@ from typing import NamedTuple
 from skystack.agents.agent import Agent, check_agent
 from skystack.agents.find import READERS, find_agent
 from skystack.agents.per_flight import PerFlight
-from skystack.agents.sector_agents import SECTOR_AGENTS, learned_agent, sector_task_of
+from skystack.agents.sector_agents import (
+    BLUESKY_AGENTS,
+    SECTOR_AGENTS,
+    learned_agent,
+    sector_task_of,
+)
 from skystack.agents.transmission import PER_CYCLE, SectorAgent
 from skystack.agents.user_code import (
     UserController,
@@ -18,7 +23,7 @@ from skystack.agents.user_code import (
 from skystack.airspace.sector import Sector
 from skystack.airspace.sectors import sector_from, sector_setting
 from skystack.errors import InputError, exists, unknown_name
-from skystack.evaluation.traffic_conditions import TrafficConditions, flow_of
+from skystack.evaluation.traffic_conditions import BLUESKY, TrafficConditions, flow_of
 from skystack.io.files import read_whole
 from skystack.io.names import as_name
 from skystack.learning.policy import Policy
@@ -73,9 +78,11 @@ def find_controller(controller: str | Policy, conditions: TrafficConditions) -> 
         return _learned(policy, row, conditions)
     if not conditions.safety_net:
         raise InputError(f"{name} has no safety net (allowed: --no-safety-net only with a policy)")
-    if name in SECTOR_AGENTS:
+    if name in BLUESKY_AGENTS and conditions.platform != BLUESKY:
+        raise InputError(f"{name} flies in BlueSky only (allowed: --platform {BLUESKY})")
+    if make := (SECTOR_AGENTS | BLUESKY_AGENTS).get(name):
         world, per_cycle = _world(conditions, DEFAULT_SECTOR, PERFORMANCE), _per_cycle(conditions)
-        agent = SECTOR_AGENTS[name](world, per_cycle)
+        agent = make(world, per_cycle)
         return ControlledWorld(name, agent, world, PERFORMANCE, per_cycle, name)
     if is_user_code(name):
         return _user_code(name, conditions)

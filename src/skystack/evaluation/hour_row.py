@@ -52,7 +52,14 @@ class HourRow(msgspec.Struct, frozen=True, kw_only=True):
     """The length of each hour: 600 unless `--cycles` was given."""
     lax_s_mean: _Amount
     lax_s_by_hour: Annotated[list[_Amount], msgspec.Meta(min_length=1)]
+    lax_without_births_s_mean: _Amount = 0.0
     strict_s_mean: _Amount
+    lax_s_interval: tuple[_Value, _Value] | None = None
+    """95 % confidence interval of the mean; None for fewer than two seeds."""
+    strict_s_interval: tuple[_Value, _Value] | None = None
+    lax_ended_by: dict[_Name, _Count] = {}
+    """How many hours each cause ended."""
+    losses_per_flight_hour: _Amount | None = None
     decision_ms_median: _Amount
 
     @property

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from skystack.agents.transmission import SectorAgent
+from skystack.agents.sector_agents import BLUESKY_AGENTS
 from skystack.airspace.sector import Sector
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
@@ -71,8 +71,6 @@ def conditions_row(found: ControlledWorld, conditions: TrafficConditions) -> dic
 
 def open_hours(found: ControlledWorld, conditions: TrafficConditions) -> Hours:
     """The simulator that flies the hours. Raises InputError if it cannot fly this world."""
-    if avoids_in_bluesky(found.agent) and conditions.platform != BLUESKY:
-        raise InputError(f"{found.name} flies in BlueSky only (allowed: --platform {BLUESKY})")
     if conditions.platform == OWN:
         return OwnHours(found.world)
     platform = conditions.platform
@@ -84,18 +82,13 @@ def open_hours(found: ControlledWorld, conditions: TrafficConditions) -> Hours:
     if platform == BLUESKY:
         from skystack.evaluation.bluesky_hours import BlueskyHours  # noqa: PLC0415  # an extra
 
-        return BlueskyHours(found.world, avoids_in_bluesky(found.agent))
+        return BlueskyHours(found.world, avoids=found.name in BLUESKY_AGENTS)
     from skystack.evaluation.bluebird_hours import BluebirdHours  # noqa: PLC0415  # an extra
 
     if not _is_x_plus(found.world.sector):
         name = found.world.sector.name
         raise InputError(f"a policy for sector {name} (allowed in BluebirdDT's traffic: x-plus)")
     return BluebirdHours(found.world, FLIGHT_SCHOOL[conditions.traffic])
-
-
-def avoids_in_bluesky(agent: SectorAgent) -> bool:
-    """Whether BlueSky's own conflict resolution belongs to an agent."""
-    return getattr(agent, "avoids_in_bluesky", False)
 
 
 def _is_x_plus(sector: Sector) -> bool:

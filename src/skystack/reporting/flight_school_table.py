@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from skystack.evaluation.hour_row import HourRow
 from skystack.reporting.hour_table import losses
 from skystack.reporting.table import Table
 from skystack.reporting.tables import NOTHING, percent
@@ -47,6 +48,41 @@ def flight_school_table(row: Mapping[str, Any], strict: bool = False) -> Table:
     return Table(("measure", "value"), lines)
 
 
+def comparison(rows: Sequence[HourRow]) -> Table:
+    """One line per controller, the best lax score first."""
+    header = (
+        "controller", "seeds", "lax score, s", "without losses at birth", "strict score, s",
+        "ended by (lax)", "correct exits", "losses of separation (at birth)",
+        "losses per flight hour", "excursions",
+        "transmissions per flight", "decision, ms",
+    )  # fmt: skip
+    best_first = sorted(rows, key=lambda row: -row.lax_s_mean)
+    return Table(header, tuple(map(_compared, best_first)))
+
+
+def _compared(row: HourRow) -> tuple[str, ...]:
+    return (
+        row.agent,
+        f"{len(row.lax_s_by_hour)}",
+        _with_interval(row.lax_s_mean, row.lax_s_interval),
+        f"{row.lax_without_births_s_mean:,.0f}",
+        _with_interval(row.strict_s_mean, row.strict_s_interval),
+        _causes(row.lax_ended_by),
+        percent(row.correct_exit_rate),
+        losses(row.losses_of_separation, row.losses_at_birth),
+        _number(row.losses_per_flight_hour, 4),
+        percent(row.excursion_rate),
+        _number(row.transmissions_per_flight, 2),
+        f"{row.decision_ms_median:.1f}",
+    )
+
+
+def _with_interval(mean: float, between: tuple[float, float] | None) -> str:
+    if between is None:
+        return f"{mean:,.0f}"
+    return f"{mean:,.0f} ± {(between[1] - between[0]) / 2.0:,.0f}"
+
+
 def survival_text(by_seed: Sequence[float], at_s: Sequence[float]) -> str:
     """The share of hours that had not failed before each time, in percent."""
     alive = [100.0 * float(np.mean(np.asarray(by_seed) >= time_s)) for time_s in at_s]
@@ -59,8 +95,7 @@ def _score(row: Mapping[str, Any], score: str) -> str:
     if between is None:
         return f"{mean:,.0f}"
     values = row[f"{score}_s_by_seed"]
-    half = (between[1] - between[0]) / 2.0
-    return f"{mean:,.0f} ± {half:,.0f} ({min(values):,.0f} to {max(values):,.0f})"
+    return f"{_with_interval(mean, between)} ({min(values):,.0f} to {max(values):,.0f})"
 
 
 def _whole(by_seed: Sequence[float], length_s: float) -> int:
