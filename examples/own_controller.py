@@ -2,8 +2,8 @@
 
     skystack flight-school examples/own_controller.py:ToExitLevel
 
-It sends every flight direct to its next fix and changes its level, ten levels at a time, to that at
-which it must leave. A list of actions is issued as one clearance.
+It sends every flight direct to its next fix, and clears it to its exit level in steps of ten flight
+levels. A list of actions is issued in one transmission.
 """
 
 

@@ -6,8 +6,8 @@
 Flies an hour per seed, from seed 1 on: `--seeds` of them in skystack, `--others` in BluebirdDT and,
 of `category` traffic, in BlueSky. Prints Markdown tables and draws the survival curves of
 `docs/flight-school.md` into DIR. Finished seeds are reused, so the command can be interrupted and
-repeated; with `--read`, nothing is flown, and the tables are of what is there. Needs the extras
-`[bluebird]` and `[bluesky]`.
+repeated; with `--read`, nothing is flown: the tables show the results already in DIR. Failed seeds
+are left out. Needs the extras `[bluebird]` and `[bluesky]`.
 """
 
 import argparse
@@ -33,7 +33,7 @@ FIRST_SEED = 1
 FIGURE = "flight-school.png"
 
 
-class Flown(NamedTuple):
+class Case(NamedTuple):
     """A controller on some traffic in a simulator."""
 
     agent: str
@@ -41,16 +41,16 @@ class Flown(NamedTuple):
     platform: str
 
 
-def plan() -> list[Flown]:
+def plan() -> list[Case]:
     """All that is flown, the learned controller and the search first."""
     agents = [SectorControl.name, "search", *(each for each in SECTOR_AGENTS if each != "search")]
     flown = [
-        Flown(agent, traffic, platform)
+        Case(agent, traffic, platform)
         for platform in (OWN, BLUEBIRD)
         for traffic in FLIGHT_SCHOOL
         for agent in agents
     ]
-    return flown + [Flown(agent, "category", BLUESKY) for agent in (*agents, *BLUESKY_AGENTS)]
+    return flown + [Case(agent, "category", BLUESKY) for agent in (*agents, *BLUESKY_AGENTS)]
 
 
 def fly(out: Path, seeds: int, others: int) -> None:

@@ -266,7 +266,7 @@ def head_on(world, one, other):
 
 
 def test_observes_the_time_since_a_transmission(world):
-    """That is told by the logits: they are asked again in the next cycle."""
+    """In the next cycle, that of the flight is one, and no other has had a transmission."""
     agent = controller()
     agent.begin(world)
     (sent,) = agent.transmit(world)

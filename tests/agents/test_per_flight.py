@@ -61,7 +61,7 @@ def test_flights_are_observed_as_in_the_task(world, flights):
 
 
 def test_an_agent_of_another_library_chooses_one_action_per_flight(world):
-    """It turns right whoever is not on own navigation, and sends the others nothing."""
+    """It turns every flight that is not on own navigation to the right."""
     own_navigation = NAMES.index("own_navigation")
 
     def act(rows):

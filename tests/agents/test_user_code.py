@@ -89,7 +89,7 @@ def test_the_parser_names_the_actions_as_bluebird_does():
 
 
 def test_a_controller_of_the_notebook_works(world):
-    """It turns left whoever is north of the equator."""
+    """It turns every flight north of the equator to the left."""
     sent = transmit(user_controllers.Notebook, world)
     north = world.traffic.position_nm[:, 1] > 0.0
     assert sorted(each.slot for each in sent) == np.flatnonzero(world.hears & north).tolist()
@@ -113,7 +113,7 @@ def test_a_list_of_actions_is_one_transmission(world):
         (user_controllers.NoSuchAction, r"cycle 60, AC\S+: action is 6 \(allowed: whole numbers"),
         (user_controllers.NoSuchFlight, r"cycle 60, BAW12: unknown callsign"),
         (user_controllers.Lists, r"cycle 60, generate_action returned list \(allowed: a dict"),
-        (user_controllers.NeedsAnArgument, r"it cannot be made: TypeError: .*argument"),
+        (user_controllers.NeedsAnArgument, r"cannot create an instance: TypeError: .*argument"),
     ],
 )
 def test_mistakes_name_cycle_and_flight(world, controller, message):
@@ -133,7 +133,7 @@ def test_a_flight_that_has_left_cannot_be_addressed(world):
         arrivals=world.arrivals._replace(flight=flight),
         traffic=world.traffic._replace(active=active),
     )
-    with pytest.raises(InputError, match=r"cycle 60, AC\S+: has left$"):
+    with pytest.raises(InputError, match=r"cycle 60, AC\S+: the flight has left$"):
         agent.transmit(gone)
 
 

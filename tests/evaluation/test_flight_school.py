@@ -90,7 +90,7 @@ def test_one_seed_that_fails_does_not_end_the_others(tmp_path):
     [
         ("Raises", "all seeds failed: seed 0, cycle 0, generate_action failed: ValueError: two l"),
         ("Dies", r"all seeds failed: seed 0, cycle 2: its process died \(exit code 7\)"),
-        ("NeedsAnArgument", "all seeds failed: seed 0, it cannot be made: TypeError"),
+        ("NeedsAnArgument", "all seeds failed: seed 0, cannot create an instance: TypeError"),
     ],
 )
 def test_if_all_seeds_fail_nothing_is_left_behind(tmp_path, controller, message):

@@ -8,20 +8,20 @@ import pytest
 from skystack.evaluation.hour_row import write_row
 from skystack.evaluation.traffic_conditions import TrafficConditions
 from studies import flight_school
-from studies.flight_school import Flown
+from studies.flight_school import Case
 from tests.reporting.rows import hour_row
 
 
 def test_flies_every_controller_on_every_traffic():
     plan = flight_school.plan()
     assert len(plan) == len(set(plan)) == 2 * 3 * 6 + 7
-    assert Flown("mvp", "category", "bluesky") in plan
+    assert Case("mvp", "category", "bluesky") in plan
     assert not [each for each in plan if each.agent == "mvp" and each.platform != "bluesky"]
 
 
 def test_flies_prints_and_draws(tmp_path, capsys, monkeypatch):
     """With short hours of one controller."""
-    monkeypatch.setattr(flight_school, "plan", lambda: [Flown("no-op", "category", "skystack")])
+    monkeypatch.setattr(flight_school, "plan", lambda: [Case("no-op", "category", "skystack")])
     monkeypatch.setattr(flight_school, "TrafficConditions", partial(TrafficConditions, cycles=20))
     arguments = ["--seeds", "2", "--others", "1", "--out", str(tmp_path)]
     assert flight_school.main(arguments) == 0

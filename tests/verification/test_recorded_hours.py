@@ -47,7 +47,7 @@ def test_bluebirds_hour_is_flown_again_in_our_simulator(tmp_path, capsys):
 
 
 def test_differences_are_found(ours):
-    """A clearance less, a level more, and an exit a cycle later."""
+    """One clearance removed, one level changed, one exit a cycle later."""
     sector, hour = hour_of(ours)
     cycle, (first, *others) = next((c, told) for c, told in hour.sent.items() if len(told) > 1)
     fewer = hour._replace(sent=hour.sent | {cycle: others})

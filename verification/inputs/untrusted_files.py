@@ -21,7 +21,7 @@ import pyarrow.parquet as pq
 
 from skystack.agents.agent import Agent
 from skystack.agents.find import find_agent
-from skystack.agents.queries import Asked, query_actions
+from skystack.agents.queries import QueryNames, query_actions
 from skystack.agents.sector_agents import sector_task_of
 from skystack.airspace.sectors import find_sector
 from skystack.evaluation.evaluate import (
@@ -265,7 +265,7 @@ def _read_agent(path: Path, experiment: str | None) -> None:
     assert isinstance(agent, Agent)
     task = agent_task(agent, experiment)
     rows = np.zeros((3, len(task.observation_names)), np.float32)
-    query_actions(agent, rows, Asked(range(3), 0), len(task.action_names))
+    query_actions(agent, rows, QueryNames(range(3), 0), len(task.action_names))
 
 
 def _checkpoint() -> Format:

@@ -1,11 +1,12 @@
-"""Hours flown in another simulator, flown again in ours with the same births and clearances.
+"""Fly hours recorded in another simulator again in ours, with the same births and clearances.
 
     skystack flight-school search --platform bluebird --seeds 20
     python -m verification.simulator.recorded_hours runs/flight-school/search-...
 
-Reads the tables of the hours and prints how far each flight is from where it was recorded, in which
-cycles flights leave, and at which levels they are. Needs no other simulator. The exit code is 1 if
-positions differ by more than 0.02 NM, or any exit or level differs.
+Reads the tables of the hours. Prints, for each hour, the largest distance between flown and
+recorded positions, the number of positions at a different level, and the number of flights that
+leave in a different cycle. Needs no other simulator. The exit code is 1 if positions differ by more
+than 0.02 NM, or any level or exit differs, and 2 for invalid input.
 """
 
 import argparse
@@ -61,7 +62,7 @@ class Recorded(NamedTuple):
 
     tracks: list[Track]
     sent: dict[int, list[tuple[int, Transmission]]]
-    """For each number of cycles flown, the tracks and what they were told; slots do not count."""
+    """Transmissions by cycle, each with the index of its track. Their `slot` is not used."""
     cycles: int
 
 
@@ -72,9 +73,9 @@ class Agreement(NamedTuple):
     rows: int
     worst_nm: float
     wrong_levels: int
-    """Rows at another level."""
+    """Rows at a different level."""
     wrong_exits: int
-    """Flights that leave in another cycle."""
+    """Flights that leave in a different cycle."""
 
 
 def read_hour(folder: Path, number: int) -> Recorded:
@@ -240,8 +241,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def in_words(found: Agreement) -> str:
     return (
         f"{found.flights:,} flights, {found.rows:,} positions, at most {found.worst_nm:.4f} NM "
-        f"apart; {found.wrong_levels} at another level; {found.wrong_exits} flights leave in "
-        "another cycle"
+        f"apart; {found.wrong_levels} at a different level; {found.wrong_exits} flights "
+        "leave in a different cycle"
     )
 
 

@@ -28,9 +28,9 @@ class Callsigns:
         return self._names[-1]
 
     def follow(self, state: WorldState) -> dict[str, int]:
-        """Name the newborn flights of a state; returns the slots of all its flights.
+        """Name the flights born since the last call; it must be called in every cycle.
 
-        Call it in every cycle.
+        Returns the slots of all flights in the state, by callsign.
         """
         flight, candidate = np.asarray(state.arrivals.flight), np.asarray(state.arrivals.candidate)
         slots = np.flatnonzero(flight != FREE)

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from skystack.agents.agent import Agent
 from skystack.agents.callsigns import Callsigns
-from skystack.agents.queries import Asked, query_actions
+from skystack.agents.queries import QueryNames, query_actions
 from skystack.agents.since import SinceTransmission
 from skystack.agents.transmission import Transmission, transmission_between
 from skystack.tasks.outlook import no_outlook
@@ -43,7 +43,7 @@ class FlightActions:
         self._since = SinceTransmission(self.task.agents)
 
     def observe(self, state: WorldState) -> FlightViews:
-        """What is observed of all flights, before anything is said in a cycle."""
+        """What is observed of all flights, before any transmission in a cycle."""
         return FlightViews(*map(np.asarray, self._observe(state, self._since.cycles(state))))
 
     def transmissions(
@@ -119,7 +119,7 @@ class PerFlight:
         views = self._flights.observe(state)
         rows = views.observation[slots]
         flights = np.asarray(state.arrivals.flight)[slots].tolist()
-        asked = Asked(flights, int(state.arrivals.cycle), self._names.__getitem__)
+        asked = QueryNames(flights, int(state.arrivals.cycle), self._names.__getitem__)
         chosen = query_actions(self.agent, rows, asked, views.allowed.shape[1])
         changes = views.allowed[slots, chosen] & (chosen != 0)
         urgent = np.argsort(rows[:, self._time_to_loss], kind="stable")

@@ -1,4 +1,4 @@
-"""Query an agent: actions are checked and copied, and errors name the scenario and cycle."""
+"""Query an agent: actions are checked and copied, and errors name the observation and the cycle."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -12,16 +12,18 @@ from skystack.errors import InputError
 from skystack.tasks.plain import checked_action
 
 
-class Asked(NamedTuple):
-    """What an agent is queried about, as messages name it: one name for each observation."""
+class QueryNames(NamedTuple):
+    """Names the observations of a query in messages."""
 
     numbers: Sequence[int]
+    """One number for each observation."""
     cycle: int
     name: Callable[[int], str] = "scenario {}".format
+    """Makes a name of a number, such as `scenario 3` or a callsign."""
 
     @contextmanager
     def errors(self, *numbers: int) -> Iterator[None]:
-        """Convert any exception inside to an InputError that names the scenarios and the cycle."""
+        """Convert any exception inside to an InputError that names observations and cycle."""
         others = f" and {len(numbers) - 1} more" if len(numbers) > 1 else ""
         where = f"{self.name(numbers[0])}{others}, cycle {self.cycle}"
         try:
@@ -36,19 +38,19 @@ class Asked(NamedTuple):
 def query_actions(
     agent: Agent,
     observations: Float[np.ndarray, "scenarios observation"],
-    asked: Asked,
+    names: QueryNames,
     actions: int,
 ) -> Int[np.ndarray, " scenarios"]:
     """The actions that an agent takes: those with the highest score if it has no `act`.
 
-    Raises InputError, which names scenario and cycle, for an agent that fails or returns anything
-    but one of the actions 0, 1, ...
+    Raises InputError, which names observation and cycle, for an agent that fails or returns
+    anything but one of the actions 0, 1, ...
     """
     if agent.act is None:
-        return query_scores(agent, observations, asked, actions).argmax(axis=1)
+        return query_scores(agent, observations, names, actions).argmax(axis=1)
     checked = []
-    for number, answer in _answers(agent.act, agent.batched, observations, asked):
-        with asked.errors(number):
+    for number, answer in _answers(agent.act, agent.batched, observations, names):
+        with names.errors(number):
             checked.append(checked_action(answer, actions))
     return np.array(checked, dtype=np.int32)
 
@@ -56,15 +58,15 @@ def query_actions(
 def query_scores(
     agent: Agent,
     observations: Float[np.ndarray, "scenarios observation"],
-    asked: Asked,
+    names: QueryNames,
     actions: int,
 ) -> Float[np.ndarray, "scenarios actions"]:
     """An agent's score of each action; raises InputError as `query_actions` does."""
     assert agent.scores is not None, "checked by the caller"
     checked = []
-    for number, answer in _answers(agent.scores, agent.batched, observations, asked):
+    for number, answer in _answers(agent.scores, agent.batched, observations, names):
         scores = np.array(answer, dtype=np.float32)
-        with asked.errors(number):
+        with names.errors(number):
             if scores.shape != (actions,) or not np.all(np.isfinite(scores)):
                 raise InputError(
                     f"its scores are {answer} (allowed: {actions} finite numbers, one per action)"
@@ -77,25 +79,25 @@ def _answers(
     decide: AgentFunction,
     batched: bool,
     observations: Float[np.ndarray, "scenarios observation"],
-    asked: Asked,
+    names: QueryNames,
 ) -> Iterator[tuple[int, Any]]:
     """The number of each scenario and its action or scores, in order."""
     if not batched:
-        for number, observation in zip(asked.numbers, observations, strict=True):
-            with asked.errors(number):
+        for number, observation in zip(names.numbers, observations, strict=True):
+            with names.errors(number):
                 answer = _plain(decide(observation))
             yield number, answer
         return
-    with asked.errors(*asked.numbers):
+    with names.errors(*names.numbers):
         answers = _plain(decide(observations))
         if not isinstance(answers, list | tuple):
             raise InputError(f"it returned {answers!r} (allowed: a list, one item per observation)")
-        if len(answers) != len(asked.numbers):
+        if len(answers) != len(names.numbers):
             raise InputError(
-                f"it returned a list of {len(answers)} for {len(asked.numbers)} observations "
+                f"it returned a list of {len(answers)} for {len(names.numbers)} observations "
                 "(allowed: one item per observation)"
             )
-    yield from zip(asked.numbers, answers, strict=True)
+    yield from zip(names.numbers, answers, strict=True)
 
 
 def _plain(answer: Any) -> Any:

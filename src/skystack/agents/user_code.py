@@ -9,7 +9,7 @@ controller to what the task observes of them. `info` has
 
     info["simulator_environment"].aircraft   all flights by callsign, as `FlightView`
     info["sim_time"]                         seconds since the start
-    info["action_mask"]                      which actions change something, by callsign
+    info["action_mask"]                      which actions change something, for the same flights
 
 Actions are numbers in the task's table, `env.actions`. A list of actions is a burst: its clearance
 is issued in one transmission. Flights that are not named get no instruction.
@@ -51,7 +51,8 @@ IN_BLUEBIRD = (
     "route_direct_to",
 )
 """The names of `ACTIONS` in the style of BluebirdDT's environments."""
-Make = Callable[[], Any]
+Create = Callable[[], Any]
+"""Creates an instance of a user's class."""
 
 
 class RouteView(NamedTuple):
@@ -86,7 +87,7 @@ class FlightView(NamedTuple):
     selected_fl: float
     """The cleared level."""
     speed_tas: float
-    """Knots. Without wind, it is the ground speed, except in climbs and descents."""
+    """The ground speed in knots. In level flight, it is the true airspeed: there is no wind."""
     vertical_speed: float
     """Feet per minute."""
     on_route: bool
@@ -151,11 +152,11 @@ class _Views:
 class UserController:
     """Flies a user's controller. Implements `skystack.agents.transmission.SectorAgent`.
 
-    `make` makes it anew for every hour. Whatever it prints goes to standard error.
+    `create` creates an instance for each hour. What it prints goes to standard error.
     """
 
-    def __init__(self, make: Make, task: SectorControl) -> None:
-        self._make, self._flights = make, FlightActions(task)
+    def __init__(self, create: Create, task: SectorControl) -> None:
+        self._create, self._flights = create, FlightActions(task)
         self._sector = task.sector
         self._environment = ControllerEnvironment(
             task.sector, {name: number for number, name in enumerate(ACTIONS)}
@@ -164,8 +165,8 @@ class UserController:
     def begin(self, state: WorldState) -> None:
         self._flights.begin()
         self._callsigns = Callsigns()
-        with _as_input_error("it cannot be made"), redirect_stdout(sys.stderr):
-            self._controller = self._make()
+        with _as_input_error("cannot create an instance"), redirect_stdout(sys.stderr):
+            self._controller = self._create()
 
     def transmit(self, state: WorldState) -> list[Transmission]:
         """Raises InputError, which names cycle and callsign, for a failure or a wrong answer."""
@@ -196,7 +197,9 @@ class UserController:
         for callsign, actions in answer.items():
             if callsign not in present:
                 known = callsign in self._callsigns
-                raise InputError(f"{callsign!s}: {'has left' if known else 'unknown callsign'}")
+                raise InputError(
+                    f"{callsign!s}: {'the flight has left' if known else 'unknown callsign'}"
+                )
             with error_context(str(callsign)):
                 checked = _checked_actions(actions)
             if callsign in hearing:
@@ -242,11 +245,11 @@ def is_user_code(name: str) -> bool:
     return bool(colon and module) and member.isidentifier()
 
 
-def find_user_code(name: str) -> Make:
+def find_user_code(name: str) -> Create:
     """The class of a `module:Class` or `file.py:Class`. The module is imported, so it is executed.
 
-    Modules are also looked for in the working directory. Raises InputError if that fails, or if
-    the class has no method `generate_action`.
+    Modules are also looked for in the working directory. Raises InputError if the module cannot be
+    imported, or if the class has no method `generate_action`.
     """
     where, _, member = name.rpartition(":")
     with error_context(name), redirect_stdout(sys.stderr):
@@ -257,8 +260,8 @@ def find_user_code(name: str) -> Make:
             raise InputError(f"there is no {member} in {where}")
         if not callable(found) or not callable(getattr(found, METHOD, None)):
             raise InputError(f"{member} is not a class with a method {METHOD}")
-    make: Make = found
-    return make
+    create: Create = found
+    return create
 
 
 def user_code_file(name: str) -> Path | None:

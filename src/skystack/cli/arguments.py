@@ -287,7 +287,7 @@ def _evaluate_arguments(sub: argparse.ArgumentParser) -> None:
         metavar="POLICY",
         help="a shipped policy, a run folder, or a file: .onnx, .zip (Stable-Baselines3); with "
         "--traffic also an agent of sector control: no-op, own-navigation, "
-        "own-navigation-exit-level, rules or search",
+        "own-navigation-exit-level, rules, search or mvp, or your own module:Class",
     )
     sub.add_argument(
         "--traffic",
@@ -363,9 +363,9 @@ def _flight_school_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "agent",
         metavar="AGENT",
-        help="noop, own-navigation, own-navigation-exit-level, rules, search, a shipped policy "
-        "(sector-control), a run folder, a file (.onnx, .zip), or your own module:Class or "
-        "file.py:Class, whose code is executed",
+        help="no-op, own-navigation, own-navigation-exit-level, rules, search, mvp (in BlueSky), a "
+        "shipped policy (sector-control), a run folder, a file (.onnx, .zip), or your own "
+        "module:Class or file.py:Class, whose code is executed",
     )
     sub.add_argument(
         "--traffic",
@@ -382,14 +382,15 @@ def _flight_school_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--strict",
         action="store_true",
-        help="show survival by the strict score, which ends with an exit at a wrong level",
+        help="show survival by the strict score, which also ends with an exit at a wrong level",
     )
     _controller_arguments(sub)
     sub.add_argument(
         "--time-limit",
         type=_positive,
         metavar="S",
-        help="limit for a radar cycle in seconds of real time, decision included (default 60)",
+        help="limit for each radar cycle after the first, in seconds of real time, including the "
+        "decision (default 60)",
     )
     _cycles(sub, "600, an hour")
     sub.add_argument(

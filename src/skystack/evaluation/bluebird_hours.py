@@ -1,7 +1,7 @@
 """Hours of BluebirdDT's own arriving traffic, flown in BluebirdDT, for agents of sector control.
 
 The state that agents see is rebuilt from BluebirdDT's reports after every cycle. Exits,
-excursions and losses of separation are judged as in our simulator.
+excursions and losses of separation are determined as in our simulator.
 """
 
 from dataclasses import replace

@@ -1,8 +1,8 @@
 """Hours of our arriving traffic, flown in BlueSky, for agents of sector control.
 
 The flights and the rule that admits them are ours. The state that agents see is rebuilt from
-BlueSky's traffic after every cycle. Exits, excursions and losses of separation are judged as in our
-simulator.
+BlueSky's traffic after every cycle. Exits, excursions and losses of separation are determined as in
+our simulator.
 """
 
 import jax

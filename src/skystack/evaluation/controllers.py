@@ -53,7 +53,8 @@ class ControlledWorld(NamedTuple):
     per_cycle: int | None
     """The maximum number of transmissions in a cycle; None without a limit."""
     digest: str
-    """Differs if the agent is another one; of users' code, only the file with the class counts."""
+    """Identifies the agent. Of users' code, it covers the file with the class, but not what that
+    imports."""
 
     @property
     def safety_net(self) -> bool | None:
@@ -64,8 +65,9 @@ class ControlledWorld(NamedTuple):
 def find_controller(controller: str | Policy, conditions: TrafficConditions) -> ControlledWorld:
     """The agent of a policy or a name. Raises InputError if it or its conditions are invalid.
 
-    A name is one of `SECTOR_AGENTS` or of a shipped policy, a folder with a policy, a policy file
-    of another library, or a class `module:Class` (`skystack.agents.user_code`).
+    A name is that of an agent (`SECTOR_AGENTS`, `BLUESKY_AGENTS`, or one of `ALIASES`) or of a
+    shipped policy, a folder with a policy, a policy file of another library, or a class
+    `module:Class` (`skystack.agents.user_code`).
     """
     if isinstance(controller, Policy):
         return _learned(controller, controller.description.experiment, conditions)
@@ -89,7 +91,9 @@ def find_controller(controller: str | Policy, conditions: TrafficConditions) -> 
     if Path(name).suffix.lower() in READERS:
         return _other_library(name, conditions)
     also = "a folder with a policy.json, an .onnx or .zip file, module:Class, or "
-    raise unknown_name("agent", name, [*SECTOR_AGENTS, SectorControl.name], also=also)
+    raise unknown_name(
+        "agent", name, [*SECTOR_AGENTS, *BLUESKY_AGENTS, SectorControl.name], also=also
+    )
 
 
 def _is_folder(name: str) -> bool:

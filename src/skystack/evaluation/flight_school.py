@@ -1,6 +1,6 @@
 """Flight School: one hour of traffic per seed, in parallel processes, cached seed by seed.
 
-The hour of a seed is hour 0 of that evaluation seed, in whichever simulator. Each finished seed is
+The hour of a seed is hour 0 of that evaluation seed. Each finished seed is
 stored in the folder `seeds` next to the tables, and is not flown again under equal conditions.
 """
 
@@ -27,7 +27,8 @@ from skystack.io.files import make_folder
 from skystack.io.locks import delete_empty_on_failure, locked_folder
 
 LIMIT_S = 60.0
-"""The default limit for a cycle: the agent's decision and the simulator's work."""
+"""The default limit for each cycle after the first: the agent's decision and the simulator's work.
+The first may compile programs (`skystack.evaluation.workers.START_LIMIT_S`)."""
 SEEDS = "seeds"
 """The folder of the finished seeds."""
 CONFIDENCE = 0.95
@@ -82,7 +83,7 @@ def fly_flight_school(
         flown = _finished(job, seeds)
         if not flown:
             raise InputError(f"all seeds failed: seed {seeds[0]}, {failed[seeds[0]]}")
-        forget_row(folder)  # it is never older than the tables
+        forget_row(folder)  # the row is never older than the tables
         _write_tables(folder, found, conditions._replace(seed=seeds[0]), flown)
         row = _row(found, conditions, flown)
         write_row(folder, row)

@@ -31,14 +31,17 @@ class FlownSeed(NamedTuple):
 
 class _File(NamedTuple):
     conditions: str
-    """The digest of everything that the hour depends on."""
+    """`conditions_digest`."""
     scores: Scores
     tables: dict[str, bytes]
     """In the format of Arrow's streams."""
 
 
 def conditions_digest(found: ControlledWorld, conditions: TrafficConditions) -> str:
-    """A digest of everything that an hour of a seed depends on: agent, traffic and our programs."""
+    """A digest of the agent, the conditions and the source of this package.
+
+    It does not cover installed libraries, or modules that a user's class imports.
+    """
     parts: list[Any] = [
         *(found.name, found.digest, found.performance, found.per_cycle, found.safety_net),
         *(conditions.traffic, conditions.cycles, conditions.uncertainty, conditions.platform),

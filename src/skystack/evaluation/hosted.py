@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from skystack.agents.agent import Agent
-from skystack.agents.queries import Asked, query_actions, query_scores
+from skystack.agents.queries import QueryNames, query_actions, query_scores
 from skystack.evaluation.rollout import (
     Recording,
     blocks,
@@ -90,7 +90,7 @@ class Decisions:
     ) -> Int[np.ndarray, " asking"]:
         agent, greedy = self._controller
         query_agent = query_actions if greedy else query_scores
-        names = Asked(moment.numbers[asked].tolist(), moment.cycle)
+        names = QueryNames(moment.numbers[asked].tolist(), moment.cycle)
         answers = query_agent(agent, observations, names, self._actions)
         if greedy:
             return answers

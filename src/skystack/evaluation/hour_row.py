@@ -58,7 +58,7 @@ class HourRow(msgspec.Struct, frozen=True, kw_only=True):
     """95 % confidence interval of the mean; None for fewer than two seeds."""
     strict_s_interval: tuple[_Value, _Value] | None = None
     lax_ended_by: dict[_Name, _Count] = {}
-    """How many hours each cause ended."""
+    """The number of hours ended by each cause."""
     losses_per_flight_hour: _Amount | None = None
     decision_ms_median: _Amount
 

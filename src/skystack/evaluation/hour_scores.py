@@ -138,7 +138,7 @@ def _cycle(happened: Bool[np.ndarray, " cycles"]) -> int | None:
 
 
 def _ended(first: Mapping[str, int | None], causes: Iterable[str]) -> str | None:
-    """Which of some causes came first."""
+    """The cause of the earliest event, the first one listed if equal; None without events."""
     found = [(cycle, cause) for cause in causes if (cycle := first[cause]) is not None]
     return min(found, key=lambda each: each[0])[1] if found else None
 
@@ -326,7 +326,7 @@ def summary(scores: Sequence[Scores], agent: str, traffic: str) -> dict[str, Any
 
 
 def _causes(ended_by: Iterable[str | None]) -> dict[str, int]:
-    """How many hours each cause ended."""
+    """The number of hours ended by each cause."""
     counts = Counter(ended_by)
     return {cause: counts[cause] for cause in CAUSES if counts[cause]}
 

@@ -1,7 +1,7 @@
-"""Run items in worker processes that report their progress, one per core.
+"""Run items in worker processes, one per core, that report their progress.
 
-A worker that dies, or reports nothing for too long, costs only its current item: a new one flies
-the rest. (`skystack.platforms.processes` has limits for whole items, and needs an extra.)
+If a worker dies, or reports nothing for too long, only its current item fails; a new worker runs
+the others. (`skystack.platforms.processes` has limits for whole items, and needs an extra.)
 """
 
 import multiprocessing
@@ -28,7 +28,7 @@ END_LIMIT_S = 30.0
 Report = Callable[[str], None]
 """Called by the work on an item with what it does next, such as `cycle 12`."""
 Make = Callable[[], Callable[[Any, Report], Any]]
-"""Called once in each worker; returns the function of an item."""
+"""Called once in each worker; returns the function that runs an item."""
 
 
 class Finished(NamedTuple):
@@ -87,7 +87,7 @@ def run_in_workers(
     """The results of all items, in the order in which they are finished.
 
     `make` and the items must be picklable. An item fails if it raises InputError or PlatformError,
-    if its process dies, or if it reports nothing for `limit_s`; all others are finished.
+    if its process dies, or if it reports nothing for `limit_s` seconds; all others are finished.
     `on_report` is called with each report of an item.
     """
     left, workers = deque(items), list[_Worker]()
@@ -150,7 +150,7 @@ def _received(worker: _Worker, on_report: Callable[[Any, str], None]) -> Finishe
 
 
 def _serve(connection: Connection, make: Make, core: int | None) -> None:
-    """The life of a worker: items arrive until the connection is closed."""
+    """Run items in a worker until the connection is closed."""
     end_with_parent()
     if core is not None:
         os.sched_setaffinity(0, {core})

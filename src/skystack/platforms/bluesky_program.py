@@ -1,4 +1,4 @@
-"""BlueSky as a program: detached, in simulation mode, silent, in steps of one second.
+"""Start, step and stop BlueSky: detached, in simulation mode, silent, in steps of one second.
 
 BlueSky keeps its state in its modules, so only one may be open in a process at a time. It writes
 only into the folder that it is opened with.
@@ -46,7 +46,7 @@ def open_bluesky(folder: Path) -> None:
 
 
 def close_bluesky() -> None:
-    """Let it be opened again."""
+    """Allow BlueSky to be opened again."""
     _open.clear()
 
 
@@ -57,7 +57,7 @@ def clear_bluesky() -> None:
 
 
 def run_bluesky() -> None:
-    """Let the time run."""
+    """Start the simulation clock."""
     with silent():
         bluesky.sim.op()
 

@@ -67,7 +67,7 @@ class Newborn(NamedTuple):
 
 
 class _Flown(NamedTuple):
-    """What BlueSky does not keep of a flight."""
+    """What BlueSky does not store about a flight."""
 
     newborn: Newborn
     cleared_heading_deg: float
@@ -209,7 +209,7 @@ class BlueskyTraffic:
             heading_deg=heading,
             cleared_heading_deg=heading if on_route else flown.cleared_heading_deg % 360.0,
             cleared_fl=round(float(traffic.selalt[index]) / M_PER_FL, 9),
-            speed_kt=float(traffic.tas[index]) / M_S_PER_KT,
+            speed_kt=float(traffic.gs[index]) / M_S_PER_KT,
             vertical_speed_ft_min=float(traffic.vs[index]) / M_S_PER_FT_MIN,
             own_navigation=on_route,
             next_fix=newborn.route[min(flown.first_fix + reached, last)] if on_route else None,

@@ -10,6 +10,7 @@ class FlightReport(NamedTuple):
     entry_fl: float
     exit_fl: float
     lat: float
+    """Degrees, like `lon`."""
     lon: float
     fl: float
     heading_deg: float
@@ -17,6 +18,7 @@ class FlightReport(NamedTuple):
     """The actual heading if none was cleared."""
     cleared_fl: float
     speed_kt: float
+    """Ground speed."""
     vertical_speed_ft_min: float
     own_navigation: bool
     next_fix: str | None
@@ -24,4 +26,4 @@ class FlightReport(NamedTuple):
     turn_radius_nm: float | None
     """That of its turn to the next fix; 0 without one, None if it is not known yet."""
     held: bool
-    """Whether it would lose a clearance that it is given now."""
+    """Whether a clearance issued now would be lost."""

@@ -1,4 +1,4 @@
-"""The table of a Flight School: scores with intervals, survival, and what ended the hours."""
+"""The table of Flight School results: scores with intervals, survival, and what ended the hours."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -31,7 +31,7 @@ def flight_school_table(row: Mapping[str, Any], strict: bool = False) -> Table:
         (f"hours without a failure ({score})", f"{_whole(by_seed, length_s)} of {row['seeds']}"),
         (f"hours ended by ({score})", _causes(row[f"{score}_ended_by"])),
         (f"survival (%) at {_minutes(at_s)} min", survival_text(by_seed, at_s)),
-        ("deliveries, of flights gone", f"{row['deliveries']:,} of {row['flights_gone']:,}"),
+        ("correct exits, of flights gone", f"{row['deliveries']:,} of {row['flights_gone']:,}"),
         (
             "losses of separation (at birth)",
             losses(row["losses_of_separation"], row["losses_at_birth"]),
@@ -41,7 +41,7 @@ def flight_school_table(row: Mapping[str, Any], strict: bool = False) -> Table:
         ("transmissions per flight", _number(row["transmissions_per_flight"], 2)),
         ("transmissions per minute", _number(row["transmissions_per_minute"], 1)),
         (
-            "decision, ms (median, 99 %)",
+            "decision, ms (median, 99th pct.)",
             f"{row['decision_ms_median']:.1f}, {row['decision_ms_p99']:.1f}",
         ),
     )

@@ -30,7 +30,7 @@ def read_hours(folders: Sequence[Path]) -> list[HourRow]:
         if not found:
             raise InputError(
                 f"{folder}: contains no hours of traffic (allowed: folders that evaluate "
-                "--traffic --out wrote)"
+                "--traffic --out or flight-school wrote)"
             )
         found_in |= dict.fromkeys(each.resolve() for each in found)
     rows = sorted(map(read_row, found_in), key=_order)
@@ -103,6 +103,7 @@ def _line(row: HourRow) -> tuple[str, ...]:
 def write_hours_report(rows: Sequence[HourRow], output: Path) -> None:
     """Write the page. Raises InputError if it cannot be written."""
     labelled = [(label(row), row) for row in rows]
+    seeds = sorted({seed for row in rows for seed in row.seeds})
     with house_style():
         curves, survivals = capacity(labelled), survival(labelled)
         page = render(
@@ -111,7 +112,8 @@ def write_hours_report(rows: Sequence[HourRow], output: Path) -> None:
             capacity=curves and picture_of(as_svg(curves), "Capacity: scores against traffic"),
             survival=picture_of(as_svg(survivals), "Hours without a failure against time"),
             table_of_rows=hours_table(rows),
-            seeds=ranges(sorted({seed for row in rows for seed in row.seeds})),
+            seeds=ranges(seeds),
+            several=len(seeds) > 1,
         )
     atomic_write(output, page)
 
