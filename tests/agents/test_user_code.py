@@ -1,5 +1,6 @@
 """Controllers written by users: what they are given, and what their mistakes give."""
 
+import importlib
 import sys
 
 import jax
@@ -7,7 +8,13 @@ import numpy as np
 import pytest
 
 from skystack.agents.callsigns import Callsigns
-from skystack.agents.user_code import IN_BLUEBIRD, UserController, find_user_code, is_user_code
+from skystack.agents.user_code import (
+    IN_BLUEBIRD,
+    UserController,
+    find_user_code,
+    is_user_code,
+    user_code_file,
+)
 from skystack.errors import InputError
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.stacking import NO_OP
@@ -24,7 +31,7 @@ def world():
 
 def transmit(controller, world):
     """The transmissions of a new controller."""
-    agent = UserController(controller, TASK)
+    agent = UserController(lambda: controller, TASK)
     agent.begin(world)
     return agent.transmit(world)
 
@@ -123,7 +130,7 @@ def test_mistakes_name_cycle_and_flight(world, controller, message):
 
 
 def test_a_flight_that_has_left_cannot_be_addressed(world):
-    agent = UserController(user_controllers.Everybody, TASK)
+    agent = UserController(lambda: user_controllers.Everybody, TASK)
     agent.begin(world)
     agent.transmit(world)
     slot = int(np.flatnonzero(world.hears)[0])
@@ -144,7 +151,7 @@ def test_it_is_made_anew_for_every_hour(world):
         def __init__(self):
             made.append(self)
 
-    agent = UserController(Counts, TASK)
+    agent = UserController(lambda: Counts, TASK)
     for _ in range(2):
         agent.begin(world)
         agent.transmit(world)
@@ -184,14 +191,14 @@ def test_finds_a_class_in_a_module_or_a_file(tmp_path, monkeypatch):
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "mine_there.py").write_text(source)
     assert find_user_code("mine_here:Mine").__name__ == "Mine"
-    assert find_user_code("other/mine_there.py:Mine").__module__ == "mine_there"
+    assert find_user_code("other/mine_there.py:Mine")().generate_action(1, 2, 3) == {}
 
 
 @pytest.mark.parametrize(
     ("name", "message"),
     [
         ("no_such_module:Mine", "no_such_module:Mine: cannot be imported: ModuleNotFoundError"),
-        ("no_such_file.py:Mine", "no_such_file.py:Mine: no_such_file.py does not exist"),
+        ("no_such_file.py:Mine", "no_such_file.py:Mine: no_such_file.py does not exist or is not"),
         ("tests.agents.user_controllers:Mine", "there is no Mine in tests.agents.user_controllers"),
         ("tests.agents.user_controllers:Silent", "Silent is not a class with a method generate_"),
         ("tests.agents.user_controllers:os", "os is not a class with a method generate_action"),
@@ -208,3 +215,70 @@ def test_a_module_that_fails_is_one_line(tmp_path, monkeypatch):
     (tmp_path / "broken_module.py").write_text("x = 1\nraise SystemExit('stop')\n")
     with pytest.raises(InputError, match=r"SystemExit: stop \(broken_module.py, line 2\)$"):
         find_user_code("broken_module:Mine")
+
+
+def test_a_file_may_have_the_name_of_a_module(tmp_path, monkeypatch):
+    """It is executed itself, and does not replace the module for anybody else."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    source = "class Mine:\n    def generate_action(self, *given):\n        return {}\n"
+    for name in ("json.py", "my.agent.py", "queue.py"):
+        (tmp_path / name).write_text(source)
+        assert find_user_code(f"{tmp_path / name}:Mine").__name__ == "Mine"
+    assert hasattr(importlib.import_module("json"), "JSONEncoder")
+    assert sys.path[-1] == str(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ("raise KeyboardInterrupt", r"KeyboardInterrupt \(bad_file.py, line 1\)$"),
+        ("class Odd(BaseException): pass\nraise Odd('b')", r"Odd: b \(bad_file.py, line 2\)$"),
+        (
+            "class Mute(Exception):\n    def __str__(self):\n        raise ValueError\nraise Mute",
+            r"Mute \(bad_file.py, line 4\)$",
+        ),
+        ("def __getattr__(name):\n    raise RuntimeError(name)", "RuntimeError: Mine"),
+        ("Mine = 3", "Mine is not a class with a method generate_action"),
+    ],
+)
+def test_files_that_fail_in_odd_ways_give_one_line(tmp_path, monkeypatch, source, message):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "bad_file.py").write_text(source)
+    with pytest.raises(InputError, match=message) as caught:
+        find_user_code(f"{tmp_path / 'bad_file.py'}:Mine")
+    assert "\n" not in str(caught.value)
+
+
+def test_the_file_of_a_module_is_found_without_importing_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "not_imported.py").write_text("raise SystemExit(0)")
+    assert user_code_file("not_imported:Mine") == tmp_path / "not_imported.py"
+    assert user_code_file("not_imported.py:Mine").samefile(tmp_path / "not_imported.py")
+    assert user_code_file("sys:Mine") is None
+    for name in ("no_such_module:Mine", "no_such_file.py:Mine", "no.such.package:Mine"):
+        with pytest.raises(InputError, match="no"):
+            user_code_file(name)
+
+
+@pytest.mark.parametrize("answer", [{3: 0}, {"AC1": 10**5000}, {"AC1": [0] * 41}, {"AC1": "0"}])
+def test_answers_that_cannot_be_read_are_input_errors(world, answer):
+    class Answers:
+        def generate_action(self, env, observation, info):
+            first = next(iter(observation))
+            return {first if key == "AC1" else key: value for key, value in answer.items()}
+
+    with pytest.raises(InputError, match=r"^cycle 60, "):
+        transmit(Answers, world)
+
+
+def test_changes_to_what_it_was_given_do_not_last(world):
+    class Deletes:
+        def generate_action(self, env, observation, info):
+            del env.actions["none"]
+            return {}
+
+    agent = UserController(lambda: Deletes, TASK)
+    for _ in range(2):
+        agent.begin(world)
+        assert agent.transmit(world) == []

@@ -1,7 +1,9 @@
 """Work for worker processes, in a separate module that they can import."""
 
 import os
+import subprocess
 import sys
+import threading
 import time
 
 from skystack.errors import InputError
@@ -20,6 +22,10 @@ def make():
             time.sleep(600.0)
         if item == "dies":
             os._exit(7)
+        if item == "leaves a process":
+            return subprocess.Popen(["sleep", "600"]).pid, os.getpid()
+        if item == "leaves a thread":
+            threading.Thread(target=time.sleep, args=(600.0,)).start()
         sys.stdout.write("printed\n")
         report("cycle 1")
         return item.upper(), os.getpid()

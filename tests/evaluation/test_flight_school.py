@@ -110,8 +110,11 @@ def test_a_decision_that_takes_too_long_fails(tmp_path):
     ("agent", "conditions", "seeds", "message"),
     [
         ("serch", CONDITIONS, [0], "unknown agent 'serch'; did you mean 'search'?"),
-        ("search", CONDITIONS, [], r"seeds \[\] \(allowed: at least one"),
-        ("search", CONDITIONS, [-1], r"seeds \[-1\] \(allowed"),
+        ("search", CONDITIONS, [], r"0 seeds \(allowed: 1 to 100,000"),
+        ("search", CONDITIONS, [-1], r"seeds -1 to -1 \(allowed: 0 to"),
+        ("search", CONDITIONS, range(2**30), r"1073741824 seeds \(allowed"),
+        (f"{USERS}.py", CONDITIONS, [0], "has no class"),
+        ("", CONDITIONS, [0], "unknown agent ''"),
         ("search", CONDITIONS._replace(traffic="0"), [0], "flights per hour is 0.0"),
         ("search", CONDITIONS._replace(traffic="lots"), [0], "traffic 'lots'"),
         ("search", CONDITIONS._replace(platform="bluebrd"), [0], "bluebrd"),

@@ -44,6 +44,9 @@ def test_other_conditions_and_seeds_are_not_read(tmp_path):
     write_seed(tmp_path, 7, "conditions", FLOWN)
     assert read_seed(tmp_path, 7, "others") is None
     assert read_seed(tmp_path, 8, "conditions") is None
+    (path,) = tmp_path.iterdir()
+    path.rename(tmp_path / "seed-8.hour")
+    assert read_seed(tmp_path, 8, "conditions") is None
 
 
 @pytest.mark.parametrize("at", [0, 40, 200, -1])

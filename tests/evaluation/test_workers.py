@@ -2,11 +2,13 @@
 
 import os
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 
 from skystack.evaluation import workers
 from skystack.evaluation.workers import run_in_workers
+from tests.waiting import wait_until
 
 from .seed_workers import make, make_and_die
 
@@ -46,6 +48,23 @@ def test_an_item_that_reports_nothing_for_too_long_fails():
     """The item takes ten minutes and the limit is one second, however slow the machine is."""
     (finished,) = run_in_workers(make, ["hangs"], 1.0)
     assert finished == ("hangs", None, "cycle 0: took longer than 1 s")
+
+
+@pytest.mark.skipif(not hasattr(os, "setsid"), reason="has no process groups")
+def test_what_the_work_has_started_ends_with_the_worker():
+    """A process that would run for ten minutes is gone, and a thread does not delay the end."""
+    items = ["leaves a process", "leaves a thread"]
+    started = {each.item: each.result for each in run_in_workers(make, items, NO_LIMIT_S)}
+    pid, _ = started["leaves a process"]
+    wait_until(lambda: not is_running(pid))
+
+
+def is_running(pid):
+    """Whether a process runs; one that has ended but was not collected does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
 
 
 def test_items_fail_if_workers_die_while_starting():

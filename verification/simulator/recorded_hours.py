@@ -72,6 +72,10 @@ class Agreement(NamedTuple):
     flights: int
     rows: int
     worst_nm: float
+    far_rows: int
+    """Rows more than `BOUND_NM` away."""
+    far_flights: int
+    """The flights of these rows."""
     wrong_levels: int
     """Rows at a different level."""
     wrong_exits: int
@@ -146,7 +150,8 @@ def agreement(sector: Sector, hour: Recorded) -> Agreement:
     hours, order = OwnHours(world), _order(hour.tracks)
     state = _begin(world, hours.reset(0, 0), [hour.tracks[index] for index in order])
     number = {flight: rank for rank, flight in enumerate(order)}
-    apart_nm, levels, left = list[float](), list[bool](), dict[int, int]()
+    apart_nm, levels = dict[int, list[float]](), list[bool]()
+    left: dict[int, int] = {}
     # Flights are born one cycle before they move, so all is one cycle later than recorded.
     state, _ = hours.advance(state, [])
     for cycle in range(hour.cycles):
@@ -166,11 +171,21 @@ def agreement(sector: Sector, hour: Recorded) -> Agreement:
             if 0 <= row < len(track.cycle):
                 there = sector.plane.to_plane(track.lat[row], track.lon[row])
                 scale = float(sector.plane.scale(there[1:])[0])
-                apart_nm.append(float(np.hypot(*(flown.traffic.position_nm[slot] - there))) / scale)
+                offset_nm = np.hypot(*(flown.traffic.position_nm[slot] - there)) / scale
+                apart_nm.setdefault(index, []).append(float(offset_nm))
                 level_fl = float(flown.traffic.level_ticks[slot]) / TICKS_PER_FL
                 levels.append(abs(level_fl - track.fl[row]) > LEVEL_FL)
     wrong = sum(left.get(index) != each.gone_cycle for index, each in enumerate(hour.tracks))
-    return Agreement(len(hour.tracks), len(levels), max(apart_nm), sum(levels), wrong)
+    far = [sum(each > BOUND_NM for each in offsets) for offsets in apart_nm.values()]
+    return Agreement(
+        flights=len(hour.tracks),
+        rows=len(levels),
+        worst_nm=max(max(offsets) for offsets in apart_nm.values()),
+        far_rows=sum(far),
+        far_flights=sum(count > 0 for count in far),
+        wrong_levels=sum(levels),
+        wrong_exits=wrong,
+    )
 
 
 def _order(tracks: Sequence[Track]) -> list[int]:
@@ -241,7 +256,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def in_words(found: Agreement) -> str:
     return (
         f"{found.flights:,} flights, {found.rows:,} positions, at most {found.worst_nm:.4f} NM "
-        f"apart; {found.wrong_levels} at a different level; {found.wrong_exits} flights "
+        f"apart, {found.far_rows} of {found.far_flights} flights more than {BOUND_NM} NM; "
+        f"{found.wrong_levels} at a different level; {found.wrong_exits} flights "
         "leave in a different cycle"
     )
 

@@ -18,6 +18,7 @@ is issued in one transmission. Flights that are not named get no instruction.
 import importlib
 import importlib.util
 import sys
+import sysconfig
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
@@ -33,6 +34,7 @@ from skystack.agents.per_flight import FlightActions, FlightViews
 from skystack.agents.transmission import Transmission
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError, error_context
+from skystack.io.signals import exit_code
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
 from skystack.tasks.plain import checked_action
@@ -115,6 +117,8 @@ class ControllerEnvironment(NamedTuple):
     sector: Sector
     actions: dict[str, int]
     """The numbers of the actions by name, such as `climb 10 FL`."""
+    observation_names: tuple[str, ...]
+    """The names of the observed values; see `skystack.tasks.sector_observation`."""
 
     def get_action_parser(self) -> ActionNames:
         """The actions as BluebirdDT's environments name them."""
@@ -152,20 +156,25 @@ class _Views:
 class UserController:
     """Flies a user's controller. Implements `skystack.agents.transmission.SectorAgent`.
 
-    `create` creates an instance for each hour. What it prints goes to standard error.
+    `find` finds the class, of which an instance is created for each hour. What it prints goes to
+    standard error.
     """
 
-    def __init__(self, create: Create, task: SectorControl) -> None:
-        self._create, self._flights = create, FlightActions(task)
+    def __init__(self, find: Callable[[], Create], task: SectorControl) -> None:
+        self._find, self._flights, self._task = find, FlightActions(task), task
         self._sector = task.sector
-        self._environment = ControllerEnvironment(
-            task.sector, {name: number for number, name in enumerate(ACTIONS)}
-        )
+
+    @cached_property
+    def _create(self) -> Create:
+        return self._find()
 
     def begin(self, state: WorldState) -> None:
         self._flights.begin()
         self._callsigns = Callsigns()
-        with _as_input_error("cannot create an instance"), redirect_stdout(sys.stderr):
+        actions = {name: number for number, name in enumerate(ACTIONS)}
+        names = self._task.observation_names
+        self._environment = ControllerEnvironment(self._sector, actions, names)
+        with as_input_error("cannot create an instance"), redirect_stdout(sys.stderr):
             self._controller = self._create()
 
     def transmit(self, state: WorldState) -> list[Transmission]:
@@ -181,9 +190,11 @@ class UserController:
         }
         observation = _Observed(hearing, lambda: observed.views.observation)
         with error_context(f"cycle {cycle}", ", "):
-            with _as_input_error(f"{METHOD} failed"), redirect_stdout(sys.stderr):
+            with as_input_error(f"{METHOD} failed"), redirect_stdout(sys.stderr):
                 answer = getattr(self._controller, METHOD)(self._environment, observation, info)
-            return self._flights.transmissions(state, self._checked(answer, present, hearing))
+            with as_input_error("its answer cannot be read"):
+                chosen = self._checked(answer, present, hearing)
+            return self._flights.transmissions(state, chosen)
 
     def _checked(
         self, answer: Any, present: Mapping[str, int], hearing: Mapping[str, int]
@@ -245,6 +256,11 @@ def is_user_code(name: str) -> bool:
     return bool(colon and module) and member.isidentifier()
 
 
+def is_file_name(where: str) -> bool:
+    """Whether the part before the class is the name of a file rather than of a module."""
+    return Path(where).suffix.lower() == ".py"
+
+
 def find_user_code(name: str) -> Create:
     """The class of a `module:Class` or `file.py:Class`. The module is imported, so it is executed.
 
@@ -252,53 +268,93 @@ def find_user_code(name: str) -> Create:
     imported, or if the class has no method `generate_action`.
     """
     where, _, member = name.rpartition(":")
-    with error_context(name), redirect_stdout(sys.stderr):
-        with _as_input_error("cannot be imported"):
-            module = _loaded(where)
+    with error_context(name), redirect_stdout(sys.stderr), as_input_error("cannot be imported"):
+        module = _of_file(Path(where)) if is_file_name(where) else _of_path(where)
         found = getattr(module, member, None)
         if found is None:
             raise InputError(f"there is no {member} in {where}")
         if not callable(found) or not callable(getattr(found, METHOD, None)):
             raise InputError(f"{member} is not a class with a method {METHOD}")
-    create: Create = found
-    return create
+        create: Create = found
+        return create
 
 
 def user_code_file(name: str) -> Path | None:
-    """The file that defines a `module:Class` that has been found; None if there is none."""
-    file = getattr(sys.modules.get(find_user_code(name).__module__), "__file__", None)
-    return None if file is None else Path(file)
+    """The file of a `module:Class` or `file.py:Class`; None if the module has none.
+
+    Raises InputError if there is no such file or module. The module is not imported.
+    """
+    where, _, _ = name.rpartition(":")
+    if is_file_name(where):
+        return _existing(Path(where))
+    _search_working_directory()
+    with error_context(name), redirect_stdout(sys.stderr), as_input_error("cannot be imported"):
+        spec = importlib.util.find_spec(where)
+        if spec is None:
+            raise InputError(f"there is no module {where}")
+        return Path(spec.origin) if spec.has_location and spec.origin else None
 
 
-def _loaded(where: str) -> ModuleType:
-    path = Path(where)
-    if path.suffix == ".py":
-        if not path.is_file():
-            raise InputError(f"{where} does not exist")
-        folder, where = str(path.resolve().parent), path.stem
-    else:
-        folder = str(Path.cwd())
+def _existing(path: Path) -> Path:
+    if not path.is_file():
+        raise InputError(f"{path} does not exist or is not a file")
+    return path
+
+
+def _of_file(path: Path) -> ModuleType:
+    """The module in a file, whatever its name. Its neighbours can be imported."""
+    folder = str(_existing(path).resolve().parent)
     if folder not in sys.path:
-        sys.path.insert(0, folder)
+        sys.path.append(folder)  # last: its neighbours must not replace other modules
+    spec = importlib.util.spec_from_file_location(f"_skystack_user_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise InputError(f"{path} is not a Python file (allowed: .py)")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[module.__name__] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def _of_path(where: str) -> ModuleType:
+    _search_working_directory()
     return importlib.import_module(where)
 
 
+def _search_working_directory() -> None:
+    if str(Path.cwd()) not in sys.path:
+        sys.path.append(str(Path.cwd()))
+
+
 @contextmanager
-def _as_input_error(what: str) -> Iterator[None]:
-    """Convert any exception of a user's code to an InputError that names the line."""
+def as_input_error(what: str) -> Iterator[None]:
+    """Convert any exception of a user's code to an InputError that names the line.
+
+    Only an interruption by a signal is raised as it is.
+    """
     try:
         yield
     except InputError:
         raise
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
+        if isinstance(error, KeyboardInterrupt) and exit_code() is not None:
+            raise
         frames = traceback.extract_tb(error.__traceback__)
         users = [each for each in frames if not _is_library(each.filename)]
         last = f" ({Path(users[-1].filename).name}, line {users[-1].lineno})" if users else ""
-        text = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InputError(f"{what}: {text}{last}") from error
+        raise InputError(f"{what}: {_text(error)}{last}") from error
+
+
+def _text(error: BaseException) -> str:
+    """The type and the message of an exception, which may fail to make one."""
+    name = type(error).__name__
+    try:
+        message = " ".join(str(error).split())
+    except Exception:
+        return name
+    return f"{name}: {message}" if message else name
 
 
 def _is_library(file: str) -> bool:
     """Whether a file is not the user's."""
-    ours = str(Path(__file__).parents[1])
-    return file.startswith(("<", ours)) or "site-packages" in file
+    libraries = (str(Path(__file__).parents[1]), sysconfig.get_path("stdlib"))
+    return file.startswith(("<", *libraries)) or "site-packages" in file

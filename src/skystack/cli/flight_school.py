@@ -58,6 +58,11 @@ def flight_school(options: argparse.Namespace) -> int:
         raise KeyboardInterrupt(text) from None
     if result.cached:
         say(f"already flown: {result.cached} of {options.seeds} seeds")
+    if result.outdated:
+        say(
+            f"flown again: {result.outdated} seeds, because the controller, the conditions or "
+            "skystack have changed"
+        )
     if options.json:
         row: dict[str, Any] = result.row
         printed = {"rows": [row], "train": [], "wall_s": time.monotonic() - started}

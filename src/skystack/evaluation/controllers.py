@@ -1,5 +1,6 @@
 """Find controllers of a sector by name, and the worlds that they control."""
 
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
@@ -17,6 +18,7 @@ from skystack.agents.transmission import PER_CYCLE, SectorAgent
 from skystack.agents.user_code import (
     UserController,
     find_user_code,
+    is_file_name,
     is_user_code,
     user_code_file,
 )
@@ -72,6 +74,8 @@ def find_controller(controller: str | Policy, conditions: TrafficConditions) -> 
     if isinstance(controller, Policy):
         return _learned(controller, controller.description.experiment, conditions)
     name = ALIASES.get(controller, controller)
+    if is_file_name(name):
+        raise InputError(f"{name} has no class (allowed: {name}:Class)")
     if name in shipped_policies() or _is_folder(name):
         policy = find_policy(name)
         row = policy.description.experiment
@@ -98,7 +102,12 @@ def find_controller(controller: str | Policy, conditions: TrafficConditions) -> 
 
 def _is_folder(name: str) -> bool:
     """Whether a name is that of a policy's folder or file, which may be damaged."""
-    return exists(name) and Path(name).suffix.lower() not in READERS and not is_user_code(name)
+    return (
+        bool(name)
+        and exists(name)
+        and Path(name).suffix.lower() not in READERS
+        and not is_user_code(name)
+    )
 
 
 def _learned(policy: Policy, name: str, conditions: TrafficConditions) -> ControlledWorld:
@@ -113,13 +122,16 @@ def _learned(policy: Policy, name: str, conditions: TrafficConditions) -> Contro
 
 
 def _user_code(name: str, conditions: TrafficConditions) -> ControlledWorld:
-    """A user's class, without a limit of transmissions unless one is given."""
-    make, file = find_user_code(name), user_code_file(name)
+    """A user's class, without a limit of transmissions unless one is given.
+
+    Its code is executed when the first hour begins.
+    """
+    where, _, member = name.rpartition(":")
+    file = user_code_file(name)
     world = _world(conditions, DEFAULT_SECTOR, PERFORMANCE)
-    agent = UserController(make, _task(world, conditions))
-    member = name.rpartition(":")[2].encode()
-    digest = sha256(member + (b"" if file is None else read_whole(file))).hexdigest()
-    row = as_name(name.replace(".py:", ".").replace(":", "."))
+    agent = UserController(partial(find_user_code, name), _task(world, conditions))
+    digest = sha256(member.encode() + (b"" if file is None else read_whole(file))).hexdigest()
+    row = as_name(f"{Path(where).stem if is_file_name(where) else where}.{member}")
     return ControlledWorld(row, agent, world, PERFORMANCE, conditions.per_cycle, digest)
 
 

@@ -10,11 +10,18 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pyarrow as pa
 from scipy import stats
 
 from skystack.errors import MAX_INT, InputError
 from skystack.evaluation.controllers import ControlledWorld, find_controller
-from skystack.evaluation.flown_seeds import FlownSeed, conditions_digest, read_seed, write_seed
+from skystack.evaluation.flown_seeds import (
+    FlownSeed,
+    conditions_digest,
+    is_flown,
+    read_seed,
+    write_seed,
+)
 from skystack.evaluation.hour_row import forget_row, write_row
 from skystack.evaluation.hour_scores import score, summary
 from skystack.evaluation.hour_tables import TABLES, FlownHour, tables_of
@@ -29,6 +36,7 @@ from skystack.io.locks import delete_empty_on_failure, locked_folder
 LIMIT_S = 60.0
 """The default limit for each cycle after the first: the agent's decision and the simulator's work.
 The first may compile programs (`skystack.evaluation.workers.START_LIMIT_S`)."""
+MOST_SEEDS = 100_000
 SEEDS = "seeds"
 """The folder of the finished seeds."""
 CONFIDENCE = 0.95
@@ -44,6 +52,8 @@ class FlightSchoolResult(NamedTuple):
     """The seeds that failed, and why."""
     cached: int
     """The number of seeds that were already finished."""
+    outdated: int
+    """The number of seeds that were finished under other conditions, and flown again."""
 
 
 class _Job(NamedTuple):
@@ -69,8 +79,10 @@ def fly_flight_school(
     number of cycles flown so far and that of all cycles to fly. Raises InputError for an invalid
     agent or conditions, and if all seeds fail.
     """
-    if not seeds or min(seeds) < 0 or max(seeds) > MAX_INT:
-        raise InputError(f"seeds {list(seeds)} (allowed: at least one, from 0 to {MAX_INT})")
+    if not 0 < len(seeds) <= MOST_SEEDS:
+        raise InputError(f"{len(seeds)} seeds (allowed: 1 to {MOST_SEEDS:,})")
+    if min(seeds) < 0 or max(seeds) > MAX_INT:
+        raise InputError(f"seeds {min(seeds)} to {max(seeds)} (allowed: 0 to {MAX_INT})")
     check_conditions(conditions)
     found = find_controller(agent, conditions)
     folder = out / folder_name(found.name, conditions)
@@ -79,15 +91,15 @@ def fly_flight_school(
         make_folder(job.folder)
         cached = _finished(job, seeds)
         left = [seed for seed in seeds if seed not in cached]
+        outdated = sum(is_flown(job.folder, seed) for seed in left)
         failed = _fly_others(job, left, limit_s, on_cycle)
         flown = _finished(job, seeds)
         if not flown:
             raise InputError(f"all seeds failed: seed {seeds[0]}, {failed[seeds[0]]}")
-        forget_row(folder)  # the row is never older than the tables
         _write_tables(folder, found, conditions._replace(seed=seeds[0]), flown)
         row = _row(found, conditions, flown)
         write_row(folder, row)
-    return FlightSchoolResult(row, folder, failed, len(cached))
+    return FlightSchoolResult(row, folder, failed, len(cached), outdated)
 
 
 def folder_name(agent: str, conditions: TrafficConditions) -> str:
@@ -150,8 +162,14 @@ def _write_tables(
     record = record_of(found, conditions)
     metadata = table_metadata(found.world.sector, found.performance, traffic=record)
     with growing_tables(folder, TABLES, metadata) as append:
-        for each in flown.values():
-            append(each.tables)
+        try:
+            for each in flown.values():
+                append(each.tables)
+        except pa.ArrowException:
+            raise InputError(
+                f"{folder / SEEDS}: has tables of different forms; delete it"
+            ) from None
+        forget_row(folder)  # the row is never older than the tables
 
 
 def _row(

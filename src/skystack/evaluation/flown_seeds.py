@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pyarrow as pa
 
-from skystack.errors import InputError
+from skystack.errors import InputError, exists
 from skystack.evaluation.controllers import ControlledWorld
 from skystack.evaluation.hour_scores import Scores
 from skystack.evaluation.hour_tables import TABLES
@@ -30,6 +30,7 @@ class FlownSeed(NamedTuple):
 
 
 class _File(NamedTuple):
+    seed: int
     conditions: str
     """`conditions_digest`."""
     scores: Scores
@@ -63,7 +64,9 @@ def _source_digest() -> str:
 def write_seed(folder: Path, seed: int, digest: str, flown: FlownSeed) -> None:
     """Write a flown hour. Raises InputError if the file cannot be written."""
     tables = {name: _as_bytes(table) for name, table in flown.tables.items()}
-    data = msgspec.msgpack.encode(_File(digest, flown.scores, tables), enc_hook=np.ndarray.tolist)
+    data = msgspec.msgpack.encode(
+        _File(seed, digest, flown.scores, tables), enc_hook=np.ndarray.tolist
+    )
     atomic_write(_path(folder, seed), hashlib.sha256(data).digest() + data)
 
 
@@ -75,11 +78,16 @@ def read_seed(folder: Path, seed: int, digest: str) -> FlownSeed | None:
         if stored != hashlib.sha256(data).digest():
             return None
         file = msgspec.msgpack.decode(data, type=_File, dec_hook=lambda _, value: np.array(value))
-        if file.conditions != digest or set(file.tables) != set(TABLES):
+        if (file.seed, file.conditions) != (seed, digest) or set(file.tables) != set(TABLES):
             return None
         return FlownSeed(file.scores, {name: _as_table(of) for name, of in file.tables.items()})
-    except (InputError, OSError, msgspec.MsgspecError, pa.ArrowException):
+    except (InputError, OSError, ValueError, msgspec.MsgspecError, pa.ArrowException):
         return None
+
+
+def is_flown(folder: Path, seed: int) -> bool:
+    """Whether there is a file of a seed, perhaps flown under other conditions."""
+    return exists(str(_path(folder, seed)))
 
 
 def _path(folder: Path, seed: int) -> Path:

@@ -6,9 +6,12 @@ the others. (`skystack.platforms.processes` has limits for whole items, and need
 
 import multiprocessing
 import os
+import signal
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any, NamedTuple
@@ -73,9 +76,13 @@ class _Worker:
         self.kill()
 
     def kill(self) -> None:
+        """End the process, and all processes that it has started."""
         if self.process.is_alive():
             self.process.kill()
         self.process.join()
+        if hasattr(os, "killpg") and self.process.pid is not None:
+            with suppress(ProcessLookupError, PermissionError):
+                os.killpg(self.process.pid, signal.SIGKILL)
 
 
 def run_in_workers(
@@ -151,23 +158,31 @@ def _received(worker: _Worker, on_report: Callable[[Any, str], None]) -> Finishe
 
 def _serve(connection: Connection, make: Make, core: int | None) -> None:
     """Run items in a worker until the connection is closed."""
+    if hasattr(os, "setsid"):
+        os.setsid()  # so that the parent can also end the processes that the work has started
     end_with_parent()
     if core is not None:
         os.sched_setaffinity(0, {core})
     os.dup2(2, 1)  # standard output belongs to the command
     compile_for_one_core()
     with program_cache():
-        work: Callable[[Any, Report], Any] | None = None
-        while True:
-            try:
-                item = connection.recv()
-            except (EOFError, OSError):
-                return
-            try:
-                if work is None:
-                    work = make()
-                result = work(item, lambda doing: connection.send(("report", doing)))
-            except (InputError, PlatformError) as error:
-                connection.send(("failed", str(error)))
-            else:
-                connection.send(("done", result))
+        _run_items(connection, make)
+    sys.stderr.flush()
+    os._exit(0)  # threads that the work has started would delay the end
+
+
+def _run_items(connection: Connection, make: Make) -> None:
+    work: Callable[[Any, Report], Any] | None = None
+    while True:
+        try:
+            item = connection.recv()
+        except (EOFError, OSError):
+            return
+        try:
+            if work is None:
+                work = make()
+            result = work(item, lambda doing: connection.send(("report", doing)))
+        except (InputError, PlatformError) as error:
+            connection.send(("failed", str(error)))
+        else:
+            connection.send(("done", result))

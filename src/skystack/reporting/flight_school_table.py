@@ -30,7 +30,7 @@ def flight_school_table(row: Mapping[str, Any], strict: bool = False) -> Table:
         ("strict score, s", _score(row, "strict")),
         (f"hours without a failure ({score})", f"{_whole(by_seed, length_s)} of {row['seeds']}"),
         (f"hours ended by ({score})", _causes(row[f"{score}_ended_by"])),
-        (f"survival (%) at {_minutes(at_s)} min", survival_text(by_seed, at_s)),
+        (f"survival (%) at {_times(at_s)}", survival_text(by_seed, at_s)),
         ("correct exits, of flights gone", f"{row['deliveries']:,} of {row['flights_gone']:,}"),
         (
             "losses of separation (at birth)",
@@ -106,8 +106,11 @@ def _causes(ended_by: Mapping[str, int]) -> str:
     return ", ".join(f"{cause} {count}" for cause, count in ended_by.items()) or NOTHING
 
 
-def _minutes(at_s: Sequence[float]) -> str:
-    return " ".join(f"{time_s / 60.0:g}" for time_s in at_s)
+def _times(at_s: Sequence[float]) -> str:
+    """Times in minutes if they are whole ones, otherwise in seconds."""
+    if all(time_s % 60.0 == 0.0 for time_s in at_s):
+        return " ".join(f"{time_s / 60.0:g}" for time_s in at_s) + " min"
+    return " ".join(f"{time_s:.0f}" for time_s in at_s) + " s"
 
 
 def _number(value: float | None, digits: int) -> str:
