@@ -29,8 +29,8 @@ QUICK = {
     ],
 }
 """Arguments that make a documented command fast enough for a test."""
-PARSED_ONLY = {"reproduce", "bench"}
-"""Verbs that are always too slow: tests/cli/test_cli.py runs them, here they are only parsed."""
+PARSED_ONLY = {"reproduce", "bench", "flight-school"}
+"""Verbs that are always too slow: tests/cli runs them, here they are only parsed."""
 
 
 @pytest.fixture
