@@ -65,9 +65,9 @@ def fly(out: Path, seeds: int, others: int) -> None:
 
 
 def draw(rows: Sequence[HourRow], path: Path) -> None:
-    """Draw the survival curves in our simulator."""
+    """Draw the survival curves."""
     with house_style():
-        survival([(label(row), row) for row in rows if row.platform == OWN]).savefig(path)
+        survival([(label(row), row) for row in rows]).savefig(path, dpi=120)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
