@@ -66,7 +66,7 @@ def test_the_example_in_the_documentation_flies(capsys, tmp_path):
     code, out, err = run(capsys, "flight-school", agent, *options, "--out", str(tmp_path))
     assert code == 0, err
     (row,) = json.loads(out)["rows"]
-    assert row["agent"] == "examples-own_controller.ToExitLevel"
+    assert row["agent"] == "own_controller.ToExitLevel"
     assert row["deliveries"] > 0
     assert row["transmissions_per_flight"] <= 2.0
 
@@ -75,9 +75,10 @@ def test_the_example_in_the_documentation_flies(capsys, tmp_path):
     ("arguments", "message"),
     [
         (["serch"], "unknown agent 'serch'; did you mean 'search'?"),
-        (["no_module:Mine"], "no_module:Mine: cannot be imported: ModuleNotFoundError"),
+        (["no_module:Mine"], "no_module:Mine: there is no module no_module"),
         (["noop", "--traffic", "-5"], "flights per hour is -5.0"),
-        (["noop", "--platform", "bluesky"], "bluesky (allowed"),
+        (["noop", "--platform", "bluesk"], "unknown platform 'bluesk'"),
+        (["mvp"], "mvp flies in BlueSky only"),
         (["noop", "--platform", "bluebird", "--traffic", "60"], "traffic 60 in BluebirdDT"),
         (["noop", "--no-safety-net"], "no-op has no safety net"),
         (["noop", "--seeds", "0"], "--seeds: '0' (allowed: whole numbers from 1)"),

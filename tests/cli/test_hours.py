@@ -63,9 +63,10 @@ def test_prints_a_table_for_other_agents(capsys):
         (["search", "--traffic", "60", "--sample"], "--sample cannot be used with --traffic"),
         (["search", "--traffic", "60", "--no-stacking"], "--no-stacking cannot be used"),
         (
-            ["search", "--traffic", "60", "--platform", "bluesky"],
-            "--platform bluesky (allowed with --traffic: skystack, bluebird)",
+            ["search", "--traffic", "60", "--platform", "bluebird"],
+            "traffic 60 in BluebirdDT (allowed: category, notebook, environment)",
         ),
+        (["mvp", "--traffic", "60"], "mvp flies in BlueSky only (allowed: --platform bluesky)"),
         (["search", "--traffic", "60", "--sector", "x-pluss"], "did you mean 'x-plus'"),
         (["lateral", "--per-cycle", "2"], "--per-cycle needs --traffic"),
         (["lateral", "--uncertainty"], "--uncertainty needs --traffic"),
