@@ -72,16 +72,14 @@ def table_of(folders: Sequence[Path]) -> Table:
     for folder in folders:
         (row,), values = read_hours([folder]), read_json(folder / FILE)
         found = spoken(_clearances(folder))
-        avoidable = values["losses_of_separation"] - values["losses_at_birth"]
-        flight_hours = values["losses_of_separation"] / values["losses_per_flight_hour"] if (
-            values["losses_per_flight_hour"]
-        ) else None  # fmt: skip
+        losses, rate = values["losses_of_separation"], values["losses_per_flight_hour"]
+        avoidable = losses - values["losses_at_birth"]
         names.append(label(row))
         columns.append(
             (
                 percent(found and found.again_soon),
                 "1.00" if found is None else f"{1.0 + found.combined:.2f}",
-                "0" if not avoidable or flight_hours is None else f"{avoidable / flight_hours:.4f}",
+                f"{rate * avoidable / losses:.4f}" if avoidable else "0",
                 f"{values['close_pairs'] / max(values['flights'], 1):.3f}",
                 percent(values["correct_exit_rate"]),
                 percent(values["excursion_rate"]),

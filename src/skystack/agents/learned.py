@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 from skystack.agents.safety_net import alerts, lasts_s, way_out
 from skystack.agents.since import SinceTransmission
 from skystack.agents.transmission import (
+    MOST_INSTRUCTIONS,
     PER_CYCLE,
     Transmission,
     clearance_of,
@@ -30,10 +31,6 @@ from skystack.stacking import NO_OP
 from skystack.tasks.outlook import CLEARED
 from skystack.tasks.sector_control import ControlState, SectorControl
 from skystack.tasks.sector_world import WorldState
-
-MOST_INSTRUCTIONS = 40
-"""The maximum number of instructions in a transmission."""
-
 
 PATIENCE = 0.7
 """A flight is instructed only if the probability that the policy waits is below this. In training,

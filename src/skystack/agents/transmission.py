@@ -12,6 +12,8 @@ from skystack.tasks.sector_world import WorldState
 
 PER_CYCLE = 5
 """The default maximum number of transmissions in a cycle."""
+MOST_INSTRUCTIONS = 40
+"""The maximum number of instructions in a transmission."""
 
 
 class Transmission(NamedTuple):

@@ -22,7 +22,7 @@ import sysconfig
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -30,8 +30,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skystack.agents.callsigns import Callsigns
-from skystack.agents.per_flight import FlightActions, FlightViews
-from skystack.agents.transmission import Transmission
+from skystack.agents.per_flight import FlightActions
+from skystack.agents.transmission import MOST_INSTRUCTIONS, Transmission
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError, error_context
 from skystack.io.signals import exit_code
@@ -42,8 +42,6 @@ from skystack.tasks.sector_control import ACTIONS, SectorControl
 from skystack.tasks.sector_world import WorldState
 
 METHOD = "generate_action"
-MOST_ACTIONS = 40
-"""The maximum number of actions for a flight in a cycle."""
 IN_BLUEBIRD = (
     "action_noop",
     "simple_heading_left__10",
@@ -142,17 +140,6 @@ class _Observed(Mapping[str, np.ndarray]):
         return len(self._slots)
 
 
-class _Views:
-    """The observations of a cycle, computed when they are first read."""
-
-    def __init__(self, observe: Callable[[], FlightViews]) -> None:
-        self._observe = observe
-
-    @cached_property
-    def views(self) -> FlightViews:
-        return self._observe()
-
-
 class UserController:
     """Flies a user's controller. Implements `skystack.agents.transmission.SectorAgent`.
 
@@ -182,13 +169,13 @@ class UserController:
         present = self._callsigns.follow(state)
         hearing = {name: slot for name, slot in present.items() if state.hears[slot]}
         cycle = int(state.arrivals.cycle)
-        observed = _Views(lambda: self._flights.observe(state))
+        views = cache(lambda: self._flights.observe(state))
         info = {
             "simulator_environment": self._traffic(state, present),
             "sim_time": float(CYCLE_S * cycle),
-            "action_mask": _Observed(hearing, lambda: observed.views.allowed),
+            "action_mask": _Observed(hearing, lambda: views().allowed),
         }
-        observation = _Observed(hearing, lambda: observed.views.observation)
+        observation = _Observed(hearing, lambda: views().observation)
         with error_context(f"cycle {cycle}", ", "):
             with as_input_error(f"{METHOD} failed"), redirect_stdout(sys.stderr):
                 answer = getattr(self._controller, METHOD)(self._environment, observation, info)
@@ -245,8 +232,8 @@ def _checked_actions(actions: Any) -> list[int]:
     if isinstance(actions, np.ndarray):
         actions = actions.tolist()
     burst = actions if isinstance(actions, Sequence) and not isinstance(actions, str) else [actions]
-    if len(burst) > MOST_ACTIONS:
-        raise InputError(f"{len(burst)} actions (allowed: up to {MOST_ACTIONS})")
+    if len(burst) > MOST_INSTRUCTIONS:
+        raise InputError(f"{len(burst)} actions (allowed: up to {MOST_INSTRUCTIONS})")
     return [checked_action(each, len(ACTIONS)) for each in burst]
 
 

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple, NoReturn
 
 import skystack
 from skystack.cli import verbs
-from skystack.cli.flight_school import OPTIONS as FLIGHT_SCHOOL_OPTIONS
-from skystack.cli.flight_school import flight_school
+from skystack.cli.flight_school import flight_school, flight_school_arguments
+from skystack.cli.hours import controller_arguments
 from skystack.cli.reproduce import reproduce
-from skystack.errors import MAX_INT, InputError
+from skystack.cli.values import cycles_argument, natural, platform_argument, positive
+from skystack.errors import InputError
 from skystack.io.streams import StandardOutput
-from skystack.simulator.limits import MAX_CYCLES
 
 
 class Parser(argparse.ArgumentParser):
@@ -100,15 +100,10 @@ def build_parser() -> Commands:
         return sub
 
     def platform(sub: Parser) -> None:
-        sub.add_argument(
-            "--platform",
-            default="skystack",
-            metavar="NAME",
-            help="simulator: skystack (default), bluebird or bluesky (extras)",
-        )
+        platform_argument(sub)
         sub.add_argument(
             "--time-limit",
-            type=_positive,
+            type=positive,
             default=120,
             metavar="S",
             help="limit for a scenario in another simulator, in seconds of real time (default 120)",
@@ -135,7 +130,7 @@ def build_parser() -> Commands:
         "fly a controller on Flight School traffic: an hour per seed, in parallel",
         flight_school,
     )
-    _flight_school_arguments(sub)
+    flight_school_arguments(sub)
 
     sub = verb("report", "write the report of a run again, or compare several runs", verbs.report)
     sub.add_argument(
@@ -154,7 +149,7 @@ def build_parser() -> Commands:
     sub.add_argument(
         "-o", dest="output", type=Path, metavar="FILE", help="write a map: .png or .svg"
     )
-    _cycles(sub, "300", 300)
+    cycles_argument(sub, "300", 300)
 
     sub = verb("replay", "replay flights on a radar display: page, picture or film", verbs.replay)
     _replay_arguments(sub)
@@ -180,7 +175,7 @@ def build_parser() -> Commands:
     )
     sub.add_argument(
         "--scenario",
-        type=_natural,
+        type=natural,
         metavar="N",
         help="scn: the scenario of the evaluation (default 0)",
     )
@@ -207,7 +202,7 @@ def _reproduce_arguments(sub: argparse.ArgumentParser) -> None:
     )
     sub.add_argument(
         "--seeds",
-        type=_positive,
+        type=positive,
         default=1,
         metavar="N",
         help="training seeds per experiment (default 1)",
@@ -215,7 +210,7 @@ def _reproduce_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--episodes",
         "--scenarios",
-        type=_positive,
+        type=positive,
         metavar="N",
         help="scenarios per evaluation (default 1000, with --quick 200)",
     )
@@ -250,7 +245,7 @@ def _reproduce_arguments(sub: argparse.ArgumentParser) -> None:
 def _train_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("experiment", metavar="EXPERIMENT", help="a name (see list) or a .toml file")
     sub.add_argument(
-        "--seed", type=_natural, default=0, metavar="N", help="training seed (default 0)"
+        "--seed", type=natural, default=0, metavar="N", help="training seed (default 0)"
     )
     sub.add_argument(
         "--out", type=Path, metavar="DIR", help="run folder (default runs/EXPERIMENT-sSEED)"
@@ -266,10 +261,10 @@ def _train_arguments(sub: argparse.ArgumentParser) -> None:
         dest="changes",
         help="change a setting, such as ppo.total_steps=500000; may be repeated",
     )
-    _cycles(sub)
+    cycles_argument(sub)
     sub.add_argument(
         "--checkpoint-every",
-        type=_natural,
+        type=natural,
         default=60,
         metavar="S",
         help="seconds between checkpoints (default 60; 0: after every update)",
@@ -295,7 +290,7 @@ def _evaluate_arguments(sub: argparse.ArgumentParser) -> None:
         help="sector control: fly hours of arriving traffic, with this many flights per hour, or "
         "category, notebook or environment (BluebirdDT's Flight School)",
     )
-    _controller_arguments(sub, "with --traffic: ")
+    controller_arguments(sub, "with --traffic: ")
     sub.add_argument(
         "--experiment",
         metavar="NAME",
@@ -304,12 +299,12 @@ def _evaluate_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--episodes",
         "--scenarios",
-        type=_positive,
+        type=positive,
         metavar="N",
         help="number of scenarios (default 1000), or of hours with --traffic (default 1)",
     )
     sub.add_argument(
-        "--seed", type=_natural, default=0, metavar="N", help="seed of the scenarios (default 0)"
+        "--seed", type=natural, default=0, metavar="N", help="seed of the scenarios (default 0)"
     )
     sub.add_argument(
         "--stacking",
@@ -333,86 +328,7 @@ def _evaluate_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--sector", metavar="NAME", help="another sector: a name (see list) or a file (.json)"
     )
-    _cycles(sub)
-
-
-def _controller_arguments(sub: argparse.ArgumentParser, when: str = "") -> None:
-    """The options of a controller of a sector; `when` says when they are allowed."""
-    sub.add_argument(
-        "--per-cycle",
-        type=_positive,
-        metavar="N",
-        help=f"{when}maximum number of transmissions in a radar cycle (default 5; no limit for "
-        "module:Class)",
-    )
-    sub.add_argument(
-        "--uncertainty",
-        action="store_true",
-        help=f"{when}change speeds by up to 3 %%, which controllers observe, and rates of "
-        "climb and descent by up to 10 %%, which they do not",
-    )
-    sub.add_argument(
-        "--no-safety-net",
-        dest="safety_net",
-        action="store_false",
-        help=f"{when}fly a policy without its safety net",
-    )
-
-
-def _flight_school_arguments(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument(
-        "agent",
-        metavar="AGENT",
-        help="no-op, own-navigation, own-navigation-exit-level, rules, search, mvp (in BlueSky), a "
-        "shipped policy (sector-control), a run folder, a file (.onnx, .zip), or your own "
-        "module:Class or file.py:Class, whose code is executed",
-    )
-    sub.add_argument(
-        "--traffic",
-        metavar="TRAFFIC",
-        help="category (default), notebook or environment, or a number of flights per hour",
-    )
-    sub.add_argument(
-        "--platform",
-        metavar="NAME",
-        help="simulator: skystack (default), bluebird or bluesky (extras)",
-    )
-    sub.add_argument("--seeds", type=_positive, metavar="N", help="number of hours (default 5)")
-    sub.add_argument("--first-seed", type=_natural, metavar="N", help="first seed (default 0)")
-    sub.add_argument(
-        "--strict",
-        action="store_true",
-        help="show survival by the strict score, which also ends with an exit at a wrong level",
-    )
-    _controller_arguments(sub)
-    sub.add_argument(
-        "--time-limit",
-        type=_positive,
-        metavar="S",
-        help="limit for each radar cycle after the first, in seconds of real time, including the "
-        "decision (default 60)",
-    )
-    _cycles(sub, "600, an hour")
-    sub.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help="folder of all results; finished seeds are not flown again (default "
-        "runs/flight-school)",
-    )
-    sub.set_defaults(**FLIGHT_SCHOOL_OPTIONS)
-
-
-def _cycles(
-    sub: argparse.ArgumentParser, default: str = "the experiment's", value: int | None = None
-) -> None:
-    sub.add_argument(
-        "--cycles",
-        type=_cycle_limit,
-        default=value,
-        metavar="N",
-        help=f"maximum number of radar cycles per scenario (default: {default})",
-    )
+    cycles_argument(sub)
 
 
 def _replay_arguments(sub: argparse.ArgumentParser) -> None:
@@ -439,41 +355,18 @@ def _replay_arguments(sub: argparse.ArgumentParser) -> None:
     )
     sub.add_argument(
         "--scenarios",
-        type=_positive,
+        type=positive,
         metavar="N",
         help="page: the first N scenarios (default 100; for hours of traffic: 5)",
     )
     sub.add_argument(
-        "--scenario", type=_natural, metavar="N", help="picture, film: the scenario (default 0)"
+        "--scenario", type=natural, metavar="N", help="picture, film: the scenario (default 0)"
     )
     for word, default in (("from", "the start"), ("to", "the end")):
         sub.add_argument(
             f"--{word}",
             dest=f"{word}_s",
-            type=_natural,
+            type=natural,
             metavar="S",
             help=f"picture, film: {word} this second (default: {default})",
         )
-
-
-def _integer(text: str, least: int, most: int = MAX_INT) -> int:
-    try:
-        number = int(text)
-    except ValueError:
-        number = least - 1
-    if not least <= number <= most:
-        limit = f" to {most}" if most < MAX_INT or number > most else ""
-        raise argparse.ArgumentTypeError(f"{text!r} (allowed: whole numbers from {least}{limit})")
-    return number
-
-
-def _cycle_limit(text: str) -> int:
-    return _integer(text, least=1, most=MAX_CYCLES)
-
-
-def _positive(text: str) -> int:
-    return _integer(text, least=1)
-
-
-def _natural(text: str) -> int:
-    return _integer(text, least=0)

@@ -6,23 +6,63 @@ import time
 from pathlib import Path
 from typing import Any
 
+from skystack.cli.hours import ONLY_TRAFFIC, controller_arguments
 from skystack.cli.output import DONE, FAILED, print_json, program, quoted, report_error, say
+from skystack.cli.values import cycles_argument, natural, platform_argument, positive
 
-OPTIONS = {
+OPTIONS: dict[str, Any] = {
     "traffic": "category",
     "platform": "skystack",
     "seeds": 5,
     "first_seed": 0,
     "strict": False,
-    "per_cycle": None,
-    "uncertainty": False,
-    "safety_net": True,
+    **ONLY_TRAFFIC,
     "time_limit": 60,
     "cycles": 600,
     "out": Path("runs/flight-school"),
     "json": False,
 }
 """The options and their defaults."""
+
+
+def flight_school_arguments(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument(
+        "agent",
+        metavar="AGENT",
+        help="no-op, own-navigation, own-navigation-exit-level, rules, search, mvp (in BlueSky), a "
+        "shipped policy (sector-control), a run folder, a file (.onnx, .zip), or your own "
+        "module:Class or file.py:Class, whose code is executed",
+    )
+    sub.add_argument(
+        "--traffic",
+        metavar="TRAFFIC",
+        help="category (default), notebook or environment, or a number of flights per hour",
+    )
+    platform_argument(sub)
+    sub.add_argument("--seeds", type=positive, metavar="N", help="number of hours (default 5)")
+    sub.add_argument("--first-seed", type=natural, metavar="N", help="first seed (default 0)")
+    sub.add_argument(
+        "--strict",
+        action="store_true",
+        help="show survival by the strict score, which also ends with an exit at a wrong level",
+    )
+    controller_arguments(sub)
+    sub.add_argument(
+        "--time-limit",
+        type=positive,
+        metavar="S",
+        help="limit for each radar cycle after the first, in seconds of real time, including the "
+        "decision (default 60)",
+    )
+    cycles_argument(sub, "600, an hour")
+    sub.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder of all results; finished seeds are not flown again (default "
+        "runs/flight-school)",
+    )
+    sub.set_defaults(**OPTIONS)
 
 
 def flight_school(options: argparse.Namespace) -> int:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from skystack.cli.output import DONE, print_json, program, quoted, say
+from skystack.cli.values import positive
 from skystack.errors import InputError
 
 _ONLY_SCENARIOS = {
@@ -17,6 +18,29 @@ _ONLY_SCENARIOS = {
 """The options that make no sense with hours of traffic, and their defaults."""
 ONLY_TRAFFIC = {"per_cycle": None, "uncertainty": False, "safety_net": True}
 """The options that are only for hours of traffic, and their defaults."""
+
+
+def controller_arguments(sub: argparse.ArgumentParser, when: str = "") -> None:
+    """The options of a controller of a sector; `when` says when they are allowed."""
+    sub.add_argument(
+        "--per-cycle",
+        type=positive,
+        metavar="N",
+        help=f"{when}maximum number of transmissions in a radar cycle (default 5; no limit for "
+        "module:Class)",
+    )
+    sub.add_argument(
+        "--uncertainty",
+        action="store_true",
+        help=f"{when}change speeds by up to 3 %%, which controllers observe, and rates of "
+        "climb and descent by up to 10 %%, which they do not",
+    )
+    sub.add_argument(
+        "--no-safety-net",
+        dest="safety_net",
+        action="store_false",
+        help=f"{when}fly a policy without its safety net",
+    )
 
 
 def check_unused(options: argparse.Namespace, defaults: Mapping[str, Any], problem: str) -> None:

@@ -10,9 +10,9 @@ import jax
 import numpy as np
 from jaxtyping import Bool
 
-from skystack.agents.transmission import Transmission, instruction_of
+from skystack.agents.transmission import Transmission
 from skystack.errors import InputError
-from skystack.evaluation.foreign_hours import ReportedTraffic, writable
+from skystack.evaluation.foreign_hours import ReportedTraffic, instructions_of, writable
 from skystack.learning.seeds import scenario_key
 from skystack.platforms.bluebird_traffic import BluebirdTraffic
 from skystack.platforms.flight_report import FlightReport
@@ -48,10 +48,8 @@ class BluebirdHours:
     def advance(
         self, state: WorldState, transmissions: list[Transmission]
     ) -> tuple[WorldState, WorldCycle]:
-        callsigns = {slot: callsign for callsign, slot in self._slot.items()}
-        for each in transmissions:
-            route = self.world.sector.routes[int(state.traffic.route[each.slot])]
-            self.platform.issue(instruction_of(each, callsigns[each.slot], route))
+        for each in instructions_of(self.world, state.traffic, self._slot, transmissions):
+            self.platform.issue(each)
         reports = {
             callsign: report
             for callsign, report in self.platform.advance().items()

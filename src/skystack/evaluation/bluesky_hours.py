@@ -6,16 +6,17 @@ our simulator.
 """
 
 import jax
-import numpy as np
+from jaxtyping import Array
 
 from skystack.agents.callsigns import Callsigns
-from skystack.agents.transmission import Transmission, instruction_of
-from skystack.evaluation.foreign_hours import ReportedTraffic
+from skystack.agents.transmission import Transmission
+from skystack.evaluation.foreign_hours import ReportedTraffic, instructions_of
 from skystack.learning.seeds import scenario_key
 from skystack.platforms.bluesky_traffic import BlueskyTraffic, Newborn
-from skystack.simulator.arrivals import Arrivals
+from skystack.simulator.arrivals import Arrivals, count_cycle
 from skystack.simulator.performance import TICKS_PER_FL, ConstantPerformance
 from skystack.simulator.traffic import Traffic
+from skystack.tasks.progress import Progress
 from skystack.tasks.sector_world import World, WorldCycle, WorldState
 
 FEET_PER_FL = 100.0
@@ -33,8 +34,8 @@ class BlueskyHours:
             sector.fixes, avoids, sector.separation_nm, FEET_PER_FL * sector.separation_fl
         )
         self._reports = ReportedTraffic(world)
-        self._reset, self._admit = jax.jit(world.reset), jax.jit(world.flow.admission.admit)
-        self._end_cycle = jax.jit(world.end_cycle)
+        self._reset, self._admit = jax.jit(world.reset), jax.jit(world.admit)
+        self._end_cycle = jax.jit(self._end)
         self._callsigns = Callsigns()
         self._flying: dict[str, int] = {}
         """The slots of the flights that BlueSky flies, by callsign."""
@@ -48,22 +49,16 @@ class BlueskyHours:
     def advance(
         self, state: WorldState, transmissions: list[Transmission]
     ) -> tuple[WorldState, WorldCycle]:
-        arrivals, begun = jax.device_get(self._admit(state.arrivals, state.traffic))
-        born = np.asarray(arrivals.flight) != np.asarray(state.arrivals.flight)
+        arrivals, begun, born = jax.device_get(self._admit(state.arrivals, state.traffic))
         slots = self._callsigns.follow(state._replace(arrivals=arrivals))
         for callsign, slot in slots.items():
             if callsign not in self._flying and arrivals.held[slot] == 0:
                 self.platform.enter(callsign, self._newborn(arrivals, begun, slot))
                 self._flying[callsign] = slot
-        callsigns = {slot: callsign for callsign, slot in self._flying.items()}
-        for each in transmissions:
-            route = self.world.sector.routes[int(begun.route[each.slot])]
-            self.platform.issue(instruction_of(each, callsigns[each.slot], tuple(route)))
+        for each in instructions_of(self.world, begun, self._flying, transmissions):
+            self.platform.issue(each)
         reports = self.platform.advance()
         flown = self._reports.read(begun, self._flying, reports)
-        arrivals = arrivals._replace(
-            held=np.maximum(arrivals.held - 1, 0), cycle=arrivals.cycle + 1
-        )
         next_state, cycle = jax.device_get(
             self._end_cycle(state.progress, begun, born, arrivals, flown)
         )
@@ -72,6 +67,11 @@ class BlueskyHours:
                 self.platform.remove(callsign)
                 del self._flying[callsign]
         return next_state, cycle
+
+    def _end(
+        self, progress: Progress, begun: Traffic, born: Array, arrivals: Arrivals, flown: Traffic
+    ) -> tuple[WorldState, WorldCycle]:
+        return self.world.end_cycle(progress, begun, born, count_cycle(arrivals), flown)
 
     def close(self) -> None:
         self.platform.close()

@@ -93,7 +93,8 @@ def fly_flight_school(
         left = [seed for seed in seeds if seed not in cached]
         outdated = sum(is_flown(job.folder, seed) for seed in left)
         failed = _fly_others(job, left, limit_s, on_cycle)
-        flown = _finished(job, seeds)
+        flown = cached | _finished(job, [seed for seed in left if seed not in failed])
+        flown = {seed: flown[seed] for seed in seeds if seed in flown}
         if not flown:
             raise InputError(f"all seeds failed: seed {seeds[0]}, {failed[seeds[0]]}")
         _write_tables(folder, found, conditions._replace(seed=seeds[0]), flown)
@@ -124,7 +125,7 @@ def _fly_others(
     total, flown = len(seeds) * job.conditions.cycles, dict.fromkeys(seeds, 0)
 
     def on_report(seed: int, doing: str) -> None:
-        flown[seed] = int(doing.rpartition(" ")[2])
+        flown[seed] += 1  # each cycle is reported
         on_cycle(sum(flown.values()), total)
 
     failed = {}

@@ -1,17 +1,33 @@
 """The states that agents see of traffic in another simulator, rebuilt from its reports."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import Any
 
 import jax
 import numpy as np
 
+from skystack.agents.transmission import Transmission, instruction_of
 from skystack.platforms.flight_report import FlightReport
+from skystack.platforms.instruction import Instruction
 from skystack.simulator.arrivals import Arrivals
 from skystack.simulator.simulator import turn_to_deg
 from skystack.simulator.traffic import NO_TURN, RADIUS_UNKNOWN, Traffic, ticks
 from skystack.tasks.sector_world import World
+
+
+def instructions_of(
+    world: World,
+    traffic: Traffic,
+    slots: Mapping[str, int],
+    transmissions: Iterable[Transmission],
+) -> list[Instruction]:
+    """Transmissions as platforms receive them. `slots` are those of the flights by callsign."""
+    callsigns, routes = {slot: callsign for callsign, slot in slots.items()}, world.sector.routes
+    return [
+        instruction_of(each, callsigns[each.slot], routes[int(traffic.route[each.slot])])
+        for each in transmissions
+    ]
 
 
 class ReportedTraffic:

@@ -22,9 +22,9 @@ from skystack.platforms.bluesky_program import (
     M_S_PER_KT,
     clear_bluesky,
     close_bluesky,
+    flight_levels,
     fly_cycle,
     flying,
-    levels_fl,
     open_bluesky,
     process,
     run_bluesky,
@@ -96,7 +96,8 @@ class BlueSky:
         if instruction.level_fl is not None:
             self._check_level(index, instruction.level_fl)
         command = replace(instruction, callsign=self._callsigns[index])
-        process(clearance_commands(command, self._scenario, self._scenario.aircraft[index]))
+        route, fixes = self._scenario.aircraft[index].route, self._scenario.sector.fixes
+        process(clearance_commands(command, route, fixes, self._models[index].rate_ft_min))
         if instruction.heading_deg is not None:
             selected = bluesky.traf.ap.trk[index]
             wrong = abs((selected - instruction.heading_deg + 180.0) % 360.0 - 180.0) > _TOLERANCE
@@ -129,7 +130,7 @@ class BlueSky:
 
     def _select_speeds(self) -> None:
         """Select each aircraft's speed for its level and phase of flight, where it has changed."""
-        both = (levels_fl(each).tolist() for each in (bluesky.traf.alt, bluesky.traf.selalt))
+        both = (flight_levels(each).tolist() for each in (bluesky.traf.alt, bluesky.traf.selalt))
         commands = []
         for index, (fl, selected_fl) in enumerate(zip(*both, strict=True)):
             speed = selected_speed(self._models[index], fl, phase_of(fl, selected_fl))
@@ -143,7 +144,7 @@ class BlueSky:
         """Raise InputError for a level that BlueSky cannot fly with the scenario's performance."""
         aircraft = self._scenario.aircraft[index]
         _check_ceiling(aircraft.callsign, fl, index)
-        model, actual_fl = self._models[index], levels_fl(bluesky.traf.alt)[index]
+        model, actual_fl = self._models[index], flight_levels(bluesky.traf.alt)[index]
         ceiling_fl = getattr(model, "ceiling_fl", np.inf)
         if max(ceiling_fl, actual_fl) < fl:
             raise InputError(
@@ -180,10 +181,10 @@ class BlueSky:
         return Report(
             lat=traffic.lat.copy(),
             lon=wrap_longitude(traffic.lon),
-            fl=levels_fl(traffic.alt),
+            fl=flight_levels(traffic.alt),
             heading_deg=heading,
             cleared_heading_deg=np.where(np.isnan(cleared), heading, cleared),
-            cleared_fl=levels_fl(traffic.selalt),
+            cleared_fl=flight_levels(traffic.selalt),
             ground_speed_kt=traffic.gs / M_S_PER_KT,
             vertical_speed_ft_min=traffic.vs / M_S_PER_FT_MIN,
         )

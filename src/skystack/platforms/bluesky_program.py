@@ -104,6 +104,6 @@ def flying() -> list[str]:
     return list(bluesky.traf.id)
 
 
-def levels_fl(altitude_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+def flight_levels(altitude_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
     """Flight levels, rounded so that a level kept in metres equals the cleared one exactly."""
     return np.round(altitude_m / M_PER_FL, 9)

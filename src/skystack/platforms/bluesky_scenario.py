@@ -10,11 +10,13 @@ which a change of level or of the phase of flight has changed it.
 """
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
+from skystack.airspace.sector import LatLon
 from skystack.errors import InputError
 from skystack.platforms.flight import command_of
 from skystack.platforms.instruction import Instruction
@@ -41,6 +43,8 @@ TYPES = frozenset(_FIXED_WING.split())
 """Fixed-wing types that BlueSky knows (OpenAP 2.6); it silently replaces all others."""
 STEP_S = 1
 """BlueSky's time step."""
+Fixes = Mapping[str, LatLon]
+"""The positions of fixes in degrees, by name."""
 _CALLSIGN = re.compile(r"[A-Z0-9]+")
 
 
@@ -89,40 +93,58 @@ def start_commands(scenario: Scenario, callsigns: Iterable[str]) -> list[str]:
     commands = [f"DT {STEP_S}"]
     for callsign, aircraft in zip(callsigns, scenario.aircraft, strict=True):
         speed = selected_speed(scenario.performance_of(aircraft.type), aircraft.fl)
-        commands += [
-            f"CRE {callsign} {flown_type(aircraft.type)} {aircraft.lat:.10f} {aircraft.lon:.10f} "
-            f"{aircraft.heading_deg:.10f} {100.0 * aircraft.fl:.6f} {speed}",
-            f"SPD {callsign} {speed}",
-        ]
+        start = BlueskyStart(
+            flown_type(aircraft.type), aircraft.lat, aircraft.lon, aircraft.heading_deg, aircraft.fl
+        )
+        commands += create_commands(callsign, start, speed)
         if aircraft.own_navigation:
-            commands += _route_commands(scenario, callsign, aircraft.route[1:])
+            commands += _route_commands(callsign, aircraft.route[1:], scenario.sector.fixes)
         commands.append(f"VNAV {callsign} OFF")
     return commands
 
 
-def _route_commands(scenario: Scenario, callsign: str, fixes: tuple[str, ...]) -> list[str]:
+class BlueskyStart(NamedTuple):
+    """Where and how an aircraft begins, in level flight."""
+
+    type: str
+    """One of BlueSky's types."""
+    lat: float
+    lon: float
+    heading_deg: float
+    fl: float
+
+
+def create_commands(callsign: str, start: BlueskyStart, speed: str) -> list[str]:
+    """The commands that create an aircraft with a selected speed (`selected_speed`)."""
+    return [
+        f"CRE {callsign} {start.type} {start.lat:.10f} {start.lon:.10f} "
+        f"{start.heading_deg:.10f} {100.0 * start.fl:.6f} {speed}",
+        f"SPD {callsign} {speed}",
+    ]
+
+
+def _route_commands(callsign: str, names: Sequence[str], fixes: Fixes) -> list[str]:
     """Fixes as fly-by waypoints, and the command to fly along them."""
-    points = [scenario.sector.fixes[name] for name in fixes]
+    points = [fixes[name] for name in names]
     waypoints = [f"ADDWPT {callsign} {lat:.10f} {lon:.10f}" for lat, lon in points]
     return [*waypoints, f"LNAV {callsign} ON"]
 
 
 def clearance_commands(
-    instruction: Instruction, scenario: Scenario, aircraft: Aircraft
+    instruction: Instruction, route: Sequence[str], fixes: Fixes, rate_ft_min: float
 ) -> list[str]:
-    """An instruction to an aircraft as BlueSky commands.
+    """An instruction to an aircraft with a route as BlueSky commands.
 
     Fixes are given as positions. For a clearance direct to a fix, the route from that fix on
     replaces BlueSky's route. A change of level includes its rate [ft/min]; by default BlueSky's
     autopilot would climb and descend at 1,500 ft/min.
     """
-    commands, model = bluesky_commands(instruction), scenario.performance_of(aircraft.type)
+    callsign, commands = instruction.callsign, bluesky_commands(instruction)
     if instruction.direct_to is not None:
-        fixes = aircraft.route[aircraft.route.index(instruction.direct_to) :]
-        commands.append(f"DELRTE {instruction.callsign}")
-        commands += _route_commands(scenario, instruction.callsign, fixes)
+        commands.append(f"DELRTE {callsign}")
+        commands += _route_commands(callsign, route[route.index(instruction.direct_to) :], fixes)
     if instruction.level_fl is not None:
-        commands.append(f"VS {instruction.callsign} {model.rate_ft_min:.6f}")
+        commands.append(f"VS {callsign} {rate_ft_min:.6f}")
     return commands
 
 
@@ -167,7 +189,9 @@ def scenario_text(scenario: Scenario) -> str:
     for cycle, given_then in scenario.transmissions().items():
         for given in given_then:
             aircraft = aircraft_of[given.callsign]
-            commands = clearance_commands(_instruction(given), scenario, aircraft)
+            rate_ft_min = scenario.performance_of(aircraft.type).rate_ft_min
+            fixes = scenario.sector.fixes
+            commands = clearance_commands(_instruction(given), aircraft.route, fixes, rate_ft_min)
             timed += [(cycle, command) for command in commands]
     for aircraft in scenario.aircraft:
         timed += _speed_commands(scenario, aircraft)

@@ -17,7 +17,6 @@ Needs `bluesky-simulator` (extra `[bluesky]`).
 
 import shutil
 import tempfile
-from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,21 +24,27 @@ import numpy as np
 
 from skystack.errors import PlatformError, requires_extra
 from skystack.platforms.bluesky_program import (
-    M_PER_FL,
     M_S_PER_FT_MIN,
     M_S_PER_KT,
     clear_bluesky,
     close_bluesky,
+    flight_levels,
     fly_cycle,
     flying,
     open_bluesky,
     process,
     run_bluesky,
 )
-from skystack.platforms.bluesky_scenario import STEP_S, selected_speed
+from skystack.platforms.bluesky_scenario import (
+    STEP_S,
+    BlueskyStart,
+    Fixes,
+    clearance_commands,
+    create_commands,
+    selected_speed,
+)
 from skystack.platforms.flight_report import FlightReport
 from skystack.platforms.instruction import Instruction
-from skystack.platforms.languages import bluesky_commands
 from skystack.simulator.performance import ConstantPerformance
 
 with requires_extra(__name__, "bluesky"):
@@ -48,7 +53,6 @@ with requires_extra(__name__, "bluesky"):
 TYPE = "B788"
 LOOK_AHEAD_S = 300
 """The time within which conflicts are resolved, which is BlueSky's default."""
-LatLon = tuple[float, float]
 
 
 class Newborn(NamedTuple):
@@ -86,7 +90,7 @@ class BlueskyTraffic:
 
     def __init__(
         self,
-        fixes: Mapping[str, LatLon],
+        fixes: Fixes,
         avoids: bool = False,
         separation_nm: float = 5.0,
         separation_ft: float = 1000.0,
@@ -117,14 +121,8 @@ class BlueskyTraffic:
     def enter(self, callsign: str, newborn: Newborn) -> None:
         """Let a flight enter before the next cycle. Raises PlatformError if BlueSky refuses."""
         speed = _speed(newborn, newborn.entry_fl)
-        process(
-            [
-                f"CRE {callsign} {TYPE} {newborn.lat:.10f} {newborn.lon:.10f} "
-                f"{newborn.heading_deg:.10f} {100.0 * newborn.entry_fl:.6f} {speed}",
-                f"SPD {callsign} {speed}",
-                f"VNAV {callsign} OFF",
-            ]
-        )
+        start = BlueskyStart(TYPE, newborn.lat, newborn.lon, newborn.heading_deg, newborn.entry_fl)
+        process([*create_commands(callsign, start, speed), f"VNAV {callsign} OFF"])
         if callsign not in flying():
             raise PlatformError(f"BlueSky did not create {callsign}")
         self._flown[callsign] = _Flown(newborn, newborn.heading_deg, 1, speed)
@@ -133,25 +131,20 @@ class BlueskyTraffic:
         """Clear a flight before the next cycle. Raises PlatformError if BlueSky refuses."""
         callsign = instruction.callsign
         flown, index = self._flown[callsign], flying().index(callsign)
-        commands = bluesky_commands(instruction)
-        if instruction.direct_to is not None:
-            first = flown.newborn.route.index(instruction.direct_to)
-            flown = flown._replace(first_fix=first)
-            commands.append(f"DELRTE {callsign}")
-            points = [self._fixes[name] for name in flown.newborn.route[first:]]
-            commands += [f"ADDWPT {callsign} {lat:.10f} {lon:.10f}" for lat, lon in points]
-            commands.append(f"LNAV {callsign} ON")
-        if instruction.level_fl is not None:
-            commands.append(f"VS {callsign} {flown.newborn.rate_ft_min:.6f}")
-        process(commands)
-        if instruction.heading_deg is not None:
-            flown = flown._replace(cleared_heading_deg=float(instruction.heading_deg))
-        self._flown[callsign] = flown
+        route, rate_ft_min = flown.newborn.route, flown.newborn.rate_ft_min
+        process(clearance_commands(instruction, route, self._fixes, rate_ft_min))
         on_route = bool(bluesky.traf.swlnav[index])
-        if (instruction.direct_to is not None) != on_route and (
-            instruction.heading_deg is not None or instruction.direct_to is not None
-        ):
+        if instruction.direct_to is not None:
+            refused = not on_route
+            flown = flown._replace(first_fix=route.index(instruction.direct_to))
+        elif instruction.heading_deg is not None:
+            refused = on_route
+            flown = flown._replace(cleared_heading_deg=float(instruction.heading_deg))
+        else:
+            refused = False
+        if refused:
             raise PlatformError(f"BlueSky refused {instruction}")
+        self._flown[callsign] = flown
 
     def remove(self, callsign: str) -> None:
         """Remove a flight that has left."""
@@ -172,9 +165,10 @@ class BlueskyTraffic:
         lost = [callsign for callsign in self._flown if callsign not in known]
         if lost:
             raise PlatformError(f"BlueSky has lost {', '.join(lost)}")
+        levels = (flight_levels(each).tolist() for each in (bluesky.traf.alt, bluesky.traf.selalt))
         return {
-            callsign: self._report(self._flown[callsign], index)
-            for index, callsign in enumerate(present)
+            callsign: self._report(index, callsign, fl, cleared_fl)
+            for index, (callsign, fl, cleared_fl) in enumerate(zip(present, *levels, strict=True))
         }
 
     def close(self) -> None:
@@ -185,16 +179,18 @@ class BlueskyTraffic:
     def _select_speeds(self) -> None:
         """Select each flight's airspeed again where its level has changed."""
         commands = []
-        for index, callsign in enumerate(flying()):
+        levels_fl = flight_levels(bluesky.traf.alt).tolist()
+        for callsign, fl in zip(flying(), levels_fl, strict=True):
             flown = self._flown[callsign]
-            speed = _speed(flown.newborn, bluesky.traf.alt[index] / M_PER_FL)
+            speed = _speed(flown.newborn, fl)
             if speed != flown.speed:
                 commands.append(f"SPD {callsign} {speed}")
                 self._flown[callsign] = flown._replace(speed=speed)
         if commands:
             process(commands)
 
-    def _report(self, flown: _Flown, index: int) -> FlightReport:
+    def _report(self, index: int, callsign: str, fl: float, cleared_fl: float) -> FlightReport:
+        flown = self._flown[callsign]
         traffic, newborn = bluesky.traf, flown.newborn
         on_route, heading = bool(traffic.swlnav[index]), float(traffic.hdg[index]) % 360.0
         reached = max(int(traffic.ap.route[index].iactwp), 0)
@@ -205,10 +201,10 @@ class BlueskyTraffic:
             exit_fl=newborn.exit_fl,
             lat=float(traffic.lat[index]),
             lon=float(traffic.lon[index]),
-            fl=round(float(traffic.alt[index]) / M_PER_FL, 9),
+            fl=fl,
             heading_deg=heading,
             cleared_heading_deg=heading if on_route else flown.cleared_heading_deg % 360.0,
-            cleared_fl=round(float(traffic.selalt[index]) / M_PER_FL, 9),
+            cleared_fl=cleared_fl,
             speed_kt=float(traffic.gs[index]) / M_S_PER_KT,
             vertical_speed_ft_min=float(traffic.vs[index]) / M_S_PER_FT_MIN,
             own_navigation=on_route,
@@ -220,4 +216,4 @@ class BlueskyTraffic:
 
 def _speed(newborn: Newborn, fl: float) -> str:
     """The flight's airspeed at a level, in the format of `SPD`."""
-    return selected_speed(ConstantPerformance(newborn.airspeed_kt), round(fl, 9))
+    return selected_speed(ConstantPerformance(newborn.airspeed_kt), fl)

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 
 from skystack.evaluation.hour_row import HourRow
-from skystack.reporting.hour_table import losses
+from skystack.reporting.hour_table import decimals, losses
 from skystack.reporting.table import Table
 from skystack.reporting.tables import NOTHING, percent
+from skystack.simulator.simulator import CYCLE_S
 
 SHOWN = 6
 """The number of times at which survival is shown."""
@@ -21,7 +22,7 @@ def flight_school_table(row: Mapping[str, Any], strict: bool = False) -> Table:
     one.
     """
     score = "strict" if strict else "lax"
-    by_seed, length_s = row[f"{score}_s_by_seed"], 6.0 * row["cycles"]
+    by_seed, length_s = row[f"{score}_s_by_seed"], float(CYCLE_S * row["cycles"])
     at_s = [length_s * (number + 1) / SHOWN for number in range(SHOWN)]
     lines = (
         ("seeds (hours of traffic)", f"{row['seeds']}"),
@@ -36,10 +37,10 @@ def flight_school_table(row: Mapping[str, Any], strict: bool = False) -> Table:
             "losses of separation (at birth)",
             losses(row["losses_of_separation"], row["losses_at_birth"]),
         ),
-        ("losses per flight hour", _number(row["losses_per_flight_hour"], 4)),
+        ("losses per flight hour", decimals(row["losses_per_flight_hour"], 4)),
         ("excursions", percent(row["excursion_rate"])),
-        ("transmissions per flight", _number(row["transmissions_per_flight"], 2)),
-        ("transmissions per minute", _number(row["transmissions_per_minute"], 1)),
+        ("transmissions per flight", decimals(row["transmissions_per_flight"], 2)),
+        ("transmissions per minute", decimals(row["transmissions_per_minute"], 1)),
         (
             "decision, ms (median, 99th pct.)",
             f"{row['decision_ms_median']:.1f}, {row['decision_ms_p99']:.1f}",
@@ -70,9 +71,9 @@ def _compared(row: HourRow) -> tuple[str, ...]:
         _causes(row.lax_ended_by),
         percent(row.correct_exit_rate),
         losses(row.losses_of_separation, row.losses_at_birth),
-        _number(row.losses_per_flight_hour, 4),
+        decimals(row.losses_per_flight_hour, 4),
         percent(row.excursion_rate),
-        _number(row.transmissions_per_flight, 2),
+        decimals(row.transmissions_per_flight, 2),
         f"{row.decision_ms_median:.1f}",
     )
 
@@ -111,7 +112,3 @@ def _times(at_s: Sequence[float]) -> str:
     if all(time_s % 60.0 == 0.0 for time_s in at_s):
         return " ".join(f"{time_s / 60.0:g}" for time_s in at_s) + " min"
     return " ".join(f"{time_s:.0f}" for time_s in at_s) + " s"
-
-
-def _number(value: float | None, digits: int) -> str:
-    return NOTHING if value is None else f"{value:,.{digits}f}"

@@ -12,8 +12,7 @@ def hour_table(row: Mapping[str, Any]) -> Table:
     """One line per measure, for a row of `skystack.evaluation.hour_scores.summary`."""
 
     def number(name: str, digits: int = 1) -> str:
-        value = row[name]
-        return NOTHING if value is None else f"{value:,.{digits}f}"
+        return decimals(row[name], digits)
 
     lines = (
         ("flights (of which gone)", f"{row['flights']:,} ({row['flights_gone']:,})"),
@@ -37,6 +36,11 @@ def hour_table(row: Mapping[str, Any]) -> Table:
         ("decision, ms (median)", number("decision_ms_median")),
     )
     return Table(("measure", "value"), lines)
+
+
+def decimals(value: float | None, digits: int) -> str:
+    """A number with so many digits after the point."""
+    return NOTHING if value is None else f"{value:,.{digits}f}"
 
 
 def losses(count: int, at_birth: int) -> str:

@@ -10,11 +10,11 @@ from skystack.evaluation.hour_row import HourRow, folders_of_hours, read_row
 from skystack.io.files import atomic_write
 from skystack.platforms.registry import OWN
 from skystack.reporting.hour_figures import capacity, survival
-from skystack.reporting.hour_table import losses
+from skystack.reporting.hour_table import decimals, losses
 from skystack.reporting.page import picture_of, render
 from skystack.reporting.style import as_svg, house_style
 from skystack.reporting.table import Table
-from skystack.reporting.tables import NOTHING, percent
+from skystack.reporting.tables import percent
 
 REPORT = "hours.html"
 
@@ -81,7 +81,6 @@ def hours_table(rows: Sequence[HourRow]) -> Table:
 
 
 def _line(row: HourRow) -> tuple[str, ...]:
-    sent = row.transmissions_per_flight
     return (
         label(row),
         row.traffic,
@@ -90,7 +89,7 @@ def _line(row: HourRow) -> tuple[str, ...]:
         losses(row.losses_of_separation, row.losses_at_birth),
         percent(row.correct_exit_rate),
         percent(row.excursion_rate),
-        NOTHING if sent is None else f"{sent:.2f}",
+        decimals(row.transmissions_per_flight, 2),
         str(row.transmissions_worst_minute),
         percent(row.fail_safe_rate),
         percent(row.extra_miles_rate),

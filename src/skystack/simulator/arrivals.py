@@ -274,9 +274,12 @@ def fly(simulator: Simulator, arrivals: Arrivals, traffic: Traffic) -> tuple[Arr
     """Fly one cycle. Held newborns stay where they are."""
     moving = traffic.active & (arrivals.held == 0)
     flown = simulator.advance(traffic._replace(active=moving))._replace(active=traffic.active)
-    return arrivals._replace(
-        held=jnp.maximum(arrivals.held - 1, 0), cycle=arrivals.cycle + 1
-    ), flown
+    return count_cycle(arrivals), flown
+
+
+def count_cycle(arrivals: Arrivals) -> Arrivals:
+    """The arrivals after a cycle has been flown."""
+    return arrivals._replace(held=jnp.maximum(arrivals.held - 1, 0), cycle=arrivals.cycle + 1)
 
 
 def release(

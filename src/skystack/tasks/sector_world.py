@@ -135,10 +135,16 @@ class World:
         Returns the traffic before the cycle with the newborns, which flights these are, and the
         arrivals and the traffic after the cycle.
         """
+        arrivals, begun, born = self.admit(arrivals, traffic)
+        return begun, born, *fly(self.simulator, arrivals, begun)
+
+    def admit(
+        self, arrivals: Arrivals, traffic: Traffic
+    ) -> tuple[Arrivals, Traffic, Bool[Array, "slots *batch"]]:
+        """Admit the flights that are due before the next cycle; returns also which these are."""
         before = arrivals.flight
         arrivals, begun = self.flow.admission.admit(arrivals, traffic)
-        born = (arrivals.flight != before) & (arrivals.flight != FREE)
-        return begun, born, *fly(self.simulator, arrivals, begun)
+        return arrivals, begun, (arrivals.flight != before) & (arrivals.flight != FREE)
 
     def end_cycle(
         self,
