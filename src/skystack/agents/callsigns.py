@@ -1,6 +1,7 @@
 """The callsigns of arriving flights."""
 
 from collections import Counter
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,18 +14,20 @@ class Callsigns:
 
     Callsigns are numbered by candidate: which candidates are admitted, and when, depends on the
     traffic, but a callsign is the same flight under every agent. If the candidates are used up and
-    begin again, a suffix is added.
+    begin again, a suffix is added. Candidates with callsigns of their own keep them.
     """
 
-    def __init__(self) -> None:
-        self._uses = Counter[int]()
+    def __init__(self, own: Sequence[str] = ()) -> None:
+        """`own` are the callsigns of the candidates, if they have their own."""
+        self._own, self._uses = own, Counter[int]()
         self._names: list[str] = []
 
     def add(self, candidate: int) -> str:
         """Name the next flight, which is made from a candidate."""
         self._uses[candidate] += 1
         uses = self._uses[candidate]
-        self._names.append(f"AC{candidate + 1}" + (f"-{uses}" if uses > 1 else ""))
+        name = self._own[candidate] if candidate < len(self._own) else f"AC{candidate + 1}"
+        self._names.append(name + (f"-{uses}" if uses > 1 else ""))
         return self._names[-1]
 
     def follow(self, state: WorldState) -> dict[str, int]:

@@ -108,7 +108,7 @@ class PerFlight:
 
     def begin(self, state: WorldState) -> None:
         self._flights.begin()
-        self._names = Callsigns()
+        self._names = Callsigns(self._flights.task.flow.callsigns)
 
     def transmit(self, state: WorldState) -> list[Transmission]:
         """Raises InputError if the agent fails or answers anything but an action of the table."""

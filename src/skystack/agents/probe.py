@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from skystack.simulator.simulator import Simulator, instruct
 from skystack.simulator.traffic import NO_TURN, Clearance, Traffic, ticks
+from skystack.tasks.flight_time import flight_times
 from skystack.tasks.progress import FlightPlan, Progress, ProgressTracker
 from skystack.tasks.sector_world import World
 from skystack.tasks.separation import least_distance_squared
@@ -25,7 +26,12 @@ PLANS = 32
 EVENTS = 3
 """The maximum number of clearances of a plan."""
 AHEAD = 240
-"""The number of cycles flown ahead."""
+"""The minimum number of cycles flown ahead."""
+DETOUR = 1.25
+"""Plans are flown ahead for this factor times the flight time of the longest route, so that all of
+them reach their exits."""
+LOW_FL = 100
+"""The lowest level at which that time is computed."""
 NEVER = 100_000
 """The cycle of an event that is not used."""
 
@@ -77,12 +83,20 @@ class Probe:
     """Added to the separation standard."""
 
     @cached_property
+    def ahead(self) -> int:
+        """The number of cycles flown ahead."""
+        lowest, highest = self.world.sector.levels_fl
+        levels_fl = (min(max(lowest, LOW_FL), highest), highest)
+        times = flight_times(self.world.simulator, levels_fl, disc_nm=0.0)
+        return max(AHEAD, int(DETOUR * times.slowest.max()))
+
+    @cached_property
     def fly(self) -> Any:
         """(traffic, progress, flight_plan, events) -> FlownPlans, compiled.
 
         All have one row per plan.
         """
-        return jax.jit(partial(_fly, self.world.simulator, self.world.tracker))
+        return jax.jit(partial(_fly, self.world.simulator, self.world.tracker, self.ahead))
 
     @cached_property
     def conflicts(self) -> Any:
@@ -95,6 +109,7 @@ class Probe:
 def _fly(
     simulator: Simulator,
     tracker: ProgressTracker,
+    cycles: int,
     traffic: Traffic,
     progress: Progress,
     flight_plan: FlightPlan,
@@ -126,7 +141,7 @@ def _fly(
         )
 
     (_, progress), (position, level, present) = jax.lax.scan(
-        step, (traffic, progress), jnp.arange(AHEAD, dtype=jnp.int32)
+        step, (traffic, progress), jnp.arange(cycles, dtype=jnp.int32)
     )
     ahead = Ahead(
         position_nm=jnp.concatenate([traffic.position_nm[None], position]),

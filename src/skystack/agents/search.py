@@ -15,7 +15,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from skystack.agents.probe import (
-    AHEAD,
     EVENTS,
     NEVER,
     PLANS,
@@ -58,7 +57,7 @@ class Search:
         self._cycle = 0
         self._planned = np.full(slots, FREE)
         """The flight for which each slot has a plan."""
-        shape = (AHEAD + 1, slots)
+        shape = (self.probe.ahead + 1, slots)
         self._position = np.zeros((*shape, 2), dtype=np.float32)
         self._level = np.zeros(shape, dtype=np.float32)
         self._present = np.zeros(shape, dtype=bool)
@@ -224,7 +223,7 @@ def _better(
         + flown.cycles[:count]
         + NOT_CLEAR * (conflicts > 0)
         + 2_000.0 * conflicts
-        - 5.0 * np.minimum(soonest, AHEAD) * (conflicts > 0)
+        - 5.0 * np.minimum(soonest, len(flown.ahead.level_ticks)) * (conflicts > 0)
         + 10.0 * NOT_CLEAR * wrong
     )
     number = int(np.argmin(cost))

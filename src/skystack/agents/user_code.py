@@ -157,7 +157,7 @@ class UserController:
 
     def begin(self, state: WorldState) -> None:
         self._flights.begin()
-        self._callsigns = Callsigns()
+        self._callsigns = Callsigns(self._task.flow.callsigns)
         actions = {name: number for number, name in enumerate(ACTIONS)}
         names = self._task.observation_names
         self._environment = ControllerEnvironment(self._sector, actions, names)

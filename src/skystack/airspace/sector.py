@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from skystack.airspace.landing import LANDING_NM, is_inside, landing_ends, landing_ring
 from skystack.airspace.projection import METRES_PER_NM, WGS84, MercatorPlane, geodesic_leg
 from skystack.errors import InputError, unknown_name
 
@@ -20,6 +21,8 @@ including their corners."""
 STRAIGHT_WITHIN_NM = 0.05
 """Lines that deviate from a straight line in the plane by at most this are treated as straight.
 Edges of the area are straight in longitude and latitude, and legs of routes are geodesics."""
+ON_EDGE_NM = 0.5
+"""An exit fix is within this distance of an edge of the area."""
 SEPARATION_TOLERANCE_NM = 0.0005
 """Allows for rounding of float32 positions. A distance of exactly the standard is not a loss of
 separation; one metre less is."""
@@ -31,6 +34,10 @@ class RouteTable(NamedTuple):
     fixes_nm: Float[np.ndarray, "routes fixes 2"]
     last_fix: Int[np.ndarray, " routes"]
     """Index of the last fix."""
+    exit_fix: Int[np.ndarray, " routes"]
+    """Index of the exit fix; of the last fix if the route ends inside the area."""
+    lands: Bool[np.ndarray, " routes"]
+    """Whether the route ends inside the area. Its exit is then a ring around the last fix."""
     leg_nm: Float[np.ndarray, "routes legs"]
     """Geodesic length of each leg; 0 for padding."""
     leg_bulge_nm: Float[np.ndarray, "routes legs"]
@@ -44,9 +51,11 @@ class RouteTable(NamedTuple):
     first_heading_deg: Float[np.ndarray, " routes"]
     """Geodesic bearing of the first leg."""
     exit_edge_nm: Float[np.ndarray, "routes points 2"]
-    """The exit: the edge of the area with the exit fix (the last but one), or the part of it within
-    `Sector.exit_nm` of the fix. The inside is to its left. It has extra points where it bends in
-    the plane, and is padded with its end."""
+    """The exit: the edge of the area with the exit fix, or the part of it within `Sector.exit_nm`
+    of the fix. The inside is to its left. It has extra points where it bends in the plane, and is
+    padded with its end."""
+    exit_ends_nm: Float[np.ndarray, "routes 2 2"]
+    """The right and the left end of the exit, as seen from inside."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +63,8 @@ class Sector:
     """An airspace sector. Points are (latitude, longitude) in degrees.
 
     `area` is counter-clockwise. `levels_fl` are the lowest and the highest level, both inclusive. A
-    route starts and ends outside the area, and its last but one fix is on the area's edge.
+    route that ends outside the area leads out over its exit fix, which is on the area's edge. One
+    that ends inside leads to an airport.
     """
 
     name: str
@@ -154,6 +164,8 @@ class Sector:
         return RouteTable(
             fixes_nm=fixes.astype(np.float32),
             last_fix=np.array([len(route) - 1 for route in self.routes], dtype=np.int32),
+            exit_fix=np.array([self.exit_fix(route) for route in self.routes], dtype=np.int32),
+            lands=np.array([self.lands(route) for route in self.routes]),
             leg_nm=legs[..., 0].astype(np.float32),
             leg_bulge_nm=_bulge_nm(fixes, legs).astype(np.float32),
             leg_direction=after.astype(np.float32),
@@ -163,7 +175,34 @@ class Sector:
                 [self.first_heading_deg(route) for route in self.routes], dtype=np.float32
             ),
             exit_edge_nm=_padded([self._exit(route) for route in self.routes]),
+            exit_ends_nm=np.array(
+                [self._exit_ends(route) for route in self.routes], dtype=np.float32
+            ),
         )
+
+    def lands(self, route: tuple[str, ...]) -> bool:
+        """Whether a route ends inside the area."""
+        return is_inside(self.fixes_nm[route[-1]], self.area_nm)
+
+    def exit_fix(self, route: tuple[str, ...]) -> int:
+        """Index of a route's exit fix: the last one on an edge of the area, before the end.
+
+        Of a route that ends inside the area, it is that of the last fix.
+        """
+        last = len(route) - 1
+        if self.lands(route):
+            return last
+        on_edge = (
+            index
+            for index in range(last - 1, 0, -1)
+            if self._distance_to_edge_nm(route[index]) <= ON_EDGE_NM
+        )
+        return next(on_edge, last - 1)
+
+    def _distance_to_edge_nm(self, fix: str) -> float:
+        point = self.fixes_nm[fix]
+        distance = min(_distance_to_line(point, edge) for edge in self._edges_nm)
+        return distance / self._scaled(1.0, point)
 
     def _legs(self, route: tuple[str, ...]) -> Float[np.ndarray, "legs 3"]:
         """Length [NM], bearing at the start and bearing at the end [deg] of each geodesic leg."""
@@ -173,7 +212,11 @@ class Sector:
 
     def _exit(self, route: tuple[str, ...]) -> Float[np.ndarray, "points 2"]:
         """The exit of a route as points in the plane, with the inside to its left."""
-        whole, fix_nm = self.edge_through(route[-2]), self.fixes_nm[route[-2]]
+        fix = route[self.exit_fix(route)]
+        fix_nm = self.fixes_nm[fix]
+        if self.lands(route):
+            return landing_ring(fix_nm, self._scaled(LANDING_NM, fix_nm))
+        whole = self.edge_through(fix)
         if self.exit_nm is None and not self.exit_before_nm:
             return whole
         # Imported here, because it takes long and few tasks need it.
@@ -188,9 +231,19 @@ class Sector:
         edge = translate(edge, *(self.exit_point_nm(route) - fix_nm))
         return np.array(edge.coords)
 
+    def _exit_ends(self, route: tuple[str, ...]) -> Float[np.ndarray, "2 2"]:
+        """The right and the left end of a route's exit."""
+        if not self.lands(route):
+            return self._exit(route)[[0, -1]]
+        before, fix = (self.fixes_nm[name] for name in route[-2:])
+        return landing_ends(fix, before, self._scaled(LANDING_NM, fix))
+
     def exit_point_nm(self, route: tuple[str, ...]) -> Float[np.ndarray, "2"]:
         """The point of a route's exit: the exit fix, or `exit_before_nm` before it on the leg."""
-        before, fix = (self.fixes_nm[name] for name in route[-3:-1])
+        last = self.exit_fix(route)
+        before, fix = (self.fixes_nm[name] for name in route[last - 1 : last + 1])
+        if self.lands(route):
+            return fix
         leg = before - fix
         point: Float[np.ndarray, "2"] = fix + leg / np.hypot(*leg) * self._scaled(
             self.exit_before_nm, fix

@@ -27,7 +27,7 @@ from skystack.airspace.projection import (
     geodesic_leg,
     wrap_longitude,
 )
-from skystack.airspace.sector import MAX_DISTANCE_NM, LatLon, Sector
+from skystack.airspace.sector import MAX_DISTANCE_NM, ON_EDGE_NM, LatLon, Sector
 from skystack.errors import InputError, error_context, unknown_name
 from skystack.io.json_file import is_name, read_json
 from skystack.io.validation import convert, not_allowed
@@ -35,8 +35,6 @@ from skystack.io.validation import convert, not_allowed
 MAX_FIXES, MAX_ROUTES, MAX_FIXES_PER_ROUTE = 1000, 200, 100
 """Limits that keep compilation and simulation to seconds. Real sectors have a few tens of each."""
 SWAPPED = "; are lat and lon swapped?"
-ON_EDGE_NM = 0.5
-"""An exit fix must be within this distance of the area's edge, and further from its corners."""
 
 Latitude = Annotated[float, Meta(ge=-MAX_LATITUDE_DEG, le=MAX_LATITUDE_DEG)]
 Longitude = Annotated[float, Meta(ge=-MAX_LONGITUDE_DEG, le=MAX_LONGITUDE_DEG)]
@@ -206,12 +204,15 @@ def _check_distance(where: str, plane: MercatorPlane, point: LatLon, exchanged: 
 
 
 def _check_route(route: tuple[str, ...], index: int, sector: Sector) -> None:
-    """Check that a route enters the area and leaves it over the exit fix on its edge."""
-    from shapely import LineString, Polygon, contains_xy  # noqa: PLC0415
+    """Check that a route leads through the area and leaves it over an exit fix on its edge.
+
+    A route that ends inside the area is checked up to there.
+    """
+    from shapely import LineString, Polygon  # noqa: PLC0415
 
     _check_count("the route", len(route), MAX_FIXES_PER_ROUTE)
     if len(route) < 3:
-        raise not_allowed("the route", list(route), "at least three fixes: outside, exit, outside")
+        raise not_allowed("the route", list(route), "at least three fixes")
     for fix in route:
         if fix not in sector.fixes:
             raise unknown_name("fix", fix, sector.fixes)
@@ -221,14 +222,13 @@ def _check_route(route: tuple[str, ...], index: int, sector: Sector) -> None:
     if min(legs) * METRES_PER_NM < SAME_PLACE_M:
         raise not_allowed("the route", list(route), "consecutive fixes at different positions")
     area, scale = Polygon(sector.area_nm), sector.plane.scale
-    for name in (route[0], route[-1]):
-        if contains_xy(area, *sector.fixes_nm[name]):
-            raise InputError(f"starts or ends at {name} inside the area (allowed: outside)")
     within = area.intersection(LineString([sector.fixes_nm[name] for name in route]))
     if within.is_empty or within.length < scale(np.array([within.centroid.y]))[0]:  # 1 NM
         raise not_allowed("the route", list(route), "a route through the area")
-    exit_fix, last = route[-2:]
-    _check_exit(exit_fix, sector.fixes_nm[exit_fix], sector.fixes_nm[last], sector)
+    if not sector.lands(route):
+        index = sector.exit_fix(route)
+        exit_fix, after = route[index : index + 2]
+        _check_exit(exit_fix, sector.fixes_nm[exit_fix], sector.fixes_nm[after], sector)
 
 
 def _check_exit(
@@ -254,8 +254,8 @@ def _check_exit(
         off_nm = geodesic_leg(sector.fixes[name], (lat, lon))[1]
         raise InputError(
             f"its exit fix {name} is not on an edge of the area; lat {lat:.4f}, lon {lon:.4f} is, "
-            f"{off_nm:.2f} NM away (allowed: the last fix but one within {ON_EDGE_NM} NM of an "
-            "edge, and not at a corner)"
+            f"{off_nm:.2f} NM away (allowed: within {ON_EDGE_NM} NM of an edge, and not at a "
+            "corner)"
         )
     before, after = (
         np.array(edge.interpolate(along + step * tolerance).coords[0]) for step in (-1.0, 1.0)

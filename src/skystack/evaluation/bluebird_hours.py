@@ -1,10 +1,8 @@
-"""Hours of BluebirdDT's own arriving traffic, flown in BluebirdDT, for agents of sector control.
+"""Hours of BluebirdDT's own traffic, flown in BluebirdDT, for agents of sector control.
 
 The state that agents see is rebuilt from BluebirdDT's reports after every cycle. Exits,
 excursions and losses of separation are determined as in our simulator.
 """
-
-from dataclasses import replace
 
 import jax
 import numpy as np
@@ -14,9 +12,9 @@ from skystack.agents.transmission import Transmission
 from skystack.errors import InputError
 from skystack.evaluation.foreign_hours import ReportedTraffic, instructions_of, writable
 from skystack.learning.seeds import scenario_key
-from skystack.platforms.bluebird_traffic import BluebirdTraffic
+from skystack.platforms.bluebird_traffic import TrafficInBluebird
 from skystack.platforms.flight_report import FlightReport
-from skystack.simulator.arrivals import FREE, Arrivals, Clock
+from skystack.simulator.arrivals import FREE, Arrivals
 from skystack.simulator.traffic import ticks
 from skystack.tasks.sector_world import World, WorldCycle, WorldState
 
@@ -27,9 +25,9 @@ class BluebirdHours:
     `world` has BluebirdDT's sector and performance, and the number of slots.
     """
 
-    def __init__(self, world: World, clock: Clock) -> None:
-        self.world, self.platform = world, BluebirdTraffic(clock)
-        self._empty = jax.jit(World(replace(world.flow, starters=0)).reset)
+    def __init__(self, world: World, platform: TrafficInBluebird) -> None:
+        self.world, self.platform = world, platform
+        self._empty = jax.jit(World(world.flow.without_starters()).reset)
         self._begin, self._end_cycle = jax.jit(world.tracker.begin), jax.jit(world.end_cycle)
         self._reports = ReportedTraffic(world)
         self._slot: dict[str, int] = {}
@@ -91,6 +89,8 @@ class BluebirdHours:
             values["candidate"][slot] = number
             values["entry_level_ticks"][slot] = ticks(report.entry_fl)
             values["exit_level_ticks"][slot] = ticks(report.exit_fl)
+            if values["contact_s"] is not None:
+                values["contact_s"][slot] = report.contact_s
             number += 1
         values["held"][:] = 0
         for callsign, slot in self._slot.items():

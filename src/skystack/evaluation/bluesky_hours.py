@@ -36,14 +36,14 @@ class BlueskyHours:
         self._reports = ReportedTraffic(world)
         self._reset, self._admit = jax.jit(world.reset), jax.jit(world.admit)
         self._end_cycle = jax.jit(self._end)
-        self._callsigns = Callsigns()
+        self._callsigns = Callsigns(world.flow.callsigns)
         self._flying: dict[str, int] = {}
         """The slots of the flights that BlueSky flies, by callsign."""
 
     def reset(self, seed: int, number: int) -> WorldState:
         state: WorldState = jax.device_get(self._reset(scenario_key(seed, number)))
         self.platform.reset()
-        self._callsigns, self._flying = Callsigns(), {}
+        self._callsigns, self._flying = Callsigns(self.world.flow.callsigns), {}
         return state
 
     def advance(

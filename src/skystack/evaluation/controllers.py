@@ -25,6 +25,7 @@ from skystack.agents.user_code import (
 from skystack.airspace.sector import Sector
 from skystack.airspace.sectors import sector_from, sector_setting
 from skystack.errors import InputError, exists, unknown_name
+from skystack.evaluation.fixed_traffic import fixed_world, is_fixed
 from skystack.evaluation.traffic_conditions import BLUESKY, TrafficConditions, flow_of
 from skystack.io.files import read_whole
 from skystack.io.names import as_name
@@ -89,7 +90,7 @@ def find_controller(controller: str | Policy, conditions: TrafficConditions) -> 
     if make := (SECTOR_AGENTS | BLUESKY_AGENTS).get(name):
         world, per_cycle = _world(conditions, DEFAULT_SECTOR, PERFORMANCE), _per_cycle(conditions)
         agent = make(world, per_cycle)
-        return ControlledWorld(name, agent, world, PERFORMANCE, per_cycle, name)
+        return ControlledWorld(name, agent, world, _model(conditions), per_cycle, name)
     if is_user_code(name):
         return _user_code(name, conditions)
     if Path(name).suffix.lower() in READERS:
@@ -118,7 +119,8 @@ def _learned(policy: Policy, name: str, conditions: TrafficConditions) -> Contro
     )
     agent = learned_agent(policy, task, world, per_cycle, conditions.safety_net)
     digest = policy.description.sha256
-    return ControlledWorld(name, agent, world, config["performance"], per_cycle, digest)
+    model = _model(conditions, config["performance"])
+    return ControlledWorld(name, agent, world, model, per_cycle, digest)
 
 
 def _user_code(name: str, conditions: TrafficConditions) -> ControlledWorld:
@@ -132,7 +134,7 @@ def _user_code(name: str, conditions: TrafficConditions) -> ControlledWorld:
     agent = UserController(partial(find_user_code, name), _task(world, conditions))
     digest = sha256(member.encode() + (b"" if file is None else read_whole(file))).hexdigest()
     row = as_name(f"{Path(where).stem if is_file_name(where) else where}.{member}")
-    return ControlledWorld(row, agent, world, PERFORMANCE, conditions.per_cycle, digest)
+    return ControlledWorld(row, agent, world, _model(conditions), conditions.per_cycle, digest)
 
 
 def _other_library(name: str, conditions: TrafficConditions) -> ControlledWorld:
@@ -143,7 +145,7 @@ def _other_library(name: str, conditions: TrafficConditions) -> ControlledWorld:
     check_agent(found, task, SectorControl.name)
     digest = sha256(read_whole(Path(name))).hexdigest()
     agent = PerFlight(found, task, per_cycle)
-    return ControlledWorld(found.name, agent, world, PERFORMANCE, per_cycle, digest)
+    return ControlledWorld(found.name, agent, world, _model(conditions), per_cycle, digest)
 
 
 def _per_cycle(conditions: TrafficConditions) -> int:
@@ -154,8 +156,15 @@ def _task(world: World, conditions: TrafficConditions) -> SectorControl:
     return SectorControl(world.flow, conditions.cycles, SectorRewardSettings())
 
 
+def _model(conditions: TrafficConditions, model: str = PERFORMANCE) -> str:
+    """The name of the performance model. Fixed traffic has its own, read from tables."""
+    return "table" if is_fixed(conditions.traffic) else model
+
+
 def _world(conditions: TrafficConditions, sector: str | Sector, model: str) -> World:
     """The world of a sector, or of that of the conditions, with a performance model."""
+    if is_fixed(conditions.traffic):
+        return fixed_world(conditions.traffic, conditions.cycles)
     if conditions.sector is not None:
         sector = conditions.sector
     if isinstance(sector, str):

@@ -62,7 +62,7 @@ def _outside(fraction: Float[np.ndarray, "exits pieces"]) -> Float[np.ndarray, "
 
 
 def _cross(
-    first: Float[np.ndarray, "exits pieces 2"], second: Float[np.ndarray, "exits pieces 2"]
+    first: Float[np.ndarray, "exits #pieces 2"], second: Float[np.ndarray, "exits #pieces 2"]
 ) -> Float[np.ndarray, "exits pieces"]:
     product: Float[np.ndarray, "exits pieces"] = (
         first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
@@ -73,9 +73,13 @@ def _cross(
 def distance_to_exit_nm(
     sector: Sector, route: Int[np.ndarray, " exits"], position_nm: Float[np.ndarray, "exits 2"]
 ) -> Float[np.ndarray, " exits"]:
-    """Geodesic distance from positions in the plane to the exit points of their routes."""
+    """Geodesic distance from positions in the plane to the exit points of their routes.
+
+    It is NaN for routes that end inside the area, where flights land.
+    """
     lat, lon = sector.plane.to_degrees(position_nm).T
     points = np.array([sector.exit_point_nm(each) for each in sector.routes])
     exit_lat, exit_lon = sector.plane.to_degrees(points)[route].T
     metres = WGS84.inv(lon, lat, exit_lon, exit_lat)[2]
-    return np.asarray(metres) / METRES_PER_NM
+    lands = sector.route_table.lands[route]
+    return np.where(lands, np.nan, np.asarray(metres) / METRES_PER_NM)

@@ -83,7 +83,7 @@ def fly_flight_school(
         raise InputError(f"{len(seeds)} seeds (allowed: 1 to {MOST_SEEDS:,})")
     if min(seeds) < 0 or max(seeds) > MAX_INT:
         raise InputError(f"seeds {min(seeds)} to {max(seeds)} (allowed: 0 to {MAX_INT})")
-    check_conditions(conditions)
+    check_conditions(conditions._replace(hours=len(seeds)))
     found = find_controller(agent, conditions)
     folder = out / folder_name(found.name, conditions)
     job = _Job(agent, conditions, folder / SEEDS, conditions_digest(found, conditions))
@@ -105,7 +105,7 @@ def fly_flight_school(
 
 def folder_name(agent: str, conditions: TrafficConditions) -> str:
     """The name of the folder of an agent's results under some conditions."""
-    parts = [agent, "flight-school", conditions.traffic]
+    parts = [agent, "flight-school", conditions.traffic_in_names]
     if conditions.sector is not None:
         parts.append(Path(conditions.sector).stem)
     parts += [each.removeprefix("--").replace(" ", "-") for each in conditions.options]

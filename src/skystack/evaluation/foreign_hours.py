@@ -5,6 +5,7 @@ from functools import cached_property
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from skystack.agents.transmission import Transmission, instruction_of
@@ -58,7 +59,10 @@ class ReportedTraffic:
         """(traffic) -> the traffic with all clearances adopted, compiled."""
 
         def adopted(traffic: Traffic) -> Traffic:
-            nominal_kt = self._world.simulator.level_ground_speed_kt(traffic.level_ticks)
+            phase = jnp.sign(traffic.cleared_level_ticks - traffic.level_ticks)
+            nominal_kt = self._world.simulator.performance.true_airspeed_kt(
+                traffic.level_ticks, phase, traffic.kind
+            )
             return traffic._replace(
                 flown_heading_deg=traffic.cleared_heading_deg,
                 flown_level_ticks=traffic.cleared_level_ticks,
@@ -72,7 +76,8 @@ class ReportedTraffic:
     def _flight(self, report: FlightReport) -> dict[str, Any]:
         """The values of a flight in `Traffic`."""
         last, radius_nm = len(report.route) - 1, report.turn_radius_nm
-        next_fix = last if report.next_fix is None else report.route.index(report.next_fix)
+        # BluebirdDT's flights that start at their first fix fly to it.
+        next_fix = last if report.next_fix is None else max(report.route.index(report.next_fix), 1)
         return {
             "active": True,
             "position_nm": self._world.sector.plane.to_plane(report.lat, report.lon),
@@ -87,12 +92,13 @@ class ReportedTraffic:
             "next_fix": next_fix,
             "turn_radius_nm": RADIUS_UNKNOWN if radius_nm is None else radius_nm,
             "climb_factor": 1.0,
+            "kind": report.kind,
         }
 
 
 def writable(values: Arrivals | Traffic) -> dict[str, Any]:
     """Writable copies of the arrays, by name. `candidates` is not copied."""
     return {
-        name: each if name == "candidates" else np.array(each)
+        name: each if each is None or name == "candidates" else np.array(each)
         for name, each in values._asdict().items()
     }

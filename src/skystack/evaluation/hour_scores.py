@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from skystack.airspace.landing import LANDING_NM
 from skystack.airspace.sector import Sector
 from skystack.evaluation.exit_offset import crossing_nm, distance_to_exit_nm
 from skystack.evaluation.hours import Hour
@@ -54,6 +55,7 @@ class FlightRow(NamedTuple):
     correct: bool
     excursion: bool
     exit_offset_nm: float
+    """Distance from the exit point; NaN unless it exited, and for landings."""
     """Distance from the exit fix when it crossed its exit; NaN if it did not."""
     flown_nm: float
     extra_nm: float
@@ -255,11 +257,12 @@ def _flight_row(
 
 
 def _route_nm(sector: Sector, route: int, birth_nm: Float[np.ndarray, "2"]) -> float:
-    """The length of a route from abeam a position of birth to the exit fix [NM]."""
+    """The length of a route from abeam a position of birth to its exit [NM]."""
     table = sector.route_table
     first = table.fixes_nm[route, 0].astype(np.float64)
     along = float(np.dot(birth_nm - first, table.leg_direction[route, 0]))
-    legs = float(table.leg_nm[route, : table.last_fix[route] - 1].sum())
+    legs = float(table.leg_nm[route, : table.exit_fix[route]].sum())
+    legs -= LANDING_NM * float(table.lands[route])
     return legs - along / float(sector.plane.scale(first[1:])[0])
 
 
@@ -304,7 +307,9 @@ def summary(scores: Sequence[Scores], agent: str, traffic: str) -> dict[str, Any
         "correct_exit_rate": rate(sum(row.correct for row in gone), len(gone)),
         "exit_rate": rate(len(exited), len(gone)),
         "excursion_rate": rate(sum(row.excursion for row in gone), len(gone)),
-        "exit_offset_nm_median": _median([row.exit_offset_nm for row in exited]),
+        "exit_offset_nm_median": _median(
+            [row.exit_offset_nm for row in exited if np.isfinite(row.exit_offset_nm)]
+        ),
         "transmissions_per_flight": rate(transmissions, len(flights)),
         "transmissions_per_minute": rate(transmissions, minutes),
         "transmissions_worst_minute": max(

@@ -4,7 +4,7 @@ Each hour is a scenario. `aircraft` has one row per flight, and trajectories beg
 birth (`birth_cycle`), so not in row 0. `losses` has the pairs of flights that lost separation.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -46,7 +46,7 @@ class FlownHour:
     @cached_property
     def callsigns(self) -> list[str]:
         """The callsigns of all flights, in order of birth."""
-        return callsigns_of(self.hour)
+        return callsigns_of(self.hour, self.world.flow.callsigns)
 
 
 @contextmanager
@@ -247,8 +247,8 @@ def _loss(flown: FlownHour, loss: PairEvent) -> dict[str, Any]:
     }
 
 
-def callsigns_of(hour: Hour) -> list[str]:
-    """The callsigns of all flights, in order of birth."""
+def callsigns_of(hour: Hour, own: Sequence[str] = ()) -> list[str]:
+    """The callsigns of all flights, in order of birth; `own` are those of the candidates."""
     flight, first = np.unique(hour.flight, return_index=True)
-    candidates, names = hour.candidate.reshape(-1)[first[flight != FREE]], Callsigns()
+    candidates, names = hour.candidate.reshape(-1)[first[flight != FREE]], Callsigns(own)
     return [names.add(candidate) for candidate in candidates.tolist()]

@@ -13,6 +13,7 @@ from skystack.airspace.sector import Sector
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
 from skystack.evaluation.controllers import PERFORMANCE, ControlledWorld, find_controller
+from skystack.evaluation.fixed_traffic import fixed_platform, is_fixed
 from skystack.evaluation.hour_row import forget_row, write_row
 from skystack.evaluation.hour_scores import score, summary
 from skystack.evaluation.hour_tables import AppendHour, growing_hours
@@ -74,6 +75,10 @@ def open_hours(found: ControlledWorld, conditions: TrafficConditions) -> Hours:
     if conditions.platform == OWN:
         return OwnHours(found.world)
     platform = conditions.platform
+    if is_fixed(conditions.traffic):
+        from skystack.evaluation.bluebird_hours import BluebirdHours  # noqa: PLC0415  # an extra
+
+        return BluebirdHours(found.world, fixed_platform(conditions.traffic))
     if found.performance != PERFORMANCE:
         raise InputError(
             f"a policy for performance {found.performance} (allowed with --platform {platform}: "
@@ -88,7 +93,9 @@ def open_hours(found: ControlledWorld, conditions: TrafficConditions) -> Hours:
     if not _is_x_plus(found.world.sector):
         name = found.world.sector.name
         raise InputError(f"a policy for sector {name} (allowed in BluebirdDT's traffic: x-plus)")
-    return BluebirdHours(found.world, FLIGHT_SCHOOL[conditions.traffic])
+    from skystack.platforms.bluebird_traffic import BluebirdTraffic  # noqa: PLC0415
+
+    return BluebirdHours(found.world, BluebirdTraffic(FLIGHT_SCHOOL[conditions.traffic]))
 
 
 def _is_x_plus(sector: Sector) -> bool:
@@ -103,7 +110,7 @@ def _is_x_plus(sector: Sector) -> bool:
 
 def hours_folder(out: Path, agent: str, conditions: TrafficConditions) -> Path:
     """The folder of the tables of an agent on some traffic."""
-    name = f"{agent}-traffic-{conditions.traffic}-seed-{conditions.seed}"
+    name = f"{agent}-traffic-{conditions.traffic_in_names}-seed-{conditions.seed}"
     if conditions.sector is not None:
         name += f"-{Path(conditions.sector).stem}"
     options = (each.removeprefix("--").replace(" ", "-") for each in conditions.options)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from skystack.agents.transmission import PER_CYCLE
 from skystack.errors import InputError
+from skystack.evaluation.fixed_traffic import SPRINGFIELD, is_fixed
 from skystack.platforms.registry import OWN, check_platform
 from skystack.simulator.arrival_flows import FLIGHT_SCHOOL, STARTERS, Flow, constant_rate
 from skystack.simulator.simulator import Simulator
@@ -20,7 +21,7 @@ class TrafficConditions(NamedTuple):
     """The traffic of an evaluation, and what the controller is allowed."""
 
     traffic: str
-    """Flights per hour, or a name in `FLIGHT_SCHOOL`."""
+    """Flights per hour, a name in `FLIGHT_SCHOOL`, or `springfield:` and a scenario."""
     hours: int = 1
     seed: int = 0
     per_cycle: int | None = None
@@ -47,20 +48,44 @@ class TrafficConditions(NamedTuple):
         }
         return [option for option, given in differs.items() if given]
 
+    @property
+    def traffic_in_names(self) -> str:
+        """The traffic in names of folders."""
+        return self.traffic.replace(":", "-")
+
 
 def check_conditions(conditions: TrafficConditions) -> None:
     """Raise InputError for an unknown platform, and for conditions that it cannot fly."""
     platform = conditions.platform
     check_platform(platform)
+    if is_fixed(conditions.traffic):
+        _check_fixed(conditions)
+        return
     if platform != BLUEBIRD:
         return
     if conditions.traffic not in FLIGHT_SCHOOL:
         raise InputError(
             f"traffic {conditions.traffic} in BluebirdDT (allowed: {', '.join(FLIGHT_SCHOOL)})"
         )
+    _refuse_options(conditions, f"--platform {platform}")
+
+
+def _check_fixed(conditions: TrafficConditions) -> None:
+    traffic = conditions.traffic
+    if conditions.hours != 1:
+        raise InputError(f"traffic {traffic} is the same in every hour (allowed: one hour, one seed)")
+    if conditions.platform not in (OWN, BLUEBIRD):
+        raise InputError(
+            f"traffic {traffic} with --platform {conditions.platform} (allowed: {OWN} or "
+            f"{BLUEBIRD})"
+        )
+    _refuse_options(conditions, f"traffic {traffic}")
+
+
+def _refuse_options(conditions: TrafficConditions, what: str) -> None:
     for option, given in (("sector", conditions.sector), ("uncertainty", conditions.uncertainty)):
         if given:
-            raise InputError(f"--{option} cannot be used with --platform {platform}")
+            raise InputError(f"--{option} cannot be used with {what}")
 
 
 def flow_of(conditions: TrafficConditions, simulator: Simulator) -> Flow:
@@ -88,7 +113,8 @@ def _constant_flow(traffic: str, simulator: Simulator) -> Flow:
         rate = float(traffic)
     except ValueError:
         raise InputError(
-            f"traffic {traffic!r} (allowed: flights per hour, or {', '.join(FLIGHT_SCHOOL)})"
+            f"traffic {traffic!r} (allowed: flights per hour, {', '.join(FLIGHT_SCHOOL)}, or "
+            f"{SPRINGFIELD}:SCENARIO)"
         ) from None
     clock = constant_rate(rate)
     # About a quarter of the flights of an hour are there at once.

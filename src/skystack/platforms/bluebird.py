@@ -41,6 +41,8 @@ with requires_extra(__name__, "bluebird"):
 
 _FAR_NM = 10_000.0
 """Distance from its sector at which BluebirdDT removes an aircraft; its default is 20 NM."""
+MAX_FL = 600
+"""The highest level of a sector here."""
 
 
 class Bluebird:
@@ -237,6 +239,13 @@ def sector_named(name: str) -> OurSector:
     Raises InputError for an unknown name, and for an airspace with several volumes or with routes
     that do not lead through one area.
     """
+    entry = sector_entry(name)
+    with error_context(f"BluebirdDT's {name}"):
+        return make_sector(entry)
+
+
+def sector_entry(name: str) -> SectorEntry:
+    """As `sector_named`, with its routes unchecked."""
     if name not in AirspaceLoader.list_airspaces():
         raise unknown_name("sector of BluebirdDT", name, AirspaceLoader.list_airspaces())
     with warnings.catch_warnings():
@@ -248,11 +257,11 @@ def sector_named(name: str) -> OurSector:
             raise InputError(f"has {len(volumes)} volumes (allowed: 1)")
         corners = [(at.lon, at.lat) for at in volumes[0].area.boundary_vertices]
         fixes = {fix: Point(at.lat, at.lon) for fix, at in airspace.fixes.places.items()}
-        entry = SectorEntry(
+        return SectorEntry(
             name=f"bluebird:{name}",
-            levels_fl=(int(volumes[0].min_fl), int(volumes[0].max_fl)),
+            levels_fl=(int(volumes[0].min_fl), min(int(volumes[0].max_fl), MAX_FL)),
             area={"type": "Polygon", "coordinates": [corners]},
             fixes=fixes,
-            routes=tuple(tuple(route.filed) for route in routes),
+            # Springfield lists some routes twice.
+            routes=tuple(dict.fromkeys(tuple(route.filed) for route in routes)),
         )
-        return make_sector(entry)

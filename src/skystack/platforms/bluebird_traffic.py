@@ -29,47 +29,33 @@ with requires_extra(__name__, "bluebird"):
 
 _SECTOR = "Xplus-Sector"
 _STARTERS = 2
+QUIET: dict[str, Any] = {
+    "use_wind": False,
+    "use_forecast": False,
+    "save_csv": False,
+    "save_log_to_file": False,
+    "autosave_interval": None,
+    "attach_context_to_logger": False,
+}
+"""Settings with which BluebirdDT flies without wind and writes nothing."""
 
 
-class BluebirdTraffic:
-    """Flies hours of arriving traffic, one after another."""
+class TrafficInBluebird:
+    """Flies traffic of BluebirdDT. Subclasses set up its simulator."""
 
-    def __init__(self, clock: Clock) -> None:
-        """Only the rates and the end time of `clock` are used, such as `FLIGHT_SCHOOL["category"]`.
-
-        BluebirdDT itself decides which flights enter.
-        """
+    def __init__(self) -> None:
         silence()
-        self._clock = clock
         self._simulator: Any = None
-        self._separate: dict[int, Any] = {}
-        """The aircraft with a route of their own, by their id."""
         self._plans: dict[str, tuple[tuple[str, ...], float, float]] = {}
         """The route, entry and exit level of each flight, by callsign."""
 
     def reset(self, seed: int) -> dict[str, FlightReport]:
-        """Begin an hour of traffic."""
+        """Begin again."""
         self.close()
-        clock = self._clock
+        self._plans = {}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # from shapely
-            self._simulator = Infinite.setup(
-                _SECTOR,
-                use_wind=False,
-                use_forecast=False,
-                save_csv=False,
-                save_log_to_file=False,
-                autosave_interval=None,
-                attach_context_to_logger=False,
-                random_seed=seed,
-                num_starter_aircraft=_STARTERS,
-                initial_spawn_rate=clock.rate_per_s,
-                spawn_rate_increment=clock.increase_per_s,
-                spawn_rate_increase_interval=clock.interval_s,
-                max_spawn_rate=clock.max_rate_per_s,
-                total_time_seconds=clock.until_s,
-            )
-        self._plans, self._separate = {}, {}
+            self._simulator = self._set_up(seed)
         return self._reports()
 
     def issue(self, instruction: Instruction) -> None:
@@ -89,19 +75,58 @@ class BluebirdTraffic:
             self._simulator.close()
             self._simulator = None
 
+    def _set_up(self, seed: int) -> Any:
+        """BluebirdDT's simulator at the start."""
+        raise NotImplementedError
+
+    def _reports(self) -> dict[str, FlightReport]:
+        raise NotImplementedError
+
+    def _report(self, environment: Any, aircraft: Any, held: bool = False) -> FlightReport:
+        callsign = aircraft.callsign
+        if callsign not in self._plans:
+            self._plans[callsign] = _plan(environment, aircraft)
+        return _report(aircraft, self._plans[callsign], held)
+
+
+class BluebirdTraffic(TrafficInBluebird):
+    """Flies hours of arriving traffic, one after another."""
+
+    def __init__(self, clock: Clock) -> None:
+        """Only the rates and the end time of `clock` are used, such as `FLIGHT_SCHOOL["category"]`.
+
+        BluebirdDT itself decides which flights enter.
+        """
+        super().__init__()
+        self._clock = clock
+        self._separate: dict[int, Any] = {}
+        """The aircraft with a route of their own, by their id."""
+
+    def _set_up(self, seed: int) -> Any:
+        self._separate = {}
+        clock = self._clock
+        return Infinite.setup(
+            _SECTOR,
+            **QUIET,
+            random_seed=seed,
+            num_starter_aircraft=_STARTERS,
+            initial_spawn_rate=clock.rate_per_s,
+            spawn_rate_increment=clock.increase_per_s,
+            spawn_rate_increase_interval=clock.interval_s,
+            max_spawn_rate=clock.max_rate_per_s,
+            total_time_seconds=clock.until_s,
+        )
+
     def _reports(self) -> dict[str, FlightReport]:
         environment = self._simulator.manager.environment
         manager = self._simulator.scenario_manager
         later = {aircraft.callsign: aircraft for _, aircraft in manager.aircraft_to_add}
         self._separate_routes([*environment.aircraft.values(), *later.values()])
         held = later.keys() - _put_back_next(manager, environment.time)
-        reports = {}
-        for callsign, aircraft in environment.aircraft.items():
-            if callsign not in self._plans:
-                self._plans[callsign] = _plan(environment, aircraft)
-            now = later.get(callsign, aircraft)
-            reports[callsign] = _report(now, self._plans[callsign], callsign in held)
-        return reports
+        return {
+            callsign: self._report(environment, later.get(callsign, aircraft), callsign in held)
+            for callsign, aircraft in environment.aircraft.items()
+        }
 
     def _separate_routes(self, aircraft: list[Any]) -> None:
         """Give every aircraft its own copy of its route.

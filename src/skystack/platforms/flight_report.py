@@ -27,3 +27,7 @@ class FlightReport(NamedTuple):
     """That of its turn to the next fix; 0 without one, None if it is not known yet."""
     held: bool
     """Whether a clearance issued now would be lost."""
+    kind: int = 0
+    """Index of its type in the types of the performance model."""
+    contact_s: float = 0.0
+    """The time from which it hears clearances."""

@@ -1,21 +1,23 @@
 """Flows of arriving flights: constant rates, and BluebirdDT's Flight School traffic.
 
-Flights start behind the first fix of a random route, displaced to a random side, on the heading of
-the first leg and not on own navigation. Their entry and exit levels are independent and uniform
-over the sector's levels that are multiples of ten, and their airspeeds uniform over a range.
+Flights start behind the first fix of a random route, displaced to a random side, or at the fix if
+it is inside the area. They are on the heading of the first leg and not on own navigation. Their
+entry and exit levels are independent and uniform over the sector's levels that are multiples of
+ten, and their airspeeds uniform over a range.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skystack.airspace.geometry import direction
+from skystack.airspace.landing import is_inside
 from skystack.errors import InputError
-from skystack.simulator.arrivals import FREE, Admission, Arrivals, Candidates, Clock, enter
+from skystack.simulator.arrivals import FREE, Admission, Arrivals, Candidates, Clock, enter, fly
 from skystack.simulator.simulator import CYCLE_S, Simulator
 from skystack.simulator.traffic import Traffic, start, ticks
 
@@ -85,6 +87,19 @@ class Flow:
     rate_factors: tuple[float, float] = (1.0, 1.0)
     """The clock's rate is multiplied by a random factor in this range in each scenario."""
 
+    @property
+    def callsigns(self) -> tuple[str, ...]:
+        """The callsigns of the candidates, if they have their own."""
+        return ()
+
+    def without_starters(self) -> "Flow":
+        """The same arrivals, without flights at the start."""
+        return replace(self, starters=0)
+
+    def fly(self, arrivals: Arrivals, traffic: Traffic) -> tuple[Arrivals, Traffic]:
+        """Fly one cycle."""
+        return fly(self.simulator, arrivals, traffic)
+
     @cached_property
     def admission(self) -> Admission:
         return Admission(self.simulator, self.clock)
@@ -143,9 +158,10 @@ class Flow:
         heading = jnp.asarray(sector.route_table.first_heading_deg)[route]
         half_width = jnp.asarray(self._half_width_nm)[route]
         side = jax.random.uniform(side_key, count, minval=-1.0, maxval=1.0) * half_width
+        behind = jnp.asarray(np.where(self._departs, 0.0, behind_nm))[route]
         fix = jnp.asarray(sector.route_table.fixes_nm)[route, 0]
         offset = side[:, None] * direction(heading + 90.0)
-        offset -= behind_nm * direction(heading)
+        offset -= behind[:, None] * direction(heading)
         lowest, highest = sector.levels_fl
         levels = jnp.asarray([ticks(float(fl)) for fl in range(lowest, highest + 1, 10)])
         low_kt, high_kt = self.speeds_kt
@@ -166,14 +182,22 @@ class Flow:
 
     @cached_property
     def _half_width_nm(self) -> Float[np.ndarray, " routes"]:
-        """Half the length of the edge of the area nearest to the first fix of each route."""
+        """Half the length of the edge nearest to the first fix of each route; 0 for departures."""
         sector = self.simulator.sector
         edges = [sector.edge_through(route[0]) for route in sector.routes]
         length_nm = [
             float(np.hypot(*(edge[-1] - edge[0])) / sector.plane.scale(edge[:1, 1])[0])
             for edge in edges
         ]
-        return np.array(length_nm, dtype=np.float32) / 2.0
+        return np.where(self._departs, 0.0, np.array(length_nm) / 2.0).astype(np.float32)
+
+    @cached_property
+    def _departs(self) -> Bool[np.ndarray, " routes"]:
+        """Whether each route starts at an airport inside the area."""
+        sector = self.simulator.sector
+        return np.array(
+            [is_inside(sector.fixes_nm[route[0]], sector.area_nm) for route in sector.routes]
+        )
 
     def _with_starters(
         self, arrivals: Arrivals, traffic: Traffic, key: PRNGKeyArray

@@ -14,10 +14,11 @@ first reported exactly there.
 
 from dataclasses import dataclass
 from functools import reduce
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from skystack.airspace.geometry import length
@@ -50,6 +51,14 @@ class Candidates(NamedTuple):
     exit_level_ticks: Float[Array, "candidates *batch"]
     airspeed_factor: Float[Array, "candidates *batch"]
     climb_factor: Float[Array, "candidates *batch"]
+    kind: Int[Array, "candidates *batch"] | None = None
+    """Index of the type in the types of the performance model; None for the first type."""
+    cleared_level_ticks: Float[Array, "candidates *batch"] | None = None
+    """None if flights are cleared to their entry levels."""
+    own_navigation: Bool[Array, "candidates *batch"] | None = None
+    """None if no flight is on own navigation."""
+    contact_s: Float[Array, "candidates *batch"] | None = None
+    """The time from which flights hear clearances; None if from birth."""
 
 
 class Arrivals(NamedTuple):
@@ -80,6 +89,24 @@ class Arrivals(NamedTuple):
     """The end of the cycle of the last birth, from which the quadratic clock counts."""
     cycle: Int[Array, "*batch"]
     """The number of cycles flown."""
+    contact_s: Float[Array, "slots *batch"] | None = None
+    """The time from which the flight in each slot hears clearances; None if from birth."""
+
+    @property
+    def time_s(self) -> Any:
+        """The time flown, `[*batch]`; in numpy if the arrivals are."""
+        return (self.cycle * CYCLE_S).astype(np.float32)
+
+    @property
+    def in_contact(self) -> Any:
+        """Whether the flight in each slot hears clearances: no held newborn, nor too early.
+
+        `[slots, *batch]`, in numpy if the arrivals are.
+        """
+        moves = self.held == 0
+        if self.contact_s is None:
+            return moves
+        return moves & (self.contact_s <= self.time_s)
 
 
 @dataclass(frozen=True)
@@ -116,7 +143,7 @@ class Clock:
 
     def due(self, arrivals: Arrivals) -> Int[Array, "*batch"]:
         """The number of flights due before the next cycle."""
-        time_s = (arrivals.cycle * CYCLE_S).astype(jnp.float32)
+        time_s = arrivals.time_s
         if self.recorded:
             due_s, used = arrivals.candidates.due_s, arrivals.used
             number = jnp.arange(due_s.shape[0], dtype=jnp.int32)
@@ -206,7 +233,7 @@ class Admission:
         held = clock.held_cycles
         hold = held + _trailing_ones(twin) if clock.unchecked_twins else jnp.int32(held)
         number = _pick(index, first)
-        time_s = (arrivals.cycle * CYCLE_S).astype(jnp.float32)
+        time_s = arrivals.time_s
         arrivals = arrivals._replace(
             candidate=jnp.where(here, number[None], arrivals.candidate),
             held=jnp.where(here, hold, arrivals.held),
@@ -243,20 +270,27 @@ def enter(
     here: Bool[Array, "slots *batch"],
     flight: Candidates,
 ) -> tuple[Arrivals, Traffic]:
-    """Let a flight enter the traffic in the slot that the mask marks, in level flight.
+    """Let a flight enter the traffic in the slot that the mask marks.
 
     `flight` has no axis for candidates. Where the mask marks no slot, nothing changes.
     """
-    level = flight.entry_level_ticks[None]
+    level = cleared = flight.entry_level_ticks[None]
+    if flight.cleared_level_ticks is not None:
+        cleared = flight.cleared_level_ticks[None]
+    kind = None if flight.kind is None else flight.kind[None]
+    own = flight.own_navigation
     newborn = start(
         position_nm=flight.position_nm[None],
         heading_deg=flight.heading_deg[None],
         level_ticks=level,
         route=flight.route[None],
-        ground_speed_kt=simulator.level_ground_speed_kt(level) * flight.airspeed_factor[None],
-        own_navigation=jnp.zeros_like(level, dtype=bool),
+        ground_speed_kt=simulator.level_ground_speed_kt(level, kind) * flight.airspeed_factor[None],
+        own_navigation=jnp.zeros_like(level, dtype=bool) if own is None else own[None],
+        kind=kind,
     )
     newborn = newborn._replace(
+        flown_level_ticks=cleared,
+        cleared_level_ticks=cleared,
         cleared_fix=newborn.next_fix,
         airspeed_factor=flight.airspeed_factor[None],
         climb_factor=flight.climb_factor[None],
@@ -267,6 +301,10 @@ def enter(
         exit_level_ticks=jnp.where(here, flight.exit_level_ticks[None], arrivals.exit_level_ticks),
         born=arrivals.born + jnp.any(here, axis=0).astype(jnp.int32),
     )
+    if arrivals.contact_s is not None:
+        assert flight.contact_s is not None, "arrivals with times of contact"
+        contact_s = jnp.where(here, flight.contact_s[None], arrivals.contact_s)
+        arrivals = arrivals._replace(contact_s=contact_s)
     return arrivals, where_aircraft(here, newborn, traffic)
 
 

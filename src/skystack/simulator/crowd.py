@@ -29,8 +29,8 @@ class Crowd:
         count = (self.aircraft,)
         route_key, leg_key, along_key = jax.random.split(key, 3)
         route = jax.random.randint(route_key, count, 0, table.last_fix.shape[0], dtype=jnp.int32)
-        # Only legs before the exit fix, which is the last but one.
-        legs = (value_of(table.last_fix, route) - 1).astype(jnp.float32)
+        # Only legs before the exit fix.
+        legs = value_of(table.exit_fix, route).astype(jnp.float32)
         leg = jnp.floor(jax.random.uniform(leg_key, count) * legs).astype(jnp.int32)
         leg_start, leg_end = fix_of(table, route, leg), fix_of(table, route, leg + 1)
         level_ticks = jnp.full(count, ticks(self.level_fl), dtype=jnp.float32)

@@ -1,6 +1,7 @@
 """Own navigation: aircraft follow their routes with fly-by turns, as in BluebirdDT."""
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from skystack.airspace.geometry import (
@@ -31,15 +32,17 @@ def steer(
     sector: Sector,
     turn_rate_deg_s: Float[Array, "aircraft *batch"],
     route_end_nm: float,
+    route_turn_deg_s: float | None = None,
 ) -> tuple[Traffic, Float[Array, "aircraft *batch"]]:
     """Steer the aircraft on own navigation towards their next fix for the next second.
 
     They fly the geodesic to it. Returns the traffic with its turns updated, and each aircraft's
     turn rate [deg/s]: the rate of the arc during a fly-by turn, otherwise `turn_rate_deg_s`.
+    `route_turn_deg_s` is the rate of turns to fixes; None for coordinated turns.
     """
     if traffic.cleared_fix is not None:
-        traffic = _begin_direct(traffic, sector)
-    traffic = _sequence(traffic, sector, route_end_nm)
+        traffic = _begin_direct(traffic, sector, route_turn_deg_s)
+    traffic = _sequence(traffic, sector, route_end_nm, route_turn_deg_s)
     own = traffic.own_navigation
     target = fix_of(sector.route_table, traffic.route, traffic.next_fix)
     course = wrap_360(bearing(sector.plane.geodesic_direction(traffic.position_nm, target)))
@@ -57,7 +60,7 @@ def steer(
     return traffic, jnp.where(fly_by, arc, turn_rate_deg_s)
 
 
-def _begin_direct(traffic: Traffic, sector: Sector) -> Traffic:
+def _begin_direct(traffic: Traffic, sector: Sector, rate_deg_s: float | None) -> Traffic:
     """Begin the turns to the fixes that aircraft have just been cleared direct to.
 
     If an aircraft has flown past the last fix, its own navigation ends at once, but it still makes
@@ -67,7 +70,7 @@ def _begin_direct(traffic: Traffic, sector: Sector) -> Traffic:
     target = fix_of(sector.route_table, traffic.route, traffic.next_fix)
     course = bearing(sector.plane.geodesic_direction(traffic.position_nm, target))
     turn = wrap_180(course - traffic.heading_deg)
-    radius = turn_radius_nm(jnp.abs(turn), traffic.ground_speed_kt)
+    radius = turn_radius_nm(jnp.abs(turn), traffic.ground_speed_kt, rate_deg_s)
     return traffic._replace(
         flown_heading_deg=jnp.where(begins, wrap_360(course), traffic.flown_heading_deg),
         turn_deg=jnp.where(begins, turn, traffic.turn_deg),
@@ -75,7 +78,9 @@ def _begin_direct(traffic: Traffic, sector: Sector) -> Traffic:
     )
 
 
-def _sequence(traffic: Traffic, sector: Sector, route_end_nm: float) -> Traffic:
+def _sequence(
+    traffic: Traffic, sector: Sector, route_end_nm: float, rate_deg_s: float | None
+) -> Traffic:
     """Start the turn to the next leg when it is due, and end own navigation at the last fix."""
     own, routes = traffic.own_navigation, sector.route_table
     last = value_of(routes.last_fix, traffic.route)
@@ -88,7 +93,7 @@ def _sequence(traffic: Traffic, sector: Sector, route_end_nm: float) -> Traffic:
 
     inbound = sector.plane.geodesic_direction(traffic.position_nm, target)
     turn = jnp.abs(wrap_180(bearing(outbound) - bearing(inbound)))
-    radius = turn_radius_nm(turn, traffic.ground_speed_kt)
+    radius = turn_radius_nm(turn, traffic.ground_speed_kt, rate_deg_s)
     lead = jnp.minimum(
         radius * jnp.tan(jnp.radians(jnp.minimum(turn, 179.0)) / 2.0), EARLIEST_TURN_RADII * radius
     )
@@ -123,9 +128,16 @@ def fix_leg(
 
 
 def turn_radius_nm(
-    turn_deg: Float[Array, "aircraft *batch"], ground_speed_kt: Float[Array, "aircraft *batch"]
+    turn_deg: Float[Array, "aircraft *batch"],
+    ground_speed_kt: Float[Array, "aircraft *batch"],
+    rate_deg_s: float | None = None,
 ) -> Float[Array, "aircraft *batch"]:
-    """The radius of a coordinated turn. The bank angle depends on the size of the turn."""
+    """The radius of a turn at a rate, by default of a coordinated turn.
+
+    In a coordinated turn, the bank angle depends on the size of the turn.
+    """
+    if rate_deg_s is not None:
+        return ground_speed_kt / 3600.0 / np.radians(rate_deg_s)
     bank = jnp.clip(BANK_PER_TURN * turn_deg, MIN_BANK_DEG, MAX_BANK_DEG)
     speed_nm_s = ground_speed_kt / 3600.0
     return speed_nm_s**2 / (_G_NM_S2 * jnp.tan(jnp.radians(bank)))

@@ -64,6 +64,9 @@ class Simulator:
     own_navigation: bool = False
     """Whether aircraft may be on own navigation. If False, compiled programs omit it."""
     turn_rate_deg_s: float = TURN_RATE_DEG_S
+    route_turn_deg_s: float | None = None
+    """The rate of turns on own navigation; None for coordinated turns. Predictions of outlooks
+    always assume coordinated turns."""
 
     def advance(self, traffic: Traffic) -> Traffic:
         """One radar cycle of 6 s: active aircraft fly, then adopt their new clearances."""
@@ -106,7 +109,11 @@ class Simulator:
         turn_rate = jnp.full_like(rate, self.turn_rate_deg_s)
         if self.own_navigation:
             traffic, turn_rate = steer(
-                traffic, self.sector, turn_rate, self.performance.route_end_nm
+                traffic,
+                self.sector,
+                turn_rate,
+                self.performance.route_end_nm,
+                self.route_turn_deg_s,
             )
         captured = jnp.abs(to_go) <= jnp.abs(rate)
         level_ticks = jnp.where(captured, traffic.flown_level_ticks, traffic.level_ticks + rate)

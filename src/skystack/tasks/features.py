@@ -91,7 +91,7 @@ def exit_right_turn(sector: Sector, traffic: Traffic, memory: Memory) -> PerAirc
 
 
 def exit_distance(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
-    middle = np.mean(sector.route_table.exit_edge_nm[:, [0, -1]], axis=1)
+    middle = np.mean(sector.route_table.exit_ends_nm, axis=1)
     return _distance(sector, traffic, point_of(middle, traffic.route))
 
 
@@ -209,7 +209,7 @@ def _fix(
 def _route_to_exit(sector: Sector, traffic: Traffic, memory: Memory) -> PerAircraft:
     """Distance [NM] to the next fix and along the route to the exit fix; 0 after the exit fix."""
     table = sector.route_table
-    exit_fix = value_of(table.last_fix, traffic.route) - 1
+    exit_fix = value_of(table.exit_fix, traffic.route)
     distance_nm = _distance(sector, traffic, _fix(sector, traffic, memory, ahead=0))
     for number, leg_nm in enumerate(table.leg_nm.T, start=1):
         remaining = (number > memory.progress.next_fix) & (number <= exit_fix)
@@ -231,7 +231,7 @@ def _turn_to_fix(sector: Sector, traffic: Traffic, memory: Memory, ahead: int) -
 
 
 def _turn_to_exit_corner(sector: Sector, traffic: Traffic, corner: int) -> PerAircraft:
-    end = point_of(sector.route_table.exit_edge_nm[:, corner], traffic.route)
+    end = point_of(sector.route_table.exit_ends_nm[:, corner], traffic.route)
     return wrap_180(bearing(end - traffic.position_nm) - traffic.cleared_heading_deg)
 
 

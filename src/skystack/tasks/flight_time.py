@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int
 
+from skystack.airspace.landing import LANDING_NM
 from skystack.simulator.simulator import CYCLE_S, Simulator
 
 
@@ -47,8 +48,9 @@ def flight_times(simulator: Simulator, levels_fl: tuple[int, ...], disc_nm: floa
     speed_kt = simulator.performance.cruise_kt(np.array(levels_fl, dtype=np.float64))
     table = simulator.sector.route_table
     leg = np.arange(table.leg_nm.shape[1])
-    to_exit_nm = np.where(leg < table.last_fix[:, None] - 1, table.leg_nm, 0.0).sum(axis=1)
-    shorter_nm = disc_nm + simulator.sector.exit_before_nm
+    to_exit_nm = np.where(leg < table.exit_fix[:, None], table.leg_nm, 0.0).sum(axis=1)
+    before_nm = np.where(table.lands, LANDING_NM, simulator.sector.exit_before_nm)
+    shorter_nm = disc_nm + before_nm
     distance_nm = np.maximum(to_exit_nm.astype(np.float64) - shorter_nm, 0.0)
 
     def cycles(kt: float) -> Int[np.ndarray, " routes"]:

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from skystack.airspace.geometry import bearing, direction, dot, length, value_of, wrap_180
+from skystack.airspace.landing import LANDING_NM
 from skystack.airspace.sector import Sector
 from skystack.compilation.subroutine import subroutine
 from skystack.simulator.own_navigation import (
@@ -184,7 +185,7 @@ def _segments(
 ) -> Segments:
     """The turn to the fix, the legs, and the turns in between, each in two chords."""
     table = sector.route_table
-    last = value_of(table.last_fix, traffic.route)
+    last, exit_fix = (value_of(each, traffic.route) for each in (table.last_fix, table.exit_fix))
     speed = _speed(sector, traffic)
     begin = traffic.position_nm
     pieces, heading = _first_turn(sector, traffic, fix, continues, fix < last)
@@ -209,25 +210,28 @@ def _segments(
         endless = fix + number == last
         straight = jnp.where(endless, speed * 2.0 * HORIZON_S, straight)
         pieces.append((straight[:, None] * unit, straight))
-        exit_at = jnp.where(fix + number <= last - 1, total + straight + arc / 2.0, exit_at)
+        exit_at = jnp.where(fix + number <= exit_fix, total + straight + arc / 2.0, exit_at)
         pieces += [(middle - entry, arc / 2.0), (leave - middle, arc / 2.0)]
         total = total + straight + arc
         begin, lead_before, ahead = at, lead, jnp.where(turns[:, None], after, unit)
+    if table.lands.any():
+        landing = LANDING_NM * sector.plane.scale(traffic.position_nm[:, 1])
+        exit_at -= jnp.where(value_of(table.lands, traffic.route), landing, 0.0)
     vectors = jnp.stack([vector for vector, _ in pieces])
     flown = jnp.stack([flown for _, flown in pieces])
     return Segments(vectors[:, :, 0], vectors[:, :, 1], flown, exit_at)
 
 
 def _beyond_exit_fix(sector: Sector, traffic: Traffic) -> Rows:
-    """The length left to fly for a flight whose next fix is the last one of its route.
+    """The length left to fly for a flight whose next fix is after its exit fix.
 
     It leaves abeam its exit fix, which may still be ahead because a turn begins before its fix. If
     it has missed its exit, it flies to the last fix.
     """
     table, route = sector.route_table, traffic.route
-    last = value_of(table.last_fix, route)
-    exit_fix, last_fix = fix_of(table, route, last - 1), fix_of(table, route, last)
-    to_exit = dot(exit_fix - traffic.position_nm, fix_leg(table, route, last - 1))
+    last, exit_index = value_of(table.last_fix, route), value_of(table.exit_fix, route)
+    exit_fix, last_fix = fix_of(table, route, exit_index), fix_of(table, route, last)
+    to_exit = dot(exit_fix - traffic.position_nm, fix_leg(table, route, exit_index))
     scale = sector.plane.scale(traffic.position_nm[:, 1])
     missed = to_exit < -PASSED_NM * scale
     to_last = length(last_fix - traffic.position_nm)

@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from skystack.airspace.sector import Sector
 from skystack.compilation.subroutine import subroutine
 from skystack.simulator.arrival_flows import Flow
-from skystack.simulator.arrivals import FREE, Arrivals, fly, release
+from skystack.simulator.arrivals import FREE, Arrivals, release
 from skystack.simulator.simulator import Simulator, instruct
 from skystack.simulator.traffic import Clearance, Traffic, where_aircraft
 from skystack.tasks.outlook import MARGIN_NM, Outlook, look_ahead, look_ahead_for
@@ -43,11 +43,11 @@ class WorldState(NamedTuple):
 
     @property
     def hears(self) -> Any:
-        """Whether there is a flight in each slot that hears clearances: not a held newborn.
+        """Whether there is a flight in each slot that hears clearances.
 
         `[slots, *batch]`, in numpy if the state is.
         """
-        return self.traffic.active & (self.arrivals.held == 0)
+        return self.traffic.active & self.arrivals.in_contact
 
 
 class WorldCycle(NamedTuple):
@@ -136,7 +136,7 @@ class World:
         arrivals and the traffic after the cycle.
         """
         arrivals, begun, born = self.admit(arrivals, traffic)
-        return begun, born, *fly(self.simulator, arrivals, begun)
+        return begun, born, *self.flow.fly(arrivals, begun)
 
     def admit(
         self, arrivals: Arrivals, traffic: Traffic
