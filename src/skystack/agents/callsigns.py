@@ -26,7 +26,7 @@ class Callsigns:
         """Name the next flight, which is made from a candidate."""
         self._uses[candidate] += 1
         uses = self._uses[candidate]
-        name = self._own[candidate] if candidate < len(self._own) else f"AC{candidate + 1}"
+        name = self._own[candidate] if 0 <= candidate < len(self._own) else f"AC{candidate + 1}"
         self._names.append(name + (f"-{uses}" if uses > 1 else ""))
         return self._names[-1]
 

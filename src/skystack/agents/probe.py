@@ -36,6 +36,9 @@ NEVER = 100_000
 """The cycle of an event that is not used."""
 
 
+_Pairs = tuple[Array, Array, Array]
+
+
 class Events(NamedTuple):
     """The clearances of plans. Cycles are relative to the present."""
 
@@ -74,6 +77,15 @@ class FlownPlans(NamedTuple):
     """`[plans]`: the number of cycles until it leaves."""
 
 
+class Conflicts(NamedTuple):
+    """Conflicts of plans with other flights, as numpy or JAX arrays."""
+
+    first: Any
+    """`[plans, others]`: the first cycle of a conflict, or NEVER."""
+    cycles: Any
+    """`[plans, others]`: the number of cycles in conflict."""
+
+
 @dataclass(frozen=True)
 class Probe:
     """Flies plans in a world with its own simulator."""
@@ -100,7 +112,7 @@ class Probe:
 
     @cached_property
     def conflicts(self) -> Any:
-        """(plans, others) -> the first cycle of a conflict of each plan with each other flight."""
+        """(plans, others) -> `Conflicts`, compiled."""
         sector = self.world.sector
         least = sector.separation_nm + self.margin_nm
         return jax.jit(partial(_conflicts, sector.plane, least, ticks(sector.separation_fl)))
@@ -115,12 +127,23 @@ def _fly(
     flight_plan: FlightPlan,
     events: Any,
 ) -> FlownPlans:
-    """Fly all plans; `events` are `Events`."""
+    """Fly all plans until the last one has ended; `events` are `Events`."""
 
-    def step(
-        carry: tuple[Traffic, Progress], cycle: Int[Array, ""]
-    ) -> tuple[tuple[Traffic, Progress], tuple[Array, Array, Array]]:
-        traffic, progress = carry
+    shape = (cycles + 1, *traffic.level_ticks.shape)
+    ahead = Ahead(
+        position_nm=jnp.zeros((*shape, 2)).at[0].set(traffic.position_nm),
+        level_ticks=jnp.zeros(shape).at[0].set(traffic.level_ticks),
+        present=jnp.zeros(shape, dtype=bool).at[0].set(traffic.active),
+    )
+
+    def flies(carry: tuple[Int[Array, ""], Traffic, Progress, Ahead]) -> Bool[Array, ""]:
+        cycle, traffic, _, _ = carry
+        return (cycle < cycles) & jnp.any(traffic.active)
+
+    def fly_cycle(
+        carry: tuple[Int[Array, ""], Traffic, Progress, Ahead],
+    ) -> tuple[Int[Array, ""], Traffic, Progress, Ahead]:
+        cycle, traffic, progress, ahead = carry
         for event in range(EVENTS):
             due = events.cycle[:, event] == cycle
             clearance = Clearance(
@@ -134,22 +157,19 @@ def _fly(
         flown = simulator.advance(traffic)
         progress = tracker.update(progress, flight_plan, flown)
         flying = flown.active & ~progress.exited & ~progress.excursion
-        return (flown._replace(active=flying), progress), (
-            flown.position_nm,
-            flown.level_ticks,
-            flown.active,
+        cycle += 1
+        ahead = Ahead(
+            ahead.position_nm.at[cycle].set(flown.position_nm),
+            ahead.level_ticks.at[cycle].set(flown.level_ticks),
+            ahead.present.at[cycle].set(flown.active),
         )
+        return cycle, flown._replace(active=flying), progress, ahead
 
-    (_, progress), (position, level, present) = jax.lax.scan(
-        step, (traffic, progress), jnp.arange(cycles, dtype=jnp.int32)
-    )
-    ahead = Ahead(
-        position_nm=jnp.concatenate([traffic.position_nm[None], position]),
-        level_ticks=jnp.concatenate([traffic.level_ticks[None], level]),
-        present=jnp.concatenate([traffic.active[None], present]),
+    _, _, progress, ahead = jax.lax.while_loop(
+        flies, fly_cycle, (jnp.int32(0), traffic, progress, ahead)
     )
     correct = progress.exited_correctly & ~progress.excursion
-    return FlownPlans(ahead, correct, jnp.sum(present.astype(jnp.int32), axis=0))
+    return FlownPlans(ahead, correct, jnp.sum(ahead.present[1:].astype(jnp.int32), axis=0))
 
 
 def _conflicts(
@@ -158,8 +178,8 @@ def _conflicts(
     least_ticks: float,
     plans: Ahead,
     others: Ahead,
-) -> Int[Array, "plans others"]:
-    """The first cycle in which each plan is not separated from each other flight, or NEVER."""
+) -> "Conflicts":
+    """When and for how long each plan is not separated from each other flight."""
 
     def half(ahead: Ahead) -> Array:
         """Half the true length of a unit of the plane at each flight, `[cycles, flights]`."""
@@ -168,7 +188,7 @@ def _conflicts(
 
     half_mine, half_other = half(plans), half(others)
 
-    def pairs(index: Int[Array, ""]) -> tuple[Array, Array, Array]:
+    def pairs(index: Int[Array, ""]) -> _Pairs:
         """True offset `[plans, 2, others]`, vertical gap, and whether both are present."""
         mine, other = plans.position_nm[index], others.position_nm[index]
         length = half_mine[index][:, None] + half_other[index][None]
@@ -176,18 +196,21 @@ def _conflicts(
         gap = plans.level_ticks[index][:, None] - others.level_ticks[index][None]
         return offset, gap, plans.present[index][:, None] & others.present[index][None]
 
+    last = jnp.sum(jnp.any(plans.present, axis=1).astype(jnp.int32))
+
     def step(
-        carry: tuple[tuple[Array, Array, Array], Array], index: Int[Array, ""]
-    ) -> tuple[tuple[tuple[Array, Array, Array], Array], None]:
-        (offset, gap, both), first = carry
+        carry: tuple[Int[Array, ""], _Pairs, Conflicts],
+    ) -> tuple[Int[Array, ""], _Pairs, Conflicts]:
+        index, (offset, gap, both), found = carry
         after = pairs(index)
         offset_after, gap_after, both_after = after
         squared = least_distance_squared(offset, offset_after - offset, gap, gap_after, least_ticks)
         lost = both & both_after & (squared < least_nm**2)
-        return (after, jnp.minimum(first, jnp.where(lost, index, NEVER))), None
+        first = jnp.minimum(found.first, jnp.where(lost, index, NEVER))
+        return index + 1, after, Conflicts(first, found.cycles + lost.astype(jnp.int32))
 
     shape = (plans.level_ticks.shape[1], others.level_ticks.shape[1])
-    start = (pairs(jnp.int32(0)), jnp.full(shape, NEVER, dtype=jnp.int32))
-    indices = jnp.arange(1, plans.level_ticks.shape[0], dtype=jnp.int32)
-    (_, first), _ = jax.lax.scan(step, start, indices)
-    return first
+    none = jnp.zeros(shape, dtype=jnp.int32)
+    start = (jnp.int32(1), pairs(jnp.int32(0)), Conflicts(none + NEVER, none))
+    _, _, found = jax.lax.while_loop(lambda carry: carry[0] < last, step, start)
+    return found

@@ -40,6 +40,14 @@ TRANSMISSION_CYCLES = 30
 """The cost of a transmission, in cycles of flying time."""
 NOT_CLEAR = 10_000.0
 """The least cost of a plan with a conflict or with a wrong exit."""
+UNAVOIDABLE = 2
+"""A conflict within this number of cycles cannot be avoided: clearances take effect after one, and
+hardly move an aircraft within another. Of plans with such a conflict, a short one is sought."""
+SHORT = 10
+"""An unavoidable conflict of at most this number of cycles is short."""
+LASTING_CYCLES, LONGEST = 20, 200
+"""The cost of a cycle of unavoidable conflict, in cycles of flying time, and the number of cycles
+from which it does not increase."""
 
 
 class Search:
@@ -111,13 +119,19 @@ class Search:
         other = Ahead(self._position[:, padded], self._level[:, padded], present)
         rows = _rows(state, slot)
         best: _Found | None = None
+        ignored: Bool[np.ndarray, " others"] | None = None
         for plans in self._batches(state, slot):
             events = self._events(state, slot, plans)
             flown = jax.device_get(self.probe.fly(*rows, events))
-            first = np.asarray(self.probe.conflicts(flown.ahead, other))
-            best = _better(best, plans, events, flown, first[:, : len(numbers)], numbers)
-            if best is not None and best.is_clear:
-                return best
+            found = self.probe.conflicts(flown.ahead, other)
+            first, cycles = (np.array(each)[: len(plans), : len(numbers)] for each in found)
+            if ignored is None:
+                ignored = np.all(first <= UNAVOIDABLE, axis=0)
+            first[:, ignored] = NEVER
+            lasting = np.sum(cycles, axis=1, where=ignored)
+            best = _better(best, events, flown, first, lasting, numbers)
+            if best.cost < NOT_CLEAR and best.lasting <= SHORT:
+                break
         assert best is not None
         return best
 
@@ -174,18 +188,22 @@ class _Found(NamedTuple):
     """A plan with its flight ahead."""
 
     cost: float
+    """Without unavoidable conflicts."""
     blockers: list[int]
-    """The slots of the flights with which it conflicts, the earliest conflict first."""
+    """The slots of the flights with which it conflicts, the earliest conflict first, without
+    unavoidable conflicts."""
     position_nm: Float[np.ndarray, "cycles 2"]
     level_ticks: Float[np.ndarray, " cycles"]
     present: Bool[np.ndarray, " cycles"]
     events: Events
     """Without the axis of plans."""
+    lasting: int
+    """The number of cycles of unavoidable conflicts."""
 
     @property
     def is_clear(self) -> bool:
         """Whether it has no conflict and ends at the right exit and level."""
-        return self.cost < NOT_CLEAR
+        return self.cost < NOT_CLEAR and not self.lasting
 
     def transmissions(self, slot: int) -> Iterator[tuple[int, Transmission]]:
         events = self.events
@@ -206,21 +224,25 @@ class _Found(NamedTuple):
 
 def _better(
     best: _Found | None,
-    plans: list[Plan],
     events: Events,
     flown: FlownPlans,
     first: Int[np.ndarray, "plans others"],
+    lasting: Int[np.ndarray, " plans"],
     numbers: Int[np.ndarray, " others"],
-) -> _Found | None:
-    """The best of the plans flown and the best so far."""
-    count = len(plans)
-    conflicts = (first[:count] < NEVER).sum(axis=1)
-    soonest = first[:count].min(axis=1, initial=NEVER)
+) -> _Found:
+    """The best of the plans flown and the best so far.
+
+    `first` is without unavoidable conflicts, and `lasting` the number of cycles of these.
+    """
+    count = len(first)
+    conflicts = (first < NEVER).sum(axis=1)
+    soonest = first.min(axis=1, initial=NEVER)
     wrong = ~flown.correct[:count]
-    sent = np.array([len(plan) for plan in plans])
+    sent = (events.cycle[:count] < NEVER).sum(axis=1)
     cost = (
         TRANSMISSION_CYCLES * sent
         + flown.cycles[:count]
+        + LASTING_CYCLES * np.minimum(lasting, LONGEST)
         + NOT_CLEAR * (conflicts > 0)
         + 2_000.0 * conflicts
         - 5.0 * np.minimum(soonest, len(flown.ahead.level_ticks)) * (conflicts > 0)
@@ -238,6 +260,7 @@ def _better(
         flown.ahead.level_ticks[:, number],
         flown.ahead.present[:, number],
         Events(*(values[number] for values in events)),
+        int(lasting[number]),
     )
 
 

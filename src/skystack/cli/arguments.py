@@ -288,7 +288,7 @@ def _evaluate_arguments(sub: argparse.ArgumentParser) -> None:
         "--traffic",
         metavar="TRAFFIC",
         help="sector control: fly hours of arriving traffic, with this many flights per hour, or "
-        "category, notebook or environment (BluebirdDT's Flight School)",
+        "category, notebook or environment (BluebirdDT's Flight School), or springfield:SCENARIO",
     )
     controller_arguments(sub, "with --traffic: ")
     sub.add_argument(

@@ -36,7 +36,8 @@ def flight_school_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--traffic",
         metavar="TRAFFIC",
-        help="category (default), notebook or environment, or a number of flights per hour",
+        help="category (default), notebook or environment, a number of flights per hour, or "
+        "springfield:SCENARIO (with --seeds 1)",
     )
     platform_argument(sub)
     sub.add_argument("--seeds", type=positive, metavar="N", help="number of hours (default 5)")

@@ -7,11 +7,12 @@ from typing import Annotated, Any
 import msgspec
 
 from skystack.errors import MAX_INT, error_context, exists
+from skystack.evaluation.traffic_conditions import is_named
 from skystack.io.files import atomic_write, check_output
 from skystack.io.json_file import read_json
 from skystack.io.validation import convert
 from skystack.platforms.registry import OWN
-from skystack.simulator.arrival_flows import FLIGHT_SCHOOL, MAX_FLIGHTS_PER_HOUR
+from skystack.simulator.arrival_flows import MAX_FLIGHTS_PER_HOUR
 from skystack.simulator.simulator import CYCLE_S
 
 FILE = "row.json"
@@ -75,10 +76,10 @@ class HourRow(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def flights_per_hour(self) -> float | None:
         """None for traffic that has a name instead of a rate."""
-        return None if self.traffic in FLIGHT_SCHOOL else float(self.traffic)
+        return None if is_named(self.traffic) else float(self.traffic)
 
     def __post_init__(self) -> None:
-        if self.traffic not in FLIGHT_SCHOOL and not _is_rate(self.traffic):
+        if not is_named(self.traffic) and not _is_rate(self.traffic):
             raise ValueError(f"traffic is {self.traffic!r} (allowed: a rate or a known name)")
 
 

@@ -73,7 +73,9 @@ def check_conditions(conditions: TrafficConditions) -> None:
 def _check_fixed(conditions: TrafficConditions) -> None:
     traffic = conditions.traffic
     if conditions.hours != 1:
-        raise InputError(f"traffic {traffic} is the same in every hour (allowed: one hour, one seed)")
+        raise InputError(
+            f"traffic {traffic} is the same in every hour (allowed: one hour, one seed)"
+        )
     if conditions.platform not in (OWN, BLUEBIRD):
         raise InputError(
             f"traffic {traffic} with --platform {conditions.platform} (allowed: {OWN} or "
@@ -100,10 +102,15 @@ def flow_of(conditions: TrafficConditions, simulator: Simulator) -> Flow:
     return replace(flow, cycles=conditions.cycles)
 
 
+def is_named(traffic: str) -> bool:
+    """Whether traffic has a name instead of a rate."""
+    return traffic in FLIGHT_SCHOOL or is_fixed(traffic)
+
+
 def traffic_name(traffic: str) -> str:
     """Traffic as it is written in rows: `60` for `60.0`. Invalid traffic is left as it is."""
     try:
-        return traffic if traffic in FLIGHT_SCHOOL else f"{float(traffic):g}"
+        return traffic if is_named(traffic) else f"{float(traffic):g}"
     except ValueError:
         return traffic
 

@@ -55,6 +55,11 @@ class _Scenarios(SpringfieldScenarioManager):  # type: ignore[misc]  # of a pack
         return []
 
 
+def scenario_names() -> list[str]:
+    """The names of Springfield's scenarios in the installed BluebirdDT."""
+    return list(_Scenarios.list_scenarios())
+
+
 class SpringfieldScenario(NamedTuple):
     """A scenario, as read from BluebirdDT."""
 
@@ -71,9 +76,8 @@ class SpringfieldTraffic(TrafficInBluebird):
     def __init__(self, scenario: str) -> None:
         """Raises InputError if BluebirdDT has no scenario of this name."""
         super().__init__()
-        names = _Scenarios.list_scenarios()
-        if scenario not in names:
-            raise unknown_name("Springfield scenario", scenario, names)
+        if scenario not in scenario_names():
+            raise unknown_name("Springfield scenario", scenario, scenario_names())
         self._scenario = scenario
         self._contact_s: dict[str, float] = {}
         self._start_s = 0.0

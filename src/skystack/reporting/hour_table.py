@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
+from skystack.evaluation.traffic_conditions import is_named
 from skystack.reporting.table import Table
 from skystack.reporting.tables import NOTHING, decimal, percent
-from skystack.simulator.arrival_flows import FLIGHT_SCHOOL
 
 
 def hour_table(row: Mapping[str, Any]) -> Table:
@@ -50,4 +50,4 @@ def losses(count: int, at_birth: int) -> str:
 
 def traffic_in_words(traffic: str, named: str = "{}") -> str:
     """`60 flights/h`; or, for traffic that has a name, the name in the format `named`."""
-    return named.format(traffic) if traffic in FLIGHT_SCHOOL else f"{traffic} flights/h"
+    return named.format(traffic) if is_named(traffic) else f"{traffic} flights/h"
