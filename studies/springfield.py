@@ -21,6 +21,7 @@ from skystack.evaluation.traffic_conditions import BLUEBIRD, TrafficConditions
 from skystack.io.files import make_folder
 from skystack.platforms.bluebird_springfield import scenario_names
 from skystack.platforms.registry import PLATFORMS
+from skystack.reporting.hour_table import decimals
 from skystack.reporting.table import Table
 from skystack.reporting.tables import percent
 from skystack.tasks.sector_control import SectorControl
@@ -80,10 +81,11 @@ def table(rows: Sequence[HourRow], agents: Sequence[str]) -> Table:
 def _cells(rows: Sequence[HourRow]) -> tuple[str, ...]:
     """Rates are means over scenarios, weighted by their flights."""
 
-    def mean(name: str) -> float:
+    def mean(name: str) -> float | None:
         values = [(getattr(row, name), row.flights) for row in rows]
         known = [(value, flights) for value, flights in values if value is not None]
-        return sum(value * flights for value, flights in known) / sum(each for _, each in known)
+        total = sum(flights for _, flights in known)
+        return sum(value * flights for value, flights in known) / total if total else None
 
     return (
         rows[0].agent,
@@ -93,7 +95,7 @@ def _cells(rows: Sequence[HourRow]) -> tuple[str, ...]:
         percent(mean("correct_exit_rate")),
         percent(mean("excursion_rate")),
         str(sum(row.losses_of_separation for row in rows)),
-        f"{mean('transmissions_per_flight'):.2f}",
+        decimals(mean("transmissions_per_flight"), 2),
         percent(mean("extra_miles_rate")),
     )
 

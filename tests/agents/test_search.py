@@ -5,15 +5,19 @@ from functools import cache
 import numpy as np
 import pytest
 
-from skystack.agents.search import Search
+from skystack.agents.probe import AHEAD, Probe
+from skystack.agents.search import SHORT, Search
 from skystack.agents.sector_rules import NoOp, OwnNavigation, Rules
+from skystack.airspace.sectors import sector_named
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
 from skystack.evaluation.hour_scores import score, summary
 from skystack.evaluation.hours import HourFlyer
 from skystack.simulator.arrival_flows import Flow, constant_rate
-from skystack.simulator.performance import performance
+from skystack.simulator.arrivals import Clock
+from skystack.simulator.performance import TICKS_PER_FL, performance
 from skystack.simulator.simulator import Simulator
+from skystack.simulator.timetable import ListedFlight, TimetableFlow
 from skystack.tasks.sector_world import World
 
 SIMULATOR = Simulator(x_plus(), performance("constant"), own_navigation=True)
@@ -85,3 +89,67 @@ def test_refuses_too_many_transmissions_and_free_slots():
         FLYER.fly(Talkative([Transmission(0, fix=1), Transmission(1, fix=1)]), 0, 3)
     with pytest.raises(InputError, match="slot 5, which is free"):
         FLYER.fly(Talkative([Transmission(5, fix=1)]), 0, 3)
+
+
+def listed_world(sector, flights, cycles=400):
+    simulator = Simulator(sector, performance("constant"), own_navigation=True)
+    clock = Clock(0.0, recorded=True)
+    return World(TimetableFlow(simulator, clock, slots=4, cycles=cycles, flights=tuple(flights)))
+
+
+def at_first_fix(sector, route, callsign, ahead_nm=0.0, level_fl=300.0):
+    """A flight at the start, at the first fix of a route or beyond it, in contact."""
+    heading = sector.first_heading_deg(route)
+    fix = sector.plane.to_plane(*sector.fixes[route[0]])
+    step = ahead_nm * np.array([np.sin(np.radians(heading)), np.cos(np.radians(heading))])
+    lat, lon = sector.plane.to_degrees(fix + step)
+    return ListedFlight(
+        callsign, 0, route, 0, 0.0, float(lat), float(lon), heading, level_fl, level_fl, level_fl,
+        own_navigation=False,
+    )  # fmt: skip
+
+
+def test_plans_reach_the_end_of_the_longest_route():
+    """At 400 kt, an aircraft flies 0.667 NM in a cycle."""
+    highland = sector_named("highland")
+    table = highland.route_table
+    lengths_nm = [
+        float(table.leg_nm[number, : table.exit_fix[number]].sum())
+        for number in range(len(highland.routes))
+    ]
+    longest = highland.routes[int(np.argmax(lengths_nm))]
+    world = listed_world(highland, [at_first_fix(highland, longest, "LONG")])
+    assert max(lengths_nm) / (400.0 / 600.0) > AHEAD
+    assert Probe(world).ahead > 1.2 * max(lengths_nm) / (400.0 / 600.0)
+    hour = HourFlyer(world, 400).fly(Search(world), 0, 0)
+    (flight,) = score(highland, hour).flights
+    assert flight.correct
+    x_plus_world = listed_world(x_plus(), [at_first_fix(x_plus(), x_plus().routes[0], "SHORT")])
+    assert Probe(x_plus_world).ahead == AHEAD
+
+
+def test_conflicts_that_cannot_be_avoided_are_left_quickly():
+    """Two flights of one route, 2 NM apart at one level, lose separation at once."""
+    sector = x_plus()
+    route = sector.routes[0]
+    world = listed_world(
+        sector, [at_first_fix(sector, route, "FIRST", 2.0), at_first_fix(sector, route, "SECOND")]
+    )
+    search, counted = Search(world), []
+    fly = search.probe.fly
+    search.probe.__dict__["fly"] = lambda *values: counted.append(1) or fly(*values)
+    hour = HourFlyer(world, 250).fly(search, 0, 0)
+    scores = score(sector, hour)
+    assert [each.cycle for each in scores.losses] == [0]
+    assert all(flight.correct for flight in scores.flights)
+    offset_nm = hour.traffic.position_nm[:, 0] - hour.traffic.position_nm[:, 1]
+    gap = np.abs(hour.traffic.level_ticks[:, 0] - hour.traffic.level_ticks[:, 1])
+    lost = (
+        (np.hypot(*offset_nm.T) < 4.9)
+        & (gap < 10 * TICKS_PER_FL)
+        & hour.traffic.active[:, :2].all(1)
+    )
+    # Climbing or descending 1,000 ft takes five cycles at 2,000 ft/min.
+    assert 1 <= np.count_nonzero(lost) <= SHORT
+    # A search without success takes 17 batches for each flight, in every cycle of the conflict.
+    assert len(counted) < 60
