@@ -27,7 +27,7 @@ from skystack.errors import InputError, checked_integer
 from skystack.evaluation.controllers import find_controller
 from skystack.evaluation.traffic_conditions import TrafficConditions
 from skystack.learning.seeds import scenario_key
-from skystack.platforms.bluebird_traffic import BluebirdTraffic
+from skystack.platforms.bluebird_traffic import FlightSchoolTraffic
 from skystack.platforms.registry import check_platform
 from skystack.reporting.table import Table
 from skystack.simulator.arrival_flows import FLIGHT_SCHOOL, HOUR_CYCLES
@@ -117,7 +117,7 @@ def _born(
 def in_bluebird(traffic: str, first: int, hours: int) -> Arrived:
     """Hours in BluebirdDT."""
     births, present = list[Birth](), list[tuple[int, ...]]()
-    with closing(BluebirdTraffic(FLIGHT_SCHOOL[traffic])) as bluebird:
+    with closing(FlightSchoolTraffic(FLIGHT_SCHOOL[traffic])) as bluebird:
         for hour in range(first, first + hours):
             seen, counts = set(bluebird.reset(hour)), []
             for cycle in range(1, HOUR_CYCLES + 1):

@@ -2,9 +2,9 @@
 
     python -m studies.springfield [AGENT ...] [--platform bluebird] [--out DIR]
 
-Flies every scenario under every agent until all flights can have left, and prints a Markdown table.
-Finished evaluations in DIR are reused, so the command can be interrupted and repeated. Needs the
-extra `[bluebird]`.
+Flies every scenario under every agent for long enough that all flights can leave, and prints a
+Markdown table. Finished evaluations in DIR are reused, so the command can be interrupted and
+repeated. Needs the extra `[bluebird]`.
 """
 
 import argparse
@@ -67,7 +67,7 @@ def table(rows: Sequence[HourRow], agents: Sequence[str]) -> Table:
     headings = (
         "controller",
         "scenarios",
-        "without a loss or an excursion",
+        "without a failure (lax score)",
         "flights",
         "correct exits",
         "excursions",

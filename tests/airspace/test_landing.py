@@ -58,7 +58,7 @@ def test_other_exits_are_unchanged_by_an_arrival():
 
 
 @pytest.mark.parametrize("sector", [SQUARE, FAR_NORTH])
-def test_the_exit_fix_is_the_last_one_on_an_edge(sector):
+def test_the_exit_fix_is_the_first_one_on_an_edge_after_those_inside(sector):
     """Fixes beyond it are outside, whether there is one or more."""
     route = sector.routes[0]
     (lat, lon), (before_lat, before_lon) = sector.fixes[route[-1]], sector.fixes[route[-2]]

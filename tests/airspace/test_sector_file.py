@@ -282,11 +282,17 @@ HOLE = [[9.9, 49.9], [10.1, 49.9], [10.1, 50.1]]
             "is, 3.87 NM away",
         ),
         (["fixes", "EDGED", "lat"], 50.4999, "routes[0]: its exit fix EDGED is not on an edge"),
+        (["fixes", "EASTO", "lon"], 10.49, "routes[0]: ends at EASTO, 0.39 NM inside the area"),
+        (
+            ["routes"],
+            [["WESTO", "EDGED", "MIDDL", "EASTO"]],
+            "routes[0]: leaves the area after MIDDL without an exit fix",
+        ),
         (["fixes", "MIDDL"], {"lat": 50.0, "lon": 9.3}, "routes[0]: the route is"),
         (
             ["fixes", "EASTO"],
             {"lat": 51.0, "lon": 10.2},
-            "routes[0]: its last leg does not leave the area across the edge at EDGED",
+            "routes[0]: the leg after its exit fix EDGED does not leave the area across the edge",
         ),
         (
             ["area", "coordinates", 0],  # at the exit, an edge of 0.015 degrees of the meridian

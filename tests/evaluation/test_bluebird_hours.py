@@ -11,7 +11,7 @@ from skystack.agents.transmission import Transmission, clearance_of
 from skystack.evaluation.bluebird_hours import BluebirdHours
 from skystack.evaluation.controllers import find_controller
 from skystack.evaluation.traffic_conditions import TrafficConditions
-from skystack.platforms.bluebird_traffic import BluebirdTraffic
+from skystack.platforms.bluebird_traffic import FlightSchoolTraffic
 from skystack.simulator.arrival_flows import FLIGHT_SCHOOL
 from skystack.simulator.arrivals import FREE
 from skystack.simulator.simulator import instruct
@@ -26,7 +26,7 @@ class Flown:
     """An hour that was flown: states before each cycle, transmissions, cycles, states after."""
 
     def __init__(self, agent, cycles=CYCLES, number=0):
-        hours = BluebirdHours(WORLD, BluebirdTraffic(FLIGHT_SCHOOL["category"]))
+        hours = BluebirdHours(WORLD, FlightSchoolTraffic(FLIGHT_SCHOOL["category"]))
         state = hours.reset(7, number)
         agent.begin(state)
         self.rows = []

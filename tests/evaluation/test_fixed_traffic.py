@@ -21,7 +21,7 @@ NAME = "springfield:test-airport-scenario"
 CYCLES = 400
 CLOSE_NM, CLOSE_FL = 0.005, 0.05
 SECOND_NM = 0.13
-"""A second of flight: because of rounding, a turn may begin a second apart."""
+"""One second of flight. Because of rounding, a turn may begin one second earlier in a simulator."""
 
 
 class Flown:
@@ -108,7 +108,7 @@ def test_the_same_scenario_is_not_flown_for_several_seeds(tmp_path):
         fly_flight_school("no-op", TrafficConditions(NAME), range(2), tmp_path)
 
 
-def test_tables_of_a_scenario_have_its_callsigns(tmp_path):
+def test_rows_and_folders_have_the_name_of_the_scenario(tmp_path):
     conditions = TrafficConditions(NAME, cycles=60)
     result = fly_flight_school("no-op", conditions, range(1), tmp_path)
     assert result.row["traffic"] == NAME

@@ -161,7 +161,7 @@ def test_x_plus_equals_the_sector_of_bluebird():
 @pytest.mark.parametrize(
     ("name", "routes"), [("I-Sector", 2), ("Y-Sector", 6), ("X-Sector", 12), ("Springfield", 47)]
 )
-def test_loads_its_smaller_sectors(name, routes):
+def test_loads_its_other_sectors(name, routes):
     assert len(sector_named(f"bluebird:{name}").routes) == routes
 
 

@@ -37,7 +37,7 @@ def test_flights_are_those_of_the_scenario(scenario):
     assert (second.lat, second.lon) == pytest.approx((52.61251044004581, -0.6503921175197558))
 
 
-def test_the_sector_lands_and_departs_at_its_airport(scenario):
+def test_arrivals_end_at_the_airport_and_other_routes_at_exit_fixes(scenario):
     sector = scenario.sector
     arrivals = [route for route in sector.routes if sector.lands(route)]
     assert {route[-1] for route in arrivals} == {"EGRR"}

@@ -5,7 +5,7 @@ import pytest
 pytest.importorskip("bluebird_dt")
 
 from skystack.errors import PlatformError
-from skystack.platforms.bluebird_traffic import BluebirdTraffic
+from skystack.platforms.bluebird_traffic import FlightSchoolTraffic
 from skystack.platforms.instruction import Instruction
 from skystack.simulator.arrival_flows import FLIGHT_SCHOOL
 
@@ -14,7 +14,7 @@ CYCLES = 60
 
 @pytest.fixture
 def traffic():
-    found = BluebirdTraffic(FLIGHT_SCHOOL["category"])
+    found = FlightSchoolTraffic(FLIGHT_SCHOOL["category"])
     yield found
     found.close()
 

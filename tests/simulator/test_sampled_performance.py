@@ -47,7 +47,7 @@ def test_cruise_speeds_are_those_of_each_kind():
     assert np.allclose(BOTH.cruise_kt(levels), expected)
 
 
-def test_without_kinds_the_first_one_is_meant():
+def test_without_kinds_the_first_kind_is_used():
     levels, level_flight = array(300.0) * TICKS_PER_FL, array(0.0)
     first = BOTH.true_airspeed_kt(levels, level_flight, jnp.zeros(1, dtype=jnp.int32))
     assert np.array_equal(BOTH.true_airspeed_kt(levels, level_flight), first)

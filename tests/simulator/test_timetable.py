@@ -1,4 +1,4 @@
-"""Listed flights: born at their times and places, and heard from a fixed time on."""
+"""Listed flights: born at their times and places, and in contact from a fixed time."""
 
 import jax
 import numpy as np
@@ -94,8 +94,8 @@ def test_clearances_before_contact_are_not_heard():
     state = hours.reset(0, 0)
     for _ in range(7):
         state, _ = hours.advance(state, [])
-    told = [Transmission(slot, level_ticks=ticks(320.0)) for slot in (0, 1)]
-    state, _ = hours.advance(state, told)
+    transmissions = [Transmission(slot, level_ticks=ticks(320.0)) for slot in (0, 1)]
+    state, _ = hours.advance(state, transmissions)
     assert (state.traffic.cleared_level_ticks[:2] / TICKS_PER_FL).tolist() == [320.0, 200.0]
 
 
@@ -107,7 +107,7 @@ def test_the_hour_is_the_same_for_every_seed():
     )
 
 
-def test_without_starters_nobody_is_there():
+def test_without_starters_there_are_no_flights():
     state = OwnHours(World(WORLD.flow.without_starters())).reset(0, 0)
     assert np.all(state.arrivals.flight == FREE)
     assert not state.traffic.active.any()

@@ -39,7 +39,7 @@ def test_rates_are_weighted_by_flights():
     cells = dict(zip(table.header, table.rows[0], strict=True))
     assert cells["correct exits"] == "66.7 %"
     assert (cells["flights"], cells["losses of separation"]) == ("15", "2")
-    assert (cells["scenarios"], cells["without a loss or an excursion"]) == ("2", "1")
+    assert (cells["scenarios"], cells["without a failure (lax score)"]) == ("2", "1")
 
 
 def test_an_unknown_agent_is_refused(tmp_path, capsys):

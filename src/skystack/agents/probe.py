@@ -26,12 +26,12 @@ PLANS = 32
 EVENTS = 3
 """The maximum number of clearances of a plan."""
 AHEAD = 240
-"""The minimum number of cycles flown ahead."""
+"""The least value of `Probe.ahead`."""
 DETOUR = 1.25
-"""Plans are flown ahead for this factor times the flight time of the longest route, so that all of
-them reach their exits."""
+"""Plans are flown ahead for at most this factor times the flight time of the longest route, so that
+plans with detours also reach their exits."""
 LOW_FL = 100
-"""The lowest level at which that time is computed."""
+"""That time is computed at or above this level. Flights are lower only briefly, near airports."""
 NEVER = 100_000
 """The cycle of an event that is not used."""
 
@@ -96,7 +96,7 @@ class Probe:
 
     @cached_property
     def ahead(self) -> int:
-        """The number of cycles flown ahead."""
+        """The maximum number of cycles flown ahead."""
         lowest, highest = self.world.sector.levels_fl
         levels_fl = (min(max(lowest, LOW_FL), highest), highest)
         times = flight_times(self.world.simulator, levels_fl, disc_nm=0.0)
@@ -127,7 +127,10 @@ def _fly(
     flight_plan: FlightPlan,
     events: Any,
 ) -> FlownPlans:
-    """Fly all plans until the last one has ended; `events` are `Events`."""
+    """Fly all plans until the last one has ended, for at most `cycles` cycles.
+
+    `events` are `Events`.
+    """
 
     shape = (cycles + 1, *traffic.level_ticks.shape)
     ahead = Ahead(
@@ -178,7 +181,7 @@ def _conflicts(
     least_ticks: float,
     plans: Ahead,
     others: Ahead,
-) -> "Conflicts":
+) -> Conflicts:
     """When and for how long each plan is not separated from each other flight."""
 
     def half(ahead: Ahead) -> Array:

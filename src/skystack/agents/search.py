@@ -3,8 +3,9 @@
 Trial plans over fixes, headings and levels are flown ahead with the simulator in batches, those
 with few transmissions first. A new flight gets the cheapest plan of the first batch in which one is
 clear of all other plans; the cost is flying time and transmissions. If no batch has one, flights in
-its way are given other plans. The plans are carried out as they fall due. (The idea of trial plans
-is that of AutoResolver: Erzberger, ICAS 2008.)
+its way are given other plans. If a conflict cannot be avoided, a plan that ends it soon is
+accepted. The plans are carried out as they fall due. (The idea of trial plans is that of
+AutoResolver: Erzberger, ICAS 2008.)
 """
 
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from skystack.agents.probe import (
+    AHEAD,
     EVENTS,
     NEVER,
     PLANS,
@@ -39,13 +41,14 @@ TWO_BATCHES, THREE_BATCHES = 8, 8
 TRANSMISSION_CYCLES = 30
 """The cost of a transmission, in cycles of flying time."""
 NOT_CLEAR = 10_000.0
-"""The least cost of a plan with a conflict or with a wrong exit."""
+"""The least cost of a plan with an avoidable conflict or a wrong exit."""
 UNAVOIDABLE = 2
-"""A conflict within this number of cycles cannot be avoided: clearances take effect after one, and
-hardly move an aircraft within another. Of plans with such a conflict, a short one is sought."""
+"""A conflict that begins within this number of cycles under all plans of the first batch is treated
+as unavoidable: a clearance takes effect after one cycle, and hardly moves the aircraft in the
+next."""
 SHORT = 10
-"""An unavoidable conflict of at most this number of cycles is short."""
-LASTING_CYCLES, LONGEST = 20, 200
+"""The search ends when a plan has at most this number of cycles in unavoidable conflicts."""
+CONFLICT_CYCLE_COST, MAX_CONFLICT_CYCLES = 20, 200
 """The cost of a cycle of unavoidable conflict, in cycles of flying time, and the number of cycles
 from which it does not increase."""
 
@@ -128,9 +131,9 @@ class Search:
             if ignored is None:
                 ignored = np.all(first <= UNAVOIDABLE, axis=0)
             first[:, ignored] = NEVER
-            lasting = np.sum(cycles, axis=1, where=ignored)
-            best = _better(best, events, flown, first, lasting, numbers)
-            if best.cost < NOT_CLEAR and best.lasting <= SHORT:
+            conflict_cycles = np.sum(cycles, axis=1, where=ignored)
+            best = _better(best, events, flown, first, conflict_cycles, numbers)
+            if best.cost < NOT_CLEAR and best.conflict_cycles <= SHORT:
                 break
         assert best is not None
         return best
@@ -188,22 +191,21 @@ class _Found(NamedTuple):
     """A plan with its flight ahead."""
 
     cost: float
-    """Without unavoidable conflicts."""
+    """Below `NOT_CLEAR` if it has a correct exit and no avoidable conflict."""
     blockers: list[int]
-    """The slots of the flights with which it conflicts, the earliest conflict first, without
-    unavoidable conflicts."""
+    """The slots of the flights with which it has avoidable conflicts, the earliest first."""
     position_nm: Float[np.ndarray, "cycles 2"]
     level_ticks: Float[np.ndarray, " cycles"]
     present: Bool[np.ndarray, " cycles"]
     events: Events
     """Without the axis of plans."""
-    lasting: int
-    """The number of cycles of unavoidable conflicts."""
+    conflict_cycles: int
+    """The number of cycles in unavoidable conflicts, summed over the other flights."""
 
     @property
     def is_clear(self) -> bool:
         """Whether it has no conflict and ends at the right exit and level."""
-        return self.cost < NOT_CLEAR and not self.lasting
+        return self.cost < NOT_CLEAR and not self.conflict_cycles
 
     def transmissions(self, slot: int) -> Iterator[tuple[int, Transmission]]:
         events = self.events
@@ -227,12 +229,12 @@ def _better(
     events: Events,
     flown: FlownPlans,
     first: Int[np.ndarray, "plans others"],
-    lasting: Int[np.ndarray, " plans"],
+    conflict_cycles: Int[np.ndarray, " plans"],
     numbers: Int[np.ndarray, " others"],
 ) -> _Found:
     """The best of the plans flown and the best so far.
 
-    `first` is without unavoidable conflicts, and `lasting` the number of cycles of these.
+    `first` excludes unavoidable conflicts; `conflict_cycles` is the number of cycles in them.
     """
     count = len(first)
     conflicts = (first < NEVER).sum(axis=1)
@@ -242,10 +244,10 @@ def _better(
     cost = (
         TRANSMISSION_CYCLES * sent
         + flown.cycles[:count]
-        + LASTING_CYCLES * np.minimum(lasting, LONGEST)
+        + CONFLICT_CYCLE_COST * np.minimum(conflict_cycles, MAX_CONFLICT_CYCLES)
         + NOT_CLEAR * (conflicts > 0)
         + 2_000.0 * conflicts
-        - 5.0 * np.minimum(soonest, len(flown.ahead.level_ticks)) * (conflicts > 0)
+        - 5.0 * np.minimum(soonest, AHEAD) * (conflicts > 0)
         + 10.0 * NOT_CLEAR * wrong
     )
     number = int(np.argmin(cost))
@@ -260,7 +262,7 @@ def _better(
         flown.ahead.level_ticks[:, number],
         flown.ahead.present[:, number],
         Events(*(values[number] for values in events)),
-        int(lasting[number]),
+        int(conflict_cycles[number]),
     )
 
 

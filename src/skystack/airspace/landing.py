@@ -7,12 +7,16 @@ LANDING_NM = 5.0
 """A flight has landed within this distance of the last fix of its route, if that is inside the
 area. It is BluebirdDT's distance."""
 SIDES = 16
-"""The number of sides of the polygon around the circle of this radius."""
+"""The number of sides of the polygon that replaces the circle."""
+RING_NM = 5.1
+"""The distance of its corners from the airport, rounded up."""
 
 
 def is_inside(point: Float[np.ndarray, "2"], area: Float[np.ndarray, "vertices 2"]) -> bool:
-    """Whether a point is inside a polygon: whether a line to the east leaves it an odd number of
-    times."""
+    """Whether a point is inside a polygon.
+
+    It is if a line from it to the east crosses the boundary an odd number of times.
+    """
     start, end = area, np.roll(area, -1, axis=0)
     crossed = (start[:, 1] > point[1]) != (end[:, 1] > point[1])
     start, end = start[crossed], end[crossed]

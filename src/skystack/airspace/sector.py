@@ -52,10 +52,11 @@ class RouteTable(NamedTuple):
     """Geodesic bearing of the first leg."""
     exit_edge_nm: Float[np.ndarray, "routes points 2"]
     """The exit: the edge of the area with the exit fix, or the part of it within `Sector.exit_nm`
-    of the fix. The inside is to its left. It has extra points where it bends in the plane, and is
-    padded with its end."""
+    of the fix; for a route that ends inside the area, a ring around its end. The side from which
+    flights come is to its left. It has extra points where it bends in the plane, and is padded with
+    its end."""
     exit_ends_nm: Float[np.ndarray, "routes 2 2"]
-    """The right and the left end of the exit, as seen from inside."""
+    """The right and the left end of the exit, as seen by a flight that approaches it."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +64,8 @@ class Sector:
     """An airspace sector. Points are (latitude, longitude) in degrees.
 
     `area` is counter-clockwise. `levels_fl` are the lowest and the highest level, both inclusive. A
-    route that ends outside the area leads out over its exit fix, which is on the area's edge. One
-    that ends inside leads to an airport.
+    route that ends outside the area leaves it at its exit fix, which is on an edge. A route that
+    ends inside the area leads to an airport.
     """
 
     name: str
@@ -185,21 +186,27 @@ class Sector:
         return is_inside(self.fixes_nm[route[-1]], self.area_nm)
 
     def exit_fix(self, route: tuple[str, ...]) -> int:
-        """Index of a route's exit fix: the last one on an edge of the area, before the end.
+        """Index of a route's exit fix: the first one on an edge after the last one inside.
 
-        Of a route that ends inside the area, it is that of the last fix.
+        If no fix is inside, it is the last one on an edge; without one, the second-to-last fix. If
+        the route ends inside the area, it is the last fix.
         """
         last = len(route) - 1
         if self.lands(route):
             return last
-        on_edge = (
+        distance_nm = [self.distance_to_edge_nm(fix) for fix in route]
+        on_edge = [index for index in range(1, last) if distance_nm[index] <= ON_EDGE_NM]
+        inside = [
             index
-            for index in range(last - 1, 0, -1)
-            if self._distance_to_edge_nm(route[index]) <= ON_EDGE_NM
-        )
-        return next(on_edge, last - 1)
+            for index in range(last)
+            if distance_nm[index] > ON_EDGE_NM
+            and is_inside(self.fixes_nm[route[index]], self.area_nm)
+        ]
+        after = [index for index in on_edge if inside and index > inside[-1]]
+        return after[0] if after else [last - 1, *on_edge][-1]
 
-    def _distance_to_edge_nm(self, fix: str) -> float:
+    def distance_to_edge_nm(self, fix: str) -> float:
+        """The true distance of a fix from the nearest edge of the area."""
         point = self.fixes_nm[fix]
         distance = min(_distance_to_line(point, edge) for edge in self._edges_nm)
         return distance / self._scaled(1.0, point)
@@ -211,7 +218,7 @@ class Sector:
         return np.stack([metres / METRES_PER_NM, start, np.add(back, 180.0)], axis=1)
 
     def _exit(self, route: tuple[str, ...]) -> Float[np.ndarray, "points 2"]:
-        """The exit of a route as points in the plane, with the inside to its left."""
+        """The exit of a route as points in the plane; flights come from the left of it."""
         fix = route[self.exit_fix(route)]
         fix_nm = self.fixes_nm[fix]
         if self.lands(route):
@@ -239,7 +246,10 @@ class Sector:
         return landing_ends(fix, before, self._scaled(LANDING_NM, fix))
 
     def exit_point_nm(self, route: tuple[str, ...]) -> Float[np.ndarray, "2"]:
-        """The point of a route's exit: the exit fix, or `exit_before_nm` before it on the leg."""
+        """The point of a route's exit: the exit fix, or `exit_before_nm` before it on the leg.
+
+        For a route that ends inside the area, it is the last fix.
+        """
         last = self.exit_fix(route)
         before, fix = (self.fixes_nm[name] for name in route[last - 1 : last + 1])
         if self.lands(route):

@@ -20,6 +20,7 @@ from skystack.airspace.geojson import (
     polygon_of,
     unwrapped,
 )
+from skystack.airspace.landing import RING_NM, is_inside
 from skystack.airspace.projection import (
     MAX_LATITUDE_DEG,
     METRES_PER_NM,
@@ -206,7 +207,7 @@ def _check_distance(where: str, plane: MercatorPlane, point: LatLon, exchanged: 
 def _check_route(route: tuple[str, ...], index: int, sector: Sector) -> None:
     """Check that a route leads through the area and leaves it over an exit fix on its edge.
 
-    A route that ends inside the area is checked up to there.
+    A route that ends inside the area has no exit fix to check.
     """
     from shapely import LineString, Polygon  # noqa: PLC0415
 
@@ -225,16 +226,44 @@ def _check_route(route: tuple[str, ...], index: int, sector: Sector) -> None:
     within = area.intersection(LineString([sector.fixes_nm[name] for name in route]))
     if within.is_empty or within.length < scale(np.array([within.centroid.y]))[0]:  # 1 NM
         raise not_allowed("the route", list(route), "a route through the area")
-    if not sector.lands(route):
-        index = sector.exit_fix(route)
-        exit_fix, after = route[index : index + 2]
+    if sector.lands(route):
+        _check_airport(route, sector)
+    else:
+        number = sector.exit_fix(route)
+        exit_fix, after = route[number : number + 2]
+        for name in route[number + 1 :]:
+            within = is_inside(sector.fixes_nm[name], sector.area_nm)
+            if within and sector.distance_to_edge_nm(name) > ON_EDGE_NM:
+                raise InputError(
+                    f"leaves the area after {name} without an exit fix (allowed: a fix within "
+                    f"{ON_EDGE_NM} NM of the edge that the route crosses)"
+                )
         _check_exit(exit_fix, sector.fixes_nm[exit_fix], sector.fixes_nm[after], sector)
 
 
+def _check_airport(route: tuple[str, ...], sector: Sector) -> None:
+    """Check that a flight on the route reaches its last fix, inside the area, from farther away."""
+    airport = route[-1]
+    inside_nm = sector.distance_to_edge_nm(airport)
+    if inside_nm < RING_NM:
+        raise InputError(
+            f"ends at {airport}, {inside_nm:.2f} NM inside the area (allowed: outside, or at least "
+            f"{RING_NM} NM inside)"
+        )
+    farthest_nm = max(
+        geodesic_leg(sector.fixes[fix], sector.fixes[airport])[1] for fix in route[:-1]
+    )
+    if farthest_nm < RING_NM:
+        raise InputError(
+            f"ends at {airport}, and no fix is farther than {farthest_nm:.2f} NM from it (allowed: "
+            f"one that is at least {RING_NM} NM away)"
+        )
+
+
 def _check_exit(
-    name: str, exit_nm: Float[np.ndarray, "2"], last_nm: Float[np.ndarray, "2"], sector: Sector
+    name: str, exit_nm: Float[np.ndarray, "2"], after_nm: Float[np.ndarray, "2"], sector: Sector
 ) -> None:
-    """Check that the exit fix is on one edge and that the last leg leaves the area across it."""
+    """Check that the exit fix is on an edge and that the leg after it leaves the area there."""
     from shapely import LineString, Point  # noqa: PLC0415
 
     edge, exit_point = LineString(sector.edge_through(name)), Point(exit_nm)
@@ -260,6 +289,8 @@ def _check_exit(
     before, after = (
         np.array(edge.interpolate(along + step * tolerance).coords[0]) for step in (-1.0, 1.0)
     )
-    direction, to_last = after - before, last_nm - before
-    if direction[0] * to_last[1] - direction[1] * to_last[0] >= 0.0:
-        raise InputError(f"its last leg does not leave the area across the edge at {name}")
+    direction, to_after = after - before, after_nm - before
+    if direction[0] * to_after[1] - direction[1] * to_after[0] >= 0.0:
+        raise InputError(
+            f"the leg after its exit fix {name} does not leave the area across the edge"
+        )

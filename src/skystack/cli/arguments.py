@@ -287,8 +287,8 @@ def _evaluate_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--traffic",
         metavar="TRAFFIC",
-        help="sector control: fly hours of arriving traffic, with this many flights per hour, or "
-        "category, notebook or environment (BluebirdDT's Flight School), or springfield:SCENARIO",
+        help="sector control: fly hours of arriving traffic: a number of flights per hour; "
+        "category, notebook or environment (BluebirdDT's Flight School); or springfield:SCENARIO",
     )
     controller_arguments(sub, "with --traffic: ")
     sub.add_argument(

@@ -10,10 +10,11 @@ from skystack.cli.hours import ONLY_TRAFFIC, controller_arguments
 from skystack.cli.output import DONE, FAILED, print_json, program, quoted, report_error, say
 from skystack.cli.values import cycles_argument, natural, platform_argument, positive
 
+SEEDS = 5
 OPTIONS: dict[str, Any] = {
     "traffic": "category",
     "platform": "skystack",
-    "seeds": 5,
+    "seeds": None,
     "first_seed": 0,
     "strict": False,
     **ONLY_TRAFFIC,
@@ -37,10 +38,12 @@ def flight_school_arguments(sub: argparse.ArgumentParser) -> None:
         "--traffic",
         metavar="TRAFFIC",
         help="category (default), notebook or environment, a number of flights per hour, or "
-        "springfield:SCENARIO (with --seeds 1)",
+        "springfield:SCENARIO",
     )
     platform_argument(sub)
-    sub.add_argument("--seeds", type=positive, metavar="N", help="number of hours (default 5)")
+    sub.add_argument(
+        "--seeds", type=positive, metavar="N", help="number of hours (default 5; Springfield 1)"
+    )
     sub.add_argument("--first-seed", type=natural, metavar="N", help="first seed (default 0)")
     sub.add_argument(
         "--strict",
@@ -68,6 +71,7 @@ def flight_school_arguments(sub: argparse.ArgumentParser) -> None:
 
 def flight_school(options: argparse.Namespace) -> int:
     from skystack.cli.console import count_scenarios, output
+    from skystack.evaluation.fixed_traffic import is_fixed
     from skystack.evaluation.flight_school import fly_flight_school
     from skystack.evaluation.traffic_conditions import TrafficConditions, traffic_name
     from skystack.reporting.flight_school_table import flight_school_table
@@ -81,8 +85,9 @@ def flight_school(options: argparse.Namespace) -> int:
         safety_net=options.safety_net,
         platform=options.platform,
     )
-    seeds = range(options.first_seed, options.first_seed + options.seeds)
-    total = options.seeds * options.cycles
+    count = options.seeds or (1 if is_fixed(conditions.traffic) else SEEDS)
+    seeds = range(options.first_seed, options.first_seed + count)
+    total = count * options.cycles
     counting = count_scenarios(f"{options.agent}, {options.traffic}", total, "cycles")
     try:
         with counting as on_cycle:
@@ -98,7 +103,7 @@ def flight_school(options: argparse.Namespace) -> int:
         text = f"interrupted; to resume: {_again(options)}"
         raise KeyboardInterrupt(text) from None
     if result.cached:
-        say(f"already flown: {result.cached} of {options.seeds} seeds")
+        say(f"already flown: {result.cached} of {count} seeds")
     if result.outdated:
         say(
             f"flown again: {result.outdated} seeds, because the controller, the conditions or "

@@ -12,7 +12,7 @@ from skystack.agents.transmission import Transmission
 from skystack.errors import InputError
 from skystack.evaluation.foreign_hours import ReportedTraffic, instructions_of, writable
 from skystack.learning.seeds import scenario_key
-from skystack.platforms.bluebird_traffic import TrafficInBluebird
+from skystack.platforms.bluebird_traffic import BluebirdTraffic
 from skystack.platforms.flight_report import FlightReport
 from skystack.simulator.arrivals import FREE, Arrivals
 from skystack.simulator.traffic import ticks
@@ -25,7 +25,7 @@ class BluebirdHours:
     `world` has BluebirdDT's sector and performance, and the number of slots.
     """
 
-    def __init__(self, world: World, platform: TrafficInBluebird) -> None:
+    def __init__(self, world: World, platform: BluebirdTraffic) -> None:
         self.world, self.platform = world, platform
         self._empty = jax.jit(World(world.flow.without_starters()).reset)
         self._begin, self._end_cycle = jax.jit(world.tracker.begin), jax.jit(world.end_cycle)

@@ -157,7 +157,10 @@ def _task(world: World, conditions: TrafficConditions) -> SectorControl:
 
 
 def _model(conditions: TrafficConditions, model: str = PERFORMANCE) -> str:
-    """The name of the performance model. Fixed traffic has its own, read from tables."""
+    """The name of the performance model that is recorded.
+
+    It is `table` for fixed traffic, whose speeds are sampled from BluebirdDT.
+    """
     return "table" if is_fixed(conditions.traffic) else model
 
 

@@ -18,7 +18,7 @@ def exit_offsets_nm(
 ) -> Float[np.ndarray, "scenarios aircraft"]:
     """The distance of each aircraft from its exit fix when it crosses the exit edge [NM].
 
-    NaN for an aircraft that does not leave through its exit.
+    NaN for an aircraft that does not leave through its exit, or lands.
     """
     exited = np.asarray(recording.status.exited)
     offsets = np.full(exited[:, 0].shape, np.nan)

@@ -22,10 +22,15 @@ def is_fixed(traffic: str) -> bool:
 
 
 def fixed_world(traffic: str, cycles: int) -> World:
-    """The world of fixed traffic. Raises InputError for an unknown scenario."""
+    """The world of fixed traffic.
+
+    Raises InputError for an unknown scenario, or one with too many flights.
+    """
     scenario = _scenario(_name(traffic))
     if len(scenario.flights) > _SLOTS:
-        raise InputError(f"{traffic} has {len(scenario.flights)} flights (allowed: {_SLOTS})")
+        raise InputError(
+            f"{traffic} has {len(scenario.flights)} flights (allowed: at most {_SLOTS})"
+        )
     simulator = Simulator(
         scenario.sector,
         scenario.performance,

@@ -55,8 +55,7 @@ class FlightRow(NamedTuple):
     correct: bool
     excursion: bool
     exit_offset_nm: float
-    """Distance from the exit point; NaN unless it exited, and for landings."""
-    """Distance from the exit fix when it crossed its exit; NaN if it did not."""
+    """Distance from the exit fix when it crossed its exit; NaN if it did not, or landed."""
     flown_nm: float
     extra_nm: float
     """Distance flown beyond the length of its route; NaN unless it exited."""

@@ -55,8 +55,8 @@ def episode_table(
     """One row per scenario. The limit on instructions is applied to clearances here.
 
     `offsets_nm` are the exit offsets of the recording. `exits` counts the aircraft that left
-    through their exit, at any level, and `exit_offset_nm` is their mean distance from the exit fix.
-    The task's other metrics follow as additional columns.
+    through their exit, at any level, without landings, and `exit_offset_nm` is their mean distance
+    from the exit fix. The task's other metrics follow as additional columns.
     """
     metrics = recording.metrics
     issued = clearances_by_aircraft(task, recording)

@@ -93,9 +93,9 @@ def open_hours(found: ControlledWorld, conditions: TrafficConditions) -> Hours:
     if not _is_x_plus(found.world.sector):
         name = found.world.sector.name
         raise InputError(f"a policy for sector {name} (allowed in BluebirdDT's traffic: x-plus)")
-    from skystack.platforms.bluebird_traffic import BluebirdTraffic  # noqa: PLC0415
+    from skystack.platforms.bluebird_traffic import FlightSchoolTraffic  # noqa: PLC0415
 
-    return BluebirdHours(found.world, BluebirdTraffic(FLIGHT_SCHOOL[conditions.traffic]))
+    return BluebirdHours(found.world, FlightSchoolTraffic(FLIGHT_SCHOOL[conditions.traffic]))
 
 
 def _is_x_plus(sector: Sector) -> bool:

@@ -50,7 +50,7 @@ class TrafficConditions(NamedTuple):
 
     @property
     def traffic_in_names(self) -> str:
-        """The traffic in names of folders."""
+        """The traffic as in folder names: without a colon, which Windows does not allow."""
         return self.traffic.replace(":", "-")
 
 
@@ -65,7 +65,8 @@ def check_conditions(conditions: TrafficConditions) -> None:
         return
     if conditions.traffic not in FLIGHT_SCHOOL:
         raise InputError(
-            f"traffic {conditions.traffic} in BluebirdDT (allowed: {', '.join(FLIGHT_SCHOOL)})"
+            f"traffic {conditions.traffic} in BluebirdDT (allowed: {', '.join(FLIGHT_SCHOOL)}, or "
+            f"{SPRINGFIELD}:SCENARIO)"
         )
     _refuse_options(conditions, f"--platform {platform}")
 

@@ -42,7 +42,7 @@ with requires_extra(__name__, "bluebird"):
 _FAR_NM = 10_000.0
 """Distance from its sector at which BluebirdDT removes an aircraft; its default is 20 NM."""
 MAX_FL = 600
-"""The highest level of a sector here."""
+"""The highest level that a sector may have in skystack."""
 
 
 class Bluebird:
@@ -245,7 +245,7 @@ def sector_named(name: str) -> OurSector:
 
 
 def sector_entry(name: str) -> SectorEntry:
-    """As `sector_named`, with its routes unchecked."""
+    """A sector of the installed BluebirdDT as a sector file would describe it, not yet checked."""
     if name not in AirspaceLoader.list_airspaces():
         raise unknown_name("sector of BluebirdDT", name, AirspaceLoader.list_airspaces())
     with warnings.catch_warnings():

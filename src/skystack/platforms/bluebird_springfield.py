@@ -1,8 +1,8 @@
 """BluebirdDT's Springfield: its fixed scenarios, flown in BluebirdDT, and as a timetable.
 
-Everything is read from the installed BluebirdDT. Flights are born at fixed times outside the
-sector, or at its airport, and hear clearances from a fixed time on. Each has speeds and rates of
-its own, which BluebirdDT draws from a seed in the scenario.
+Everything is read from the installed BluebirdDT. Flights are born at fixed times and places, and
+hear clearances from a fixed time on. Each has its own speeds and rates, which BluebirdDT draws with
+a seed from the scenario.
 
 Needs `bluebird-dt` (extra `[bluebird]`, AGPL).
 """
@@ -19,7 +19,7 @@ from skystack.airspace.sector import Sector
 from skystack.airspace.sector_file import make_sector
 from skystack.errors import requires_extra, unknown_name
 from skystack.platforms.bluebird import sector_entry
-from skystack.platforms.bluebird_traffic import QUIET, TrafficInBluebird
+from skystack.platforms.bluebird_traffic import QUIET, BluebirdTraffic
 from skystack.platforms.flight_report import FlightReport
 from skystack.simulator.sampled_performance import SampledPerformance
 from skystack.simulator.timetable import ListedFlight
@@ -31,6 +31,8 @@ AIRSPACE = "Springfield"
 _LEVELS = 601
 """Performance is sampled at the flight levels from 0 to 600."""
 _BORN_WITHIN_CYCLES = 600
+"""All flights of a scenario are born within this number of cycles."""
+"""All flights of a scenario are born within this number of cycles."""
 _UNCONTROLLED = "background"
 """BluebirdDT's sector of flights that are not in contact."""
 
@@ -51,7 +53,7 @@ class _Scenarios(SpringfieldScenarioManager):  # type: ignore[misc]  # of a pack
         return env_manager
 
     def _check_aircraft_landing(self, *_: Any, **__: Any) -> list[str]:
-        """Remove nobody: where flights land is decided in `skystack.airspace.landing`."""
+        """Remove no flights: landings are decided by `skystack.airspace.landing`."""
         return []
 
 
@@ -70,7 +72,7 @@ class SpringfieldScenario(NamedTuple):
     """In order of birth."""
 
 
-class SpringfieldTraffic(TrafficInBluebird):
+class SpringfieldTraffic(BluebirdTraffic):
     """Flies a scenario. It is the same for every seed."""
 
     def __init__(self, scenario: str) -> None:
@@ -99,7 +101,7 @@ class SpringfieldTraffic(TrafficInBluebird):
             if aircraft.current_sector != _UNCONTROLLED and not _is_direct(aircraft):
                 aircraft.on_route = False  # as Springfield will, before it flies the next cycle
             kind = self._kinds.setdefault(callsign, len(self._kinds))
-            if aircraft.speed_tas is None:  # of a newborn
+            if aircraft.speed_tas is None:  # not computed yet for a newborn
                 self._simulator.manager.predictor.update_speeds(aircraft, None)
             reports[callsign] = self._report(environment, aircraft)._replace(
                 kind=kind, contact_s=self._contact_s.get(callsign, 0.0)
@@ -112,9 +114,9 @@ class SpringfieldTraffic(TrafficInBluebird):
         return len(self._plans) == len(self._simulator.manager.event_handler.flight_df)
 
     def sampled(self, callsign: str) -> tuple[str, Float[np.ndarray, "2 3 levels"]]:
-        """The type of a flight, and its airspeeds and rates at each level.
+        """The type of a flight, and its airspeeds and vertical speeds at each level.
 
-        They are for climb, cruise and descent.
+        The rows are climb, cruise and descent.
         """
         manager = self._simulator.manager
         probe = deepcopy(manager.environment.aircraft[callsign])
@@ -162,7 +164,10 @@ def read_scenario(name: str) -> SpringfieldScenario:
 
 
 def _with_routes(routes: Sequence[tuple[str, ...]]) -> Sector:
-    """Springfield with these routes too: flights that are there at the start have their own."""
+    """Springfield with these routes too.
+
+    Flights that start inside the sector have routes that it does not list.
+    """
     entry = sector_entry(AIRSPACE)
     return make_sector(replace(entry, routes=tuple(dict.fromkeys((*entry.routes, *routes)))))
 

@@ -1,4 +1,4 @@
-"""BluebirdDT's own arriving traffic: the Flight School, flown in BluebirdDT.
+"""BluebirdDT's own traffic, flown in BluebirdDT: the Flight School, and the base class for others.
 
     reset(seed) -> reports        a new hour of traffic
     issue(instruction)            clear one flight; no time passes
@@ -40,7 +40,7 @@ QUIET: dict[str, Any] = {
 """Settings with which BluebirdDT flies without wind and writes nothing."""
 
 
-class TrafficInBluebird:
+class BluebirdTraffic:
     """Flies traffic of BluebirdDT. Subclasses set up its simulator."""
 
     def __init__(self) -> None:
@@ -50,7 +50,7 @@ class TrafficInBluebird:
         """The route, entry and exit level of each flight, by callsign."""
 
     def reset(self, seed: int) -> dict[str, FlightReport]:
-        """Begin again."""
+        """Begin the traffic of a seed."""
         self.close()
         self._plans = {}
         with warnings.catch_warnings():
@@ -89,7 +89,7 @@ class TrafficInBluebird:
         return _report(aircraft, self._plans[callsign], held)
 
 
-class BluebirdTraffic(TrafficInBluebird):
+class FlightSchoolTraffic(BluebirdTraffic):
     """Flies hours of arriving traffic, one after another."""
 
     def __init__(self, clock: Clock) -> None:

@@ -175,11 +175,14 @@ def name_fixes(axes: Axes, sector: Sector, lines: Sequence[Polyline] = ()) -> No
 
 
 def _draw_width(axes: Axes, sector: Sector) -> Polyline:
-    """Draw the width of the last airway of the first route, from edge to edge.
+    """Draw the width of the last airway of the first route that leaves the area, edge to edge.
 
     Draws nothing where that line would leave the area: there the exit edge is not an airway's end.
     """
-    right, *_, left = sector.route_table.exit_edge_nm[0].astype(np.float64)
+    leaves = np.flatnonzero(~sector.route_table.lands)
+    if not len(leaves):
+        return np.empty((0, 2))
+    right, left = sector.route_table.exit_ends_nm[leaves[0]].astype(np.float64)
     across = left - right
     width_nm = float(np.linalg.norm(across))
     _, true_nm = geodesic_leg(

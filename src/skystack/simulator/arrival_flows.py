@@ -51,6 +51,8 @@ FLIGHT_SCHOOL = {
 
 `category` is `Simulator.from_category("Flight School")`, `notebook` the `InfiniteEnv` of the public
 challenge's notebook, and `environment` the `FlightSchoolEnv`."""
+MAX_SIDE_NM = 10.0
+"""The maximum distance of a birth from the centreline: half the width of an airway in X-Plus."""
 STARTERS = 2
 """The number of Flight School flights that start abeam their first fixes."""
 
@@ -182,14 +184,18 @@ class Flow:
 
     @cached_property
     def _half_width_nm(self) -> Float[np.ndarray, " routes"]:
-        """Half the length of the edge nearest to the first fix of each route; 0 for departures."""
+        """Half the length of the edge nearest to the first fix of each route; 0 for departures.
+
+        It is at most `MAX_SIDE_NM`, because edges of large sectors are not airways.
+        """
         sector = self.simulator.sector
         edges = [sector.edge_through(route[0]) for route in sector.routes]
         length_nm = [
             float(np.hypot(*(edge[-1] - edge[0])) / sector.plane.scale(edge[:1, 1])[0])
             for edge in edges
         ]
-        return np.where(self._departs, 0.0, np.array(length_nm) / 2.0).astype(np.float32)
+        half_nm = np.minimum(np.array(length_nm) / 2.0, MAX_SIDE_NM)
+        return np.where(self._departs, 0.0, half_nm).astype(np.float32)
 
     @cached_property
     def _departs(self) -> Bool[np.ndarray, " routes"]:

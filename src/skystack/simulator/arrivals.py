@@ -94,12 +94,13 @@ class Arrivals(NamedTuple):
 
     @property
     def time_s(self) -> Any:
-        """The time flown, `[*batch]`; in numpy if the arrivals are."""
+        """The simulated time in seconds, `[*batch]`; in numpy if the arrivals are."""
         return (self.cycle * CYCLE_S).astype(np.float32)
 
     @property
     def in_contact(self) -> Any:
-        """Whether the flight in each slot hears clearances: no held newborn, nor too early.
+        """Whether the flight in each slot hears clearances: it is not held, and its time of
+        contact has come.
 
         `[slots, *batch]`, in numpy if the arrivals are.
         """
@@ -302,7 +303,7 @@ def enter(
         born=arrivals.born + jnp.any(here, axis=0).astype(jnp.int32),
     )
     if arrivals.contact_s is not None:
-        assert flight.contact_s is not None, "arrivals with times of contact"
+        assert flight.contact_s is not None, "candidates have no times of contact"
         contact_s = jnp.where(here, flight.contact_s[None], arrivals.contact_s)
         arrivals = arrivals._replace(contact_s=contact_s)
     return arrivals, where_aircraft(here, newborn, traffic)

@@ -132,9 +132,9 @@ def turn_radius_nm(
     ground_speed_kt: Float[Array, "aircraft *batch"],
     rate_deg_s: float | None = None,
 ) -> Float[Array, "aircraft *batch"]:
-    """The radius of a turn at a rate, by default of a coordinated turn.
+    """The radius of a turn at a given rate or, without one, of a coordinated turn.
 
-    In a coordinated turn, the bank angle depends on the size of the turn.
+    The bank angle of a coordinated turn depends on the size of the turn.
     """
     if rate_deg_s is not None:
         return ground_speed_kt / 3600.0 / np.radians(rate_deg_s)

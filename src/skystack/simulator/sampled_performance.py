@@ -12,10 +12,10 @@ from skystack.simulator.performance import TICKS_PER_FL, TablePerformance
 
 @dataclass(frozen=True, eq=False)
 class SampledPerformance:
-    """Implements `skystack.simulator.performance.Performance`; `kind` is an index of the samples.
+    """Implements `skystack.simulator.performance.Performance`; `kind` is an index into the samples.
 
     Samples are at each flight level from 0, for climb, cruise and descent. Airspeeds are
-    interpolated between levels; a rate holds until the next sample.
+    interpolated between levels. Rates are not: each applies up to the next sample.
     """
 
     types: tuple[str, ...]
@@ -31,7 +31,7 @@ class SampledPerformance:
 
     @cached_property
     def _whole_rates(self) -> Float[np.ndarray, "kinds 3 levels"]:
-        """Rates in whole ticks per second, which are exact."""
+        """Rates rounded to whole ticks per second, so that levels stay exact."""
         return np.rint(self.rates_ft_min)
 
     def cruise_kt(self, fl: Float[np.ndarray, " levels"]) -> Float[np.ndarray, "types levels"]:

@@ -65,8 +65,8 @@ class Simulator:
     """Whether aircraft may be on own navigation. If False, compiled programs omit it."""
     turn_rate_deg_s: float = TURN_RATE_DEG_S
     route_turn_deg_s: float | None = None
-    """The rate of turns on own navigation; None for coordinated turns. Predictions of outlooks
-    always assume coordinated turns."""
+    """The rate of turns on own navigation; None for coordinated turns. Outlooks always assume
+    coordinated turns, and 1.5 degrees per second to headings."""
 
     def advance(self, traffic: Traffic) -> Traffic:
         """One radar cycle of 6 s: active aircraft fly, then adopt their new clearances."""

@@ -1,4 +1,4 @@
-"""Arrivals by a timetable: listed flights, each born at its time, as in a fixed scenario."""
+"""Arrivals from a timetable: each listed flight is born at a fixed time."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -37,11 +37,11 @@ class ListedFlight(NamedTuple):
 
 @dataclass(frozen=True)
 class TimetableFlow(Flow):
-    """Arrivals of listed flights, in order of birth. Its `clock` is a recorded one."""
+    """Arrivals of listed flights, in order of birth. Its `clock` must be `recorded`."""
 
     flights: tuple[ListedFlight, ...] = ()
     starts: bool = True
-    """Whether flights are there at the start."""
+    """Whether flights with birth cycle 0 are there at the start."""
 
     @property
     def callsigns(self) -> tuple[str, ...]:
@@ -77,7 +77,7 @@ class TimetableFlow(Flow):
         def column(values: ArrayLike) -> Array:
             return jnp.asarray(np.array(values), dtype=jnp.float32)
 
-        # A newborn is admitted before the cycle after which it is there for the first time.
+        # A newborn is admitted one cycle early, because it is held for that cycle.
         due_s = [CYCLE_S * (each.birth_cycle - 1) for each in flights]
         return Candidates(
             due_s=column(due_s),
@@ -98,9 +98,9 @@ class TimetableFlow(Flow):
 def _make_contact(arrivals: Arrivals, traffic: Traffic) -> tuple[Arrivals, Traffic]:
     """End the own navigation of flights that have come into contact in the last cycle.
 
-    As in BluebirdDT's Springfield, they hold their headings until they are cleared.
+    As in BluebirdDT's Springfield, they hold their headings until they are instructed.
     """
-    assert arrivals.contact_s is not None, "drawn by `TimetableFlow`"
+    assert arrivals.contact_s is not None, "arrivals have no times of contact"
     since_s = arrivals.time_s - arrivals.contact_s
     ended = (since_s >= 0.0) & (since_s < CYCLE_S) & traffic.own_navigation
     heading = jnp.where(ended, traffic.flown_heading_deg, traffic.cleared_heading_deg)

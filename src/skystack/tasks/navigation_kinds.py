@@ -226,8 +226,11 @@ def _check_exits(sector: Sector) -> None:
     if not sector.exit_before_nm:
         return
     table = sector.route_table
-    legs_nm = table.leg_nm[np.arange(len(sector.routes)), table.exit_fix - 1].tolist()
-    points = np.array([sector.exit_point_nm(route) for route in sector.routes])
+    leaves = np.flatnonzero(~table.lands)
+    if not len(leaves):
+        return
+    legs_nm = table.leg_nm[leaves, table.exit_fix[leaves] - 1].tolist()
+    points = np.array([sector.exit_point_nm(sector.routes[route]) for route in leaves.tolist()])
     inside = np.asarray(inside_area(jnp.asarray(points, dtype=jnp.float32), sector.area_nm))
     if sector.exit_before_nm >= min(legs_nm) or not inside.all():
         raise InputError(

@@ -155,7 +155,8 @@ class Segments(NamedTuple):
     flown: Float[Array, "segments slots *batch"]
     """The length that is flown in each: that of an arc where the segment is its chord."""
     exit_at: Rows
-    """The length that is flown until the exit fix; if that has been missed, until the last fix."""
+    """The length flown until the exit fix or the landing; until the last fix if that has been
+    missed."""
 
 
 def path_along_route(

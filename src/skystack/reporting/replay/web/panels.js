@@ -146,7 +146,7 @@ class Panels {
     setText(state, row >= aircraft.rows && status !== "exited" ? "off radar" : status);
     state.dataset.status = status;
     const offset = status === "exited" ? aircraft.exitOffsetNm : null;
-    const fix = aircraft.route.at(-2) ?? "its exit fix";
+    const fix = "its exit fix";
     setText(exit, offset === null ? "" : `exit ${offset.toFixed(1)}\u00a0NM from ${fix}`);
     const values = own.slice(-STRIP_CLEARANCES).map((each) => {
       if (each.kind === "direct") return aircraft.route[each.value] ?? "direct";
