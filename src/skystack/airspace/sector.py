@@ -185,6 +185,10 @@ class Sector:
         """Whether a route ends inside the area."""
         return is_inside(self.fixes_nm[route[-1]], self.area_nm)
 
+    def departs(self, route: tuple[str, ...]) -> bool:
+        """Whether a route starts inside the area."""
+        return is_inside(self.fixes_nm[route[0]], self.area_nm)
+
     def exit_fix(self, route: tuple[str, ...]) -> int:
         """Index of a route's exit fix: the first one on an edge after the last one inside.
 

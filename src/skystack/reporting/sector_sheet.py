@@ -1,5 +1,6 @@
 """The output of the verb `sector`: a description of the sector, and a map."""
 
+from collections import Counter
 from itertools import pairwise
 from pathlib import Path
 from textwrap import wrap
@@ -46,9 +47,19 @@ def sector_facts(sector: Sector, cycles: int) -> dict[str, Any]:
         "separation_nm": sector.separation_nm,
         "separation_fl": sector.separation_fl,
         "first_fixes": sorted({route[0] for route in sector.routes}),
+        "airports": _airports(sector),
         "routes": routes,
         "cycles": cycles,
         "routes_beyond_cycles": int((times.fastest > cycles).sum()),
+    }
+
+
+def _airports(sector: Sector) -> dict[str, dict[str, int]]:
+    """For each fix inside the area at which routes start or end: how many of them."""
+    starts = Counter(route[0] for route in sector.routes if sector.departs(route))
+    ends = Counter(route[-1] for route in sector.routes if sector.lands(route))
+    return {
+        name: {"departures": starts[name], "arrivals": ends[name]} for name in sorted(starts | ends)
     }
 
 
@@ -72,8 +83,13 @@ def headlines(facts: dict[str, Any]) -> list[str]:
         f"{facts['name']}: FL{low:03d} to FL{high:03d}, {routes} route{'s' * (routes > 1)} from "
         f"{len(starts)} first {'fixes' if len(starts) > 1 else 'fix'} ({', '.join(starts)})"
     )
+    airports = [
+        f"airport {name}: {number['arrivals']} routes end there, {number['departures']} start there"
+        for name, number in facts["airports"].items()
+    ]
     return [
         *wrap(first, 80, subsequent_indent="  "),
+        *airports,
         f"separation: {facts['separation_nm']:g} NM or {100 * facts['separation_fl']:,} ft; "
         f"origin: lat {lat:.4f}, lon {lon:.4f}",
     ]

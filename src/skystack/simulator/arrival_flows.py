@@ -15,7 +15,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skystack.airspace.geometry import direction
-from skystack.airspace.landing import is_inside
 from skystack.errors import InputError
 from skystack.simulator.arrivals import FREE, Admission, Arrivals, Candidates, Clock, enter, fly
 from skystack.simulator.simulator import CYCLE_S, Simulator
@@ -201,9 +200,7 @@ class Flow:
     def _departs(self) -> Bool[np.ndarray, " routes"]:
         """Whether each route starts at an airport inside the area."""
         sector = self.simulator.sector
-        return np.array(
-            [is_inside(sector.fixes_nm[route[0]], sector.area_nm) for route in sector.routes]
-        )
+        return np.array([sector.departs(route) for route in sector.routes])
 
     def _with_starters(
         self, arrivals: Arrivals, traffic: Traffic, key: PRNGKeyArray
