@@ -169,7 +169,7 @@ def test_loads_its_other_sectors(name, routes):
     ("name", "message"),
     [
         ("X-sector", "unknown sector of BluebirdDT 'X-sector'; did you mean 'X-Sector'?"),
-        ("Two Sector", "BluebirdDT's Two Sector: routes[1]: the route is"),
+        ("Two Sector", "BluebirdDT's Two Sector: routes[0]: ends at SANTA, 3.28 NM inside"),
     ],
 )
 def test_rejects_unknown_and_unsuitable_sectors(name, message):

@@ -100,6 +100,7 @@ def test_candidates_are_drawn_as_described(sector):
     for route in range(len(place.routes)):
         edge = place.edge_through(place.routes[route][0])
         half = np.hypot(*(edge[-1] - edge[0])) / place.plane.scale(edge[:1, 1])[0] / 2.0
+        half = min(half, 10.0)  # large sectors have long edges
         mine = right[drawn.route == route] / half
         assert kstest(mine, "uniform", (-1.0, 2.0)).pvalue > 1e-4
     np.testing.assert_allclose(drawn.heading_deg, table.first_heading_deg[drawn.route])

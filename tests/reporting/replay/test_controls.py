@@ -470,9 +470,9 @@ def test_strip_shows_the_exit_offset_after_the_exit(open_page, evaluation):
         before = boxes(viewer, ".strip")
         viewer.keys("ArrowRight")
         assert boxes(viewer, ".strip") == before
-        assert exits.all_text_contents() == ["", "exit 0.4\u00a0NM from FINCH"]
+        assert exits.all_text_contents() == ["", "exit 0.4\u00a0NM from its exit fix"]
         viewer.keys("End")
-        assert exits.nth(1).inner_text() == "exit 0.4\u00a0NM from FINCH"
+        assert exits.nth(1).inner_text() == "exit 0.4\u00a0NM from its exit fix"
     rows = pq.read_table(evaluation / "aircraft.parquet").to_pylist()
     with open_page("evaluation", "scenario=0") as viewer:
         viewer.keys("End")
@@ -482,7 +482,9 @@ def test_strip_shows_the_exit_offset_after_the_exit(open_page, evaluation):
             if row["exit_offset_nm"] is None:
                 assert text == ""
             else:
-                assert text.startswith(f"exit {row['exit_offset_nm']:.1f}\u00a0NM from ")
+                assert text.startswith(
+                    f"exit {row['exit_offset_nm']:.1f}\u00a0NM from its exit fix"
+                )
 
 
 def test_every_control_has_a_name_and_is_reached_by_tab(open_page):
