@@ -14,7 +14,7 @@ AIRPORT = replace(
 def test_airports_are_named_with_their_routes():
     facts = sector_facts(AIRPORT, 300)
     assert facts["airports"] == {"MIDDLE": {"departures": 1, "arrivals": 1}}
-    assert "airport MIDDLE: 1 routes end there, 1 start there" in headlines(facts)
+    assert "airport MIDDLE (arrival routes: 1, departure routes: 1)" in headlines(facts)
     assert sector_facts(SQUARE, 300)["airports"] == {}
 
 

@@ -15,7 +15,8 @@ RING_NM = 5.1
 def is_inside(point: Float[np.ndarray, "2"], area: Float[np.ndarray, "vertices 2"]) -> bool:
     """Whether a point is inside a polygon.
 
-    It is if a line from it to the east crosses the boundary an odd number of times.
+    It is if a line from it to the east crosses the boundary an odd number of times. In numpy,
+    because tables of sectors are also made while JAX traces a program.
     """
     start, end = area, np.roll(area, -1, axis=0)
     crossed = (start[:, 1] > point[1]) != (end[:, 1] > point[1])

@@ -162,6 +162,7 @@ class Sector:
         before, after = before * known, after * known
         no_leg = np.zeros_like(fixes[:, :1])
         before, after = np.append(no_leg, before, axis=1), np.append(after, no_leg, axis=1)
+        exits = [self._exit(route) for route in self.routes]
         return RouteTable(
             fixes_nm=fixes.astype(np.float32),
             last_fix=np.array([len(route) - 1 for route in self.routes], dtype=np.int32),
@@ -175,9 +176,13 @@ class Sector:
             first_heading_deg=np.array(
                 [self.first_heading_deg(route) for route in self.routes], dtype=np.float32
             ),
-            exit_edge_nm=_padded([self._exit(route) for route in self.routes]),
+            exit_edge_nm=_padded(exits),
             exit_ends_nm=np.array(
-                [self._exit_ends(route) for route in self.routes], dtype=np.float32
+                [
+                    self._exit_ends(route, edge)
+                    for route, edge in zip(self.routes, exits, strict=True)
+                ],
+                dtype=np.float32,
             ),
         )
 
@@ -211,9 +216,15 @@ class Sector:
 
     def distance_to_edge_nm(self, fix: str) -> float:
         """The true distance of a fix from the nearest edge of the area."""
-        point = self.fixes_nm[fix]
-        distance = min(_distance_to_line(point, edge) for edge in self._edges_nm)
-        return distance / self._scaled(1.0, point)
+        return self._distances_to_edge_nm[fix]
+
+    @cached_property
+    def _distances_to_edge_nm(self) -> dict[str, float]:
+        return {
+            name: min(_distance_to_line(point, edge) for edge in self._edges_nm)
+            / self._scaled(1.0, point)
+            for name, point in self.fixes_nm.items()
+        }
 
     def _legs(self, route: tuple[str, ...]) -> Float[np.ndarray, "legs 3"]:
         """Length [NM], bearing at the start and bearing at the end [deg] of each geodesic leg."""
@@ -242,10 +253,12 @@ class Sector:
         edge = translate(edge, *(self.exit_point_nm(route) - fix_nm))
         return np.array(edge.coords)
 
-    def _exit_ends(self, route: tuple[str, ...]) -> Float[np.ndarray, "2 2"]:
-        """The right and the left end of a route's exit."""
+    def _exit_ends(
+        self, route: tuple[str, ...], edge: Float[np.ndarray, "points 2"]
+    ) -> Float[np.ndarray, "2 2"]:
+        """The right and the left end of a route's exit, whose points are `edge`."""
         if not self.lands(route):
-            return self._exit(route)[[0, -1]]
+            return edge[[0, -1]]
         before, fix = (self.fixes_nm[name] for name in route[-2:])
         return landing_ends(fix, before, self._scaled(LANDING_NM, fix))
 

@@ -84,7 +84,8 @@ def headlines(facts: dict[str, Any]) -> list[str]:
         f"{len(starts)} first {'fixes' if len(starts) > 1 else 'fix'} ({', '.join(starts)})"
     )
     airports = [
-        f"airport {name}: {number['arrivals']} routes end there, {number['departures']} start there"
+        f"airport {name} (arrival routes: {number['arrivals']}, departure routes: "
+        f"{number['departures']})"
         for name, number in facts["airports"].items()
     ]
     return [
