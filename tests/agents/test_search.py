@@ -153,3 +153,22 @@ def test_conflicts_that_cannot_be_avoided_are_left_quickly():
     assert 1 <= np.count_nonzero(lost) <= SHORT
     # A search without success takes 17 batches for each flight, in every cycle of the conflict.
     assert len(counted) < 60
+
+
+def test_flights_that_are_born_close_are_kept_separated():
+    """Two flights side by side, 5.05 NM apart and converging, are within the margin at once."""
+    sector = x_plus()
+    route = sector.routes[0]
+    left = at_first_fix(sector, route, "LEFT")
+    heading = np.radians(left.heading_deg)
+    at_nm = sector.plane.to_plane(left.lat, left.lon)
+    at_nm = at_nm + 5.05 * np.array([np.cos(heading), -np.sin(heading)])
+    lat, lon = (float(value) for value in sector.plane.to_degrees(at_nm))
+    right = left._replace(
+        callsign="RIGHT", lat=lat, lon=lon, heading_deg=(left.heading_deg - 2.0) % 360.0
+    )
+    world = listed_world(sector, [left, right])
+    hour = HourFlyer(world, 250).fly(Search(world), 0, 0)
+    scores = score(sector, hour)
+    assert all(flight.correct for flight in scores.flights)
+    assert not scores.losses

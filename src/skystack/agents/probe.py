@@ -78,12 +78,18 @@ class FlownPlans(NamedTuple):
 
 
 class Conflicts(NamedTuple):
-    """Conflicts of plans with other flights, as numpy or JAX arrays."""
+    """Conflicts of plans with other flights, `[plans, others]`, as numpy or JAX arrays.
+
+    Two flights are in conflict if they are closer than the separation standard and a margin, and
+    lose separation if they are closer than the standard.
+    """
 
     first: Any
-    """`[plans, others]`: the first cycle of a conflict, or NEVER."""
-    cycles: Any
-    """`[plans, others]`: the number of cycles in conflict."""
+    """The first cycle of a conflict, or NEVER."""
+    first_loss: Any
+    """The first cycle of a loss of separation, or NEVER."""
+    cycles_of_loss: Any
+    """The number of cycles in which separation is lost."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +98,7 @@ class Probe:
 
     world: World
     margin_nm: float = 0.25
-    """Added to the separation standard."""
+    """Added to the separation standard for conflicts."""
 
     @cached_property
     def ahead(self) -> int:
@@ -114,8 +120,8 @@ class Probe:
     def conflicts(self) -> Any:
         """(plans, others) -> `Conflicts`, compiled."""
         sector = self.world.sector
-        least = sector.separation_nm + self.margin_nm
-        return jax.jit(partial(_conflicts, sector.plane, least, ticks(sector.separation_fl)))
+        least_nm = sector.separation_nm, sector.separation_nm + self.margin_nm
+        return jax.jit(partial(_conflicts, sector.plane, least_nm, ticks(sector.separation_fl)))
 
 
 def _fly(
@@ -177,12 +183,15 @@ def _fly(
 
 def _conflicts(
     plane: Any,
-    least_nm: float,
+    least_nm: tuple[float, float],
     least_ticks: float,
     plans: Ahead,
     others: Ahead,
 ) -> Conflicts:
-    """When and for how long each plan is not separated from each other flight."""
+    """When and for how long each plan is not separated from each other flight.
+
+    `least_nm` is the separation standard, without and with the margin.
+    """
 
     def half(ahead: Ahead) -> Array:
         """Half the true length of a unit of the plane at each flight, `[cycles, flights]`."""
@@ -208,12 +217,16 @@ def _conflicts(
         after = pairs(index)
         offset_after, gap_after, both_after = after
         squared = least_distance_squared(offset, offset_after - offset, gap, gap_after, least_ticks)
-        lost = both & both_after & (squared < least_nm**2)
-        first = jnp.minimum(found.first, jnp.where(lost, index, NEVER))
-        return index + 1, after, Conflicts(first, found.cycles + lost.astype(jnp.int32))
+        lost, close = (both & both_after & (squared < nm**2) for nm in least_nm)
+        found = Conflicts(
+            jnp.minimum(found.first, jnp.where(close, index, NEVER)),
+            jnp.minimum(found.first_loss, jnp.where(lost, index, NEVER)),
+            found.cycles_of_loss + lost.astype(jnp.int32),
+        )
+        return index + 1, after, found
 
     shape = (plans.level_ticks.shape[1], others.level_ticks.shape[1])
     none = jnp.zeros(shape, dtype=jnp.int32)
-    start = (jnp.int32(1), pairs(jnp.int32(0)), Conflicts(none + NEVER, none))
+    start = (jnp.int32(1), pairs(jnp.int32(0)), Conflicts(none + NEVER, none + NEVER, none))
     _, _, found = jax.lax.while_loop(lambda carry: carry[0] < last, step, start)
     return found

@@ -43,9 +43,9 @@ TRANSMISSION_CYCLES = 30
 NOT_CLEAR = 10_000.0
 """The least cost of a plan with an avoidable conflict or a wrong exit."""
 UNAVOIDABLE = 2
-"""A conflict that begins within this number of cycles under all plans of the first batch is treated
-as unavoidable: a clearance takes effect after one cycle, and hardly moves the aircraft in the
-next."""
+"""A loss of separation that begins within this number of cycles under all plans of the first batch
+is treated as unavoidable: a clearance takes effect after one cycle, and hardly moves the aircraft
+in the next. A conflict that does so, without such a loss, is avoided without the margin."""
 SHORT = 10
 """The search ends when a plan has at most this number of cycles in unavoidable conflicts."""
 CONFLICT_CYCLE_COST, MAX_CONFLICT_CYCLES = 20, 200
@@ -122,16 +122,18 @@ class Search:
         other = Ahead(self._position[:, padded], self._level[:, padded], present)
         rows = _rows(state, slot)
         best: _Found | None = None
-        ignored: Bool[np.ndarray, " others"] | None = None
+        close: Bool[np.ndarray, " others"] | None = None
         for plans in self._batches(state, slot):
             events = self._events(state, slot, plans)
             flown = jax.device_get(self.probe.fly(*rows, events))
             found = self.probe.conflicts(flown.ahead, other)
-            first, cycles = (np.array(each)[: len(plans), : len(numbers)] for each in found)
-            if ignored is None:
-                ignored = np.all(first <= UNAVOIDABLE, axis=0)
-            first[:, ignored] = NEVER
-            conflict_cycles = np.sum(cycles, axis=1, where=ignored)
+            first, loss, cycles = (np.array(each)[: len(plans), : len(numbers)] for each in found)
+            if close is None:
+                close = np.all(first <= UNAVOIDABLE, axis=0)
+                unavoidable = np.all(loss <= UNAVOIDABLE, axis=0)
+            first = np.where(close, loss, first)
+            first[:, unavoidable] = NEVER
+            conflict_cycles = np.sum(cycles, axis=1, where=unavoidable)
             best = _better(best, events, flown, first, conflict_cycles, numbers)
             if best.cost < NOT_CLEAR and best.conflict_cycles <= SHORT:
                 break
