@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from skystack.benchmarking.decisions import decision_figures
 from skystack.benchmarking.figures import Figure
+from skystack.benchmarking.sector import sector_figures
 from skystack.benchmarking.simulator import simulator_figures
 from skystack.benchmarking.starting import starting_figures
 from skystack.benchmarking.training import (
@@ -40,9 +41,11 @@ class Effort(NamedTuple):
     aircraft: tuple[int, ...] = (2, 10, 50, 200)
     seeds: int = 3
     """The number of training runs for the time to success."""
+    sector: bool = True
+    """Whether sector control is measured."""
 
 
-QUICK = Effort(1, 1, scenarios=1, trainings=("lateral",), aircraft=(2,), seeds=0)
+QUICK = Effort(1, 1, scenarios=1, trainings=("lateral",), aircraft=(2,), seeds=0, sector=False)
 """A minimal effort, as a check."""
 
 
@@ -60,6 +63,7 @@ def measure_skystack(effort: Effort, on_group: Callable[[str], None]) -> list[Fi
             for name in effort.trainings
         ),
         *[("time to success", partial(success_figures, effort.seeds))] * (effort.seeds > 0),
+        *[("sector control", partial(alone, sector_figures, effort.repetitions))] * effort.sector,
         ("decisions", partial(alone, decision_figures, FASTEST_EXPERIMENT, effort.scenarios)),
     ]
     figures: list[Figure] = []
