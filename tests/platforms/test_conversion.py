@@ -75,8 +75,8 @@ def test_platform_starts_with_the_drawn_traffic():
     assert [one.route for one in scenario.aircraft] == [routes[i] for i in before.route]
 
 
-def test_clearances_count_as_already_flown():
-    """The progress of a turn or climb is internal to the platform: nothing is pending."""
+def test_clearances_count_as_adopted():
+    """Nothing is pending, and the rest of a turn is the shorter way to the cleared heading."""
     in_progress = {
         "pending_turn": RIGHT,
         "turn_deg": 30.0,
@@ -95,7 +95,8 @@ def test_clearances_count_as_already_flown():
         traffic.flown_heading_deg.tolist() == traffic.cleared_heading_deg.tolist() == [60.0, 270.0]
     )
     assert traffic.flown_level_ticks.tolist() == [340 * TICKS_PER_FL, 320 * TICKS_PER_FL]
-    assert traffic.turn_deg.tolist() == traffic.turn_radius_nm.tolist() == [0.0, 0.0]
+    assert traffic.turn_deg.tolist() == [60.0 - 45.5, 270.0 - 271.25]
+    assert traffic.turn_radius_nm.tolist() == [0.0, 0.0]
     assert traffic.pending_turn.tolist() == [NO_TURN, NO_TURN]
     assert traffic.heading_deg.tolist() == [45.5, 271.25]
     assert traffic.vertical_speed_ft_min.tolist() == [2500.0, -2500.0]

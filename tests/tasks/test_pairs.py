@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skystack.airspace.projection import METRES_PER_NM, WGS84, MercatorPlane
-from skystack.simulator.traffic import start, ticks
+from skystack.simulator.traffic import SHORTEST, start, ticks
 from skystack.tasks.conformance import check_task
 from skystack.tasks.pairs import PAIR_FEATURES, RANGE_NM, observe_pairs, pair_names, pairs_of
 from skystack.tasks.registry import build_task
@@ -175,8 +175,11 @@ def test_cost_of_a_conflict_is_proportional_to_its_depth(traffic_on):
 def three():
     """Three turning aircraft, which do not yet fly their cleared headings."""
     at, cleared, speeds = [(0, 0), (30, 25), (-20, 40)], [350.0, 200.0, 95.0], [480.0, 400.0, 300.0]
-    flown = traffic(at, [10.0, 20.0, 30.0], speeds)
-    flown = flown._replace(cleared_heading_deg=jnp.asarray(cleared))
+    flown = traffic(at, [10.0, 40.0, 30.0], speeds)
+    flown = flown._replace(
+        cleared_heading_deg=jnp.asarray(cleared),
+        pending_turn=jnp.full(3, SHORTEST, dtype=jnp.int32),
+    )
     return flown, np.asarray(flown.position_nm, dtype=np.float64), cleared, speeds
 
 
@@ -199,6 +202,7 @@ def expected_features(three, one, other):
     gaps = np.linalg.norm(offset + hours[:, None] * relative, axis=1)
     # Whether the first aircraft is right of the second's path relative to the first.
     right = np.dot(-offset, [relative[1], -relative[0]]) > 0.0
+    in_turns, minutes = least_in_turns(three[0], one, other)
     return {
         "theta": wrap_180(bearing_deg(offset) - cleared[one]),
         "theta_back": wrap_180(bearing_deg(-offset) - cleared[other]),
@@ -206,7 +210,36 @@ def expected_features(three, one, other):
         "d": np.linalg.norm(offset),
         "miss": gaps.min() * (1.0 if right else -1.0),
         "time": 60.0 * hours[gaps.argmin()],
+        "turn_miss": in_turns,
+        "turn_time": minutes,
     }
+
+
+STEP_S = 0.05
+
+
+def flown_nm(traffic, aircraft, duration_s):
+    """Displacements in float64, in steps of `STEP_S`: a cycle straight ahead, then the turn."""
+    turn = wrap_180(
+        float(traffic.cleared_heading_deg[aircraft]) - float(traffic.heading_deg[aircraft])
+    )
+    times_s = np.arange(0.0, duration_s, STEP_S) + STEP_S / 2.0
+    turned = np.sign(turn) * np.minimum(1.5 * np.maximum(times_s - 6.0, 0.0), abs(turn))
+    angles = np.radians(float(traffic.heading_deg[aircraft]) + turned)
+    step_nm = float(traffic.ground_speed_kt[aircraft]) / 3600.0 * STEP_S
+    steps = step_nm * np.stack([np.sin(angles), np.cos(angles)], axis=1)
+    return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+
+
+def least_in_turns(traffic, one, other):
+    """The least distance [NM] and the minutes until then, within the horizon."""
+    at = np.asarray(traffic.position_nm, dtype=np.float64)
+    speeds = np.asarray(traffic.ground_speed_kt)
+    duration_s = 3600.0 * RANGE_NM / max(speeds[one], speeds[other])
+    offset = at[other] - at[one]
+    offset = offset + flown_nm(traffic, other, duration_s) - flown_nm(traffic, one, duration_s)
+    gaps = np.linalg.norm(offset, axis=1)
+    return gaps.min(), gaps.argmin() * STEP_S / 60.0
 
 
 SCALES = {
@@ -216,6 +249,8 @@ SCALES = {
     "d": (0.0, 150.0, 1.0),
     "miss": (-30.0, 30.0, 1.0),
     "time": (0.0, 20.0, 1.0),
+    "turn_miss": (0.0, 30.0, 1.0),
+    "turn_time": (0.0, 20.0, 1.0),
 }
 """The values scaled to 0 and 1, and the observation of a pair of which one has exited."""
 
@@ -230,8 +265,41 @@ def test_observes_scaled_features_pair_by_pair(three, active):
         for found, (name, (low, high, exited)) in zip(row, SCALES.items(), strict=True):
             expected = np.clip((values[name] - low) / (high - low), 0.0, 1.0)
             expected = expected if active[one] and active[other] else exited
-            assert found == pytest.approx(expected, abs=2e-4), (name, one, other)
+            # Turns are predicted in straight pieces of 20 s.
+            allowed = 5e-3 if name.startswith("turn_") else 2e-4
+            assert found == pytest.approx(expected, abs=allowed), (name, one, other)
     assert set(SCALES) == set(PAIR_FEATURES)
+
+
+turn = st.integers(-16, 16).map(lambda tens: 10.0 * tens)
+
+
+@given(position, position, heading, heading, turn, turn, st.floats(300, 500), st.floats(300, 500))
+def test_closest_approach_with_turns_is_that_of_the_flown_paths(
+    first, second, first_deg, second_deg, first_turn, second_turn, first_kt, second_kt
+):
+    both = traffic([first, second], [first_deg, second_deg], [first_kt, second_kt])
+    cleared = (both.heading_deg + jnp.array([first_turn, second_turn])) % 360.0
+    both = both._replace(
+        cleared_heading_deg=cleared, pending_turn=jnp.full(2, SHORTEST, dtype=jnp.int32)
+    )
+    found = float(PAIR_FEATURES["turn_miss"].value(pairs_of(PLANE, both))[0])
+    assert found == pytest.approx(least_in_turns(both, 0, 1)[0], abs=0.35)
+
+
+def test_turns_that_have_begun_are_predicted_to_their_end():
+    """Half of a turn of 90 degrees remains: the second, 10 NM to the right, is not approached."""
+    both = traffic([(0, 0), (10, 0)], [45.0, 0.0])
+    turning = both._replace(
+        heading_deg=jnp.array([45.0, 0.0]),
+        turn_deg=jnp.array([-45.0, 0.0]),
+        cleared_heading_deg=jnp.array([0.0, 0.0]),
+    )
+    radius_nm = SPEED_KT / 3600.0 / np.radians(1.5)
+    east_nm = radius_nm * (1.0 - np.cos(np.radians(45.0)))
+    behind_nm = SPEED_KT * 30.0 / 3600.0 - radius_nm * np.sin(np.radians(45.0))
+    found = float(PAIR_FEATURES["turn_miss"].value(pairs_of(PLANE, turning))[0])
+    assert found == pytest.approx(np.hypot(10.0 - east_nm, behind_nm), abs=1e-3)
 
 
 def test_names_features_pair_by_pair():

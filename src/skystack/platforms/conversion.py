@@ -12,17 +12,19 @@ from skystack.platforms.protocol import Report
 from skystack.simulator.fleet import Fleet
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.scenario_file import Aircraft, Scenario
-from skystack.simulator.simulator import Simulator
+from skystack.simulator.simulator import Simulator, turn_to_deg
 from skystack.simulator.traffic import NO_TURN, Traffic
 
 
 def traffic_of(report: Report, before: Traffic, plane: MercatorPlane) -> Traffic:
     """Reported traffic in the form that tasks read; inactive aircraft stay unchanged.
 
-    The progress of a manoeuvre (remaining turn, turn radius) is internal to the platform, so these
-    fields are set as if the clearance were already flown. Levels are rounded to whole ticks.
+    Clearances count as adopted: the remaining turn is the shorter one to the cleared heading. The
+    radius of a turn is internal to the platform, and set to 0. Levels are rounded to whole ticks.
     """
     cleared_level_ticks = np.rint(report.cleared_fl * TICKS_PER_FL)
+    headings = map(jnp.asarray, (report.heading_deg, report.cleared_heading_deg))
+    turn_deg = np.asarray(turn_to_deg(*headings))
     zero = np.zeros_like(cleared_level_ticks)
     reported = {
         "position_nm": plane.to_plane(report.lat, report.lon),
@@ -31,7 +33,7 @@ def traffic_of(report: Report, before: Traffic, plane: MercatorPlane) -> Traffic
         "ground_speed_kt": report.ground_speed_kt,
         "vertical_speed_ft_min": report.vertical_speed_ft_min,
         "flown_heading_deg": report.cleared_heading_deg,
-        "turn_deg": zero,
+        "turn_deg": turn_deg,
         "flown_level_ticks": cleared_level_ticks,
         "cleared_heading_deg": report.cleared_heading_deg,
         "cleared_level_ticks": cleared_level_ticks,

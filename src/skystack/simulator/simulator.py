@@ -167,9 +167,7 @@ def adopt(traffic: Traffic) -> Traffic:
     new = traffic.active & (traffic.pending_turn != NO_TURN)
     if traffic.cleared_fix is not None:
         traffic, new = _adopt_direct(traffic, traffic.cleared_fix, new)
-    turn = turn_to_deg(traffic.heading_deg, traffic.cleared_heading_deg)
-    turn = jnp.where((traffic.pending_turn == LEFT) & (turn > 0.0), turn - 360.0, turn)
-    turn = jnp.where((traffic.pending_turn == RIGHT) & (turn < 0.0), turn + 360.0, turn)
+    turn = pending_turn_deg(traffic)
     own = traffic.own_navigation & ~new
     return traffic._replace(
         flown_heading_deg=jnp.where(new, traffic.cleared_heading_deg, traffic.flown_heading_deg),
@@ -182,6 +180,13 @@ def adopt(traffic: Traffic) -> Traffic:
         # On own navigation the cleared heading follows the actual heading.
         cleared_heading_deg=jnp.where(own, traffic.heading_deg, traffic.cleared_heading_deg),
     )
+
+
+def pending_turn_deg(traffic: Traffic) -> Float[Array, "aircraft *batch"]:
+    """The turn to the cleared heading in the direction of `pending_turn`."""
+    turn = turn_to_deg(traffic.heading_deg, traffic.cleared_heading_deg)
+    turn = jnp.where((traffic.pending_turn == LEFT) & (turn > 0.0), turn - 360.0, turn)
+    return jnp.where((traffic.pending_turn == RIGHT) & (turn < 0.0), turn + 360.0, turn)
 
 
 def _adopt_direct(

@@ -1,7 +1,8 @@
 """Pairs of aircraft: the features that a policy can observe, and predicted closest approaches.
 
 Predictions assume that all aircraft fly straight along their *cleared* headings at their current
-ground speeds: what would happen "even if no further instructions are issued" (paper).
+ground speeds: what would happen "even if no further instructions are issued" (paper). Only
+`turn_miss` and `turn_time` include the turns to these headings.
 """
 
 from collections.abc import Callable
@@ -24,6 +25,7 @@ from skystack.airspace.geometry import (
 from skystack.airspace.projection import MercatorPlane
 from skystack.compilation.subroutine import subroutine
 from skystack.simulator.traffic import Traffic
+from skystack.tasks.pair_turns import Turning, closest_in_turns, turning
 
 RANGE_NM = 150.0
 """d_max: the distance over which the faster aircraft of a pair is predicted. Pairs further apart
@@ -50,6 +52,8 @@ class Pairs(NamedTuple):
     """The cleared heading of the second."""
     active: Bool[Array, "pairs *batch"]
     """Whether both are active."""
+    first: Turning
+    second: Turning
 
     @property
     def distance_nm(self) -> PerPair:
@@ -70,6 +74,7 @@ def pairs_of(plane: MercatorPlane, traffic: Traffic) -> Pairs:
     velocity, other_velocity = first_and_second(
         speed[:, None] * direction(traffic.cleared_heading_deg)
     )
+    turns = turning(traffic)
     scale = plane.scale((position[:, 1] + other_position[:, 1]) / 2.0)
     heading, other_heading = first_and_second(traffic.cleared_heading_deg)
     active, other_active = first_and_second(traffic.active)
@@ -80,6 +85,8 @@ def pairs_of(plane: MercatorPlane, traffic: Traffic) -> Pairs:
         first_heading_deg=heading,
         second_heading_deg=other_heading,
         active=active & other_active,
+        first=Turning(*(first_and_second(values)[0] for values in turns)),
+        second=Turning(*(first_and_second(values)[1] for values in turns)),
     )
 
 
@@ -122,6 +129,20 @@ def minutes_to_closest(pairs: Pairs) -> PerPair:
     return 60.0 * jnp.clip(hours, 0.0, pairs.horizon_h)
 
 
+def miss_in_turns(pairs: Pairs) -> PerPair:
+    return _in_turns(pairs)[0]
+
+
+def minutes_in_turns(pairs: Pairs) -> PerPair:
+    return 60.0 * _in_turns(pairs)[1]
+
+
+def _in_turns(pairs: Pairs) -> tuple[PerPair, PerPair]:
+    return closest_in_turns(
+        pairs.offset_nm, pairs.first, pairs.second, pairs.velocity_kt, pairs.horizon_h
+    )
+
+
 PAIR_FEATURES: dict[str, PairFeature] = {
     "theta": PairFeature(
         turn_to_second, -180.0, 180.0, 0.0, "turn from the first's cleared heading to the second"
@@ -136,6 +157,12 @@ PAIR_FEATURES: dict[str, PairFeature] = {
     "miss": PairFeature(signed_miss, -30.0, 30.0, 30.0, "predicted closest approach, signed, NM"),
     "time": PairFeature(
         minutes_to_closest, 0.0, 20.0, 20.0, "time to the closest approach, minutes"
+    ),
+    "turn_miss": PairFeature(
+        miss_in_turns, 0.0, 30.0, 30.0, "predicted closest approach, including turns, NM"
+    ),
+    "turn_time": PairFeature(
+        minutes_in_turns, 0.0, 20.0, 20.0, "time to the closest approach, including turns, minutes"
     ),
 }
 """The paper's features are `theta` and `d` (theta_12, d_12). skystack adds the others."""
