@@ -137,7 +137,7 @@ def test_limitations_match_the_task():
     # (1 - 3 / n) ** n is about 0.05: the rule of three.
     none = "Separation was lost in none of 10,000 scenarios. With 95 % confidence"
     assert none in sentences_of("avoidance-best")
-    assert "fewer than 3 of 10,000" in sentences_of("avoidance-best")
+    assert "the rate of losses is below 3 in 10,000" in sentences_of("avoidance-best")
     vertical = sentences_of("vertical")
     assert "There is no other traffic" in vertical
     assert "from its entry level to its exit level" in vertical

@@ -202,7 +202,7 @@ def expected_features(three, one, other):
     gaps = np.linalg.norm(offset + hours[:, None] * relative, axis=1)
     # Whether the first aircraft is right of the second's path relative to the first.
     right = np.dot(-offset, [relative[1], -relative[0]]) > 0.0
-    in_turns, minutes = least_in_turns(three[0], one, other)
+    with_turns, minutes = least_with_turns(three[0], one, other)
     return {
         "theta": wrap_180(bearing_deg(offset) - cleared[one]),
         "theta_back": wrap_180(bearing_deg(-offset) - cleared[other]),
@@ -210,7 +210,7 @@ def expected_features(three, one, other):
         "d": np.linalg.norm(offset),
         "miss": gaps.min() * (1.0 if right else -1.0),
         "time": 60.0 * hours[gaps.argmin()],
-        "turn_miss": in_turns,
+        "turn_miss": with_turns,
         "turn_time": minutes,
     }
 
@@ -231,7 +231,7 @@ def flown_nm(traffic, aircraft, duration_s):
     return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
 
 
-def least_in_turns(traffic, one, other):
+def least_with_turns(traffic, one, other):
     """The least distance [NM] and the minutes until then, within the horizon."""
     at = np.asarray(traffic.position_nm, dtype=np.float64)
     speeds = np.asarray(traffic.ground_speed_kt)
@@ -284,11 +284,11 @@ def test_closest_approach_with_turns_is_that_of_the_flown_paths(
         cleared_heading_deg=cleared, pending_turn=jnp.full(2, SHORTEST, dtype=jnp.int32)
     )
     found = float(PAIR_FEATURES["turn_miss"].value(pairs_of(PLANE, both))[0])
-    assert found == pytest.approx(least_in_turns(both, 0, 1)[0], abs=0.35)
+    assert found == pytest.approx(least_with_turns(both, 0, 1)[0], abs=0.35)
 
 
 def test_turns_that_have_begun_are_predicted_to_their_end():
-    """Half of a turn of 90 degrees remains: the second, 10 NM to the right, is not approached."""
+    """The first moves east only until its turn ends; then it flies parallel to the second."""
     both = traffic([(0, 0), (10, 0)], [45.0, 0.0])
     turning = both._replace(
         heading_deg=jnp.array([45.0, 0.0]),

@@ -80,7 +80,7 @@ class FlownPlans(NamedTuple):
 class Conflicts(NamedTuple):
     """Conflicts of plans with other flights, `[plans, others]`, as numpy or JAX arrays.
 
-    Two flights are in conflict if they are closer than the separation standard and a margin, and
+    Two flights are in conflict if they are closer than the separation standard plus a margin, and
     lose separation if they are closer than the standard.
     """
 

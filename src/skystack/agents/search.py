@@ -45,12 +45,13 @@ NOT_CLEAR = 10_000.0
 UNAVOIDABLE = 2
 """A loss of separation that begins within this number of cycles under all plans of the first batch
 is treated as unavoidable: a clearance takes effect after one cycle, and hardly moves the aircraft
-in the next. A conflict that does so, without such a loss, is avoided without the margin."""
+in the next. From a flight that is within the margin that early under all plans, but not closer than
+the standard, plans keep the standard without the margin."""
 SHORT = 10
-"""The search ends when a plan has at most this number of cycles in unavoidable conflicts."""
-CONFLICT_CYCLE_COST, MAX_CONFLICT_CYCLES = 20, 200
-"""The cost of a cycle of unavoidable conflict, in cycles of flying time, and the number of cycles
-from which it does not increase."""
+"""The search ends when a plan has at most this many cycles of unavoidable loss of separation."""
+LOSS_CYCLE_COST, MAX_LOSS_CYCLES = 20, 200
+"""The cost of a cycle of unavoidable loss of separation, in cycles of flying time, and the number
+of cycles from which it does not increase."""
 
 
 class Search:
@@ -133,9 +134,9 @@ class Search:
                 unavoidable = np.all(loss <= UNAVOIDABLE, axis=0)
             first = np.where(close, loss, first)
             first[:, unavoidable] = NEVER
-            conflict_cycles = np.sum(cycles, axis=1, where=unavoidable)
-            best = _better(best, events, flown, first, conflict_cycles, numbers)
-            if best.cost < NOT_CLEAR and best.conflict_cycles <= SHORT:
+            loss_cycles = np.sum(cycles, axis=1, where=unavoidable)
+            best = _better(best, events, flown, first, loss_cycles, numbers)
+            if best.cost < NOT_CLEAR and best.loss_cycles <= SHORT:
                 break
         assert best is not None
         return best
@@ -201,13 +202,13 @@ class _Found(NamedTuple):
     present: Bool[np.ndarray, " cycles"]
     events: Events
     """Without the axis of plans."""
-    conflict_cycles: int
-    """The number of cycles in unavoidable conflicts, summed over the other flights."""
+    loss_cycles: int
+    """The number of cycles of unavoidable loss of separation, summed over the other flights."""
 
     @property
     def is_clear(self) -> bool:
         """Whether it has no conflict and ends at the right exit and level."""
-        return self.cost < NOT_CLEAR and not self.conflict_cycles
+        return self.cost < NOT_CLEAR and not self.loss_cycles
 
     def transmissions(self, slot: int) -> Iterator[tuple[int, Transmission]]:
         events = self.events
@@ -231,12 +232,12 @@ def _better(
     events: Events,
     flown: FlownPlans,
     first: Int[np.ndarray, "plans others"],
-    conflict_cycles: Int[np.ndarray, " plans"],
+    loss_cycles: Int[np.ndarray, " plans"],
     numbers: Int[np.ndarray, " others"],
 ) -> _Found:
     """The best of the plans flown and the best so far.
 
-    `first` excludes unavoidable conflicts; `conflict_cycles` is the number of cycles in them.
+    `first` excludes unavoidable conflicts; `loss_cycles` is the number of cycles in them.
     """
     count = len(first)
     conflicts = (first < NEVER).sum(axis=1)
@@ -246,7 +247,7 @@ def _better(
     cost = (
         TRANSMISSION_CYCLES * sent
         + flown.cycles[:count]
-        + CONFLICT_CYCLE_COST * np.minimum(conflict_cycles, MAX_CONFLICT_CYCLES)
+        + LOSS_CYCLE_COST * np.minimum(loss_cycles, MAX_LOSS_CYCLES)
         + NOT_CLEAR * (conflicts > 0)
         + 2_000.0 * conflicts
         - 5.0 * np.minimum(soonest, AHEAD) * (conflicts > 0)
@@ -264,7 +265,7 @@ def _better(
         flown.ahead.level_ticks[:, number],
         flown.ahead.present[:, number],
         Events(*(values[number] for values in events)),
-        int(conflict_cycles[number]),
+        int(loss_cycles[number]),
     )
 
 

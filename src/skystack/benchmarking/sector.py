@@ -29,7 +29,7 @@ EXPERIMENT = "sector-control"
 RATE, SLOTS = 250.0, 128
 """Flights per hour, with which about 60 flights are in the sector."""
 WARM_UP, CYCLES = 300, 16
-"""The cycles flown before anything is timed, in which the sector fills, and those in each call."""
+"""The cycles flown untimed while the sector fills, and the cycles per timed call."""
 SCENARIOS = 16
 FIRST_UPDATES = 10
 """The updates of training that are not timed, in which the sector fills."""

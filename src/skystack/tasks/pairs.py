@@ -25,7 +25,7 @@ from skystack.airspace.geometry import (
 from skystack.airspace.projection import MercatorPlane
 from skystack.compilation.subroutine import subroutine
 from skystack.simulator.traffic import Traffic
-from skystack.tasks.pair_turns import Turning, closest_in_turns, turning
+from skystack.tasks.pair_turns import Turning, closest_with_turns, turning
 
 RANGE_NM = 150.0
 """d_max: the distance over which the faster aircraft of a pair is predicted. Pairs further apart
@@ -52,8 +52,10 @@ class Pairs(NamedTuple):
     """The cleared heading of the second."""
     active: Bool[Array, "pairs *batch"]
     """Whether both are active."""
-    first: Turning
-    second: Turning
+    first_turn: Turning
+    """The turn of the first to its cleared heading."""
+    second_turn: Turning
+    """That of the second."""
 
     @property
     def distance_nm(self) -> PerPair:
@@ -85,8 +87,8 @@ def pairs_of(plane: MercatorPlane, traffic: Traffic) -> Pairs:
         first_heading_deg=heading,
         second_heading_deg=other_heading,
         active=active & other_active,
-        first=Turning(*(first_and_second(values)[0] for values in turns)),
-        second=Turning(*(first_and_second(values)[1] for values in turns)),
+        first_turn=Turning(*(first_and_second(values)[0] for values in turns)),
+        second_turn=Turning(*(first_and_second(values)[1] for values in turns)),
     )
 
 
@@ -129,17 +131,17 @@ def minutes_to_closest(pairs: Pairs) -> PerPair:
     return 60.0 * jnp.clip(hours, 0.0, pairs.horizon_h)
 
 
-def miss_in_turns(pairs: Pairs) -> PerPair:
-    return _in_turns(pairs)[0]
+def miss_with_turns(pairs: Pairs) -> PerPair:
+    return _with_turns(pairs)[0]
 
 
-def minutes_in_turns(pairs: Pairs) -> PerPair:
-    return 60.0 * _in_turns(pairs)[1]
+def minutes_with_turns(pairs: Pairs) -> PerPair:
+    return 60.0 * _with_turns(pairs)[1]
 
 
-def _in_turns(pairs: Pairs) -> tuple[PerPair, PerPair]:
-    return closest_in_turns(
-        pairs.offset_nm, pairs.first, pairs.second, pairs.velocity_kt, pairs.horizon_h
+def _with_turns(pairs: Pairs) -> tuple[PerPair, PerPair]:
+    return closest_with_turns(
+        pairs.offset_nm, pairs.first_turn, pairs.second_turn, pairs.velocity_kt, pairs.horizon_h
     )
 
 
@@ -159,10 +161,14 @@ PAIR_FEATURES: dict[str, PairFeature] = {
         minutes_to_closest, 0.0, 20.0, 20.0, "time to the closest approach, minutes"
     ),
     "turn_miss": PairFeature(
-        miss_in_turns, 0.0, 30.0, 30.0, "predicted closest approach, including turns, NM"
+        miss_with_turns,
+        0.0,
+        30.0,
+        30.0,
+        "closest approach predicted with the turns to cleared headings flown, NM",
     ),
     "turn_time": PairFeature(
-        minutes_in_turns, 0.0, 20.0, 20.0, "time to the closest approach, including turns, minutes"
+        minutes_with_turns, 0.0, 20.0, 20.0, "time to that closest approach, minutes"
     ),
 }
 """The paper's features are `theta` and `d` (theta_12, d_12). skystack adds the others."""
