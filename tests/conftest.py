@@ -56,6 +56,7 @@ FAST_COMPILE = (
     "docs",
     "evaluation",
     "export",
+    "live",
     "gym/test_flights.py",
     "gym/test_processes.py",
     "gym/test_sector.py",

@@ -25,6 +25,7 @@ LAYERS = (
     "export",
     "gym",
     "benchmarking",
+    "live",
     "cli",
     "__main__",
 )

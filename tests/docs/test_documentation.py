@@ -1,9 +1,11 @@
 """The documentation: every block of code runs, and every link resolves."""
 
+import io
 import json
 import re
 import shlex
 import shutil
+import sys
 import tomllib
 from pathlib import Path
 
@@ -57,6 +59,11 @@ def run_command(text):
         assert words[0] != "dev.py" or words[1] in dev.EXTRAS, text
     elif words[0] in PARSED_ONLY:
         parse(words)
+    elif words[0] == "session":
+        typed = io.TextIOWrapper(io.BytesIO(b"3\nflights\nquit\n"))
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sys, "stdin", typed)
+            assert main(words) == 0, text
     else:
         assert main([*words, *QUICK.get(words[0], ())]) == 0, text
 

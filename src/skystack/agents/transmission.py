@@ -1,15 +1,24 @@
 """A transmission to one flight, and the protocol of agents that control a sector."""
 
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Literal, NamedTuple, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 import numpy as np
 
 from skystack.platforms.instruction import Instruction
 from skystack.simulator.performance import TICKS_PER_FL
-from skystack.simulator.traffic import DIRECT, NO_TURN, SHORTEST, Clearance, Traffic
+from skystack.simulator.traffic import (
+    DIRECT,
+    LEFT,
+    NO_TURN,
+    RIGHT,
+    SHORTEST,
+    Clearance,
+    Traffic,
+)
 from skystack.tasks.sector_world import WorldState
 
+_TURNS = {None: SHORTEST, "left": LEFT, "right": RIGHT}
 PER_CYCLE = 5
 """The default maximum number of transmissions in a cycle."""
 MOST_INSTRUCTIONS = 40
@@ -27,6 +36,8 @@ class Transmission(NamedTuple):
     level_ticks: float | None = None
     instructions: int = 1
     """The number of instructions that were stacked into it."""
+    turn: Literal["left", "right"] | None = None
+    """The direction of the turn to `heading_deg`; None for the shorter turn."""
 
 
 @runtime_checkable
@@ -48,6 +59,8 @@ def instruction_of(
     return Instruction(
         callsign,
         heading_deg=transmission.heading_deg,
+        turn=transmission.turn,
+        by_direction=transmission.turn is not None,
         direct_to=None if fix is None else route[fix],
         level_fl=None if level is None else round(level / TICKS_PER_FL),
     )
@@ -60,7 +73,7 @@ def clearance_of(transmissions: list[Transmission], slots: int) -> Clearance:
     changes = np.zeros(slots, dtype=bool)
     for each in transmissions:
         if each.heading_deg is not None:
-            turn[each.slot], heading[each.slot] = SHORTEST, each.heading_deg
+            turn[each.slot], heading[each.slot] = _TURNS[each.turn], each.heading_deg
         if each.fix is not None:
             turn[each.slot], fix[each.slot] = DIRECT, each.fix
         if each.level_ticks is not None:

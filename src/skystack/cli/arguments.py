@@ -12,6 +12,7 @@ from skystack.cli import verbs
 from skystack.cli.flight_school import flight_school, flight_school_arguments
 from skystack.cli.hours import controller_arguments
 from skystack.cli.reproduce import reproduce
+from skystack.cli.session import session, session_arguments
 from skystack.cli.values import cycles_argument, natural, platform_argument, positive
 from skystack.errors import InputError
 from skystack.io.streams import StandardOutput
@@ -131,6 +132,9 @@ def build_parser() -> Commands:
         flight_school,
     )
     flight_school_arguments(sub)
+
+    sub = verb("session", "control live traffic by typing clearances", session)
+    session_arguments(sub)
 
     sub = verb("report", "write the report of a run again, or compare several runs", verbs.report)
     sub.add_argument(

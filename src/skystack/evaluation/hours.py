@@ -124,20 +124,17 @@ class HourFlyer:
         """
         state = self.hours.reset(seed, number)
         agent.begin(state)
-        cycles, candidate, sent, decision_ms, fail_safe = [], [], [], [], []
+        recorder = HourRecorder(number)
         for index in range(self.cycles):
             began = time.perf_counter()
             transmissions = agent.transmit(state)
-            decision_ms.append(1000.0 * (time.perf_counter() - began))
+            decision_ms = 1000.0 * (time.perf_counter() - began)
             self._check(state, transmissions)
-            flight = state.arrivals.flight
-            sent += [Sent(index, int(flight[each.slot]), each) for each in transmissions]
+            recorder.record_transmissions(state, transmissions)
             state, cycle = self.hours.advance(state, transmissions)
-            cycles.append(cycle)
-            candidate.append(state.arrivals.candidate)
-            fail_safe.append(bool(self._fail_safe(state)))
+            recorder.record_cycle(state, cycle, bool(self._fail_safe(state)), decision_ms)
             on_cycle(index + 1)
-        return _hour(number, cycles, np.stack(candidate), sent, decision_ms, fail_safe)
+        return recorder.hour()
 
     def _check(self, state: WorldState, transmissions: list[Transmission]) -> None:
         if self.per_cycle is not None and len(transmissions) > self.per_cycle:
@@ -155,29 +152,48 @@ def is_fail_safe(world: World, state: WorldState) -> Bool[Array, "*batch"]:
     return jnp.all(outlook.time_s[CLEARED] >= FAIL_SAFE_S, axis=0)
 
 
-def _hour(
-    number: int,
-    cycles: list[WorldCycle],
-    candidate: Int[np.ndarray, "cycles slots"],
-    sent: list[Sent],
-    decision_ms: list[float],
-    fail_safe: list[bool],
-) -> Hour:
-    stacked: Any = jax.tree.map(lambda *values: np.stack(values), *cycles)
-    return Hour(
-        number=number,
-        flight=stacked.flight,
-        candidate=candidate,
-        before_nm=stacked.before_nm,
-        before_level_ticks=stacked.before_level_ticks,
-        traffic=stacked.traffic,
-        exit_level_ticks=stacked.exit_level_ticks,
-        entered=stacked.entered,
-        exited=stacked.exited,
-        exited_correctly=stacked.exited_correctly,
-        excursion=stacked.excursion,
-        waiting=stacked.waiting,
-        fail_safe=np.array(fail_safe),
-        sent=sent,
-        decision_ms=np.array(decision_ms),
-    )
+class HourRecorder:
+    """Records an hour while it is flown."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        self.sent: list[Sent] = []
+        self._cycles: list[WorldCycle] = []
+        self._candidates: list[Int[np.ndarray, " slots"]] = []
+        self._fail_safe: list[bool] = []
+        self._decision_ms: list[float] = []
+
+    def record_transmissions(self, state: WorldState, transmissions: list[Transmission]) -> None:
+        """Record transmissions that are issued in a state."""
+        flight, cycle = state.arrivals.flight, len(self._cycles)
+        self.sent += [Sent(cycle, int(flight[each.slot]), each) for each in transmissions]
+
+    def record_cycle(
+        self, state: WorldState, cycle: WorldCycle, fail_safe: bool, decision_ms: float = 0.0
+    ) -> None:
+        """Record a cycle and the state after it."""
+        self._cycles.append(cycle)
+        self._candidates.append(np.asarray(state.arrivals.candidate))
+        self._fail_safe.append(fail_safe)
+        self._decision_ms.append(decision_ms)
+
+    def hour(self) -> Hour:
+        """What has been flown so far; at least one cycle."""
+        stacked: Any = jax.tree.map(lambda *values: np.stack(values), *self._cycles)
+        return Hour(
+            number=self.number,
+            flight=stacked.flight,
+            candidate=np.stack(self._candidates),
+            before_nm=stacked.before_nm,
+            before_level_ticks=stacked.before_level_ticks,
+            traffic=stacked.traffic,
+            exit_level_ticks=stacked.exit_level_ticks,
+            entered=stacked.entered,
+            exited=stacked.exited,
+            exited_correctly=stacked.exited_correctly,
+            excursion=stacked.excursion,
+            waiting=stacked.waiting,
+            fail_safe=np.array(self._fail_safe),
+            sent=list(self.sent),
+            decision_ms=np.array(self._decision_ms),
+        )

@@ -1,6 +1,6 @@
 """The state of the traffic as any simulator can report it, with one row per aircraft."""
 
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -65,8 +65,11 @@ class Traffic(NamedTuple):
     """Multiplies the rates of climb and descent of the performance model; None means 1."""
 
     @property
-    def cleared_along_route(self) -> Bool[Array, "aircraft *batch"]:
-        """Whether aircraft are cleared to follow their routes, adopted or not."""
+    def cleared_along_route(self) -> Any:
+        """Whether aircraft are cleared to follow their routes, adopted or not.
+
+        `[aircraft, *batch]`, in numpy if the traffic is.
+        """
         on_own = self.own_navigation & (self.pending_turn == NO_TURN)
         return on_own | (self.pending_turn == DIRECT)
 

@@ -1,0 +1,103 @@
+"""The verb `session`: control live traffic by typing clearances."""
+
+import argparse
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from skystack.cli.output import DONE, print_json, print_line, program, quoted, say
+from skystack.cli.values import cycles_argument, natural
+from skystack.errors import InputError
+from skystack.io.streams import StandardError
+
+LONGEST_LINE = 1000
+"""Longer lines of input are split."""
+
+
+def session_arguments(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument(
+        "traffic",
+        nargs="?",
+        default="60",
+        metavar="TRAFFIC",
+        help="flights per hour (default 60), or category, notebook or environment",
+    )
+    sub.add_argument("--seed", type=natural, default=0, metavar="N", help="seed of the traffic")
+    sub.add_argument(
+        "--sector",
+        metavar="SECTOR",
+        help="a name or a sector file (default: the adviser's, or x-plus)",
+    )
+    sub.add_argument(
+        "--adviser",
+        metavar="AGENT",
+        help="who answers `advise`: search, sector-control or another controller of a sector",
+    )
+    cycles_argument(sub, "600, an hour", 600)
+    sub.add_argument(
+        "--out",
+        type=Path,
+        default=Path("runs/session"),
+        metavar="DIR",
+        help="folder for recordings (default runs/session)",
+    )
+
+
+def session(options: argparse.Namespace) -> int:
+    from skystack.compilation.programs import program_cache
+    from skystack.evaluation.traffic_conditions import TrafficConditions, traffic_name
+    from skystack.live.recorded import open_session
+    from skystack.live.text_session import TextSession
+
+    conditions = TrafficConditions(
+        traffic_name(options.traffic),
+        seed=options.seed,
+        sector=options.sector,
+        cycles=options.cycles,
+    )
+    with program_cache():
+        opened = open_session(conditions, options.adviser)
+        say("`help` lists what can be typed; an empty line flies a cycle")
+        try:
+            _converse(TextSession(opened.hour, opened.adviser, options.cycles), options.json)
+        finally:
+            if opened.hour.cycle:
+                folder, row = opened.write(options.out)
+                if options.json:
+                    print_json(row)
+                say(f"written: {folder}")
+                say(f"to see the flights: {program()} replay {quoted(folder)} -o replay.html")
+    return DONE
+
+
+def _converse(session: Any, json: bool) -> None:
+    """Answer the lines of standard input until the session ends.
+
+    With `json`, answers go to standard error.
+    """
+    for line in _lines():
+        try:
+            answer = session.answer(line)
+        except InputError as error:
+            say(f"refused: {error}")
+            continue
+        for each in answer:
+            (say if json else print_line)(each)
+        sys.stdout.flush()
+        if session.ended:
+            return
+
+
+def _lines() -> Iterator[str]:
+    """The lines of standard input, with a prompt in a terminal."""
+    if sys.stdin is None:
+        return
+    is_terminal = sys.stdin.isatty()
+    while True:
+        if is_terminal:
+            StandardError().write("> ")
+        line = sys.stdin.buffer.readline(LONGEST_LINE)
+        if not line:
+            return
+        yield line.decode(errors="replace")

@@ -1,0 +1,1 @@
+"""The live session: traffic that a person, an agent or both control."""

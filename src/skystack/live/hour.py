@@ -1,0 +1,153 @@
+"""An hour of traffic that is flown live: clearances are issued one by one, between cycles.
+
+    hour = LiveHour(world, seed=0)
+    hour.issue("AC1 turn left heading 240, climb FL340")   no time passes
+    hour.advance()                                         one radar cycle
+
+Everything is recorded, as in an evaluation.
+"""
+
+from functools import cached_property, partial
+from typing import Any
+
+import jax
+import numpy as np
+
+from skystack.agents.callsigns import Callsigns
+from skystack.agents.transmission import Transmission, clearance_of, instruction_of
+from skystack.errors import InputError
+from skystack.evaluation.hours import Hour, HourRecorder, is_fail_safe
+from skystack.learning.seeds import scenario_key
+from skystack.live.clearance_text import ParsedClearance, parse_clearance
+from skystack.platforms.adoption import SKYSTACK, in_words
+from skystack.platforms.instruction import Instruction
+from skystack.simulator.performance import TICKS_PER_FL
+from skystack.simulator.traffic import ticks
+from skystack.tasks.sector_world import World, WorldCycle, WorldState
+
+LEVEL_STEP_FL = 10
+"""Flight levels are cleared in multiples of this number."""
+
+
+class LiveHour:
+    """The traffic of one hour in our simulator, and what has been transmitted."""
+
+    def __init__(self, world: World, seed: int = 0, number: int = 0) -> None:
+        """Begin hour `number` of an evaluation seed."""
+        self.world = world
+        self._instruct, self._advance = jax.jit(world.instruct), jax.jit(world.advance)
+        self.state: WorldState = jax.device_get(jax.jit(world.reset)(scenario_key(seed, number)))
+        self._recorder, self._callsigns = HourRecorder(number), Callsigns(world.flow.callsigns)
+        self.slots = self._callsigns.follow(self.state)
+        """The slots of all flights, by callsign."""
+
+    @property
+    def cycle(self) -> int:
+        """The number of cycles flown."""
+        return int(self.state.arrivals.cycle)
+
+    def issue(self, text: str) -> Instruction:
+        """Issue the clearance of a text; no time passes.
+
+        Returns it with the wording of what will be flown. Raises InputError if it is not understood
+        or cannot be flown; nothing is then issued.
+        """
+        parsed = parse_clearance(text, self.slots)
+        return self.transmit(self.transmission_for(parsed))
+
+    def transmit(self, transmission: Transmission) -> Instruction:
+        """Issue a transmission to a flight that hears; no time passes."""
+        self._recorder.record_transmissions(self.state, [transmission])
+        slots = len(self.state.arrivals.flight)
+        instructed = self._instruct(self.state, clearance_of([transmission], slots))
+        self.state = jax.device_get(instructed)
+        return self.phrased(transmission)
+
+    def advance(self) -> WorldCycle:
+        """Fly one cycle."""
+        state: WorldState
+        cycle: WorldCycle
+        state, cycle = jax.device_get(self._advance(self.state))
+        self.state = state
+        self._recorder.record_cycle(state, cycle, bool(self._fail_safe(state)))
+        self.slots = self._callsigns.follow(state)
+        return cycle
+
+    def recorded(self) -> Hour:
+        """What has been flown so far; at least one cycle."""
+        return self._recorder.hour()
+
+    @cached_property
+    def _fail_safe(self) -> Any:
+        return jax.jit(partial(is_fail_safe, self.world))
+
+    def transmission_for(self, parsed: ParsedClearance) -> Transmission:
+        """A clearance as a transmission. Raises InputError if the flight cannot fly it."""
+        slot = self.slots[parsed.callsign]
+        if not self.state.hears[slot]:
+            raise InputError(
+                f"{parsed.callsign} has not checked in yet (allowed: from the next cycle or two on)"
+            )
+        return Transmission(
+            slot,
+            heading_deg=self._heading(parsed, slot),
+            fix=self._fix(parsed, slot),
+            level_ticks=self._level(parsed, slot),
+            turn=None if parsed.by_deg is not None else parsed.turn,
+        )
+
+    def _heading(self, parsed: ParsedClearance, slot: int) -> int | None:
+        """Degrees in [0, 360). A turn by degrees is from the present heading."""
+        if parsed.by_deg is not None:
+            present = round(float(self.state.traffic.heading_deg[slot]))
+            return (present + parsed.by_deg * (-1 if parsed.turn == "left" else 1)) % 360
+        return None if parsed.heading_deg is None else parsed.heading_deg % 360
+
+    def _fix(self, parsed: ParsedClearance, slot: int) -> int | None:
+        """The index in the route of the fix to fly to."""
+        if not parsed.own_navigation:
+            return None
+        following = int(self.state.progress.next_fix[slot])
+        route = self._route(slot)
+        ahead = route[following:]
+        if parsed.direct_to is None:
+            return following
+        if parsed.direct_to not in ahead:
+            raise InputError(
+                f"{parsed.callsign} direct {parsed.direct_to} (allowed: {', '.join(ahead)})"
+            )
+        return following + ahead.index(parsed.direct_to)
+
+    def _level(self, parsed: ParsedClearance, slot: int) -> float | None:
+        if parsed.level_fl is None:
+            return None
+        lowest, highest = self.world.sector.levels_fl
+        wanted = parsed.level_fl
+        if wanted % LEVEL_STEP_FL or not lowest <= wanted <= highest:
+            raise InputError(
+                f"{parsed.callsign} to FL{wanted} (allowed: FL{lowest} to FL{highest}, in steps of "
+                f"{LEVEL_STEP_FL})"
+            )
+        level = float(self.state.traffic.level_ticks[slot]) / TICKS_PER_FL
+        if parsed.vertical is not None and (wanted > level) != (parsed.vertical == "climb"):
+            raise InputError(
+                f"{parsed.callsign} {parsed.vertical} FL{wanted}: it is at FL{level:.0f} (allowed: "
+                f"a level {'above' if parsed.vertical == 'climb' else 'below'} FL{level:.0f})"
+            )
+        return ticks(float(wanted))
+
+    def _route(self, slot: int) -> tuple[str, ...]:
+        return self.world.sector.routes[int(self.state.traffic.route[slot])]
+
+    def phrased(self, transmission: Transmission) -> Instruction:
+        """A transmission with the wording of what would be flown."""
+        slot = transmission.slot
+        callsign = next(name for name, at in self.slots.items() if at == slot)
+        traffic = self.state.traffic
+        (worded,) = in_words(
+            [instruction_of(transmission, callsign, self._route(slot))],
+            np.asarray(traffic.heading_deg[slot], dtype=np.float64)[None],
+            np.asarray(traffic.level_ticks[slot], dtype=np.float64)[None] / TICKS_PER_FL,
+            SKYSTACK,
+        )
+        return worded

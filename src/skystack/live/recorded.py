@@ -1,0 +1,55 @@
+"""Open a live session under given conditions, and record it in the form of an evaluation."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from msgspec.structs import replace
+
+from skystack.agents.transmission import SectorAgent
+from skystack.evaluation.controllers import ControlledWorld, find_controller
+from skystack.evaluation.hour_row import forget_row, write_row
+from skystack.evaluation.hour_scores import score, summary
+from skystack.evaluation.hour_tables import growing_hours
+from skystack.evaluation.traffic import conditions_row, hours_folder, record_of
+from skystack.evaluation.traffic_conditions import TrafficConditions, check_conditions
+from skystack.live.hour import LiveHour
+
+CONTROLLER = "session"
+"""The name in recordings of whoever controls the traffic."""
+NOBODY = "no-op"
+"""Without an adviser, the world is that of this agent."""
+
+
+class LiveSession(NamedTuple):
+    """A live hour, and what is needed to record it."""
+
+    hour: LiveHour
+    adviser: SectorAgent | None
+    controlled: ControlledWorld
+    conditions: TrafficConditions
+
+    def write(self, out: Path) -> tuple[Path, dict[str, Any]]:
+        """Write the cycles flown so far; at least one.
+
+        Returns the folder, which is in `out`, and the row of results.
+        """
+        conditions = self.conditions._replace(cycles=self.hour.cycle)
+        folder, found = hours_folder(out, CONTROLLER, conditions), self.controlled
+        hour, world = self.hour.recorded(), found.world
+        scores = score(world.sector, hour)
+        record = replace(record_of(found, conditions), agent=CONTROLLER, safety_net=None)
+        with growing_hours(folder, world, found.performance, record) as append:
+            append(hour, scores)
+            forget_row(folder)
+        row = summary([scores], CONTROLLER, conditions.traffic) | conditions_row(found, conditions)
+        row |= {"safety_net": None, "per_cycle": None}
+        write_row(folder, row)
+        return folder, row
+
+
+def open_session(conditions: TrafficConditions, adviser: str | None = None) -> LiveSession:
+    """A live hour under conditions. Raises InputError for invalid ones or an unknown adviser."""
+    check_conditions(conditions)
+    found = find_controller(adviser or NOBODY, conditions)
+    hour = LiveHour(found.world, conditions.seed)
+    return LiveSession(hour, None if adviser is None else found.agent, found, conditions)

@@ -1,0 +1,103 @@
+"""Traffic under clearances that are issued by text, and what is recorded of it."""
+
+import numpy as np
+import pytest
+
+from skystack.airspace.xplus import x_plus
+from skystack.errors import InputError
+from skystack.evaluation.hour_scores import score
+from skystack.live.hour import LiveHour
+from skystack.platforms.phraseology import written
+from skystack.simulator.arrival_flows import Flow, constant_rate
+from skystack.simulator.performance import TICKS_PER_FL, performance
+from skystack.simulator.simulator import Simulator
+from skystack.simulator.traffic import ticks
+from skystack.tasks.sector_world import World
+
+WORLD = World(
+    Flow(
+        Simulator(x_plus(), performance("constant"), own_navigation=True),
+        constant_rate(600.0),
+        slots=32,
+        candidates=64,
+    )
+)
+
+
+@pytest.fixture(scope="module")
+def begun():
+    """An hour after some cycles."""
+    hour = LiveHour(WORLD, seed=3)
+    while sum(hour.state.hears) < 3:
+        hour.advance()
+    return hour
+
+
+def heard(hour):
+    return [name for name, slot in hour.slots.items() if hour.state.hears[slot]]
+
+
+def test_a_clearance_takes_no_time_and_is_then_flown(begun):
+    name = heard(begun)[0]
+    slot, cycle = begun.slots[name], begun.cycle
+    traffic = begun.state.traffic
+    heading = round(float(traffic.heading_deg[slot]))
+    wanted = (heading + 270) % 360 or 360
+    level = float(traffic.level_ticks[slot]) / TICKS_PER_FL
+    wanted_fl = 200 if level > 300 else 400
+    worded = begun.issue(f"{name} turn right heading {wanted:03d}, maintain FL{wanted_fl}")
+    assert begun.cycle == cycle
+    np.testing.assert_array_equal(begun.state.traffic.position_nm, traffic.position_nm)
+    assert written(worded) == (
+        f"{name} turn right heading {wanted:03d}, "
+        f"{'climb' if wanted_fl > level else 'descend'} FL{wanted_fl}"
+    )
+    assert begun.state.traffic.cleared_level_ticks[slot] == ticks(float(wanted_fl))
+    for _ in range(3):  # the direction is obeyed, although left is shorter
+        begun.advance()
+    turned = (float(begun.state.traffic.heading_deg[slot]) - heading) % 360.0
+    assert turned == pytest.approx(2 * 6 * 1.5, abs=0.6)
+    assert begun.recorded().sent[-1].cycle == cycle
+
+
+def test_own_navigation_is_resumed_to_the_next_or_a_later_fix(begun):
+    name = heard(begun)[1]
+    slot = begun.slots[name]
+    route = WORLD.sector.routes[int(begun.state.traffic.route[slot])]
+    following = int(begun.state.progress.next_fix[slot])
+    worded = begun.issue(f"{name} resume own navigation")
+    assert worded.direct_to == route[following]
+    worded = begun.issue(f"{name} direct {route[-1].lower()}")
+    assert worded.direct_to == route[-1]
+    begun.advance()
+    assert bool(begun.state.traffic.own_navigation[slot])
+    assert int(begun.state.traffic.next_fix[slot]) == len(route) - 1
+
+
+def test_turns_by_degrees_are_from_the_present_heading(begun):
+    name = heard(begun)[2]
+    heading = round(float(begun.state.traffic.heading_deg[begun.slots[name]]))
+    worded = begun.issue(f"{name} left 30 degrees")
+    assert (worded.heading_deg, worded.turn) == ((heading - 30) % 360, "left")
+
+
+@pytest.mark.parametrize(
+    ("clearance", "message"),
+    [
+        ("climb 410", r"to FL410 \(allowed: FL200 to FL400, in steps of 10\)"),
+        ("maintain 305", "in steps of 10"),
+        ("direct nowhere", r"direct NOWHERE \(allowed: "),
+        ("climb 200", r"climb FL200: it is at FL\d+"),
+    ],
+)
+def test_refuses_what_cannot_be_flown_and_issues_nothing(begun, clearance, message):
+    name = heard(begun)[0]
+    sent = len(begun._recorder.sent)
+    with pytest.raises(InputError, match=message):
+        begun.issue(f"{name} {clearance}")
+    assert len(begun._recorder.sent) == sent
+
+
+def test_the_recording_is_scored_like_any_hour(begun):
+    scores = score(WORLD.sector, begun.recorded())
+    assert len(scores.flights) >= 3
