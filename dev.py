@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parent
 ENVIRONMENT = ROOT / ".venv"
 PYTHON = ENVIRONMENT / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
 _ALL = (
-    *("test", "bluebird", "bluesky", "docs", "film", "fuzzing"),
+    *("test", "bluebird", "bluesky", "docs", "film", "fuzzing", "live"),
     *("onnx", "pettingzoo", "ray", "sb3", "tensorboard"),
 )
 EXTRAS = {"reproduce": (), "test": _ALL, "check": _ALL, "docs": ("docs",)}

@@ -71,6 +71,7 @@ def test_a_missing_extra_is_named():
         "skystack.gym.flights",
         "skystack.gym.multi_agent",
         "skystack.gym.sb3",
+        "skystack.live.server",
         "skystack.platforms.bluebird",
         "skystack.platforms.bluesky_program",
     }
@@ -88,8 +89,11 @@ HIDDEN = {
     "pettingzoo": "pettingzoo",
     "ray": "ray",
     "stable_baselines3": "stable-baselines3",
+    "starlette": "starlette",
     "tensorboardX": "tensorboardX",
     "torch": "torch",
+    "uvicorn": "uvicorn",
+    "websockets": "websockets",
 }
 """Optional modules, and the packages that contain them."""
 NEEDS = r"(\S+) needs (\w+), which is not installed \(install skystack with the extra \[(\w+)\]; .*"

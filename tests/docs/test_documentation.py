@@ -63,7 +63,7 @@ def run_command(text):
         typed = io.TextIOWrapper(io.BytesIO(b"3\nflights\nquit\n"))
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(sys, "stdin", typed)
-            assert main(words) == 0, text
+            assert main([*words, "--text"]) == 0, text
     else:
         assert main([*words, *QUICK.get(words[0], ())]) == 0, text
 

@@ -3,38 +3,18 @@
 import numpy as np
 import pytest
 
-from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
 from skystack.evaluation.hour_scores import score
-from skystack.live.hour import LiveHour
 from skystack.platforms.phraseology import written
-from skystack.simulator.arrival_flows import Flow, constant_rate
-from skystack.simulator.performance import TICKS_PER_FL, performance
-from skystack.simulator.simulator import Simulator
+from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import ticks
-from skystack.tasks.sector_world import World
 
-WORLD = World(
-    Flow(
-        Simulator(x_plus(), performance("constant"), own_navigation=True),
-        constant_rate(600.0),
-        slots=32,
-        candidates=64,
-    )
-)
+from .made import WORLD, begun_hour, heard
 
 
 @pytest.fixture(scope="module")
 def begun():
-    """An hour after some cycles."""
-    hour = LiveHour(WORLD, seed=3)
-    while sum(hour.state.hears) < 3:
-        hour.advance()
-    return hour
-
-
-def heard(hour):
-    return [name for name, slot in hour.slots.items() if hour.state.hears[slot]]
+    return begun_hour()
 
 
 def test_a_clearance_takes_no_time_and_is_then_flown(begun):
@@ -101,3 +81,27 @@ def test_refuses_what_cannot_be_flown_and_issues_nothing(begun, clearance, messa
 def test_the_recording_is_scored_like_any_hour(begun):
     scores = score(WORLD.sector, begun.recorded())
     assert len(scores.flights) >= 3
+
+
+def test_going_back_restores_the_state_and_forgets_the_rest():
+    hour = begun_hour(flights=2)
+    cycle, state, slots = hour.cycle, hour.state, dict(hour.slots)
+    name = heard(hour)[0]
+    hour.issue(f"{name} fly heading 090")
+    for _ in range(30):
+        hour.advance()
+    flown, callsigns = hour.state, dict(hour.slots)
+    hour.rewind(cycle)
+    assert (hour.cycle, hour.slots) == (cycle, slots)
+    np.testing.assert_array_equal(hour.state.traffic.position_nm, state.traffic.position_nm)
+    assert hour.state.traffic.cleared_heading_deg[slots[name]] != 90.0
+    hour.issue(f"{name} fly heading 090")  # the same again leads to the same
+    for _ in range(30):
+        hour.advance()
+    assert hour.slots == callsigns
+    np.testing.assert_array_equal(hour.state.traffic.position_nm, flown.traffic.position_nm)
+    recorded = hour.recorded()
+    assert len(recorded.flight) == hour.cycle
+    assert [each.cycle for each in recorded.sent] == [cycle]
+    with pytest.raises(InputError, match=rf"cycle 999 \(allowed: 0 to {hour.cycle},"):
+        hour.rewind(999)

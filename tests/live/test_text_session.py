@@ -16,7 +16,7 @@ from skystack.live.text_session import TextSession, aligned
 from skystack.reporting.replay.recording import read_replay
 from skystack.simulator.performance import TICKS_PER_FL
 
-from .test_hour import WORLD
+from .made import ADVISER, WORLD
 
 CYCLES = 60
 
@@ -25,7 +25,7 @@ CYCLES = 60
 def session():
     """A session in which some flights have arrived. Every one is advised to go direct."""
     hour = LiveHour(WORLD, seed=5)
-    adviser = SECTOR_AGENTS["own-navigation-exit-level"](WORLD, 5)
+    adviser = SECTOR_AGENTS[ADVISER](WORLD, 5)
     begun = TextSession(hour, adviser, CYCLES)
     begun.answer("40")
     return begun
@@ -132,7 +132,9 @@ def test_the_verb_flies_what_is_typed_and_records_it(tmp_path, capsys, monkeypat
     lines = b"30\n\xff\xff heading\nAC1 fly heading 270\n5\nquit\nAC1 not read any more\n"
     monkeypatch.setattr(sys, "stdin", Input(lines))
     out = tmp_path / "recordings"
-    assert main(["session", "600", "--seed", "5", "--cycles", "60", "--out", str(out)]) == 0
+    assert (
+        main(["session", "--text", "600", "--seed", "5", "--cycles", "60", "--out", str(out)]) == 0
+    )
     found = capsys.readouterr()
     assert "refused: unknown callsign" in found.err
     assert '"turn' in found.out or '"fly heading 270, AC1"' in found.out
@@ -149,5 +151,5 @@ def test_the_verb_flies_what_is_typed_and_records_it(tmp_path, capsys, monkeypat
 
 def test_the_verb_refuses_an_unknown_adviser(capsys, monkeypatch):
     monkeypatch.setattr(sys, "stdin", Input(b""))
-    assert main(["session", "--adviser", "serch"]) == 2
+    assert main(["session", "--text", "--adviser", "serch"]) == 2
     assert "unknown agent 'serch'; did you mean 'search'?" in capsys.readouterr().err

@@ -49,6 +49,15 @@ class Answer(NamedTuple):
     """The probability that the policy gives no instruction."""
 
 
+class Certainty(NamedTuple):
+    """How certain a policy is about a flight."""
+
+    probability: float
+    """That it gives an instruction now."""
+    entropy: float
+    """Of its choice among all actions, from 0 (certain) to 1 (every allowed action equally)."""
+
+
 class Query(NamedTuple):
     """A state, and the answers of the policy for all flights."""
 
@@ -149,6 +158,28 @@ class Learned:
                 query = self._continue(told)
         self._since.end_cycle(sent)
         return sent
+
+    def certainty(self, state: WorldState, slot: int) -> Certainty:
+        """How certain the policy is about the flight in a slot, before anything is transmitted."""
+        probability, entropy = self._certainty(state, self._since.cycles(state), slot)
+        return Certainty(float(probability), float(entropy))
+
+    @cached_property
+    def _certainty(self) -> Any:
+        """(world, since, slot) -> the values of `Certainty`, compiled."""
+
+        def certainty(
+            world: WorldState, since: Float[Array, " slots"], slot: Int[Array, ""]
+        ) -> tuple[Float[Array, ""], Float[Array, ""]]:
+            state = self.task.begin(world)._replace(since_cycles=since)
+            allowed = self.task.allowed(state)[:, slot]
+            logits = self._logits(self.task.observe(state)[:, slot][:, None])[:, 0]
+            chances = jax.nn.softmax(jnp.where(allowed, logits, -jnp.inf))
+            most = jnp.log(jnp.maximum(jnp.sum(allowed.astype(jnp.float32)), 2.0))
+            entropy = -jnp.sum(jax.scipy.special.xlogy(chances, chances)) / most
+            return 1.0 - chances[NO_OP], entropy
+
+        return jax.jit(certainty)
 
     def _wanted(self, query: Query) -> Bool[np.ndarray, " slots"]:
         """The flights that the policy would instruct, or that the safety net may have to."""

@@ -90,6 +90,11 @@ class Conflicts(NamedTuple):
     """The first cycle of a loss of separation, or NEVER."""
     cycles_of_loss: Any
     """The number of cycles in which separation is lost."""
+    least_squared: Any
+    """The square of the least distance without vertical separation, in square NM; infinite if they
+    always have it."""
+    least_cycle: Any
+    """The cycle of that distance."""
 
 
 @dataclass(frozen=True)
@@ -217,16 +222,20 @@ def _conflicts(
         after = pairs(index)
         offset_after, gap_after, both_after = after
         squared = least_distance_squared(offset, offset_after - offset, gap, gap_after, least_ticks)
-        lost, close = (both & both_after & (squared < nm**2) for nm in least_nm)
+        apart = jnp.where(both & both_after, squared, jnp.inf)
+        lost, close = (apart < nm**2 for nm in least_nm)
         found = Conflicts(
             jnp.minimum(found.first, jnp.where(close, index, NEVER)),
             jnp.minimum(found.first_loss, jnp.where(lost, index, NEVER)),
             found.cycles_of_loss + lost.astype(jnp.int32),
+            jnp.minimum(found.least_squared, apart),
+            jnp.where(apart < found.least_squared, index, found.least_cycle),
         )
         return index + 1, after, found
 
     shape = (plans.level_ticks.shape[1], others.level_ticks.shape[1])
     none = jnp.zeros(shape, dtype=jnp.int32)
-    start = (jnp.int32(1), pairs(jnp.int32(0)), Conflicts(none + NEVER, none + NEVER, none))
+    nothing = Conflicts(none + NEVER, none + NEVER, none, jnp.full(shape, jnp.inf), none)
+    start = (jnp.int32(1), pairs(jnp.int32(0)), nothing)
     _, _, found = jax.lax.while_loop(lambda carry: carry[0] < last, step, start)
     return found

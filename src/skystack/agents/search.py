@@ -128,7 +128,10 @@ class Search:
             events = self._events(state, slot, plans)
             flown = jax.device_get(self.probe.fly(*rows, events))
             found = self.probe.conflicts(flown.ahead, other)
-            first, loss, cycles = (np.array(each)[: len(plans), : len(numbers)] for each in found)
+            first, loss, cycles = (
+                np.array(each)[: len(plans), : len(numbers)]
+                for each in (found.first, found.first_loss, found.cycles_of_loss)
+            )
             if close is None:
                 close = np.all(first <= UNAVOIDABLE, axis=0)
                 unavoidable = np.all(loss <= UNAVOIDABLE, axis=0)

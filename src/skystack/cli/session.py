@@ -1,4 +1,4 @@
-"""The verb `session`: control live traffic by typing clearances."""
+"""The verb `session`: control live traffic on a radar page, or by typing clearances."""
 
 import argparse
 import sys
@@ -11,6 +11,7 @@ from skystack.cli.values import cycles_argument, natural
 from skystack.errors import InputError
 from skystack.io.streams import StandardError
 
+PORT = 8765
 LONGEST_LINE = 1000
 """Longer lines of input are split."""
 
@@ -32,7 +33,8 @@ def session_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--adviser",
         metavar="AGENT",
-        help="who answers `advise`: search, sector-control or another controller of a sector",
+        help="who gives advice and takes over flights: search, sector-control or another "
+        "controller of a sector",
     )
     cycles_argument(sub, "600, an hour", 600)
     sub.add_argument(
@@ -42,13 +44,26 @@ def session_arguments(sub: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder for recordings (default runs/session)",
     )
+    sub.add_argument("--new", action="store_true", help="do not continue an earlier session")
+    sub.add_argument(
+        "--port", type=natural, default=PORT, metavar="N", help=f"default {PORT}; 0: any free port"
+    )
+    sub.add_argument(
+        "--listen",
+        default="127.0.0.1",
+        metavar="ADDRESS",
+        help="address to listen on (default: only this computer); with another one, everybody on "
+        "the network who has the link can control the session, without encryption",
+    )
+    sub.add_argument(
+        "--text", action="store_true", help="a dialogue in the terminal instead of a radar page"
+    )
 
 
 def session(options: argparse.Namespace) -> int:
     from skystack.compilation.programs import program_cache
     from skystack.evaluation.traffic_conditions import TrafficConditions, traffic_name
     from skystack.live.recorded import open_session
-    from skystack.live.text_session import TextSession
 
     conditions = TrafficConditions(
         traffic_name(options.traffic),
@@ -58,17 +73,48 @@ def session(options: argparse.Namespace) -> int:
     )
     with program_cache():
         opened = open_session(conditions, options.adviser)
-        say("`help` lists what can be typed; an empty line flies a cycle")
-        try:
-            _converse(TextSession(opened.hour, opened.adviser, options.cycles), options.json)
-        finally:
-            if opened.hour.cycle:
-                folder, row = opened.write(options.out)
-                if options.json:
-                    print_json(row)
-                say(f"written: {folder}")
-                say(f"to see the flights: {program()} replay {quoted(folder)} -o replay.html")
+        if options.text:
+            _in_text(opened, options)
+        else:
+            _on_page(opened, options)
     return DONE
+
+
+def _on_page(opened: Any, options: argparse.Namespace) -> None:
+    """Serve the radar page until Ctrl-C, and write the recording."""
+    from skystack.live.serving import Serving, serve
+
+    serving = Serving(options.out, options.listen, options.port, options.new)
+    control = serve(opened, serving, options.adviser, say)
+    if control.cycle:
+        folder = _write(opened, options)
+        if len(control.log):
+            control.log.write(folder)
+        for branch in control.branches:
+            say(f"a history that was left: {branch}")
+
+
+def _in_text(opened: Any, options: argparse.Namespace) -> None:
+    """Hold the dialogue, and write the recording."""
+    from skystack.live.text_session import TextSession
+
+    say("`help` lists what can be typed; an empty line flies a cycle")
+    try:
+        _converse(TextSession(opened.hour, opened.adviser, options.cycles), options.json)
+    finally:
+        if opened.hour.cycle:
+            _write(opened, options)
+
+
+def _write(opened: Any, options: argparse.Namespace) -> Path:
+    """Write the recording; returns its folder."""
+    folder: Path
+    folder, row = opened.write(options.out)
+    if options.json:
+        print_json(row)
+    say(f"written: {folder}")
+    say(f"to see the flights: {program()} replay {quoted(folder)} -o replay.html")
+    return folder
 
 
 def _converse(session: Any, json: bool) -> None:

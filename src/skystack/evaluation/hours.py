@@ -177,6 +177,12 @@ class HourRecorder:
         self._fail_safe.append(fail_safe)
         self._decision_ms.append(decision_ms)
 
+    def forget_after(self, cycles: int) -> None:
+        """Keep only the first cycles, and the transmissions before the last of them."""
+        self.sent = [each for each in self.sent if each.cycle < cycles]
+        for recorded in (self._cycles, self._candidates, self._fail_safe, self._decision_ms):
+            del recorded[cycles:]
+
     def hour(self) -> Hour:
         """What has been flown so far; at least one cycle."""
         stacked: Any = jax.tree.map(lambda *values: np.stack(values), *self._cycles)

@@ -89,6 +89,12 @@ def record_only() -> None:
     _state.deferrals += 1
 
 
+def forget() -> None:
+    """Forget a signal that has been handled: the command goes on, and may end normally."""
+    _schedule_retry(0.0)
+    _state.reset()
+
+
 def check() -> None:
     """Raise KeyboardInterrupt if a signal was received but its exception was discarded."""
     main = threading.current_thread() is threading.main_thread()

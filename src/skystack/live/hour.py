@@ -38,6 +38,8 @@ class LiveHour:
         self._instruct, self._advance = jax.jit(world.instruct), jax.jit(world.advance)
         self.state: WorldState = jax.device_get(jax.jit(world.reset)(scenario_key(seed, number)))
         self._recorder, self._callsigns = HourRecorder(number), Callsigns(world.flow.callsigns)
+        self._states = [self.state]
+        """The states after each cycle, before transmissions; the first is the start."""
         self.slots = self._callsigns.follow(self.state)
         """The slots of all flights, by callsign."""
 
@@ -70,12 +72,32 @@ class LiveHour:
         state, cycle = jax.device_get(self._advance(self.state))
         self.state = state
         self._recorder.record_cycle(state, cycle, bool(self._fail_safe(state)))
+        self._states.append(state)
         self.slots = self._callsigns.follow(state)
         return cycle
+
+    def rewind(self, cycle: int) -> None:
+        """Go back to the end of a cycle; what came after is forgotten.
+
+        Raises InputError if it has not been flown.
+        """
+        if not 0 <= cycle <= self.cycle:
+            raise InputError(f"cycle {cycle} (allowed: 0 to {self.cycle}, the last one flown)")
+        del self._states[cycle + 1 :]
+        self._recorder.forget_after(cycle)
+        self._callsigns = Callsigns(self.world.flow.callsigns)
+        for state in self._states:
+            self.slots = self._callsigns.follow(state)
+        self.state = self._states[-1]
 
     def recorded(self) -> Hour:
         """What has been flown so far; at least one cycle."""
         return self._recorder.hour()
+
+    @property
+    def callsigns(self) -> dict[int, str]:
+        """The callsigns of all flights, by slot."""
+        return {slot: callsign for callsign, slot in self.slots.items()}
 
     @cached_property
     def _fail_safe(self) -> Any:
@@ -142,7 +164,7 @@ class LiveHour:
     def phrased(self, transmission: Transmission) -> Instruction:
         """A transmission with the wording of what would be flown."""
         slot = transmission.slot
-        callsign = next(name for name, at in self.slots.items() if at == slot)
+        callsign = self.callsigns[slot]
         traffic = self.state.traffic
         (worded,) = in_words(
             [instruction_of(transmission, callsign, self._route(slot))],

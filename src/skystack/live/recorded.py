@@ -28,13 +28,16 @@ class LiveSession(NamedTuple):
     controlled: ControlledWorld
     conditions: TrafficConditions
 
-    def write(self, out: Path) -> tuple[Path, dict[str, Any]]:
+    def write(self, out: Path, branch: int | None = None) -> tuple[Path, dict[str, Any]]:
         """Write the cycles flown so far; at least one.
 
-        Returns the folder, which is in `out`, and the row of results.
+        `branch` is the number of a history that is about to be left by going back. Returns the
+        folder, which is in `out`, and the row of results.
         """
         conditions = self.conditions._replace(cycles=self.hour.cycle)
         folder, found = hours_folder(out, CONTROLLER, conditions), self.controlled
+        if branch is not None:
+            folder = folder.with_name(f"{folder.name}-branch-{branch}")
         hour, world = self.hour.recorded(), found.world
         scores = score(world.sector, hour)
         record = replace(record_of(found, conditions), agent=CONTROLLER, safety_net=None)

@@ -13,8 +13,7 @@ from skystack.agents.transmission import SectorAgent, Transmission
 from skystack.errors import InputError
 from skystack.live.hour import LiveHour
 from skystack.live.situation import Conflict, FlightStrip, Situation
-from skystack.platforms.instruction import Instruction
-from skystack.platforms.phraseology import written
+from skystack.platforms.phraseology import read_back, written
 from skystack.simulator.simulator import CYCLE_S
 
 HELP = (
@@ -52,9 +51,9 @@ class TextSession:
             if word in ("flights", "advise", "accept", "help", "quit"):
                 answer: list[str] = getattr(self, f"_{word}")()
                 return answer
-        issued = read_back(self.hour.issue(line))
+        issued = self.hour.issue(line)
         self._advised = None  # the adviser did not know of it
-        return [issued]
+        return [f'"{read_back(issued)}"']
 
     def _fly(self, cycles: int) -> list[str]:
         most = self._cycles - self.hour.cycle
@@ -115,7 +114,8 @@ class TextSession:
                 "nothing to accept (allowed: after `advise` has proposed a transmission)"
             )
         self._advised = None
-        return [read_back(self.hour.transmit(each)) for each in self._proposed]
+        issued = [self.hour.transmit(each) for each in self._proposed]
+        return [f'"{read_back(each)}"' for each in issued]
 
     def _help(self) -> list[str]:
         return list(HELP)
@@ -123,12 +123,6 @@ class TextSession:
     def _quit(self) -> list[str]:
         self.ended = True
         return []
-
-
-def read_back(instruction: Instruction) -> str:
-    """What the pilot reads back: the clearance, then the callsign."""
-    clearance = written(instruction).removeprefix(f"{instruction.callsign} ")
-    return f'"{clearance}, {instruction.callsign}"'
 
 
 def _cells(flight: FlightStrip, conflict: str) -> tuple[str, ...]:

@@ -24,6 +24,16 @@ def spoken(instruction: Instruction) -> str:
     return _phrase(instruction, _spoken_heading, _spoken_level)
 
 
+def read_back(instruction: Instruction) -> str:
+    """What the pilot reads back: the clearance, then the callsign."""
+    return f"{clearance_alone(instruction)}, {instruction.callsign}"
+
+
+def clearance_alone(instruction: Instruction) -> str:
+    """The instruction in writing, without the callsign."""
+    return written(instruction).removeprefix(f"{instruction.callsign} ")
+
+
 def _phrase(
     instruction: Instruction, heading: Callable[[int], str], level: Callable[[int], str]
 ) -> str:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from skystack.reporting.replay.outcome import Failure
-from skystack.reporting.replay.page import _page, page_data
+from skystack.reporting.replay.page import page_data, render
 from skystack.reporting.replay.recording import Loss
 
 from .made import ROWS, replay, straight_flight
@@ -49,5 +49,5 @@ def outcomes():
 
 
 def write_page(path, *replays):
-    path.write_text(_page(page_data(replays)))
+    path.write_text(render(page_data(replays), "a page"))
     return path

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jinja2
 import numpy as np
@@ -35,7 +35,7 @@ SCRIPTS = (
     *("measure", "scope", "panels", "profile", "timeline", "alerts", "scan", "exports"),
     *("options", "controls", "main"),
 )
-"""In the order of their dependencies; together they are one JavaScript module."""
+"""In the order of their dependencies, `main` last; together they are one JavaScript module."""
 
 
 def write_replay(
@@ -48,7 +48,7 @@ def write_replay(
     """
     check_output(output, *runs)
     data = page_data(read_side_by_side(runs, scenarios, only))
-    text = _page(data).encode()
+    text = render(data, " and ".join(run["title"] for run in data["runs"])).encode()
     atomic_write(output, text)
     return {
         "output": str(output),
@@ -58,21 +58,38 @@ def write_replay(
     }
 
 
-def _page(data: dict[str, Any]) -> str:
+class Additions(NamedTuple):
+    """What a live session adds to the page: HTML, style sheets and scripts."""
+
+    console: str
+    style: str
+    before: str
+    """Scripts that run before `main`."""
+    after: str
+
+
+def render(data: dict[str, Any], title: str, live: Additions | None = None) -> str:
+    """The page that shows `page_data`: a replay, or a live session."""
     web = files("skystack.reporting.replay").joinpath("web")
 
     def source(name: str) -> str:
         return web.joinpath(name).read_text("utf-8")
 
-    script = "\n".join(source(f"{name}.js") for name in SCRIPTS)
+    scripts = [source(f"{name}.js") for name in SCRIPTS]
+    if live is not None:
+        scripts = [*scripts[:-1], live.before, scripts[-1], live.after]
+    script = "\n".join(scripts)
     digest = b64encode(hashlib.sha256(script.encode()).digest()).decode()
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     return environment.from_string(source("radar.html")).render(
-        title=" and ".join(run["title"] for run in data["runs"]),
+        title=title,
+        what="Radar replay" if live is None else "Live session",
         sector=data["sector"]["name"],
-        style=source("radar.css"),
+        style=source("radar.css") + ("" if live is None else live.style),
         script=script,
         script_hash=f"sha256-{digest}",  # the only script that the browser may run
+        connects_to="'none'" if live is None else "'self'",
+        console="" if live is None else live.console,
         data=as_json(data),
     )
 

@@ -10,7 +10,7 @@ function keysOf(player, view, actions) {
   const zoom = (factor) => () => view.zoomBy(factor, ...size());
   const number = (key) => player.select(player.callsigns[Number(key) - 1] ?? player.selected);
   return [
-    { keys: [" ", "k"], shown: "Space or K", does: "play or pause", run: () => player.play(!player.playing) },
+    { keys: [" ", "k"], shown: "Space or K", does: "play or pause", run: () => player.toggle() },
     { keys: ["ArrowRight"], shown: "→", does: "one cycle forward", run: () => player.step(1) },
     { keys: ["ArrowLeft"], shown: "←", does: "one cycle back", run: () => player.step(-1) },
     { keys: [".", "Shift+ArrowRight"], shown: ". or Shift →", does: "next clearance", run: () => player.toClearance(1) },

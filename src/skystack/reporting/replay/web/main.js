@@ -9,7 +9,7 @@ const byId = (id) => document.getElementById(id);
 
 const display = new Display(replay);
 const measure = new Measure();
-const player = new Player(replay, changed);
+const player = replay.live ? new LivePlayer(replay, changed) : new Player(replay, changed);
 const panes = replay.runs.map((run) => makePane(run.title));
 const timeline = new Timeline(player);
 const { plane, limits } = panes[0].scope;
@@ -54,11 +54,11 @@ function changed(what) {
       alerts.open(player.runs[index]);
     });
     timeline.open();
-    scan.open(player.runs);
+    if (!replay.live) scan.open(player.runs);
     options.open();
     byId("scenario").value = String(player.index);
   } else if (what === "playing") {
-    document.body.classList.toggle("playing", player.playing);
+    document.body.classList.toggle("playing", player.isMoving);
     byId("speed").value = String(player.speed);
   } else {
     refresh();
@@ -74,7 +74,7 @@ let addressTimer = 0;
 
 function updateAddressSoon() {
   clearTimeout(addressTimer);
-  if (!player.playing) addressTimer = setTimeout(updateAddress, 150);
+  if (!player.isMoving) addressTimer = setTimeout(updateAddress, 150);
 }
 
 function updateAddress() {
@@ -140,7 +140,8 @@ function frame(now) {
   const canvases = panes.flatMap(({ scope, profile }) => [scope.canvas, profile.canvas]);
   const sizes = canvases.map((canvas) => [canvas.clientWidth, canvas.clientHeight]);
   const seen = [view.zoom, view.centre, sizes, look.theme, devicePixelRatio];
-  const chosen = [selected, partner, display, measure.ends];
+  const overlays = panes.map(({ scope }) => scope.overlay?.version);
+  const chosen = [selected, partner, display, measure.ends, overlays];
   const wanted = JSON.stringify([index, row, part, chosen, seen]);
   if (wanted !== drawn) panes.forEach((pane, lane) => drawPane(pane, player.runs[lane], part));
   drawn = wanted;

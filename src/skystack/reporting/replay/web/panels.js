@@ -55,15 +55,25 @@ class Panels {
 
   open(scenario) {
     this.scenario = scenario;
-    this.verdict.textContent = verdictOf(scenario);
-    const { success, losses, failures } = scenario;
+    [this.rows, this.entries] = [[], []];
+    this.strips.replaceChildren();
+    this.log.replaceChildren(element("li", "none", "No clearances."));
+    this.grow();
+  }
+
+  /** Adds the aircraft and the clearances that the scenario has gained. */
+  grow() {
+    const { success, losses, failures, aircraft, transmissions } = this.scenario;
+    this.verdict.textContent = verdictOf(this.scenario);
     this.verdict.dataset.good = success !== false && !losses.length && !failures.length;
-    this.rows = scenario.aircraft.map((aircraft) => this.strip(aircraft));
-    this.strips.replaceChildren(...this.rows.map((row) => row.item));
-    this.entries = scenario.transmissions.map((issued) => this.entry(issued));
-    this.log.replaceChildren(...this.entries.map((entry) => entry.item));
+    const rows = aircraft.slice(this.rows.length).map((each) => this.strip(each));
+    this.rows.push(...rows);
+    this.strips.append(...rows.map((row) => row.item));
+    const entries = transmissions.slice(this.entries.length).map((issued) => this.entry(issued));
+    if (entries.length && !this.entries.length) this.log.replaceChildren();
+    this.entries.push(...entries);
+    this.log.append(...entries.map((entry) => entry.item));
     this.shown = null; // the number of clearances in the log that have been issued
-    if (!this.entries.length) this.log.append(element("li", "none", "No clearances."));
   }
 
   entry(issued) {
@@ -123,7 +133,7 @@ class Panels {
   note(line, display, flying, shown) {
     const band = `FL${display.fromFl} to FL${display.toFl} only: ${shown} of ${flying} aircraft`;
     // While the replay runs, the values would be read out all the time.
-    this.notes.measured.setAttribute("aria-live", this.player.playing ? "off" : "polite");
+    this.notes.measured.setAttribute("aria-live", this.player.isMoving ? "off" : "polite");
     setText(this.notes.measured, line ? measureWords(line) : "");
     setText(this.notes.levels, display.isFiltered ? band : "");
   }

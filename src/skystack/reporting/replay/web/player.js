@@ -20,6 +20,16 @@ class Player {
     this.runs = [];
   }
 
+  /** The last row of the timeline. */
+  get length() {
+    return this.lastRow;
+  }
+
+  /** Whether the picture changes by itself. */
+  get isMoving() {
+    return this.playing;
+  }
+
   get packed() {
     return this.replay.runs[0].scenarios[this.index];
   }
@@ -58,6 +68,10 @@ class Player {
         : this.clearanceRows.findLast((each) => each < this.row);
     this.play(false);
     if (row !== undefined) this.goTo(row);
+  }
+
+  toggle() {
+    this.play(!this.playing);
   }
 
   play(playing) {

@@ -15,13 +15,15 @@ class Scope {
     this.slots = new Map();
     this.blocks = [];
     this.line = null; // the measuring line
+    this.predict = encountersAt; // a live session predicts conflicts itself
+    this.overlay = null; // what a page adds to the picture: `{version, draw(pen)}`
   }
 
   /** Selects what to draw of a scenario at a row; returns the encounters. */
   show(scenario, row) {
     this.scenario = scenario;
     this.flying = onRadar(scenario, row);
-    this.encounters = encountersAt(this.plane, scenario, row, this.limits);
+    this.encounters = this.predict(this.plane, scenario, row, this.limits);
     this.kinds = new Map();
     for (const { kind, pair } of this.encounters) {
       for (const aircraft of pair) if (!this.kinds.has(aircraft)) this.kinds.set(aircraft, kind);
@@ -66,6 +68,7 @@ class Scope {
     for (const block of this.blocks) drawBlock(pen, block);
     this.line = measure.on(this.plane, this.flying, player.selected, row, part);
     if (this.line) drawMeasure(pen, this.line);
+    this.overlay?.draw(pen);
   }
 
   look(pen, aircraft, player, { rings, vectorS, trailRows }) {

@@ -21,14 +21,13 @@ class Timeline {
     this.marks.addEventListener("pointerdown", (event) => {
       const box = this.marks.getBoundingClientRect();
       player.play(false);
-      player.goTo(Math.round(((event.clientX - box.left) / box.width) * player.lastRow));
+      player.goTo(Math.round(((event.clientX - box.left) / box.width) * player.length));
     });
   }
 
   open() {
-    const { runs, lastRow } = this.player;
-    this.scrubber.max = String(lastRow);
-    this.marks.setAttribute("viewBox", `0 0 ${lastRow} ${runs.length}`);
+    const { runs, length } = this.player;
+    this.marks.setAttribute("viewBox", `0 0 ${length} ${runs.length}`);
     this.marks.style.height = `${12 + 14 * runs.length}px`;
     this.marks.replaceChildren(...runs.flatMap(laneOf));
   }
@@ -40,11 +39,12 @@ class Timeline {
   }
 
   show() {
-    const { row, lastRow, replay } = this.player;
+    const { row, length, replay } = this.player;
     const time = minutes(row * replay.cycle_s);
+    this.scrubber.max = String(length);
     this.scrubber.value = String(row);
-    this.scrubber.setAttribute("aria-valuetext", `${time}, cycle ${row} of ${lastRow}`);
-    this.clock.replaceChildren(element("strong", "", time), ` cycle ${row} of ${lastRow}`);
+    this.scrubber.setAttribute("aria-valuetext", `${time}, cycle ${row} of ${length}`);
+    this.clock.replaceChildren(element("strong", "", time), ` cycle ${row} of ${length}`);
   }
 }
 

@@ -1,0 +1,308 @@
+"""A live session as a state machine: what a person or an adviser does, one call at a time.
+
+It knows nothing of servers and pages. No call takes time in the simulation but `step`.
+"""
+
+from collections.abc import Iterable
+from copy import copy
+from pathlib import Path
+from typing import Any
+
+from skystack.agents.probe import Probe
+from skystack.agents.search import Search
+from skystack.agents.transmission import Transmission
+from skystack.errors import InputError, unknown_name
+from skystack.live.advice import Advice, Adviser, Alternative, kind_of
+from skystack.live.advice_log import AdviceAnswered, AdviceLog, AdviceShown, Shown
+from skystack.live.clearance_text import parse_clearance
+from skystack.live.history import History
+from skystack.live.hour import LEVEL_STEP_FL
+from skystack.live.journal import ClearanceIssued, CycleFlown, Entry, Journal, WentBack
+from skystack.live.recorded import LiveSession
+from skystack.live.views import Views, rounded
+from skystack.live.what_if import Planned, WhatIf
+from skystack.platforms.instruction import Instruction
+from skystack.platforms.phraseology import read_back, written
+from skystack.simulator.traffic import ticks
+
+YOU = "you"
+
+
+class LiveControl:
+    """A session: its traffic, its history, and who controls which flight."""
+
+    def __init__(
+        self,
+        opened: LiveSession,
+        cycles: int,
+        adviser: str | None = None,
+        journal: Journal | None = None,
+        out: Path | None = None,
+    ) -> None:
+        """`cycles` is the length of the session; `adviser` is the name of `opened.adviser`.
+
+        Histories that are left by going back are written into `out`.
+        """
+        self.opened, self.hour, self.cycles, self.adviser = opened, opened.hour, cycles, adviser
+        self.playing, self.speed = False, 1
+        self.handed: set[str] = set()
+        """The callsigns that the adviser controls."""
+        self.hands_all = False
+        """Whether the adviser controls all flights, also those to come."""
+        self.advice: Advice | None = None
+        self.log = AdviceLog()
+        self.branches: list[Path] = []
+        """The folders of the histories that were left."""
+        self._left = 0
+        self._journal, self._out = journal, out
+        world = self.hour.world
+        self.history = History(world.simulator)
+        agent = opened.adviser
+        self._what_if = WhatIf(agent.probe if isinstance(agent, Search) else Probe(world))
+        self._adviser = Adviser(world, self._what_if, agent, adviser or "")
+        self._delegate = copy(agent)  # its plans are not those of the adviser, who is asked afresh
+        self._begun = False
+        self.views = Views(self.hour, self._what_if)
+
+    @property
+    def cycle(self) -> int:
+        """The number of cycles flown."""
+        return self.hour.cycle
+
+    @property
+    def ended(self) -> bool:
+        return self.cycle >= self.cycles
+
+    def restore(self, entries: Iterable[Entry]) -> None:
+        """Do again what a journal says. Raises InputError if it is not of this traffic."""
+        journal, self._journal = self._journal, None
+        for entry in entries:
+            if isinstance(entry, WentBack):
+                self.rewind(entry.cycle)
+            elif isinstance(entry, CycleFlown):
+                self._advance()
+            elif isinstance(entry, AdviceShown | AdviceAnswered):
+                self.log.add(entry)
+            else:
+                self._transmit(self._transmission(entry), entry.by)
+        self._journal = journal
+
+    def step(self) -> None:
+        """Fly one cycle, after the adviser has instructed its flights."""
+        if self.ended:
+            raise InputError(f"the session has {self.cycles} cycles (allowed: a longer --cycles)")
+        for each in self._delegated():
+            self._transmit(each, self.adviser or "")
+        self._advance()
+        if self.ended:
+            self.playing = False
+
+    def clear(self, text: str, modifies: tuple[int, int] | None = None) -> str:
+        """Issue the clearance of a text; returns what the pilot reads back.
+
+        `modifies` are the number and the rank of an alternative that it changes. Raises InputError
+        if it is not understood or cannot be flown.
+        """
+        told = self.hour.transmission_for(parse_clearance(text, self.hour.slots))
+        issued = self._transmit(told, YOU)
+        if modifies is not None:
+            number, rank = modifies
+            self._note(AdviceAnswered(number, rank, "modified", written(issued)))
+        self.advice, self._begun = None, False  # both did not know of it
+        return read_back(issued)
+
+    def probe(self, text: str) -> dict[str, Any]:
+        """What a clearance would lead to; nothing is issued. Raises InputError as `clear` does."""
+        told = self.hour.transmission_for(parse_clearance(text, self.hour.slots))
+        (trial,) = self._what_if.trials(self.hour.state, told.slot, [(Planned(0, told),)])
+        return self.views.trial(trial)
+
+    def levels(self, callsign: str) -> list[dict[str, Any]]:
+        """What a clearance to each level would lead to.
+
+        Raises InputError for an unknown callsign.
+        """
+        if callsign not in self.hour.slots:
+            raise unknown_name("callsign", callsign, sorted(self.hour.slots))
+        slot = self.hour.slots[callsign]
+        lowest, highest = self.hour.world.sector.levels_fl
+        levels_fl = range(lowest, highest + 1, LEVEL_STEP_FL)
+        plans = [
+            (Planned(0, Transmission(slot, level_ticks=ticks(float(fl)))),) for fl in levels_fl
+        ]
+        trials = self._what_if.trials(self.hour.state, slot, plans)
+        return [
+            {"fl": fl, "lost_in_s": each.lost_in_s, "least_nm": rounded(each.least_nm)}
+            for fl, each in zip(levels_fl, trials, strict=True)
+        ]
+
+    def advise(self, conforms: bool = False) -> Advice | None:
+        """Advice about the most urgent concern; None if there is none.
+
+        With `conforms`, kinds of clearances that were accepted more often rank higher.
+        """
+        chosen = self.log.chosen() if conforms else ()
+        self.advice = self._adviser.advise(self.hour.state, len(self.log), chosen)
+        if self.advice is not None:
+            self._note(self._recorded(self.advice))
+        return self.advice
+
+    def accept(self, number: int, rank: int) -> str:
+        """Issue an alternative of the last advice; returns what the pilot reads back.
+
+        Raises InputError if the advice is out of date.
+        """
+        chosen = self._shown(number, rank)
+        self._note(AdviceAnswered(number, rank, "accepted"))
+        self.advice, self._begun = None, False
+        return read_back(self._transmit(chosen.transmission, YOU))
+
+    def refuse(self, number: int, rank: int) -> None:
+        """Record that an alternative was refused. Raises InputError if there is no such advice."""
+        self._shown(number, rank)
+        self._note(AdviceAnswered(number, rank, "refused"))
+
+    def _shown(self, number: int, rank: int) -> Alternative:
+        """An alternative of the last advice, if that is of the present cycle."""
+        advice = self.advice
+        if (
+            advice is None
+            or (advice.number, advice.cycle) != (number, self.cycle)
+            or rank >= len(advice.alternatives)
+        ):
+            raise InputError("this advice is out of date (allowed: ask again)")
+        return advice.alternatives[rank]
+
+    def _note(self, entry: AdviceShown | AdviceAnswered) -> None:
+        self.log.add(entry)
+        self._write(entry)
+
+    def hand_over(self, callsigns: list[str], to_adviser: bool) -> None:
+        """Hand flights over to the adviser, or take them back; an empty list means all.
+
+        Raises InputError without an adviser, or for an unknown callsign.
+        """
+        if self._delegate is None:
+            raise InputError("there is no adviser (allowed: start the session with --adviser)")
+        for each in callsigns:
+            if each not in self.hour.slots:
+                raise unknown_name("callsign", each, sorted(self.hour.slots))
+        self._begun = False
+        if not callsigns:
+            self.hands_all, self.handed = to_adviser, set()
+        elif to_adviser:
+            self.handed |= set(callsigns)
+        else:
+            if self.hands_all:
+                self.hands_all, self.handed = False, set(self.hour.slots)
+            self.handed -= set(callsigns)
+
+    def rewind(self, cycle: int) -> None:
+        """Go back to the end of a cycle. Raises InputError if it has not been flown."""
+        if cycle < self.cycle:
+            self._left += 1
+            if self._out is not None and self._journal is not None:
+                self.branches.append(self.opened.write(self._out, self._left)[0])
+        self.hour.rewind(cycle)
+        self.history.rewind(cycle)
+        self.playing, self._begun, self.advice = False, False, None
+        self._write(WentBack(cycle))
+
+    def status(self) -> dict[str, Any]:
+        """What pages show besides the history."""
+        state = self.hour.state
+        return {
+            "cycle": self.cycle,
+            "cycles": self.cycles,
+            "playing": self.playing,
+            "speed": self.speed,
+            "adviser": self.adviser,
+            "hands_all": self.hands_all,
+            "handed": sorted(self.handed & self.hour.slots.keys()),
+            "deaf": [name for name, slot in self.hour.slots.items() if not state.hears[slot]],
+            "own": [
+                name
+                for name, slot in self.hour.slots.items()
+                if state.traffic.cleared_along_route[slot]
+            ],
+            "waiting": int(state.arrivals.waiting),
+        }
+
+    def _advance(self) -> None:
+        cycle = self.hour.advance()
+        self.history.add_cycle(self.cycle, cycle, self.hour.slots)
+        self.handed &= self.hour.slots.keys()
+        self._write(CycleFlown(self.cycle))
+
+    def _transmit(self, told: Transmission, by: str) -> Instruction:
+        """Issue a transmission; no time passes."""
+        issued = self.hour.transmit(told)
+        self.history.add_clearance(self.hour.state, told, issued, by)
+        self._write(
+            ClearanceIssued(
+                callsign=issued.callsign,
+                by=by,
+                heading_deg=told.heading_deg,
+                turn=told.turn,
+                fix=told.fix,
+                level_ticks=told.level_ticks,
+                instructions=told.instructions,
+            )
+        )
+        return issued
+
+    def _delegated(self) -> list[Transmission]:
+        """What the adviser transmits to the flights that were handed over."""
+        if self._delegate is None or not (self.hands_all or self.handed):
+            return []
+        if not self._begun:
+            self._delegate.begin(self.hour.state)
+            self._begun = True
+        name = self.hour.callsigns
+        return [
+            each
+            for each in self._delegate.transmit(self.hour.state)
+            if self.hands_all or name[each.slot] in self.handed
+        ]
+
+    def _transmission(self, entry: ClearanceIssued) -> Transmission:
+        if entry.callsign not in self.hour.slots:
+            raise InputError(
+                f"the journal has a clearance to {entry.callsign} in cycle {self.cycle}, which is "
+                "not there (allowed: the same traffic; --new begins another session)"
+            )
+        slot = self.hour.slots[entry.callsign]
+        route = self.hour.world.sector.routes[int(self.hour.state.traffic.route[slot])]
+        if entry.fix is not None and entry.fix >= len(route):
+            raise InputError(
+                f"the journal has fix {entry.fix} for {entry.callsign} (allowed: 0 to "
+                f"{len(route) - 1})"
+            )
+        turn: Any = entry.turn
+        return Transmission(
+            slot, entry.heading_deg, entry.fix, entry.level_ticks, entry.instructions, turn
+        )
+
+    def _write(self, entry: Entry) -> None:
+        if self._journal is not None:
+            self._journal.add(entry)
+
+    def _recorded(self, advice: Advice) -> AdviceShown:
+        """Advice as the log has it."""
+        name = self.hour.callsigns
+        return AdviceShown(
+            number=advice.number,
+            cycle=advice.cycle,
+            concern=advice.concern.kind,
+            flights=[name[slot] for slot in advice.concern.slots],
+            alternatives=[
+                Shown(
+                    source=each.source,
+                    kind=kind_of(each.transmission),
+                    text=written(self.hour.phrased(each.transmission)),
+                    least_nm=rounded(each.trial.least_nm),
+                    extra_nm=rounded(each.extra_nm),
+                )
+                for each in advice.alternatives
+            ],
+        )

@@ -1,0 +1,337 @@
+"""The server of a live session: one page, and a websocket for each browser that shows it.
+
+Whoever has the token in the printed link controls the session. The token becomes a cookie, which
+other sites cannot send: their requests have another origin and are refused.
+
+One thread does everything that touches the session, one call after another. A browser receives the
+updates that it does not have yet, in one message; a slow one receives larger messages later and
+never holds up the simulation.
+"""
+
+import asyncio
+import hmac
+import json
+import time
+from collections.abc import AsyncIterator, Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager, suppress
+from typing import Any
+
+from skystack.errors import InputError, requires_extra
+from skystack.live.control import LiveControl
+from skystack.live.messages import (
+    Advise,
+    AnswerAdvice,
+    Clear,
+    Follow,
+    Hand,
+    Levels,
+    Message,
+    Play,
+    Rewind,
+    Speed,
+    StepOnce,
+    Try,
+    read_message,
+)
+from skystack.simulator.simulator import CYCLE_S
+
+with requires_extra("skystack.live.server", "live"):
+    from starlette.applications import Starlette
+    from starlette.middleware import Middleware
+    from starlette.middleware.trustedhost import TrustedHostMiddleware
+    from starlette.requests import HTTPConnection, Request
+    from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
+    from starlette.routing import Route, WebSocketRoute
+    from starlette.websockets import WebSocket, WebSocketDisconnect
+
+MESSAGES_PER_S, BURST = 20.0, 100.0
+"""How many messages a browser may send: on average, and at once."""
+MOST_BROWSERS = 20
+MONITOR_EVERY_S = 1.0
+"""The least time between two predictions of all pairs."""
+MOST_REFUSALS = 1000
+"""A browser with more refused messages is disconnected."""
+POLICY_VIOLATION = 1008
+HEADERS = {
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+}
+
+
+class LiveServer:
+    """Serves one session. All calls of the session run in one thread, in turn."""
+
+    def __init__(
+        self, control: LiveControl, page: str, token: str, log: Callable[[str], None]
+    ) -> None:
+        """`log` is called with a line for every refused message, up to a limit."""
+        self.control, self._page, self._token, self._log = control, page, token, log
+        self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix="session")
+        self._changed = asyncio.Condition()
+        self._number = 0
+        """Increased with every change."""
+        self._browsers = 0
+        self._monitor: dict[str, Any] = {"cycle": 0, "pairs": []}
+        self._problem: str | None = None
+        self._cookie = "skystack-session"
+
+    def application(self, hosts: list[str], cookie: str = "skystack-session") -> Starlette:
+        """The application. Requests to other host names than `hosts` are refused."""
+        self._cookie = cookie
+        return Starlette(
+            routes=[Route("/", self._get), WebSocketRoute("/live", self._serve)],
+            middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=hosts, www_redirect=False)],
+            lifespan=self._lifespan,
+        )
+
+    @asynccontextmanager
+    async def _lifespan(self, _: Starlette) -> AsyncIterator[None]:
+        tasks = [asyncio.create_task(work()) for work in (self._run, self._predict)]
+        try:
+            yield
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            self._executor.shutdown()
+
+    async def _get(self, request: Request) -> Response:
+        given = request.query_params.get("token")
+        if given is not None and self._is_token(given):
+            # The address bar then shows no token, and reloading the page still works.
+            response: Response = RedirectResponse("/", status_code=303, headers=HEADERS)
+            response.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
+            return response
+        if not self._is_known(request):
+            return PlainTextResponse(
+                "Open the link that `skystack session` printed.\n", 403, headers=HEADERS
+            )
+        return HTMLResponse(self._page, headers=HEADERS)
+
+    def _is_token(self, given: str) -> bool:
+        return hmac.compare_digest(given.encode(), self._token.encode())
+
+    def _is_known(self, connection: HTTPConnection) -> bool:
+        return self._is_token(connection.cookies.get(self._cookie, ""))
+
+    async def _serve(self, socket: WebSocket) -> None:
+        """One browser, from the handshake to the end of its connection."""
+        host, origin = socket.headers.get("host"), socket.headers.get("origin")
+        if not self._is_known(socket) or origin != f"http://{host}":
+            await socket.close(POLICY_VIOLATION)
+            return
+        if self._browsers >= MOST_BROWSERS:
+            await socket.close(POLICY_VIOLATION)
+            return
+        await socket.accept()
+        self._browsers += 1
+        try:
+            await _Browser(self, socket).serve()
+        finally:
+            self._browsers -= 1
+
+    async def call(self, function: Callable[[], Any]) -> Any:
+        """Call a function of the session in its thread."""
+        return await asyncio.get_running_loop().run_in_executor(self._executor, function)
+
+    async def change(self, function: Callable[[], Any]) -> Any:
+        """Call a function that changes the session, and tell all browsers."""
+        try:
+            return await self.call(function)
+        finally:
+            await self.tell()
+
+    async def tell(self) -> None:
+        """Wake the browsers: something has changed."""
+        async with self._changed:
+            self._number += 1
+            self._changed.notify_all()
+
+    async def changes(self, known: int) -> int:
+        """Wait until there has been a change after change `known`; returns its number."""
+        async with self._changed:
+            await self._changed.wait_for(lambda: self._number > known)
+            return self._number
+
+    def refused(self, line: str) -> None:
+        """Log a message that was refused."""
+        self._log(line)
+
+    def news(self, epoch: int, updates: int) -> dict[str, Any]:
+        """What a browser does not have yet. Called in the thread of the session."""
+        control, history = self.control, self.control.history
+        begin = updates if epoch == history.epoch else 0
+        return {
+            "kind": "news",
+            "epoch": history.epoch,
+            "begin": begin,
+            "updates": history.updates[begin:],
+            "status": control.status(),
+            "advice": None if control.advice is None else control.views.advice(control.advice),
+            "monitor": self._monitor,
+            "problem": self._problem,
+        }
+
+    async def _run(self) -> None:
+        """Fly cycles at the chosen speed. If the machine is too slow, the clock waits for it."""
+        due = time.monotonic()
+        known = 0
+        while True:
+            if not self.control.playing:
+                known = await self.changes(known)
+                due = time.monotonic() + CYCLE_S / self.control.speed
+                continue
+            await asyncio.sleep(max(0.0, due - time.monotonic()))
+            if self.control.playing:
+                await self.change(self._step)
+            due = max(due, time.monotonic() - CYCLE_S) + CYCLE_S / self.control.speed
+
+    def _step(self) -> None:
+        if self.control.playing:  # it may have been paused in the meantime
+            try:
+                self.control.step()
+            except InputError as error:  # of the adviser
+                self.control.playing = False
+                self._problem = f"Paused: {error}"
+                self.refused(self._problem)
+
+    async def _predict(self) -> None:
+        """Predict the approaches of all pairs whenever there is time and something has changed."""
+        known = -1
+        while True:
+            known = await self.changes(known)
+            monitor = await self.call(self.control.views.monitor)
+            if monitor != self._monitor:
+                self._monitor = monitor
+                known += 1  # the change that this makes
+                await self.tell()
+            await asyncio.sleep(MONITOR_EVERY_S)
+
+
+class _Browser:
+    """The connection of one browser."""
+
+    def __init__(self, server: LiveServer, socket: WebSocket) -> None:
+        self._server, self._socket = server, socket
+        self._epoch, self._updates = -1, 0
+        self._may_send, self._last = BURST, time.monotonic()
+        self._refusals = 0
+        self._following = asyncio.Event()
+        """Set when the page has said what it has."""
+        self._sending = asyncio.Lock()
+
+    async def serve(self) -> None:
+        news = asyncio.create_task(self._send_news())
+        try:
+            while True:
+                received = await self._socket.receive()
+                if received["type"] == "websocket.disconnect":
+                    return
+                await self._receive(received.get("text") or received.get("bytes") or "")
+                if self._refusals > MOST_REFUSALS:
+                    await self._socket.close(POLICY_VIOLATION)
+                    return
+        finally:
+            news.cancel()
+            with suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError, OSError):
+                await news
+
+    async def _send_news(self) -> None:
+        await self._following.wait()
+        known = -1
+        while True:
+            known = await self._server.changes(known)
+            await self._send_all()
+
+    async def _send_all(self) -> None:
+        server = self._server
+        news = await server.call(lambda: server.news(self._epoch, self._updates))
+        self._epoch, self._updates = news["epoch"], news["begin"] + len(news["updates"])
+        await self._send(news)
+
+    async def _send(self, value: dict[str, Any]) -> None:
+        async with self._sending:
+            await self._socket.send_text(json.dumps(value, separators=(",", ":")))
+
+    async def _receive(self, text: str | bytes) -> None:
+        if not self._is_allowed():
+            await self._refuse("too many messages", 0)
+            return
+        try:
+            message = read_message(text)
+        except InputError as error:
+            await self._refuse(str(error), 0)
+            return
+        try:
+            reply = await self._do(message)
+        except InputError as error:
+            await self._send({"kind": "refused", "id": message.id, "reason": str(error)})
+            return
+        if reply is not None:
+            await self._send({"kind": "reply", "id": message.id} | reply)
+
+    def _is_allowed(self) -> bool:
+        """Whether one more message is within the limits; counts it if it is."""
+        now = time.monotonic()
+        self._may_send = min(BURST, self._may_send + MESSAGES_PER_S * (now - self._last))
+        self._last = now
+        if self._may_send < 1.0:
+            return False
+        self._may_send -= 1.0
+        return True
+
+    async def _refuse(self, reason: str, number: int) -> None:
+        self._refusals += 1
+        if self._refusals <= 3:  # more would only fill the log
+            self._server.refused(f"refused: {reason}")
+            await self._send({"kind": "refused", "id": number, "reason": reason})
+
+    async def _do(self, message: Message) -> dict[str, Any] | None:
+        """Do what a message says; returns a reply to this browser, or None."""
+        server, control = self._server, self._server.control
+        reply: dict[str, Any] | None = None
+        match message:
+            case Follow(epoch=epoch, updates=updates):
+                if not self._following.is_set():
+                    self._epoch = epoch
+                    self._updates = min(updates, len(control.history.updates))
+                    self._following.set()
+            case Try(text=text):
+                reply = {"trial": await server.call(lambda: control.probe(text))}
+            case Levels(callsign=callsign):
+                reply = {"levels": await server.call(lambda: control.levels(callsign))}
+            case Advise(conforms=conforms):
+                shown = await server.change(lambda: self._advise(conforms))
+                reply = {"advised": shown}
+            case AnswerAdvice(number=number, rank=rank, answer="refuse"):
+                await server.call(lambda: control.refuse(number, rank))
+                reply = {"refused": rank}
+            case AnswerAdvice(number=number, rank=rank):
+                reply = {"read_back": await server.change(lambda: control.accept(number, rank))}
+            case Clear(text=text, modifies=modifies):
+                reply = {"read_back": await server.change(lambda: control.clear(text, modifies))}
+            case _:
+                await server.change(lambda: _set(control, message))
+        return reply
+
+    def _advise(self, conforms: bool) -> bool:
+        return self._server.control.advise(conforms) is not None
+
+
+def _set(control: LiveControl, message: Message) -> None:
+    """Do what needs no reply."""
+    match message:
+        case Play(on=on):
+            control.playing = on and not control.ended
+        case Speed(times=times):
+            control.speed = times
+        case StepOnce():
+            control.playing = False
+            control.step()
+        case Hand(callsigns=callsigns, to_adviser=to_adviser):
+            control.hand_over(callsigns, to_adviser)
+        case Rewind(cycle=cycle):
+            control.rewind(cycle)

@@ -1,0 +1,101 @@
+// The advice: the most urgent situation and its alternatives, which are accepted, modified or refused.
+
+class Advice {
+  constructor(ask, draft, scope) {
+    Object.assign(this, { ask, draft, scope, shown: null });
+    [this.situation, this.list] = [byId("situation"), byId("alternatives")];
+  }
+
+  async request() {
+    setText(this.situation, "…");
+    const reply = await this.ask({ do: "advise", conforms: byId("conforms").checked });
+    if (reply.kind === "refused") setText(this.situation, reply.reason);
+    else if (!reply.advised) setText(this.situation, "Nothing needs a clearance.");
+  }
+
+  /** Shows advice from the server, which is marked when it is out of date. */
+  show(advice, cycle) {
+    const isOld = advice !== null && advice.cycle !== cycle;
+    const key = JSON.stringify([advice, isOld]);
+    if (key === this.shown) return;
+    const isFirst = this.shown === null;
+    this.shown = key;
+    this.list.classList.toggle("old", isOld);
+    if (advice === null) {
+      if (!isFirst) setText(this.situation, "");
+      this.list.replaceChildren();
+      return;
+    }
+    this.number = advice.number;
+    setText(this.situation, situationWords(advice) + (isOld ? " (time has passed: ask again)" : ""));
+    this.list.replaceChildren(...advice.alternatives.map((each, rank) => this.item(each, rank, isOld)));
+  }
+
+  item(alternative, rank, isOld) {
+    const item = element("li");
+    item.append(element("p", "words", alternative.words));
+    for (const { after_s: afterS, words } of alternative.later) {
+      item.append(element("p", "later", `then, ${minutes(afterS)} later: ${words}`));
+    }
+    item.append(element("p", "effects", effectsOf(alternative)));
+    const group = element("div", "group");
+    const buttons = [
+      ["Accept", () => this.answer(rank, "accept")],
+      ["Modify", () => this.modify(alternative, rank)],
+      ["Refuse", () => this.answer(rank, "refuse", item)],
+    ];
+    for (const [name, run] of buttons) {
+      const button = element("button", "", name);
+      button.disabled = isOld && name !== "Modify";
+      if (name === "Accept") button.title = `Alt+${rank + 1}`;
+      button.addEventListener("click", run);
+      group.append(button);
+    }
+    item.append(group);
+    for (const name of ["pointerenter", "focusin"]) {
+      item.addEventListener(name, () => this.draft.show(alternative));
+    }
+    item.addEventListener("pointerleave", () => this.draft.show(null));
+    return item;
+  }
+
+  async answer(rank, answer, item = null) {
+    const reply = await this.ask({ do: "answer", number: this.number, rank, answer });
+    if (reply.kind === "refused") this.draft.say(reply.reason, true);
+    else if (answer === "accept") this.draft.say(`“${reply.read_back}”`);
+    else item?.classList.add("refused");
+    this.draft.show(null);
+  }
+
+  /** Puts an alternative into the clearance field, to be changed. */
+  modify(alternative, rank) {
+    this.draft.player.select(alternative.callsign);
+    this.draft.modifies = [this.number, rank];
+    this.draft.input.value = alternative.words;
+    this.draft.changed();
+    this.draft.input.focus();
+  }
+}
+
+function situationWords({ kind, callsigns, lost_in_s: lostInS, least_nm: leastNm }) {
+  const who = callsigns.join(" and ");
+  if (kind === "exit") return `${who}: no correct exit as cleared.`;
+  return `${who}: if nothing is issued, separation is lost in ${minutes(lostInS)}, least ${nmText(leastNm)}.`;
+}
+
+function effectsOf(alternative) {
+  const { extra_nm: extraNm, level_change_fl: levels, source, instructions } = alternative;
+  const signed = (value, digits) => `${value < 0 ? "−" : "+"}${Math.abs(value).toFixed(digits)}`;
+  const miles = extraNm === null ? "" : `${signed(extraNm, 1)} NM; `;
+  const climb = levels ? `${signed(levels, 0)} FL; ` : "";
+  const stacked = instructions > 1 ? `, ${instructions} instructions stacked` : "";
+  return `${miles}${climb}${trialWords(alternative)} (${source}${stacked}${certaintyOf(alternative)})`;
+}
+
+/** How certain the adviser is, and whether the best trial plan begins in the same way. */
+function certaintyOf({ probability, entropy, agrees }) {
+  const certain = probability === null
+    ? ""
+    : `, instructs with probability ${probability.toFixed(2)}, entropy ${entropy.toFixed(2)}`;
+  return certain + (agrees === null ? "" : agrees ? ", best trial plan agrees" : ", best trial plan differs");
+}

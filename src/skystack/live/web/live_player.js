@@ -1,0 +1,55 @@
+// The state of a live session: the newest row is followed until the viewer looks back.
+
+class LivePlayer extends Player {
+  constructor(replay, changed) {
+    super(replay, (what) => {
+      changed(what);
+      this.heard(what);
+    });
+    this.heard = () => {}; // until the console is there
+    this.status = { cycle: 0, cycles: 0, playing: false, speed: 1 };
+    this.isFollowing = true;
+    this.speed = 1;
+    this.send = () => {}; // until there is a connection
+  }
+
+  get length() {
+    return Math.max(this.status.cycles, this.lastRow, 1);
+  }
+
+  get isMoving() {
+    return this.playing || (this.isFollowing && this.status.playing);
+  }
+
+  /** Runs or pauses the session, or what is shown of the past. */
+  toggle() {
+    if (this.isFollowing) this.send({ do: "play", on: !this.status.playing });
+    else this.play(!this.playing);
+  }
+
+  goTo(row) {
+    super.goTo(row);
+    this.isFollowing = this.row === this.lastRow;
+    if (this.isFollowing) this.playing = false;
+    this.changed("playing");
+  }
+
+  /** One cycle on: of the past if it is shown, else of the session. */
+  step(rows) {
+    if (this.isFollowing && rows === 1) this.send({ do: "step" });
+    else super.step(rows);
+  }
+
+  faster(steps) {
+    super.faster(steps);
+    if (steps && this.isFollowing) this.send({ do: "speed", times: this.speed });
+  }
+
+  /** Takes over the newest row, and what the server says of the session. */
+  follow(lastRow, status) {
+    this.lastRow = lastRow;
+    this.status = status;
+    if (this.isFollowing) this.speed = status.speed;
+    this.goTo(this.isFollowing ? lastRow : this.row);
+  }
+}

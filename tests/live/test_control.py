@@ -1,0 +1,197 @@
+"""A session controlled by a person, by an adviser, and by both; restored from its journal."""
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from skystack.errors import InputError
+from skystack.evaluation.stored import read_table
+from skystack.live.control import YOU, LiveControl
+from skystack.live.journal import CycleFlown, open_journal
+from skystack.live.serving import header_of
+from skystack.reporting.replay.recording import read_replay
+from skystack.simulator.performance import TICKS_PER_FL
+
+from .made import ADVISER, heard, opened
+
+
+def begin(cycles=200, journal=None, out=None, steps=0):
+    session = opened(seed=3, cycles=cycles)
+    control = LiveControl(session, cycles, ADVISER, journal, out)
+    for _ in range(steps):
+        control.step()
+    return control
+
+
+@pytest.fixture(scope="module")
+def control():
+    return begin(steps=60)
+
+
+def clearances(control):
+    return [each for each in control.history.updates if "clearances" in each]
+
+
+def words(control):
+    return [each["clearances"][0]["text"] for each in clearances(control)]
+
+
+def test_nobody_is_cleared_unless_somebody_does_it():
+    assert clearances(begin(steps=30)) == []
+
+
+def test_a_trial_issues_nothing_and_says_what_the_clearance_does(control):
+    name = heard(control.hour)[0]
+    slot, sent = control.hour.slots[name], len(control.history.updates)
+    level = float(control.hour.state.traffic.level_ticks[slot]) / TICKS_PER_FL
+    wanted = 200 if level > 300 else 400
+    trial = control.probe(f"{name} {'descend' if wanted < level else 'climb'} {wanted}")
+    assert len(control.history.updates) == sent
+    assert trial["words"] == f"{name} {'descend' if wanted < level else 'climb'} FL{wanted}"
+    start = control.hour.state.traffic.position_nm[slot]
+    np.testing.assert_allclose(trial["path"][0], start, atol=1e-3)
+    assert len(trial["path"]) > 3
+    (of_level,) = [each for each in control.levels(name) if each["fl"] == wanted]
+    assert (of_level["least_nm"], of_level["lost_in_s"]) == (trial["least_nm"], trial["lost_in_s"])
+    with pytest.raises(InputError, match="unknown callsign 'AC999'"):
+        control.levels("AC999")
+
+
+def test_a_clearance_is_read_back_and_in_the_history(control):
+    name = heard(control.hour)[0]
+    assert control.clear(f"{name.lower()} left 20 degrees").endswith(f", {name}")
+    assert clearances(control)[-1]["by"] == YOU
+    with pytest.raises(InputError, match="was not understood"):
+        control.clear(f"{name} do something")
+
+
+def test_the_adviser_instructs_the_flights_that_were_handed_over():
+    control = begin(steps=40)
+    one, other = heard(control.hour)[:2]
+    control.hand_over([one], to_adviser=True)
+    assert control.status()["handed"] == [one]
+    control.step()
+    assert [each.split()[0] for each in words(control)] == [one]
+    assert clearances(control)[0]["by"] == ADVISER
+    control.hand_over([], to_adviser=True)
+    for _ in range(3):
+        control.step()
+    assert other in {each.split()[0] for each in words(control)}
+    control.hand_over([other], to_adviser=False)  # all the others stay with the adviser
+    assert control.status()["hands_all"] is False
+    assert other not in control.status()["handed"]
+    assert one in control.status()["handed"]
+    control.hand_over([], to_adviser=False)
+    count = len(clearances(control))
+    for _ in range(20):
+        control.step()
+    assert len(clearances(control)) == count
+    with pytest.raises(InputError, match="unknown callsign 'NOBODY'"):
+        control.hand_over(["NOBODY"], to_adviser=True)
+
+
+def test_there_is_nobody_to_hand_over_to_without_an_adviser():
+    session = opened()._replace(adviser=None)
+    control = LiveControl(session, 10)
+    with pytest.raises(InputError, match=r"no adviser \(allowed: .*--adviser"):
+        control.hand_over([], to_adviser=True)
+
+
+def test_advice_is_accepted_refused_modified_and_logged(tmp_path):
+    control = begin(steps=60)
+    advice = control.advise()
+    assert advice is not None
+    assert 2 <= len(advice.alternatives) <= 3
+    shown = control.views.advice(advice)
+    assert shown["callsigns"] == [control.hour.callsigns[slot] for slot in advice.concern.slots]
+    control.refuse(advice.number, 1)
+    chosen = shown["alternatives"][0]["words"]
+    read_back = control.accept(advice.number, 0)
+    assert read_back == f"{chosen.removeprefix(chosen.split()[0])[1:]}, {chosen.split()[0]}"
+    assert words(control)[-1] == chosen
+    with pytest.raises(InputError, match=r"out of date \(allowed: ask again\)"):
+        control.accept(advice.number, 0)
+    control.step()
+    later = control.advise()
+    name = control.hour.callsigns[later.concern.slots[0]]
+    control.clear(f"{name} fly heading 360", modifies=(later.number, 1))
+    control.log.write(tmp_path)
+    rows = pq.read_table(tmp_path / "advice.parquet").to_pylist()
+    answers = [(each["advice"], each["rank"], each["answer"], each["issued"]) for each in rows]
+    assert (0, 0, "accepted", None) in answers
+    assert (0, 1, "refused", None) in answers
+    assert (1, 1, "modified", words(control)[-1]) in answers
+    assert (1, 0, None, None) in answers
+    assert rows[0]["text"] == chosen
+    assert control.log.chosen() == [rows[0]["kind"]]
+
+
+def test_going_back_keeps_the_history_that_is_left(tmp_path):
+    session = opened(seed=3)
+    with open_journal(tmp_path / "session", header_of(session)) as (journal, _):
+        control = LiveControl(session, 200, ADVISER, journal, tmp_path)
+        for _ in range(50):
+            control.step()
+        control.clear(f"{heard(control.hour)[0]} left 20 degrees")
+        control.step()
+        epoch = control.history.epoch
+        control.rewind(40)
+        assert control.cycle == 40
+        assert control.history.epoch != epoch
+        assert clearances(control) == []
+        control.step()
+    (branch,) = control.branches
+    (scenario,) = read_replay(branch).scenarios
+    assert scenario.cycles == 51
+    assert len(scenario.clearances) == 1
+
+
+def test_a_session_is_restored_from_its_journal(tmp_path):
+    session = opened(seed=3)
+    with open_journal(tmp_path, header_of(session)) as (journal, _):
+        control = LiveControl(session, 200, ADVISER, journal)
+        for _ in range(40):
+            control.step()
+        control.hand_over([], to_adviser=True)
+        control.step()
+        control.rewind(39)
+        control.hand_over([], to_adviser=False)
+        control.clear(f"{heard(control.hour)[1]} right 20 degrees, climb 400")
+        control.advise()
+        control.step()
+    again = opened(seed=3)
+    with open_journal(tmp_path, header_of(again)) as (journal, entries):
+        restored = LiveControl(again, 200, ADVISER, journal)
+        restored.restore(entries)
+    assert restored.history.updates == control.history.updates
+    assert restored.log.rows() == control.log.rows()
+    for one, other in zip(again.hour.state.traffic, session.hour.state.traffic, strict=True):
+        np.testing.assert_array_equal(one, other)
+    folder, row = again.write(tmp_path / "out")
+    assert row["transmissions_per_flight"] > 0.0
+    assert read_table(folder / "clearances.parquet", ("callsign",)).num_rows == 2
+
+
+def test_a_journal_of_other_traffic_is_refused(tmp_path):
+    session = opened(seed=3)
+    with open_journal(tmp_path, header_of(session)) as (journal, _):
+        control = LiveControl(session, 200, ADVISER, journal)
+        for _ in range(40):
+            control.step()
+        control.clear(f"{heard(control.hour)[-1]} left 20 degrees")
+    other = opened(seed=4)
+    with open_journal(tmp_path, header_of(session)) as (_, entries):
+        fewer = [each for each in entries if not isinstance(each, CycleFlown) or each.number < 5]
+    with pytest.raises(InputError, match=r"the journal has .*--new"):
+        LiveControl(other, 200, ADVISER).restore(fewer)
+
+
+def test_a_session_ends_after_its_cycles():
+    control = begin(cycles=3)
+    control.playing = True
+    for _ in range(3):
+        control.step()
+    assert control.ended
+    assert not control.playing
+    with pytest.raises(InputError, match=r"3 cycles \(allowed: a longer --cycles\)"):
+        control.step()

@@ -1,0 +1,177 @@
+"""A whole session in a real browser: conflicts, advice, clearances, going back, and the replay."""
+
+import pytest
+
+from skystack.live.recorded import LiveSession
+from skystack.reporting.replay.page import write_replay
+
+from ..reporting.replay.browser import LAPTOP, TIMEOUT_MS, Viewer, viewing
+from .made import ADVISER, heard
+from .serving import served
+
+TABLET = {"width": 820, "height": 1180}
+
+
+@pytest.fixture
+def session():
+    with served(steps=60) as found:
+        yield found
+
+
+class Page(Viewer):
+    """What a controller sees and does."""
+
+    def __init__(self, browser, link, viewport=LAPTOP) -> None:
+        self.context = browser.new_context(viewport=viewport, color_scheme="dark")
+        super().__init__(self.context.new_page())
+        self.page.set_default_timeout(TIMEOUT_MS)
+        self.problems: list[str] = []
+        self.page.on("pageerror", lambda error: self.problems.append(str(error)))
+        self.page.on(
+            "console",
+            lambda message: message.type == "error" and self.problems.append(message.text),
+        )
+        self.page.goto(link)
+        self.wait_until("document.querySelector('#scrubber').value !== '0'")
+
+    def text(self, selector: str) -> str:
+        return self.page.locator(selector).first.inner_text()
+
+    def wait_for(self, selector: str, part: str) -> None:
+        """Wait until an element contains a text."""
+        self.page.locator(selector).filter(has_text=part).first.wait_for()
+
+
+@pytest.fixture
+def page(browser, session):
+    found = Page(browser, session.link)
+    yield found
+    assert found.problems == []
+    found.context.close()
+
+
+def clearances(session):
+    return [
+        each["clearances"][0]["text"]
+        for each in session.control.history.updates
+        if "clearances" in each
+    ]
+
+
+def test_a_whole_session(session, page, tmp_path, browser):
+    control = session.control
+    assert page.row == 60
+    assert page.text("#who") == "You control all flights. Paused."
+    assert len(page.page.locator(".strip:visible").all()) >= len(control.hour.slots)
+    # A conflict is predicted, and shown as the session predicts it.
+    predicted = [each for each in control.views.monitor()["pairs"] if each["lost_in_s"] is not None]
+    assert predicted
+    page.wait_for(".alerts", "conflict in")
+    # A clearance is typed, tried, issued and read back.
+    name = heard(control.hour)[0]
+    page.keys("Enter")
+    page.page.keyboard.type(f"{name} left 30 degrees")
+    page.wait_for("#trial", f"{name} turn left heading")
+    assert clearances(session) == []
+    page.keys("Enter")
+    page.wait_for("#answer", f", {name}”")
+    (issued,) = clearances(session)
+    page.wait_for(".log", issued)
+    page.wait_for(".pending .callsign", name)  # not flown yet
+    # Advice is shown, modified and accepted.
+    page.keys("Escape", "q")
+    page.wait_for("#alternatives", "Accept")
+    assert page.text("#situation")
+    page.page.locator("#alternatives button", has_text="Modify").first.click()
+    words = page.page.locator("#clearance").input_value()
+    page.wait_for("#trial", words.split()[0])
+    page.page.locator("#clearance").fill(f"{words.split()[0]} fly heading 360")
+    page.keys("Enter")
+    page.wait_for("#answer", f", {words.split()[0]}”")
+    page.keys("Escape", "q")
+    page.wait_for("#alternatives", "Accept")
+    wanted = page.text("#alternatives .words")
+    page.keys("Alt+1")
+    page.wait_for(".log", wanted)
+    assert clearances(session)[-1] == wanted
+    assert control.log.chosen()
+    # It is flown, at the chosen speed, then paused.
+    page.page.locator("#speed").select_option("60")
+    page.keys("Escape", "k")
+    page.wait_until("Number(document.querySelector('#scrubber').value) >= 70")
+    page.keys("k")
+    page.wait_for("#who", "Paused")
+    assert "pending" not in (page.page.locator(".strips li").first.get_attribute("class") or "")
+    # The recording is replayed.
+    recorded: LiveSession = control.opened
+    folder, _ = recorded.write(tmp_path)
+    replay = tmp_path / "replay.html"
+    write_replay([folder], replay)
+    with viewing(browser, replay) as viewer:
+        viewer.keys("End")
+        assert issued in viewer.log
+        assert wanted in viewer.log
+
+
+def test_a_heading_is_dragged_and_a_level_is_picked(session, page):
+    name = heard(session.control.hour)[0]
+    page.page.locator(".strip", has_text=name).first.click()
+    page.wait_for("#ladder", "300")
+    assert page.page.locator("#ladder .exit").count() == 1
+    assert page.page.locator("#ladder [aria-current]").count() == 1
+    page.page.locator("#ladder button", has_text="400").click()
+    assert "FL400" in page.page.locator("#clearance").input_value()
+    page.page.locator(".turns button", has_text="right 30").click()
+    text = page.page.locator("#clearance").input_value()
+    assert "turn right heading" in text
+    assert "FL400" in text
+    page.page.locator("#fixes button").last.click()
+    text = page.page.locator("#clearance").input_value()
+    assert "direct" in text
+    assert "heading" not in text
+    page.page.locator("#issue button").click()
+    page.wait_for("#answer", f", {name}”")
+    assert clearances(session)[-1].startswith(f"{name} resume own navigation direct")
+
+
+def test_flights_are_handed_over_and_taken_back(session, page):
+    page.keys("x")
+    page.wait_for("#who", f"{ADVISER} controls all flights")
+    page.keys("ArrowRight")
+    page.wait_until("Number(document.querySelector('#scrubber').value) === 61")
+    assert clearances(session)
+    page.wait_for(".log", clearances(session)[0])
+    page.keys("x")
+    page.wait_for("#who", "You control all flights")
+
+
+def test_looking_back_changes_nothing_until_the_session_continues_there(session, page):
+    page.keys("x", "ArrowRight")
+    page.wait_until("Number(document.querySelector('#scrubber').value) === 61")
+    page.scrub_to(40)
+    assert page.row == 40
+    assert session.control.cycle == 61
+    page.page.locator("[data-do=rewind]").click()
+    page.wait_until("document.querySelector('[data-do=rewind]').hidden")
+    assert session.control.cycle == 40
+    assert clearances(session) == []
+    page.wait_until("document.querySelectorAll('.log .text').length === 0")
+
+
+def test_a_page_that_is_opened_again_finds_the_session_as_it_was(session, page, browser):
+    name = heard(session.control.hour)[0]
+    session.control.clear(f"{name} left 20 degrees")
+    strips = page.page.locator(".strip .callsign").all_text_contents()
+    page.page.reload()
+    page.wait_until("document.querySelector('#scrubber').value === '60'")
+    assert page.page.locator(".strip .callsign").all_text_contents() == strips
+    page.wait_for(".log", clearances(session)[0])
+    assert page.page.url.startswith(session.link.split("?")[0])
+    assert "token" not in page.page.url
+    other = Page(browser, session.link, TABLET)  # a second browser watches the same session
+    other.wait_for(".log", clearances(session)[0])
+    assert other.page.locator("#clearance").is_visible()
+    page.keys("ArrowRight")
+    other.wait_until("document.querySelector('#scrubber').value === '61'")
+    assert other.problems == []
+    other.context.close()
