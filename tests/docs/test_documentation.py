@@ -19,17 +19,18 @@ from skystack.learning.experiment import load_experiment
 from skystack.simulator.scenario_file import load_scenario
 from tests.docs.blocks import PAGES, ROOT, anchors, blocks
 
-QUICK = {
-    "evaluate": ["--episodes", "2"],
-    "train": [
-        word
-        for change in (
-            *("ppo.total_steps=512", "ppo.environments=8", "ppo.steps=32"),
-            *("ppo.minibatch=64", "ppo.epochs=1"),
-        )
-        for word in ("--set", change)
-    ],
-}
+
+def settings(*changes):
+    return [word for change in changes for word in ("--set", change)]
+
+
+SCENARIOS = ["--episodes", "2"]
+HOURS = ["--episodes", "1", "--cycles", "20"]
+TRAINING = settings(
+    *("ppo.total_steps=512", "ppo.environments=8", "ppo.steps=32"),
+    *("ppo.minibatch=64", "ppo.epochs=1"),
+)
+SECTOR_TRAINING = settings("task.slots=8", "pretraining.steps=256")
 """Arguments that make a documented command fast enough for a test."""
 PARSED_ONLY = {"reproduce", "bench", "flight-school"}
 """Verbs that are always too slow: tests/cli runs them, here they are only parsed."""
@@ -65,7 +66,16 @@ def run_command(text):
             patch.setattr(sys, "stdin", typed)
             assert main([*words, "--text"]) == 0, text
     else:
-        assert main([*words, *QUICK.get(words[0], ())]) == 0, text
+        assert main([*words, *quick(words)]) == 0, text
+
+
+def quick(words):
+    """Further arguments, with which the command does the same on less traffic or in fewer steps."""
+    if words[0] == "evaluate":
+        return HOURS if "--traffic" in words else SCENARIOS
+    if words[0] == "train":
+        return TRAINING + (SECTOR_TRAINING if words[1] == "sector-control" else [])
+    return []
 
 
 def check_inline_command(text):
