@@ -39,8 +39,7 @@ def cleared(turn, heading_deg=0.0, fix=0):
     )
 
 
-def advance(state):
-    return jax.jit(flights("constant", own_navigation=True).simulator.advance)(state)
+advance = jax.jit(flights("constant", own_navigation=True).simulator.advance)
 
 
 def test_direct_to_a_fix_is_adopted_one_cycle_later():
