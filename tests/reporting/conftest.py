@@ -3,6 +3,7 @@
 import json
 import shutil
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 
 import msgspec
@@ -15,6 +16,7 @@ from matplotlib.path import Path as MatplotlibPath
 from skystack.airspace.sector import Sector
 from skystack.airspace.xplus import x_plus
 from skystack.learning.experiment import load_experiment, to_toml
+from skystack.reporting import figures
 from skystack.reporting.report import write_report
 
 NM_PER_CYCLE, DEG_PER_CYCLE, CYCLES = 0.776, 9.0, 300
@@ -312,6 +314,24 @@ def add_copy(run: Path, experiment, of="lateral", task="lateral") -> None:
 def run(tmp_path) -> Path:
     """A small run folder, new for each test."""
     return write_run(tmp_path / "run", rows=[("lateral", True)], seeds=(0,), scenarios=2)
+
+
+@pytest.fixture
+def blank_pictures(monkeypatch):
+    """Compose figures, but write a number instead: for tests of their names and the text around.
+
+    No two files are equal, so that a file that is written again is noticed. Fixtures for a whole
+    session or module contain the true figures.
+    """
+    numbers = count()
+
+    def save(figure, stem):
+        paths = [stem.with_name(f"{stem.name}.{kind}") for kind in ("png", "svg")]
+        for path in paths:
+            path.write_text(f"<svg><desc>{next(numbers)}</desc></svg>")
+        return paths
+
+    monkeypatch.setattr(figures, "save", save)
 
 
 @pytest.fixture(scope="session")

@@ -65,6 +65,7 @@ def stems(run):
     return {path.stem for path in write_figures(run)}
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_untrained_rows_are_not_drawn(tmp_path):
     """Their learning curves are: they show why."""
     rows = [("lateral-undamped", False), ("lateral", True), ("do-nothing-lateral", False)]
@@ -81,6 +82,7 @@ def test_untrained_rows_are_not_drawn(tmp_path):
     assert {"trajectories-lateral", "histograms-lateral"} <= drawn
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_draws_no_flights_if_no_policy_is_trained(run):
     change_row(run, "lateral", success_rate=0.29)
     assert stems(run) == {
@@ -90,7 +92,7 @@ def test_draws_no_flights_if_no_policy_is_trained(run):
 
 
 @pytest.fixture
-def panels(monkeypatch):
+def panels(monkeypatch, blank_pictures):
     """The panels of each combined figure that is drawn."""
     drawn = {"histograms": [], "separations": [], "pictures": []}
 

@@ -13,6 +13,8 @@ from skystack.reporting import report
 from skystack.reporting.report import write_report
 from tests.reporting.conftest import add_copy, change_row, write_run
 
+pytestmark = pytest.mark.usefixtures("blank_pictures")
+
 
 class Page(HTMLParser):
     """The tags, addresses, links, ids, attributes and text of a page."""
