@@ -53,6 +53,7 @@ COVERED = ("learning", "simulator", "tasks", "test_stacking.py")
 FAST_COMPILE = (
     "agents",
     "benchmarking",
+    "cli",
     "docs",
     "evaluation",
     "export",
@@ -71,8 +72,6 @@ FAST_COMPILE = (
     "learning/test_run.py",
     "platforms/test_bluesky.py",
     "tasks/test_batch.py",
-    "cli/test_catalogue.py",
-    "cli/test_cli.py",
     "test_distribution.py",
     "test_examples.py",
     "io/test_names.py",
