@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import tempfile
 from pathlib import Path
 
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
@@ -18,6 +19,7 @@ import jaxtyping  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import HealthCheck, settings  # noqa: E402
 from jax._src import compiler  # noqa: E402  (there is no public way to set XLA options per test)
+from jax._src.lru_cache import _CACHE_SUFFIX, LRUCache  # noqa: E402  (nor to write atomically)
 
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -34,12 +36,23 @@ settings.load_profile("skystack")
 
 
 @pytest.fixture(scope="session", autouse=True)
-def compile_once(tmp_path_factory):
-    """Cache compiled programs, so that each is compiled once per session."""
-    common = tmp_path_factory.getbasetemp().parent  # shared by all workers
+def compile_once(tmp_path_factory, worker_id):
+    """Cache compiled programs, so that each is compiled once per session, by any worker."""
+    common = tmp_path_factory.getbasetemp()
+    if worker_id != "master":
+        common = common.parent  # shared by all workers
     os.environ["SKYSTACK_CACHE"] = str(common / "programs")  # for commands in subprocesses
-    jax.config.update("jax_compilation_cache_dir", str(tmp_path_factory.mktemp("compiled")))
+    LRUCache.put = _put
+    jax.config.update("jax_compilation_cache_dir", str(common / "compiled"))
+    jax.config.update("jax_persistent_cache_enable_xla_caches", "none")
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+
+
+def _put(self, key, value):
+    """JAX's own function writes in place, where another worker may read half a program."""
+    with tempfile.NamedTemporaryFile(dir=self.path, delete=False) as file:
+        file.write(value)
+    Path(file.name).replace(Path(self.path, f"{key}{_CACHE_SUFFIX}"))
 
 
 @pytest.fixture
@@ -58,19 +71,32 @@ FAST_COMPILE = (
     "evaluation",
     "export",
     "live",
+    "gym/test_copies.py",
     "gym/test_flights.py",
+    "gym/test_multi_agent.py",
     "gym/test_processes.py",
+    "gym/test_radar.py",
+    "gym/test_registration.py",
+    "gym/test_sb3.py",
     "gym/test_sector.py",
     "reporting",
     "reproduction",
     "studies",
     "verification/test_killed_trainings.py",
     "verification/test_mutated_inputs.py",
+    "verification/test_recorded_hours.py",
     "tools/test_ship_policies.py",
     "verification/test_signalled_commands.py",
     "learning/test_phases.py",
     "learning/test_run.py",
     "platforms/test_bluesky.py",
+    "tasks/test_leaving.py",
+    "tasks/test_prediction.py",
+    "tasks/test_registry.py",
+    "tasks/test_sector_control.py",
+    "tasks/test_sector_stacks.py",
+    "tasks/test_sector_world.py",
+    "tasks/test_stacked_steps.py",
     "tasks/test_batch.py",
     "test_distribution.py",
     "test_examples.py",
@@ -88,12 +114,16 @@ FAST_COMPILE_ENVIRONMENT = {
 
 @pytest.fixture(scope="module", autouse=True)
 def compiler_optimisations(request):
-    """Compile with or without most optimisations; clear JAX's caches between the two."""
+    """Compile with or without most optimisations.
+
+    JAX's caches are cleared between the two, and between folders: they would fill the memory. The
+    programs are then read from the cache on disk.
+    """
     fast = _within(request.path, FAST_COMPILE)
-    if fast != _compiling["fast"]:
+    if _compiling != {"fast": fast, "folder": request.path.parent}:
         jax.clear_caches()
         jax.config.update("jax_disable_most_optimizations", fast)
-        _compiling["fast"] = fast
+        _compiling.update(fast=fast, folder=request.path.parent)
     with pytest.MonkeyPatch.context() as patch:
         if fast:
             patch.setattr(compiler, "get_compile_options", _fast_options)
@@ -133,7 +163,14 @@ def pytest_terminal_summary(terminalreporter):
         )
 
 
+def pytest_configure(config):
+    """Distribute files in the order of the collection, not those with most tests first."""
+    config.option.loadscopereorder = False
+
+
 def pytest_collection_modifyitems(items):
+    """Each worker changes the compiler's options only once."""
+    items.sort(key=lambda item: not _within(item.path, FAST_COMPILE))
     for item in items:
         if not _within(item.path, COVERED):
             item.add_marker(pytest.mark.no_cover)
@@ -143,7 +180,7 @@ def _within(path, parts):
     return any(path.is_relative_to(TESTS / each) for each in parts)
 
 
-_compiling = {"fast": False}
+_compiling = {"fast": False, "folder": None}
 _default_options = compiler.get_compile_options
 
 
