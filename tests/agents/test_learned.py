@@ -1,5 +1,8 @@
 """The learned controller of a sector: stacking in frozen time, one flight after another."""
 
+import copy
+from functools import cache
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,9 +18,7 @@ from skystack.tasks.outlook import CLEARED
 from skystack.tasks.prediction import HORIZON_S
 from skystack.tasks.sector_control import ACTIONS, CLIMB, DESCEND, LEFT_10, RIGHT_10, TO_FIX
 from skystack.tasks.sector_observation import NAMES, SINCE_CYCLES
-from tests.tasks.sector_traffic import SLOTS, TASK, after
-
-ADVANCE = jax.jit(TASK.world.advance)
+from tests.tasks.sector_traffic import BEGIN, LOOK_AHEAD, SLOTS, TASK, TELL, after
 
 
 class ToExitLevel(Learned):
@@ -72,8 +73,19 @@ class TurnsRight(Learned):
         return jnp.where(jnp.arange(len(ACTIONS))[:, None] == chosen[None], 20.0, 0.0)
 
 
+@cache
+def compiled(kind):
+    agent = kind(object.__new__(Policy), TASK)  # they need no weights
+    for program in ("_begin", "_stack", "_continue", "_rescue"):
+        getattr(agent, program)
+    return agent
+
+
 def controller(kind=ToExitLevel, per_cycle=1, safety_net=True):
-    return kind(object.__new__(Policy), TASK, per_cycle, safety_net)  # they need no weights
+    """A new controller, with the programs of all others of its kind."""
+    agent = copy.copy(compiled(kind))
+    agent.per_cycle, agent.safety_net = per_cycle, safety_net
+    return agent
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +117,7 @@ def test_the_state_is_untouched_and_flies_what_was_said(world):
     sent = agent.transmit(world)
     for one, two in zip(jax.tree.leaves(before), jax.tree.leaves(world), strict=True):
         np.testing.assert_array_equal(one, two)
-    told = TASK.world.instruct(world, clearance_of(sent, SLOTS))
+    told = TELL(world, clearance_of(sent, SLOTS))
     assert int(told.traffic.pending_turn[sent[0].slot]) == DIRECT
     np.testing.assert_array_equal(told.traffic.position_nm, world.traffic.position_nm)
 
@@ -124,7 +136,7 @@ def test_every_flight_is_served_at_most_once_in_a_cycle(world):
 def test_the_most_urgent_flight_is_served_first(world):
     agent = controller(per_cycle=100)
     agent.begin(world)
-    times = TASK.begin(jax.tree.map(jnp.asarray, world)).outlook.time_s[0]
+    times = BEGIN(world).outlook.time_s[0]
     first = agent.transmit(world)[0].slot
     assert float(times[first]) == float(np.asarray(times)[hearing(world)].min())
 
@@ -164,7 +176,7 @@ def test_a_burst_that_repeats_keeps_the_clearance_that_loses_separation_last():
 
 def test_a_long_burst_is_cut_off(world, monkeypatch):
     monkeypatch.setattr("skystack.agents.learned.MOST_INSTRUCTIONS", 5)
-    agent = controller(Turner)
+    agent = Turner(object.__new__(Policy), TASK, per_cycle=1)  # with programs of its own
     agent.begin(world)
     (sent,) = agent.transmit(world)
     heading = float(world.traffic.cleared_heading_deg[sent.slot])
@@ -183,8 +195,8 @@ def test_the_safety_net_acts_where_the_policy_waits(world):
     agent.begin(meeting)
     sent = [each for each in agent.transmit(meeting) if each.slot in (one, other)]
     assert len(sent) == 1  # then the other is out of danger, too
-    told = TASK.world.instruct(meeting, clearance_of(sent, SLOTS))
-    outlook = jax.device_get(TASK.world.look_ahead(jax.tree.map(jnp.asarray, told)))
+    told = TELL(meeting, clearance_of(sent, SLOTS))
+    outlook = jax.device_get(LOOK_AHEAD(told))
     assert float(outlook.time_s[0, one]) >= ALERT_S
     assert float(outlook.time_s[0, other]) >= ALERT_S
 
@@ -197,8 +209,8 @@ def test_the_safety_net_turns_a_flight_that_would_leave_elsewhere(world):
     agent.begin(leaving)
     (sent,) = agent.transmit(leaving)
     assert sent.fix is not None or sent.heading_deg is not None
-    told = TASK.world.instruct(leaving, clearance_of([sent], SLOTS))
-    outlook = jax.device_get(TASK.world.look_ahead(jax.tree.map(jnp.asarray, told)))
+    told = TELL(leaving, clearance_of([sent], SLOTS))
+    outlook = jax.device_get(LOOK_AHEAD(told))
     assert float(outlook.leaves_s[CLEARED, slot]) == HORIZON_S
     agent.safety_net = False
     assert agent.transmit(leaving) == []

@@ -12,7 +12,7 @@ from skystack.simulator.performance import TICKS_PER_FL
 from skystack.stacking import NO_OP
 from skystack.tasks.sector_control import CLIMB, DESCEND, LEFT_10, NONE, RIGHT_10, TO_FIX
 from skystack.tasks.sector_observation import NAMES
-from tests.tasks.sector_traffic import TASK, after
+from tests.tasks.sector_traffic import ALLOWED, BEGIN, OBSERVE, TASK, TELL, after
 
 
 @pytest.fixture(scope="module")
@@ -53,9 +53,9 @@ def test_what_changes_nothing_is_not_transmitted(world, flights):
 
 def test_flights_are_observed_as_in_the_task(world, flights):
     flights.begin()
-    views, state = flights.observe(world), jax.jit(TASK.begin)(world)
-    np.testing.assert_allclose(views.observation.T, np.asarray(TASK.observe(state)), atol=1e-6)
-    np.testing.assert_array_equal(views.allowed.T, TASK.allowed(state))
+    views, state = flights.observe(world), BEGIN(world)
+    np.testing.assert_allclose(views.observation.T, np.asarray(OBSERVE(state)), atol=1e-6)
+    np.testing.assert_array_equal(views.allowed.T, ALLOWED(state))
     since = NAMES.index("since")
     assert np.all(views.observation[hearing(world), since] == 1.0)
 
@@ -72,7 +72,7 @@ def test_an_agent_of_another_library_chooses_one_action_per_flight(world):
     sent = controller.transmit(world)
     expected = [slot for slot in hearing(world) if not world.traffic.own_navigation[slot]]
     assert sorted(each.slot for each in sent) == expected
-    told = jax.jit(TASK.world.instruct)(world, clearance_of(sent, TASK.agents))
+    told = TELL(world, clearance_of(sent, TASK.agents))
     turned = np.asarray(told.traffic.cleared_heading_deg - world.traffic.cleared_heading_deg)
     assert np.all(np.abs((turned[expected] - 10.0 + 180.0) % 360.0 - 180.0) <= 0.5)
 

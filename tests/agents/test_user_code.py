@@ -21,7 +21,7 @@ from skystack.stacking import NO_OP
 from skystack.tasks.sector_control import ACTIONS
 from skystack.tasks.sector_observation import NAMES
 from tests.agents import user_controllers
-from tests.tasks.sector_traffic import TASK, after
+from tests.tasks.sector_traffic import ALLOWED, BEGIN, OBSERVE, TASK, after
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +57,8 @@ def test_it_is_given_the_flights_that_hear_it(world):
     assert len(observation) == len(hearing)
     assert set(info["simulator_environment"].aircraft) == set(slots)
     assert info["sim_time"] == info["simulator_environment"].time == 360.0
-    state = jax.jit(TASK.begin)(world)
-    rows, masks = np.asarray(TASK.observe(state)), np.asarray(TASK.allowed(state))
+    state = BEGIN(world)
+    rows, masks = np.asarray(OBSERVE(state)), np.asarray(ALLOWED(state))
     for name in hearing:
         assert observation[name].shape == (len(NAMES),)
         np.testing.assert_allclose(observation[name], rows[:, slots[name]], atol=1e-6)

@@ -158,9 +158,9 @@ def test_without_stacking_each_clearance_is_one_instruction():
 
 
 def test_sampling_is_reproducible_and_differs_from_greedy():
-    sampled = Conditions(episodes=20, greedy=False)
+    sampled = Conditions(episodes=EPISODES, greedy=False)
     first, second = (evaluate(find_policy("lateral"), sampled, None) for _ in range(2))
-    greedy = evaluate(find_policy("lateral"), Conditions(episodes=20), None)
+    greedy = evaluate(find_policy("lateral"), Conditions(episodes=EPISODES), None)
     assert first.episodes.equals(second.episodes)
     assert not first.episodes.equals(greedy.episodes)
 

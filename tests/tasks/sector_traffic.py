@@ -19,6 +19,11 @@ TASK = SectorControl(
 )
 RESET, STEP = jax.jit(TASK.reset), jax.jit(TASK.step)
 OBSERVE, INSTRUCT, ADVANCE = jax.jit(TASK.observe), jax.jit(TASK.instruct), jax.jit(TASK.advance)
+BEGIN, ALLOWED = jax.jit(TASK.begin), jax.jit(TASK.allowed)
+"""Compiled once for all tests in a process; every new `jax.jit` would compile again."""
+TELL, FLY = jax.jit(TASK.world.instruct), jax.jit(TASK.world.advance)
+LOOK_AHEAD = jax.jit(TASK.world.look_ahead)
+"""Programs of the task's world."""
 
 
 def after(cycles, seed=0, action=TO_FIX):

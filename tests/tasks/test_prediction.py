@@ -27,7 +27,12 @@ from skystack.tasks.sector_world import World
 from tests.tasks.sector_traffic import SIMULATOR, SLOTS, after
 
 SECTOR = SIMULATOR.sector
-ADVANCE = jax.jit(SIMULATOR.advance)
+ADVANCE, INSTRUCT = jax.jit(SIMULATOR.advance), jax.jit(instruct)
+AS_CLEARED = jax.jit(partial(path_as_cleared, SECTOR))
+ON_HEADING, ALONG_ROUTE = (
+    jax.jit(partial(path, SECTOR)) for path in (path_on_heading, path_along_route)
+)
+LEVEL = jax.jit(partial(predicted_level, SIMULATOR))
 UNTIL_S = 300
 LAST_CYCLES = 10
 
@@ -65,7 +70,7 @@ def test_a_heading_is_flown_as_predicted(state):
     traffic = state.world.traffic
     level = level_flight(traffic)
     heading = jnp.round(traffic.heading_deg + 50.0) % 360.0
-    cleared = instruct(
+    cleared = INSTRUCT(
         level,
         Clearance(
             turn=jnp.full_like(traffic.pending_turn, SHORTEST),
@@ -75,13 +80,13 @@ def test_a_heading_is_flown_as_predicted(state):
         ),
     )
     adopted = ADVANCE(cleared)
-    path = path_on_heading(SECTOR, adopted, heading)
+    path = ON_HEADING(adopted, heading)
     active = np.asarray(traffic.active)
     assert active.sum() > 8
     assert errors_nm(path, flown(adopted), active).max() < 0.05
-    as_cleared = path_as_cleared(SECTOR, adopted)
-    np.testing.assert_array_equal(
-        np.asarray(as_cleared.east_nm)[:, active], np.asarray(path.east_nm)[:, active]
+    as_cleared = AS_CLEARED(adopted)
+    np.testing.assert_allclose(
+        np.asarray(as_cleared.east_nm)[:, active], np.asarray(path.east_nm)[:, active], atol=1e-4
     )
 
 
@@ -95,7 +100,7 @@ def test_a_route_is_flown_as_predicted(state):
     traffic = level_flight(state.world.traffic)
     chosen = np.asarray(traffic.active & traffic.own_navigation)
     assert chosen.sum() > 6
-    path = path_as_cleared(SECTOR, traffic)
+    path = AS_CLEARED(traffic)
     inside = np.asarray(path.until_s)[chosen] > UNTIL_S  # on the way to the exit all the time
     errors = errors_nm(path, flown(traffic), chosen)[:, inside]
     assert errors.shape[1] > 3
@@ -134,8 +139,8 @@ def test_a_turn_direct_to_a_fix_is_flown_as_predicted(state, turn_deg, farther_n
         level_ticks=traffic.level_ticks,
         fix=fix,
     )
-    adopted = ADVANCE(instruct(off, direct))
-    path = path_as_cleared(SECTOR, adopted)
+    adopted = ADVANCE(INSTRUCT(off, direct))
+    path = AS_CLEARED(adopted)
     to_fix = SECTOR.route_table.fixes_nm[np.asarray(traffic.route), np.asarray(fix)]
     far = np.hypot(*(to_fix - np.asarray(traffic.position_nm)).T) > farther_nm
     chosen = np.asarray(traffic.active) & far & (np.asarray(path.until_s) > UNTIL_S)
@@ -150,7 +155,7 @@ def test_levels_are_predicted_exactly(state):
     goal = jnp.where(jnp.arange(traffic.active.shape[0]) % 2 == 0, ticks(260.0), ticks(390.0))
     changed = traffic._replace(cleared_level_ticks=goal, flown_level_ticks=goal)
     changed = changed._replace(pending_turn=jnp.full_like(traffic.pending_turn, NO_TURN))
-    predicted = np.asarray(predicted_level(SIMULATOR, changed, goal))
+    predicted = np.asarray(LEVEL(changed, goal))
     rows, active = flown(changed), np.asarray(traffic.active)
     for index, time in enumerate(TIMES_S):
         if time <= UNTIL_S and time % CYCLE_S == 0:
@@ -163,7 +168,7 @@ def test_the_predicted_flight_leaves_at_its_exit_fix(state):
     traffic = state.world.traffic
     table = SECTOR.route_table
     continues = jnp.ones_like(traffic.active)
-    path = path_along_route(SECTOR, traffic, traffic.next_fix, continues)
+    path = ALONG_ROUTE(traffic, traffic.next_fix, continues)
     for slot in np.flatnonzero(np.asarray(traffic.active)).tolist():
         route, fix = int(traffic.route[slot]), int(traffic.next_fix[slot])
         points = [np.asarray(traffic.position_nm[slot])]
@@ -221,5 +226,5 @@ def test_a_flight_that_has_missed_its_exit_is_not_gone(state):
     speed = np.asarray(traffic.ground_speed_kt) / 3600.0
     active = np.asarray(traffic.active)
     expected = (np.hypot(*leg.T) - 2.0) / np.where(active, speed, 1.0) + LEAVES_LATE_S
-    until_s = np.asarray(path_as_cleared(SECTOR, missed).until_s)
+    until_s = np.asarray(AS_CLEARED(missed).until_s)
     np.testing.assert_allclose(until_s[active], expected[active], rtol=0.01)

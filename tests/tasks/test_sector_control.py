@@ -21,6 +21,7 @@ from skystack.tasks.sector_control import (
 from skystack.tasks.sector_observation import NAMES
 from tests.tasks.sector_traffic import (
     ADVANCE,
+    FLY,
     INSTRUCT,
     OBSERVE,
     RESET,
@@ -184,7 +185,7 @@ def test_a_batch_is_computed_like_single_scenarios():
 
 
 def test_losses_are_those_of_a_search_over_all_pairs(state):
-    _, cycle = TASK.world.advance(state.world)
+    _, cycle = FLY(state.world)
     position = np.asarray(cycle.traffic.position_nm).copy()
     before = np.asarray(cycle.before_nm).copy()
     slots = np.flatnonzero(np.asarray(cycle.traffic.active))[:3]
