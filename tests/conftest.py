@@ -45,7 +45,8 @@ def compile_once(tmp_path_factory, worker_id):
     LRUCache.put = _put
     jax.config.update("jax_compilation_cache_dir", str(common / "compiled"))
     jax.config.update("jax_persistent_cache_enable_xla_caches", "none")
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+    # Small programs as well: there are many, and reading one takes a fifth of compiling it.
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
 def _put(self, key, value):
