@@ -17,6 +17,7 @@ from skystack.cli import main
 from skystack.cli.arguments import build_parser, parse
 from skystack.learning.experiment import load_experiment
 from skystack.simulator.scenario_file import load_scenario
+from tests.cli.test_hours import SMALL as SECTOR_TRAINING
 from tests.docs.blocks import PAGES, ROOT, anchors, blocks
 
 
@@ -30,8 +31,8 @@ TRAINING = settings(
     *("ppo.total_steps=512", "ppo.environments=8", "ppo.steps=32"),
     *("ppo.minibatch=64", "ppo.epochs=1"),
 )
-SECTOR_TRAINING = settings("task.slots=8", "pretraining.steps=256")
-"""Arguments that make a documented command fast enough for a test."""
+"""Arguments that make a documented command fast enough for a test; `SECTOR_TRAINING` is also used
+by another test, so its programs are compiled once."""
 PARSED_ONLY = {"reproduce", "bench", "flight-school"}
 """Verbs that are always too slow: tests/cli runs them, here they are only parsed."""
 
@@ -74,7 +75,7 @@ def quick(words):
     if words[0] == "evaluate":
         return HOURS if "--traffic" in words else SCENARIOS
     if words[0] == "train":
-        return TRAINING + (SECTOR_TRAINING if words[1] == "sector-control" else [])
+        return SECTOR_TRAINING if words[1] == "sector-control" else TRAINING
     return []
 
 

@@ -9,8 +9,7 @@ from gymnasium.error import ResetNeeded
 from skystack.errors import InputError
 from skystack.gym.sector import make_sector_environment
 from skystack.tasks.sector_control import TO_FIX
-from skystack.tasks.sector_kind import SectorSettings
-from tests.tasks.sector_traffic import SLOTS
+from tests.tasks.sector_traffic import SETTINGS, SLOTS
 
 pettingzoo = pytest.importorskip("pettingzoo")
 with warnings.catch_warnings():
@@ -18,8 +17,6 @@ with warnings.catch_warnings():
     from pettingzoo.test import parallel_api_test, parallel_seed_test
 
 from skystack.gym.flights import FlightsEnvironment, flights_env  # noqa: E402
-
-SETTINGS = SectorSettings(slots=SLOTS, flights_per_hour=(100.0, 120.0), cycles=300, candidates=64)
 
 
 @pytest.fixture(scope="module")

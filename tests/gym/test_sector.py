@@ -12,10 +12,7 @@ from skystack.errors import InputError
 from skystack.gym.registration import make_environment, make_vector_environment
 from skystack.gym.sector import SectorVectorEnvironment, make_sector_environment
 from skystack.tasks.sector_control import CLIMB, DESCEND, NONE, TO_FIX
-from skystack.tasks.sector_kind import SectorSettings
-from tests.tasks.sector_traffic import SLOTS
-
-SETTINGS = SectorSettings(slots=SLOTS, flights_per_hour=(60.0, 120.0), cycles=60, candidates=64)
+from tests.tasks.sector_traffic import SETTINGS, SLOTS
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ from skystack.simulator.arrival_flows import Flow, constant_rate
 from skystack.simulator.performance import performance
 from skystack.simulator.simulator import Simulator
 from skystack.tasks.sector_control import TO_FIX, SectorControl
+from skystack.tasks.sector_kind import SectorSettings
 from skystack.tasks.sector_rewards import SectorRewardSettings
 
 SLOTS = 24
@@ -24,6 +25,9 @@ BEGIN, ALLOWED = jax.jit(TASK.begin), jax.jit(TASK.allowed)
 TELL, FLY = jax.jit(TASK.world.instruct), jax.jit(TASK.world.advance)
 LOOK_AHEAD = jax.jit(TASK.world.look_ahead)
 """Programs of the task's world."""
+
+SETTINGS = SectorSettings(slots=SLOTS, flights_per_hour=(100.0, 120.0), cycles=300, candidates=64)
+"""Of the environments in tests; equal settings give programs that are compiled only once."""
 
 
 def after(cycles, seed=0, action=TO_FIX):
