@@ -133,6 +133,15 @@ def compiler_optimisations(request):
         yield
 
 
+@pytest.fixture
+def one_process(monkeypatch):
+    """Fly in one process on other platforms: each process imports their packages for seconds."""
+    from skystack.platforms import processes
+
+    first = processes.cores()[:1]
+    monkeypatch.setattr(processes, "cores", lambda: first)
+
+
 NO_BROWSER = "no Chromium on this machine"
 """The reason for skipping tests of pages in a browser."""
 

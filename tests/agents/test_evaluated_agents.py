@@ -13,6 +13,8 @@ from skystack.evaluation.agreement import same_clearances
 from skystack.learning.experiment import Experiment
 from skystack.tasks.settings import NavigationSettings
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 TABLES = ["aircraft", "clearances", "episodes", "trajectories"]
 
 

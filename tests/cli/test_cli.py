@@ -266,6 +266,7 @@ def test_simulates_the_examples(capsys, tmp_path):
     assert "AC1" in out
 
 
+@pytest.mark.usefixtures("one_process")
 @pytest.mark.parametrize(
     ("platform", "module", "types"),
     [("bluebird", "bluebird_dt", "B753"), ("bluesky", "bluesky", "B752")],

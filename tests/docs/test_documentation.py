@@ -89,6 +89,7 @@ def check_inline_command(text):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.usefixtures("one_process")
 def test_every_block_of_code_runs(page, folder, capsys):
     """Blocks run in the order of the page and in one folder, Python blocks in one session."""
     session: dict[str, object] = {}

@@ -58,6 +58,7 @@ def test_directions_in_our_tables_match_the_flight(policy, column, tmp_path):
     assert reversed_since_issue > 0 or column == "fl"  # this policy reverses no climb
 
 
+@pytest.mark.usefixtures("one_process")
 def test_directions_in_bluesky_tables_match_the_flight(tmp_path):
     pytest.importorskip("bluesky")
     conditions = Conditions(episodes=3, stacking=False, platform="bluesky")

@@ -329,6 +329,7 @@ def replay(file, cycles, folder):
         return replayed["rows"], replayed["ended_s"]
 
 
+@pytest.mark.usefixtures("one_process")
 def test_plain_bluesky_reproduces_an_evaluation(tmp_path):
     """A policy's clearances, exported from the stored tables and flown by BlueSky alone."""
     number = 1
