@@ -37,13 +37,17 @@ settings.load_profile("skystack")
 
 @pytest.fixture(scope="session", autouse=True)
 def compile_once(tmp_path_factory, worker_id):
-    """Cache compiled programs, so that each is compiled once per session, by any worker."""
+    """Cache compiled programs, so that each is compiled once per session, by any worker.
+
+    In the folder SKYSTACK_TEST_CACHE, if it is set, they are kept for later sessions.
+    """
     common = tmp_path_factory.getbasetemp()
     if worker_id != "master":
         common = common.parent  # shared by all workers
     os.environ["SKYSTACK_CACHE"] = str(common / "programs")  # for commands in subprocesses
     LRUCache.put = _put
-    jax.config.update("jax_compilation_cache_dir", str(common / "compiled"))
+    folder = os.environ.get("SKYSTACK_TEST_CACHE", str(common / "compiled"))
+    jax.config.update("jax_compilation_cache_dir", folder)
     jax.config.update("jax_persistent_cache_enable_xla_caches", "none")
     # Small programs as well: there are many, and reading one takes a fifth of compiling it.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
