@@ -7,7 +7,7 @@ import pytest
 from gymnasium.error import ResetNeeded
 
 from skystack.errors import InputError
-from skystack.gym.sector import make_sector_environment
+from skystack.gym.sector import SectorVectorEnvironment
 from skystack.tasks.sector_control import TO_FIX
 from tests.tasks.sector_traffic import SETTINGS, SLOTS
 
@@ -46,7 +46,7 @@ def test_equal_seeds_give_identical_episodes(environment):
 
 def test_it_agrees_with_the_vector_environment(environment):
     """Each flight sees and gets what its slot does, until it has left."""
-    slots = make_sector_environment(settings=SETTINGS)
+    slots = SectorVectorEnvironment(environment.task, environment.programs)
     environment.reset(seed=4)
     _, infos = slots.reset(seed=4)
     left = 0
