@@ -10,6 +10,7 @@ from skystack.live.control import YOU, LiveControl
 from skystack.live.journal import CycleFlown, open_journal
 from skystack.live.serving import header_of
 from skystack.reporting.replay.recording import read_replay
+from skystack.reporting.replay.side_by_side import read_side_by_side
 from skystack.simulator.performance import TICKS_PER_FL
 
 from .made import ADVISER, heard, opened
@@ -144,6 +145,9 @@ def test_going_back_keeps_the_history_that_is_left(tmp_path):
     (scenario,) = read_replay(branch).scenarios
     assert scenario.cycles == 51
     assert len(scenario.clearances) == 1
+    folder, _ = session.write(tmp_path)
+    both = read_side_by_side([folder, branch])  # of different lengths
+    assert [each.scenarios[0].cycles for each in both] == [41, 51]
 
 
 def test_a_session_is_restored_from_its_journal(tmp_path):

@@ -91,7 +91,8 @@ def _on_page(opened: Any, options: argparse.Namespace) -> None:
         if len(control.log):
             control.log.write(folder)
         for branch in control.branches:
-            say(f"a history that was left: {branch}")
+            both = f"{quoted(folder)} {quoted(branch)}"
+            say(f"to compare with what you left: {program()} replay {both} -o comparison.html")
 
 
 def _in_text(opened: Any, options: argparse.Namespace) -> None:

@@ -32,6 +32,10 @@ Append = Callable[[Mapping[str, pa.Table]], None]
 """Appends a part to each table of a folder, by name."""
 
 
+SESSION = "session"
+"""The agent in recordings of live sessions: a person, advised or not."""
+
+
 class TrafficRecord(msgspec.Struct, frozen=True):
     """Which arriving traffic was flown, under which agent."""
 

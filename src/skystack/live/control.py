@@ -73,6 +73,11 @@ class LiveControl:
     def ended(self) -> bool:
         return self.cycle >= self.cycles
 
+    def compile(self) -> None:
+        """Compile the programs of cycles and trials now, so that the session never stops for it."""
+        self.hour.compile()
+        self._what_if.compile(self.hour.state)
+
     def restore(self, entries: Iterable[Entry]) -> None:
         """Do again what a journal says. Raises InputError if it is not of this traffic."""
         journal, self._journal = self._journal, None

@@ -43,6 +43,13 @@ class LiveHour:
         self.slots = self._callsigns.follow(self.state)
         """The slots of all flights, by callsign."""
 
+    def compile(self) -> None:
+        """Compile all programs now instead of on first use."""
+        nothing = clearance_of([], len(self.state.arrivals.flight))
+        jax.device_get(self._instruct(self.state, nothing))
+        state, _ = self._advance(self.state)
+        jax.device_get(self._fail_safe(state))
+
     @property
     def cycle(self) -> int:
         """The number of cycles flown."""

@@ -12,10 +12,9 @@ from skystack.evaluation.hour_scores import score, summary
 from skystack.evaluation.hour_tables import growing_hours
 from skystack.evaluation.traffic import conditions_row, hours_folder, record_of
 from skystack.evaluation.traffic_conditions import TrafficConditions, check_conditions
+from skystack.evaluation.writing import SESSION
 from skystack.live.hour import LiveHour
 
-CONTROLLER = "session"
-"""The name in recordings of whoever controls the traffic."""
 NOBODY = "no-op"
 """Without an adviser, the world is that of this agent."""
 
@@ -35,16 +34,16 @@ class LiveSession(NamedTuple):
         folder, which is in `out`, and the row of results.
         """
         conditions = self.conditions._replace(cycles=self.hour.cycle)
-        folder, found = hours_folder(out, CONTROLLER, conditions), self.controlled
+        folder, found = hours_folder(out, SESSION, conditions), self.controlled
         if branch is not None:
             folder = folder.with_name(f"{folder.name}-branch-{branch}")
         hour, world = self.hour.recorded(), found.world
         scores = score(world.sector, hour)
-        record = replace(record_of(found, conditions), agent=CONTROLLER, safety_net=None)
+        record = replace(record_of(found, conditions), agent=SESSION, safety_net=None)
         with growing_hours(folder, world, found.performance, record) as append:
             append(hour, scores)
             forget_row(folder)
-        row = summary([scores], CONTROLLER, conditions.traffic) | conditions_row(found, conditions)
+        row = summary([scores], SESSION, conditions.traffic) | conditions_row(found, conditions)
         row |= {"safety_net": None, "per_cycle": None}
         write_row(folder, row)
         return folder, row

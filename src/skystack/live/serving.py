@@ -13,11 +13,12 @@ import msgspec
 
 from skystack.errors import InputError, requires_extra
 from skystack.evaluation.traffic import hours_folder
+from skystack.evaluation.writing import SESSION
 from skystack.io.signals import forget, wait_for
 from skystack.live.control import LiveControl
 from skystack.live.journal import Header, open_journal
 from skystack.live.page import live_page
-from skystack.live.recorded import CONTROLLER, LiveSession
+from skystack.live.recorded import LiveSession
 from skystack.live.server import LiveServer
 
 with requires_extra("skystack.live.serving", "live"):
@@ -55,12 +56,14 @@ def serve(
     journal.
     """
     conditions = opened.conditions
-    folder = hours_folder(serving.out, CONTROLLER, conditions)
+    folder = hours_folder(serving.out, SESSION, conditions)
     with (
         bound_socket(serving.listen, serving.port) as bound,
         open_journal(folder, header_of(opened), serving.fresh) as (journal, entries),
     ):
         control = LiveControl(opened, conditions.cycles, adviser, journal, serving.out)
+        announce("compiling ...")
+        control.compile()
         if entries:
             announce(f"continuing the session in {folder} (--new begins another one)")
             control.restore(entries)

@@ -90,6 +90,11 @@ class WhatIf:
         self._of: WorldState | None = None
         self._known: FlownPlans | None = None
 
+    def compile(self, state: WorldState) -> None:
+        """Compile all programs now instead of on first use."""
+        flown = self._fly(state, np.zeros(PLANS, dtype=np.int64), no_events(PLANS))
+        self._approaches(flown.ahead, self.as_cleared(state).ahead)
+
     def as_cleared(self, state: WorldState) -> FlownPlans:
         """All flights as they are cleared: numpy arrays with one column per slot."""
         if self._of is not state or self._known is None:
