@@ -61,7 +61,8 @@ def clearances(session):
 def test_a_whole_session(session, page, tmp_path, browser):
     control = session.control
     assert page.row == 60
-    assert page.text("#who") == "You control all flights. Paused."
+    assert page.text("#who").startswith("You control all flights. ")
+    assert page.text("#who").endswith(" waiting to enter. Paused.")
     assert len(page.page.locator(".strip:visible").all()) >= len(control.hour.slots)
     # A conflict is predicted, and shown as the session predicts it.
     predicted = [each for each in control.views.monitor()["pairs"] if each["lost_in_s"] is not None]

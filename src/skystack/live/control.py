@@ -225,11 +225,6 @@ class LiveControl:
             "hands_all": self.hands_all,
             "handed": sorted(self.handed & self.hour.slots.keys()),
             "deaf": [name for name, slot in self.hour.slots.items() if not state.hears[slot]],
-            "own": [
-                name
-                for name, slot in self.hour.slots.items()
-                if state.traffic.cleared_along_route[slot]
-            ],
             "waiting": int(state.arrivals.waiting),
         }
 

@@ -43,6 +43,8 @@ class Draft {
     this.words = {};
     this.choices.hidden = !aircraft;
     this.clear(aircraft ? `${aircraft.callsign} ` : "");
+    this.ladder.replaceChildren();
+    this.levelsOf = null; // the situation for which the levels are shown
     if (!aircraft) return;
     const ahead = aircraft.route.slice(1);
     this.fixes.replaceChildren(
@@ -136,8 +138,11 @@ class Draft {
   }
 
   async askLevels() {
-    const { aircraft } = this;
+    const { aircraft, player } = this;
     if (!aircraft) return;
+    const key = JSON.stringify([aircraft.callsign, this.last, player.runs[0].clearances.length]);
+    if (key === this.levelsOf) return; // nothing has changed
+    this.levelsOf = key;
     const reply = await this.ask({ do: "levels", callsign: aircraft.callsign });
     if (this.aircraft !== aircraft || !reply.levels) return;
     const cleared = aircraft.clearedFl[this.last];

@@ -59,7 +59,7 @@ class Connection {
 
 const [pane] = panes;
 let epoch = -1;
-let conditions = { handed: [], hands_all: false, deaf: [], own: [] };
+let conditions = { handed: [], hands_all: false, deaf: [], waiting: 0 };
 const connection = new Connection(showNews);
 const ask = (message) => connection.ask(message);
 const draft = new Draft(player, pane.scope, ask);
@@ -100,7 +100,7 @@ function showNews(news) {
 
 /** Who controls what, and where the session is. */
 function showControl() {
-  const { hands_all: handsAll, handed, adviser, playing, cycle, cycles } = conditions;
+  const { hands_all: handsAll, handed, adviser, playing, cycle, cycles, waiting } = conditions;
   const unflown = player.runs[0].clearances.filter(({ row }) => row > cycle);
   const pending = new Set(unflown.map(({ callsign }) => callsign));
   const selected = draft.aircraft?.callsign;
@@ -116,7 +116,8 @@ function showControl() {
       ? `${adviser} controls ${handed.join(", ")}; you control the others.`
       : "You control all flights.";
   const state = cycle >= cycles ? " The session has ended." : playing ? "" : " Paused.";
-  setText(byId("who"), who + state);
+  const held = waiting ? ` ${counted(waiting, "flight")} waiting to enter.` : "";
+  setText(byId("who"), who + held + state);
   document.querySelector('[data-do="rewind"]').hidden = player.isFollowing;
   for (const { item, aircraft } of pane.panels.rows) {
     const { callsign } = aircraft;
