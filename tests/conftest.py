@@ -49,7 +49,7 @@ def compile_once(tmp_path_factory, worker_id):
     folder = os.environ.get("SKYSTACK_TEST_CACHE", str(common / "compiled"))
     jax.config.update("jax_compilation_cache_dir", folder)
     jax.config.update("jax_persistent_cache_enable_xla_caches", "none")
-    # Small programs as well: there are many, and reading one takes a fifth of compiling it.
+    # Small programs as well: there are many, and reading one takes a fifth of the time.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
@@ -135,7 +135,7 @@ def compiler_optimisations(request):
 
 @pytest.fixture
 def one_process(monkeypatch):
-    """Fly in one process on other platforms: each process imports their packages for seconds."""
+    """Fly in one process on other platforms: every process imports their packages for itself."""
     from skystack.platforms import processes
 
     first = processes.cores()[:1]

@@ -2,8 +2,8 @@
 
     python -m tools.film_session docs/images
 
-A person asks for advice, accepts some of it, types a clearance and hands the flights over to the
-search. It needs the extra `[live]`, Playwright and Chromium.
+A person asks for advice, accepts some of it, selects a clearance with the buttons, and hands all
+flights over to the search. It needs the extra `[live]`, Playwright and Chromium.
 """
 
 import argparse

@@ -24,15 +24,15 @@ WORLD = World(
 
 
 def begun_hour(seed=3, flights=3):
-    """An hour after the cycle in which so many flights hear."""
+    """An hour, flown until this many flights are on frequency."""
     hour = LiveHour(WORLD, seed=seed)
     while sum(hour.state.hears) < flights:
         hour.advance()
     return hour
 
 
-def heard(hour):
-    """The callsigns of the flights that hear."""
+def on_frequency(hour):
+    """The callsigns of the flights on frequency."""
     return [name for name, slot in hour.slots.items() if hour.state.hears[slot]]
 
 

@@ -66,7 +66,7 @@ class Client:
         return self.number
 
     def receive(self) -> dict:
-        """The next message; news are added to what is known."""
+        """The next message; news is added to what is known."""
         message = json.loads(self.socket.recv(timeout=TIMEOUT_S))
         if message["kind"] == "news":
             if message["epoch"] != self.epoch:

@@ -13,7 +13,7 @@ from skystack.reporting.replay.recording import read_replay
 from skystack.reporting.replay.side_by_side import read_side_by_side
 from skystack.simulator.performance import TICKS_PER_FL
 
-from .made import ADVISER, heard, opened
+from .made import ADVISER, on_frequency, opened
 
 
 def begin(cycles=200, journal=None, out=None, steps=0):
@@ -42,11 +42,11 @@ def test_nobody_is_cleared_unless_somebody_does_it():
 
 
 def test_a_trial_issues_nothing_and_says_what_the_clearance_does(control):
-    name = heard(control.hour)[0]
+    name = on_frequency(control.hour)[0]
     slot, sent = control.hour.slots[name], len(control.history.updates)
     level = float(control.hour.state.traffic.level_ticks[slot]) / TICKS_PER_FL
     wanted = 200 if level > 300 else 400
-    trial = control.probe(f"{name} {'descend' if wanted < level else 'climb'} {wanted}")
+    trial = control.trial(f"{name} {'descend' if wanted < level else 'climb'} {wanted}")
     assert len(control.history.updates) == sent
     assert trial["words"] == f"{name} {'descend' if wanted < level else 'climb'} FL{wanted}"
     start = control.hour.state.traffic.position_nm[slot]
@@ -59,7 +59,7 @@ def test_a_trial_issues_nothing_and_says_what_the_clearance_does(control):
 
 
 def test_a_clearance_is_read_back_and_in_the_history(control):
-    name = heard(control.hour)[0]
+    name = on_frequency(control.hour)[0]
     assert control.clear(f"{name.lower()} left 20 degrees").endswith(f", {name}")
     assert clearances(control)[-1]["by"] == YOU
     with pytest.raises(InputError, match="was not understood"):
@@ -68,7 +68,7 @@ def test_a_clearance_is_read_back_and_in_the_history(control):
 
 def test_the_adviser_instructs_the_flights_that_were_handed_over():
     control = begin(steps=40)
-    one, other = heard(control.hour)[:2]
+    one, other = on_frequency(control.hour)[:2]
     control.hand_over([one], to_adviser=True)
     assert control.status()["handed"] == [one]
     control.step()
@@ -133,7 +133,7 @@ def test_going_back_keeps_the_history_that_is_left(tmp_path):
         control = LiveControl(session, 200, ADVISER, journal, tmp_path)
         for _ in range(50):
             control.step()
-        control.clear(f"{heard(control.hour)[0]} left 20 degrees")
+        control.clear(f"{on_frequency(control.hour)[0]} left 20 degrees")
         control.step()
         epoch = control.history.epoch
         control.rewind(40)
@@ -160,7 +160,7 @@ def test_a_session_is_restored_from_its_journal(tmp_path):
         control.step()
         control.rewind(39)
         control.hand_over([], to_adviser=False)
-        control.clear(f"{heard(control.hour)[1]} right 20 degrees, climb 400")
+        control.clear(f"{on_frequency(control.hour)[1]} right 20 degrees, climb 400")
         control.advise()
         control.step()
     again = opened(seed=3)
@@ -182,7 +182,7 @@ def test_a_journal_of_other_traffic_is_refused(tmp_path):
         control = LiveControl(session, 200, ADVISER, journal)
         for _ in range(40):
             control.step()
-        control.clear(f"{heard(control.hour)[-1]} left 20 degrees")
+        control.clear(f"{on_frequency(control.hour)[-1]} left 20 degrees")
     other = opened(seed=4)
     with open_journal(tmp_path, header_of(session)) as (_, entries):
         fewer = [each for each in entries if not isinstance(each, CycleFlown) or each.number < 5]
@@ -197,5 +197,5 @@ def test_a_session_ends_after_its_cycles():
         control.step()
     assert control.ended
     assert not control.playing
-    with pytest.raises(InputError, match=r"3 cycles \(allowed: a longer --cycles\)"):
+    with pytest.raises(InputError, match=r"ended after 3 cycles \(allowed: a larger --cycles\)"):
         control.step()

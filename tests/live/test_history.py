@@ -9,7 +9,7 @@ from skystack.live.clearance_text import parse_clearance
 from skystack.live.history import History
 from skystack.simulator.performance import TICKS_PER_FL
 
-from .made import WORLD, begun_hour, heard
+from .made import WORLD, begun_hour, on_frequency
 
 CYCLES = 120
 
@@ -24,7 +24,7 @@ def flown():
         history.add_cycle(number, cycle, hour.slots)
         if number == 60:
             told = hour.transmission_for(
-                parse_clearance(f"{heard(hour)[0]} left 20 degrees", hour.slots)
+                parse_clearance(f"{on_frequency(hour)[0]} left 20 degrees", hour.slots)
             )
             issued = hour.transmit(told)
             history.add_clearance(hour.state, told, issued, "you")

@@ -9,7 +9,7 @@ from skystack.platforms.phraseology import written
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import ticks
 
-from .made import WORLD, begun_hour, heard
+from .made import WORLD, begun_hour, on_frequency
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +18,7 @@ def begun():
 
 
 def test_a_clearance_takes_no_time_and_is_then_flown(begun):
-    name = heard(begun)[0]
+    name = on_frequency(begun)[0]
     slot, cycle = begun.slots[name], begun.cycle
     traffic = begun.state.traffic
     heading = round(float(traffic.heading_deg[slot]))
@@ -41,7 +41,7 @@ def test_a_clearance_takes_no_time_and_is_then_flown(begun):
 
 
 def test_own_navigation_is_resumed_to_the_next_or_a_later_fix(begun):
-    name = heard(begun)[1]
+    name = on_frequency(begun)[1]
     slot = begun.slots[name]
     route = WORLD.sector.routes[int(begun.state.traffic.route[slot])]
     following = int(begun.state.progress.next_fix[slot])
@@ -55,7 +55,7 @@ def test_own_navigation_is_resumed_to_the_next_or_a_later_fix(begun):
 
 
 def test_turns_by_degrees_are_from_the_present_heading(begun):
-    name = heard(begun)[2]
+    name = on_frequency(begun)[2]
     heading = round(float(begun.state.traffic.heading_deg[begun.slots[name]]))
     worded = begun.issue(f"{name} left 30 degrees")
     assert (worded.heading_deg, worded.turn) == ((heading - 30) % 360, "left")
@@ -71,7 +71,7 @@ def test_turns_by_degrees_are_from_the_present_heading(begun):
     ],
 )
 def test_refuses_what_cannot_be_flown_and_issues_nothing(begun, clearance, message):
-    name = heard(begun)[0]
+    name = on_frequency(begun)[0]
     sent = len(begun._recorder.sent)
     with pytest.raises(InputError, match=message):
         begun.issue(f"{name} {clearance}")
@@ -86,7 +86,7 @@ def test_the_recording_is_scored_like_any_hour(begun):
 def test_going_back_restores_the_state_and_forgets_the_rest():
     hour = begun_hour(flights=2)
     cycle, state, slots = hour.cycle, hour.state, dict(hour.slots)
-    name = heard(hour)[0]
+    name = on_frequency(hour)[0]
     hour.issue(f"{name} fly heading 090")
     for _ in range(30):
         hour.advance()

@@ -1,4 +1,4 @@
-"""A journal is continued where its session ended, and refuses what no session writes."""
+"""A journal is continued where its session ended; lines that no session writes are refused."""
 
 import msgspec
 import pytest

@@ -6,7 +6,7 @@ import random
 import pytest
 
 from skystack.errors import InputError
-from skystack.live.messages import MOST_BYTES, AnswerAdvice, Clear, Follow, Hand, read_message
+from skystack.live.messages import MOST_BYTES, AnswerAdvice, Clear, Follow, HandOver, read_message
 
 VALID = [
     {"do": "play", "on": True},
@@ -14,11 +14,11 @@ VALID = [
     {"do": "step"},
     {"do": "clear", "text": "AC1 climb 340", "id": 7},
     {"do": "clear", "text": "AC1 climb 340", "modifies": [0, 2]},
-    {"do": "try", "text": "AC1 left heading 240"},
+    {"do": "trial", "text": "AC1 left heading 240"},
     {"do": "levels", "callsign": "AC1"},
     {"do": "advise", "conforms": True},
     {"do": "answer", "number": 3, "rank": 1, "answer": "accept"},
-    {"do": "hand", "callsigns": ["AC1"], "to_adviser": True},
+    {"do": "hand_over", "callsigns": ["AC1"], "to_adviser": True},
     {"do": "rewind", "cycle": 12},
     {"do": "follow", "epoch": -1, "updates": 0},
 ]
@@ -27,7 +27,7 @@ VALID = [
 def test_reads_every_kind_of_message():
     kinds = {type(read_message(json.dumps(each))) for each in VALID}
     assert len(kinds) == len(VALID) - 1
-    assert {Clear, Hand, Follow, AnswerAdvice} <= kinds
+    assert {Clear, HandOver, Follow, AnswerAdvice} <= kinds
     assert read_message(json.dumps(VALID[4])).modifies == (0, 2)
 
 

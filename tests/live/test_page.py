@@ -6,7 +6,7 @@ from skystack.live.recorded import LiveSession
 from skystack.reporting.replay.page import write_replay
 
 from ..reporting.replay.browser import LAPTOP, TIMEOUT_MS, Viewer, viewing
-from .made import ADVISER, heard
+from .made import ADVISER, on_frequency
 from .serving import served
 
 TABLET = {"width": 820, "height": 1180}
@@ -69,7 +69,7 @@ def test_a_whole_session(session, page, tmp_path, browser):
     assert predicted
     page.wait_for(".alerts", "conflict in")
     # A clearance is typed, tried, issued and read back.
-    name = heard(control.hour)[0]
+    name = on_frequency(control.hour)[0]
     page.keys("Enter")
     page.page.keyboard.type(f"{name} left 30 degrees")
     page.wait_for("#trial", f"{name} turn left heading")
@@ -115,7 +115,7 @@ def test_a_whole_session(session, page, tmp_path, browser):
 
 
 def test_a_heading_is_dragged_and_a_level_is_picked(session, page):
-    name = heard(session.control.hour)[0]
+    name = on_frequency(session.control.hour)[0]
     page.page.locator(".strip", has_text=name).first.click()
     page.wait_for("#ladder", "300")
     assert page.page.locator("#ladder .exit").count() == 1
@@ -160,7 +160,7 @@ def test_looking_back_changes_nothing_until_the_session_continues_there(session,
 
 
 def test_a_page_that_is_opened_again_finds_the_session_as_it_was(session, page, browser):
-    name = heard(session.control.hour)[0]
+    name = on_frequency(session.control.hour)[0]
     session.control.clear(f"{name} left 20 degrees")
     strips = page.page.locator(".strip .callsign").all_text_contents()
     page.page.reload()

@@ -9,7 +9,7 @@ from skystack.errors import InputError
 from skystack.live.serving import LOOPBACK, bound_socket
 
 from ..waiting import TIMEOUT_S
-from .made import heard
+from .made import on_frequency
 from .serving import COOKIE, TOKEN, served
 
 
@@ -92,7 +92,7 @@ def test_two_browsers_see_one_session(session):
     with session.client() as one, session.client() as other:
         for each in (one, other):
             each.wait(lambda client: client.updates)
-        name = heard(session.control.hour)[0]
+        name = on_frequency(session.control.hour)[0]
         reply = one.ask(do="clear", text=f"{name} left 10 degrees")
         assert reply["read_back"].endswith(f", {name}")
         other.wait(lambda client: "clearances" in client.updates[-1])
@@ -114,9 +114,9 @@ def test_runs_and_pauses_at_the_chosen_speed(session):
 
 
 def test_trials_levels_and_advice_are_answered(session):
-    name = heard(session.control.hour)[0]
+    name = on_frequency(session.control.hour)[0]
     with session.client() as client:
-        assert client.ask(do="try", text=f"{name} fly heading 360")["trial"]["callsign"] == name
+        assert client.ask(do="trial", text=f"{name} fly heading 360")["trial"]["callsign"] == name
         assert len(client.ask(do="levels", callsign=name)["levels"]) == 21
         assert client.ask(do="advise")["advised"] is True
         client.wait(lambda each: each.news and each.news["advice"] is not None)
@@ -144,7 +144,7 @@ def test_refuses_what_is_not_a_message(session, text):
     with session.client() as client:
         client.socket.send(text)
         client.wait(lambda each: True)
-        assert client.ask(do="try", text="AC1")["kind"] == "refused"
+        assert client.ask(do="trial", text="AC1")["kind"] == "refused"
     assert session.control.cycle == cycle
 
 
@@ -162,7 +162,7 @@ def test_a_browser_that_sends_too_much_is_refused_and_holds_up_nobody(session):
     with session.client() as loud, session.client() as calm:
         with pytest.raises(ConnectionClosed):
             flood(loud.socket, 5_000)
-        assert calm.ask(do="try", text="AC999")["kind"] == "refused"
+        assert calm.ask(do="trial", text="AC999")["kind"] == "refused"
     assert 1 <= len(session.log) <= 20  # a few lines of each browser, however much it sends
     with session.client() as client, pytest.raises(ConnectionClosed):
         flood(client.socket, 1, "x" * 100_000)
@@ -180,7 +180,7 @@ def test_a_browser_that_does_not_read_gets_everything_later(session):
     with session.client() as slow, session.client() as calm:
         begin = session.control.cycle
         for _ in range(15):
-            calm.ask(do="try", text="AC999")
+            calm.ask(do="trial", text="AC999")
             calm.send(do="step")
         calm.wait(lambda each: each.news and each.news["status"]["cycle"] >= begin + 15)
         slow.wait(lambda each: each.news and each.news["status"]["cycle"] >= begin + 15)

@@ -13,7 +13,7 @@ from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
 from skystack.simulator.traffic import ticks
 
-from .made import WORLD, begun_hour, heard
+from .made import WORLD, begun_hour, on_frequency
 
 STEPS = 60
 """The points between two cycles of brute force."""
@@ -42,7 +42,7 @@ def test_flights_fly_as_predicted_if_nothing_is_issued(what_if):
 
 def test_a_flight_flies_as_its_trial(what_if):
     hour = begun_hour(seed=5, flights=4)
-    slot = hour.slots[heard(hour)[0]]
+    slot = hour.slots[on_frequency(hour)[0]]
     heading = (round(float(hour.state.traffic.heading_deg[slot])) + 40) % 360
     level = 200.0 if float(hour.state.traffic.level_ticks[slot]) > ticks(300.0) else 400.0
     first = Transmission(slot, heading_deg=heading, level_ticks=ticks(level))
@@ -113,7 +113,7 @@ def _like(part, values):
 
 def test_refuses_a_plan_that_is_too_long(what_if):
     hour = begun_hour(flights=1)
-    slot = hour.slots[heard(hour)[0]]
+    slot = hour.slots[on_frequency(hour)[0]]
     plan = tuple(Planned(wait, Transmission(slot, heading_deg=90)) for wait in range(4))
     with pytest.raises(InputError, match=r"a plan of 4 transmissions \(allowed: at most 3\)"):
         what_if.trials(hour.state, slot, [plan])

@@ -55,7 +55,7 @@ class Certainty(NamedTuple):
     probability: float
     """That it gives an instruction now."""
     entropy: float
-    """Of its choice among all actions, from 0 (certain) to 1 (every allowed action equally)."""
+    """Of its choice among the allowed actions, from 0 (certain) to 1 (all equally likely)."""
 
 
 class Query(NamedTuple):

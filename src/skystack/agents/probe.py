@@ -92,9 +92,9 @@ class Conflicts(NamedTuple):
     """The number of cycles in which separation is lost."""
     least_squared: Any
     """The square of the least distance without vertical separation, in square NM; infinite if they
-    always have it."""
+    are always vertically separated."""
     least_cycle: Any
-    """The cycle of that distance."""
+    """The cycle in which it is reached."""
 
 
 @dataclass(frozen=True)

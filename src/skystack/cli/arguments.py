@@ -133,7 +133,7 @@ def build_parser() -> Commands:
     )
     flight_school_arguments(sub)
 
-    sub = verb("session", "control live traffic by typing clearances", session)
+    sub = verb("session", "control live traffic on a radar page or in a terminal", session)
     session_arguments(sub)
 
     sub = verb("report", "write the report of a run again, or compare several runs", verbs.report)

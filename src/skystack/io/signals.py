@@ -90,7 +90,7 @@ def record_only() -> None:
 
 
 def forget() -> None:
-    """Forget a signal that has been handled: the command goes on, and may end normally."""
+    """Forget a signal that has been handled: the command continues and can end normally."""
     _schedule_retry(0.0)
     _state.reset()
 

@@ -27,7 +27,8 @@ DRAWN = 64
 ALTERNATIVES = 3
 """The number of alternatives, with that of the adviser."""
 PREFERENCE_CYCLES = 60.0
-"""What an earlier choice of the same kind is worth, in cycles of flying time, if all were of it."""
+"""How much a kind of clearance gains in the ranking, in cycles of flying time, if all accepted
+alternatives were of that kind."""
 MARGIN_NM = 0.5
 """Plans that stay this far beyond the separation standard are preferred."""
 
@@ -42,15 +43,16 @@ class Concern(NamedTuple):
     """What calls for a clearance, and what happens if nothing is issued."""
 
     slots: tuple[int, ...]
-    """A pair of flights, or one flight."""
+    """A pair of flights in conflict, or the flight with the wrong exit."""
     kind: Literal["conflict", "exit"]
     lost_in_s: float | None
+    """The time until separation is lost, for a conflict."""
     least_nm: float | None
-    """Of a conflict: the time until separation is lost, and the least distance."""
+    """The least distance, for a conflict."""
 
 
 class Alternative(NamedTuple):
-    """A transmission to issue now, and how the flight could go on."""
+    """A transmission to issue now, and how the flight could continue."""
 
     trial: Trial
     source: str
@@ -79,8 +81,7 @@ def most_urgent(what_if: WhatIf, state: WorldState) -> Concern | None:
     ]
     if pairs:
         lost_in_s, slots, approach = min(pairs, key=lambda each: each[0])
-        heard = tuple(slot for slot in slots if state.hears[slot])
-        return Concern(heard, "conflict", lost_in_s, approach.least_nm)
+        return Concern(slots, "conflict", lost_in_s, approach.least_nm)
     flown = what_if.as_cleared(state)
     wrong = state.hears & ~flown.correct
     if not wrong.any():
@@ -124,7 +125,8 @@ class Adviser:
         if concern is None:
             return None
         proposed = self.proposed(state)
-        found = [each for slot in concern.slots for each in self._all(state, slot, proposed)]
+        slots = [slot for slot in concern.slots if state.hears[slot]]
+        found = [each for slot in slots for each in self._all(state, slot, proposed)]
         cost = partial(self._cost, Counter(chosen))
         ranked = sorted(
             (each for each in found if each.source == TRIAL), key=lambda each: cost(each.trial)
@@ -195,13 +197,13 @@ def kind_of(transmission: Transmission) -> Literal["heading", "direct", "level"]
 
 def _agrees(own: Alternative, ranked: Sequence[Alternative]) -> bool:
     """Whether the best trial plan for a flight begins with the same clearance."""
-    told = own.transmission
-    best = next((e.transmission for e in ranked if e.transmission.slot == told.slot), None)
-    if best is None or (told.fix, told.level_ticks) != (best.fix, best.level_ticks):
+    transmission = own.transmission
+    best = next((e.transmission for e in ranked if e.transmission.slot == transmission.slot), None)
+    if best is None or (transmission.fix, transmission.level_ticks) != (best.fix, best.level_ticks):
         return False
-    if told.heading_deg is None or best.heading_deg is None:
-        return told.heading_deg is best.heading_deg
-    return abs((told.heading_deg - best.heading_deg + 180) % 360 - 180) <= SAME_HEADING_DEG
+    if transmission.heading_deg is None or best.heading_deg is None:
+        return transmission.heading_deg is best.heading_deg
+    return abs((transmission.heading_deg - best.heading_deg + 180) % 360 - 180) <= SAME_HEADING_DEG
 
 
 def _level_change_fl(trial: Trial) -> int:

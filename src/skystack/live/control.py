@@ -1,6 +1,7 @@
 """A live session as a state machine: what a person or an adviser does, one call at a time.
 
-It knows nothing of servers and pages. No call takes time in the simulation but `step`.
+It does not depend on servers or pages. Only `step` and `restore` advance simulated time; `rewind`
+takes it back.
 """
 
 from collections.abc import Iterable
@@ -41,7 +42,7 @@ class LiveControl:
     ) -> None:
         """`cycles` is the length of the session; `adviser` is the name of `opened.adviser`.
 
-        Histories that are left by going back are written into `out`.
+        With a journal, a history that is left by going back is first written to a folder in `out`.
         """
         self.opened, self.hour, self.cycles, self.adviser = opened, opened.hour, cycles, adviser
         self.playing, self.speed = False, 1
@@ -74,12 +75,18 @@ class LiveControl:
         return self.cycle >= self.cycles
 
     def compile(self) -> None:
-        """Compile the programs of cycles and trials now, so that the session never stops for it."""
+        """Compile the programs of cycles and trials now instead of during the session.
+
+        Those of the adviser are compiled on first use.
+        """
         self.hour.compile()
         self._what_if.compile(self.hour.state)
 
     def restore(self, entries: Iterable[Entry]) -> None:
-        """Do again what a journal says. Raises InputError if it is not of this traffic."""
+        """Fly the entries of a journal again.
+
+        Raises InputError if a clearance does not fit this traffic.
+        """
         journal, self._journal = self._journal, None
         for entry in entries:
             if isinstance(entry, WentBack):
@@ -95,7 +102,9 @@ class LiveControl:
     def step(self) -> None:
         """Fly one cycle, after the adviser has instructed its flights."""
         if self.ended:
-            raise InputError(f"the session has {self.cycles} cycles (allowed: a longer --cycles)")
+            raise InputError(
+                f"the session has ended after {self.cycles} cycles (allowed: a larger --cycles)"
+            )
         for each in self._delegated():
             self._transmit(each, self.adviser or "")
         self._advance()
@@ -108,18 +117,20 @@ class LiveControl:
         `modifies` are the number and the rank of an alternative that it changes. Raises InputError
         if it is not understood or cannot be flown.
         """
-        told = self.hour.transmission_for(parse_clearance(text, self.hour.slots))
-        issued = self._transmit(told, YOU)
+        transmission = self.hour.transmission_for(parse_clearance(text, self.hour.slots))
+        issued = self._transmit(transmission, YOU)
         if modifies is not None:
             number, rank = modifies
             self._note(AdviceAnswered(number, rank, "modified", written(issued)))
-        self.advice, self._begun = None, False  # both did not know of it
+        self.advice, self._begun = None, False  # neither knew of this clearance
         return read_back(issued)
 
-    def probe(self, text: str) -> dict[str, Any]:
+    def trial(self, text: str) -> dict[str, Any]:
         """What a clearance would lead to; nothing is issued. Raises InputError as `clear` does."""
-        told = self.hour.transmission_for(parse_clearance(text, self.hour.slots))
-        (trial,) = self._what_if.trials(self.hour.state, told.slot, [(Planned(0, told),)])
+        transmission = self.hour.transmission_for(parse_clearance(text, self.hour.slots))
+        (trial,) = self._what_if.trials(
+            self.hour.state, transmission.slot, [(Planned(0, transmission),)]
+        )
         return self.views.trial(trial)
 
     def levels(self, callsign: str) -> list[dict[str, Any]]:
@@ -183,7 +194,7 @@ class LiveControl:
         self._write(entry)
 
     def hand_over(self, callsigns: list[str], to_adviser: bool) -> None:
-        """Hand flights over to the adviser, or take them back; an empty list means all.
+        """HandOver flights over to the adviser, or take them back; an empty list means all.
 
         Raises InputError without an adviser, or for an unknown callsign.
         """
@@ -224,7 +235,9 @@ class LiveControl:
             "adviser": self.adviser,
             "hands_all": self.hands_all,
             "handed": sorted(self.handed & self.hour.slots.keys()),
-            "deaf": [name for name, slot in self.hour.slots.items() if not state.hears[slot]],
+            "not_on_frequency": [
+                name for name, slot in self.hour.slots.items() if not state.hears[slot]
+            ],
             "waiting": int(state.arrivals.waiting),
         }
 
@@ -234,19 +247,19 @@ class LiveControl:
         self.handed &= self.hour.slots.keys()
         self._write(CycleFlown(self.cycle))
 
-    def _transmit(self, told: Transmission, by: str) -> Instruction:
+    def _transmit(self, transmission: Transmission, by: str) -> Instruction:
         """Issue a transmission; no time passes."""
-        issued = self.hour.transmit(told)
-        self.history.add_clearance(self.hour.state, told, issued, by)
+        issued = self.hour.transmit(transmission)
+        self.history.add_clearance(self.hour.state, transmission, issued, by)
         self._write(
             ClearanceIssued(
                 callsign=issued.callsign,
                 by=by,
-                heading_deg=told.heading_deg,
-                turn=told.turn,
-                fix=told.fix,
-                level_ticks=told.level_ticks,
-                instructions=told.instructions,
+                heading_deg=transmission.heading_deg,
+                turn=transmission.turn,
+                fix=transmission.fix,
+                level_ticks=transmission.level_ticks,
+                instructions=transmission.instructions,
             )
         )
         return issued
@@ -268,8 +281,8 @@ class LiveControl:
     def _transmission(self, entry: ClearanceIssued) -> Transmission:
         if entry.callsign not in self.hour.slots:
             raise InputError(
-                f"the journal has a clearance to {entry.callsign} in cycle {self.cycle}, which is "
-                "not there (allowed: the same traffic; --new begins another session)"
+                f"the journal has a clearance to {entry.callsign} in cycle {self.cycle}, but "
+                "there is no such flight (allowed: the same traffic; --new begins another session)"
             )
         slot = self.hour.slots[entry.callsign]
         route = self.hour.world.sector.routes[int(self.hour.state.traffic.route[slot])]

@@ -82,7 +82,7 @@ class History:
         )
 
     def rewind(self, cycle: int) -> None:
-        """Take back all updates after a cycle; those of the next epoch begin again."""
+        """Remove all updates after a cycle and begin a new epoch, so that pages start over."""
         kept: list[dict[str, Any]] = []
         for update in self.updates:
             if update.get("cycle", 0) > cycle or _issued_in(update) >= cycle:
@@ -124,7 +124,7 @@ class History:
 
 
 def _issued_in(update: dict[str, Any]) -> int:
-    """The cycle before which a clearance was issued; -1 for a cycle."""
+    """The number of cycles flown when a clearance was issued; -1 for an update that is a cycle."""
     clearances = update.get("clearances", ())
     return clearances[0]["cycle"] if clearances else -1
 

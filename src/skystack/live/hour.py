@@ -115,7 +115,7 @@ class LiveHour:
         slot = self.slots[parsed.callsign]
         if not self.state.hears[slot]:
             raise InputError(
-                f"{parsed.callsign} has not checked in yet (allowed: from the next cycle or two on)"
+                f"{parsed.callsign} is not on frequency yet (allowed: one or two cycles later)"
             )
         return Transmission(
             slot,

@@ -50,7 +50,7 @@ class Clear(_Message, tag="clear"):
     modifies: tuple[_Id, _Rank] | None = None
 
 
-class Try(_Message, tag="try"):
+class TryClearance(_Message, tag="trial"):
     """Ask what a clearance would lead to."""
 
     text: _Text
@@ -76,8 +76,8 @@ class AnswerAdvice(_Message, tag="answer"):
     answer: Literal["accept", "refuse"]
 
 
-class Hand(_Message, tag="hand"):
-    """Hand flights over to the adviser, or take them back; an empty list means all."""
+class HandOver(_Message, tag="hand_over"):
+    """HandOver flights over to the adviser, or take them back; an empty list means all."""
 
     callsigns: Annotated[list[_Callsign], msgspec.Meta(max_length=20)]
     to_adviser: bool
@@ -96,8 +96,8 @@ class Follow(_Message, tag="follow"):
     updates: Annotated[int, msgspec.Meta(ge=0, le=10_000_000)]
 
 
-_Control = Play | Speed | StepOnce | Hand | Rewind
-Message = _Control | Clear | Try | Levels | Advise | AnswerAdvice | Follow
+_Control = Play | Speed | StepOnce | HandOver | Rewind
+Message = _Control | Clear | TryClearance | Levels | Advise | AnswerAdvice | Follow
 
 
 def read_message(text: str | bytes) -> Message:

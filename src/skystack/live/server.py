@@ -1,10 +1,11 @@
 """The server of a live session: one page, and a websocket for each browser that shows it.
 
-Whoever has the token in the printed link controls the session. The token becomes a cookie, which
-other sites cannot send: their requests have another origin and are refused.
+Whoever has the token in the printed link controls the session. The token becomes a cookie that
+browsers do not send from other sites. Websockets from another origin are refused as well: another
+port of this host is the same site.
 
-One thread does everything that touches the session, one call after another. A browser receives the
-updates that it does not have yet, in one message; a slow one receives larger messages later and
+One thread makes all calls that change the session or compute from it, in turn. A browser receives
+the updates that it does not have yet, in one message; a slow one receives larger messages later and
 never holds up the simulation.
 """
 
@@ -24,14 +25,14 @@ from skystack.live.messages import (
     AnswerAdvice,
     Clear,
     Follow,
-    Hand,
+    HandOver,
     Levels,
     Message,
     Play,
     Rewind,
     Speed,
     StepOnce,
-    Try,
+    TryClearance,
     read_message,
 )
 from skystack.simulator.simulator import CYCLE_S
@@ -49,7 +50,7 @@ MESSAGES_PER_S, BURST = 20.0, 100.0
 """How many messages a browser may send: on average, and at once."""
 MOST_BROWSERS = 20
 MONITOR_EVERY_S = 1.0
-"""The least time between two predictions of all pairs."""
+"""The minimum time between two predictions of all pairs."""
 MOST_REFUSALS = 1000
 """A browser with more refused messages is disconnected."""
 POLICY_VIOLATION = 1008
@@ -142,9 +143,9 @@ class LiveServer:
         try:
             return await self.call(function)
         finally:
-            await self.tell()
+            await self.notify()
 
-    async def tell(self) -> None:
+    async def notify(self) -> None:
         """Wake the browsers: something has changed."""
         async with self._changed:
             self._number += 1
@@ -176,7 +177,10 @@ class LiveServer:
         }
 
     async def _run(self) -> None:
-        """Fly cycles at the chosen speed. If the machine is too slow, the clock waits for it."""
+        """Fly cycles at the chosen speed.
+
+        If the machine is too slow, the session falls behind; it does not skip cycles.
+        """
         due = time.monotonic()
         known = 0
         while True:
@@ -207,7 +211,7 @@ class LiveServer:
             if monitor != self._monitor:
                 self._monitor = monitor
                 known += 1  # the change that this makes
-                await self.tell()
+                await self.notify()
             await asyncio.sleep(MONITOR_EVERY_S)
 
 
@@ -220,7 +224,7 @@ class _Browser:
         self._may_send, self._last = BURST, time.monotonic()
         self._refusals = 0
         self._following = asyncio.Event()
-        """Set when the page has said what it has."""
+        """Set once the page has sent `follow`."""
         self._sending = asyncio.Lock()
 
     async def serve(self) -> None:
@@ -299,8 +303,8 @@ class _Browser:
                     self._epoch = epoch
                     self._updates = min(updates, len(control.history.updates))
                     self._following.set()
-            case Try(text=text):
-                reply = {"trial": await server.call(lambda: control.probe(text))}
+            case TryClearance(text=text):
+                reply = {"trial": await server.call(lambda: control.trial(text))}
             case Levels(callsign=callsign):
                 reply = {"levels": await server.call(lambda: control.levels(callsign))}
             case Advise(conforms=conforms):
@@ -331,7 +335,7 @@ def _set(control: LiveControl, message: Message) -> None:
         case StepOnce():
             control.playing = False
             control.step()
-        case Hand(callsigns=callsigns, to_adviser=to_adviser):
+        case HandOver(callsigns=callsigns, to_adviser=to_adviser):
             control.hand_over(callsigns, to_adviser)
         case Rewind(cycle=cycle):
             control.rewind(cycle)

@@ -75,6 +75,8 @@ def serve(
         server = LiveServer(control, page, token, announce)
         application = server.application(names, cookie=f"skystack-session-{port}")
         name = LOOPBACK if serving.listen in _ANYWHERE else serving.listen
+        if ":" in name:
+            name = f"[{name}]"
         announce(f"open http://{name}:{port}/?token={token}")
         announce("Ctrl-C ends the session and keeps the recording")
         with running(application, bound) as ended:

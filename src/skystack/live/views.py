@@ -9,7 +9,7 @@ from skystack.platforms.phraseology import clearance_alone, written
 from skystack.simulator.simulator import CYCLE_S
 
 PATH_EVERY = 5
-"""Every so many cycles, a point of a predicted path is sent."""
+"""A predicted path is sent with one point per this many cycles."""
 APPROACHES = 5
 """The maximum number of approaches of a trial."""
 

@@ -1,6 +1,7 @@
 """What would happen: flights flown ahead under trial clearances, and how close they come to others.
 
-Everything is flown with the simulator itself, so turns, climbs and routes are exact. Other flights
+Everything is flown with the simulator itself, so turns and routes are exact; climbs
+are flown at nominal rates. Other flights
 fly as they are cleared; flights that have not arrived yet are unknown.
 """
 
@@ -150,7 +151,7 @@ class WhatIf:
             return values if values.ndim == 0 else values[rows]
 
         traffic = jax.tree.map(pick, state.traffic)
-        # The present rate of a climb is not known to a controller.
+        # A controller does not know how a flight's rate of climb differs from the nominal one.
         traffic = traffic._replace(climb_factor=np.ones_like(traffic.climb_factor))
         progress, plan = jax.tree.map(pick, (state.progress, state.plan))
         return jax.device_get(self._probe.fly(traffic, progress, plan, events))
@@ -211,14 +212,14 @@ def _events(plans: Sequence[tuple[Planned, ...]]) -> Events:
     for number, plan in enumerate(plans):
         if len(plan) > EVENTS:
             raise InputError(f"a plan of {len(plan)} transmissions (allowed: at most {EVENTS})")
-        for index, (wait, told) in enumerate(plan):
+        for index, (wait, transmission) in enumerate(plan):
             events.cycle[number, index] = wait
-            if told.fix is not None:
-                events.turn[number, index], events.fix[number, index] = DIRECT, told.fix
-            if told.heading_deg is not None:
-                events.turn[number, index] = _TURNS[told.turn]
-                events.heading_deg[number, index] = told.heading_deg
-            if told.level_ticks is not None:
+            if transmission.fix is not None:
+                events.turn[number, index], events.fix[number, index] = DIRECT, transmission.fix
+            if transmission.heading_deg is not None:
+                events.turn[number, index] = _TURNS[transmission.turn]
+                events.heading_deg[number, index] = transmission.heading_deg
+            if transmission.level_ticks is not None:
                 events.changes_level[number, index] = True
-                events.level_ticks[number, index] = told.level_ticks
+                events.level_ticks[number, index] = transmission.level_ticks
     return events

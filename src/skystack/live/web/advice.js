@@ -61,8 +61,8 @@ class Advice {
 
   async answer(rank, answer, item = null) {
     const reply = await this.ask({ do: "answer", number: this.number, rank, answer });
-    if (reply.kind === "refused") this.draft.say(reply.reason, true);
-    else if (answer === "accept") this.draft.say(`“${reply.read_back}”`);
+    if (reply.kind === "refused") this.draft.showAnswer(reply.reason, true);
+    else if (answer === "accept") this.draft.showAnswer(`“${reply.read_back}”`);
     else item?.classList.add("refused");
     this.draft.show(null);
   }

@@ -89,17 +89,17 @@ class Draft {
   changed() {
     clearTimeout(this.timer);
     this.show(null);
-    this.say("");
+    this.showAnswer("");
     const text = this.input.value.trim();
     if (text.split(/\s+/).length < 2) return;
     this.timer = setTimeout(() => this.tryNow(text), TRY_AFTER_MS);
   }
 
   async tryNow(text) {
-    const reply = await this.ask({ do: "try", text });
+    const reply = await this.ask({ do: "trial", text });
     if (this.input.value.trim() !== text) return; // it has been changed in the meantime
     this.show(reply.trial ?? null);
-    this.say(reply.reason ?? "", reply.kind === "refused");
+    this.showAnswer(reply.reason ?? "", reply.kind === "refused");
   }
 
   async issue() {
@@ -109,12 +109,12 @@ class Draft {
     const modifies = this.modifies && { modifies: this.modifies };
     const reply = await this.ask({ do: "clear", text, ...modifies });
     if (reply.kind === "refused") {
-      this.say(reply.reason, true);
+      this.showAnswer(reply.reason, true);
       return;
     }
     this.words = {};
     this.clear(this.aircraft ? `${this.aircraft.callsign} ` : "");
-    this.say(`“${reply.read_back}”`);
+    this.showAnswer(`“${reply.read_back}”`);
   }
 
   clear(text = "") {
@@ -122,10 +122,10 @@ class Draft {
     this.input.value = text;
     this.modifies = null; // the advice and the alternative that the text changes
     this.show(null);
-    this.say("");
+    this.showAnswer("");
   }
 
-  say(words, isRefusal = false) {
+  showAnswer(words, isRefusal = false) {
     setText(this.answer, words);
     this.answer.classList.toggle("loss", isRefusal);
   }
@@ -193,7 +193,7 @@ class Draft {
     });
   }
 
-  /** Draws the trial on the radar: the path, and where others come closest. */
+  /** Draws the trial on the radar: the path, and the flight's position at the closest approach. */
   draw(pen) {
     if (!this.trial) return;
     const { path, lost_in_s: lostInS, approaches } = this.trial;

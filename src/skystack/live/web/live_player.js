@@ -4,9 +4,9 @@ class LivePlayer extends Player {
   constructor(replay, changed) {
     super(replay, (what) => {
       changed(what);
-      this.heard(what);
+      this.onChange(what);
     });
-    this.heard = () => {}; // until the console is there
+    this.onChange = () => {}; // until the console is there
     this.status = { cycle: 0, cycles: 0, playing: false, speed: 1 };
     this.isFollowing = true;
     this.speed = 1;
@@ -19,6 +19,12 @@ class LivePlayer extends Player {
 
   get isMoving() {
     return this.playing || (this.isFollowing && this.status.playing);
+  }
+
+  /** Opens the session once; later calls, such as after a change of the address, only go to a row. */
+  open(index, row = 0) {
+    if (this.runs.length) this.goTo(row);
+    else super.open(index);
   }
 
   /** Runs or pauses the session, or what is shown of the past. */

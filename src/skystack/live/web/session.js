@@ -22,7 +22,7 @@ class Connection {
     socket.addEventListener("message", ({ data }) => this.receive(JSON.parse(data)));
     socket.addEventListener("close", () => {
       document.body.classList.add("lost");
-      notify("The session does not answer. Trying again …");
+      notify("No connection to the session. Reconnecting …");
       for (const answer of this.waiting.values()) answer({ kind: "refused", reason: "no connection" });
       this.waiting.clear();
       setTimeout(() => this.open(), RETRY_MS);
@@ -52,14 +52,14 @@ class Connection {
   }
 
   /** Sends a message whose reply matters only if it is refused. */
-  tell(message) {
+  send(message) {
     if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
   }
 }
 
 const [pane] = panes;
 let epoch = -1;
-let conditions = { handed: [], hands_all: false, deaf: [], waiting: 0 };
+let conditions = { handed: [], hands_all: false, not_on_frequency: [], waiting: 0 };
 const connection = new Connection(showNews);
 const ask = (message) => connection.ask(message);
 const draft = new Draft(player, pane.scope, ask);
@@ -67,7 +67,7 @@ const advice = new Advice(ask, draft, pane.scope);
 const monitor = new Monitor(pane.scope, replay.cycle_s, (pair) => goToPair(pane.scope, pair, undefined));
 display.rings = false; // there will be many aircraft
 options.show();
-player.send = (message) => connection.tell(message);
+player.send = (message) => connection.send(message);
 
 function showNews(news) {
   const [run] = player.runs;
@@ -122,7 +122,7 @@ function showControl() {
   for (const { item, aircraft } of pane.panels.rows) {
     const { callsign } = aircraft;
     item.classList.toggle("handed", handsAll || handed.includes(callsign));
-    item.classList.toggle("deaf", conditions.deaf.includes(callsign));
+    item.classList.toggle("not-on-frequency", conditions.not_on_frequency.includes(callsign));
     item.classList.toggle("pending", pending.has(callsign));
   }
 }
@@ -132,16 +132,16 @@ const actions = {
     const callsign = draft.aircraft?.callsign;
     if (!callsign) return;
     const isHanded = conditions.hands_all || conditions.handed.includes(callsign);
-    connection.tell({ do: "hand", callsigns: [callsign], to_adviser: !isHanded });
+    connection.send({ do: "hand_over", callsigns: [callsign], to_adviser: !isHanded });
   },
   "hand-all": () => {
     const isHanded = conditions.hands_all || conditions.handed.length > 0;
-    connection.tell({ do: "hand", callsigns: [], to_adviser: !isHanded });
+    connection.send({ do: "hand_over", callsigns: [], to_adviser: !isHanded });
   },
   advise: () => advice.request(),
   rewind: () => {
     if (player.isFollowing) return;
-    connection.tell({ do: "rewind", cycle: player.row });
+    connection.send({ do: "rewind", cycle: player.row });
     player.isFollowing = true;
   },
   sound: () => {
@@ -158,7 +158,7 @@ function addButton(parent, name, text, title) {
   parent.append(button);
 }
 
-addButton(document.querySelector(".transport"), "rewind", "Continue from here", "forget what came later (B)");
+addButton(document.querySelector(".transport"), "rewind", "Continue from here", "go back to this cycle; the later history is saved (B)");
 addButton(document.querySelector(".tools"), "sound", "Sound", "a tone when a loss of separation is near (U)");
 for (const button of document.querySelectorAll("[data-do]")) {
   button.addEventListener("click", () => actions[button.dataset.do]());
@@ -187,7 +187,7 @@ document.addEventListener("keydown", (event) => {
 
 let chosen = null;
 
-player.heard = (what) => {
+player.onChange = (what) => {
   if (what === "selection" && player.selected !== chosen) {
     chosen = player.selected;
     draft.select();

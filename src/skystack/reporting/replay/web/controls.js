@@ -3,7 +3,8 @@
 const PAN_PX = 60;
 const ZOOM_STEP = 1.3;
 
-/** All keys, from which the help is made. `does` describes the action, `run` performs it. */
+/** All keys, from which the help is made. `does` describes the action, `run` performs it; `many` marks
+ *  those for replays of many scenarios. */
 function keysOf(player, view, actions) {
   const size = () => [actions.canvas.clientWidth, actions.canvas.clientHeight];
   const pan = (right, down) => () => view.panBy(right * PAN_PX, down * PAN_PX, ...size());
@@ -19,8 +20,8 @@ function keysOf(player, view, actions) {
     { keys: ["End"], shown: "End", does: "go to the end", run: () => player.step(player.lastRow) },
     { keys: ["]"], shown: "]", does: "faster", run: () => player.faster(1) },
     { keys: ["["], shown: "[", does: "slower", run: () => player.faster(-1) },
-    { keys: ["n", "ArrowDown"], shown: "N or ↓", does: "next scenario", run: () => player.open(player.index + 1) },
-    { keys: ["p", "ArrowUp"], shown: "P or ↑", does: "previous scenario", run: () => player.open(player.index - 1) },
+    { keys: ["n", "ArrowDown"], shown: "N or ↓", does: "next scenario", many: true, run: () => player.open(player.index + 1) },
+    { keys: ["p", "ArrowUp"], shown: "P or ↑", does: "previous scenario", many: true, run: () => player.open(player.index - 1) },
     { keys: [..."123456789"], shown: "1 to 9", does: "select an aircraft", run: number },
     { keys: ["f", "/"], shown: "F or /", does: "find an aircraft by its callsign", run: actions.find },
     { keys: ["Escape"], shown: "Esc", does: "clear the measuring line, then the selection", run: actions.clear },

@@ -220,9 +220,10 @@ const keys = keysOf(player, view, {
   link: copyLink,
   help: () => byId("help").showModal(),
 });
-listenToKeys(keys);
+const usedKeys = replay.live ? keys.filter(({ many }) => !many) : keys;
+listenToKeys(usedKeys);
 wireButtons(keys);
-fillHelp(byId("keys"), keys);
+fillHelp(byId("keys"), usedKeys);
 fillScenarios();
 byId("panes").classList.toggle("two", panes.length > 1);
 byId("scenario").addEventListener("change", (event) => player.open(Number(event.target.value)));
