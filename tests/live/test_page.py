@@ -176,3 +176,16 @@ def test_a_page_that_is_opened_again_finds_the_session_as_it_was(session, page, 
     other.wait_until("document.querySelector('#scrubber').value === '61'")
     assert other.problems == []
     other.context.close()
+
+
+def test_a_changed_address_and_keys_of_replays_leave_the_session_alone(session, page):
+    strips = page.page.locator(".strip .callsign").all_text_contents()
+    page.keys("n", "p", "ArrowDown", "ArrowUp")
+    page.page.evaluate("location.hash = 'scenario=0&cycle=30'")
+    page.wait_until("document.querySelector('#scrubber').value === '30'")
+    page.keys("End")
+    assert page.row == 60
+    assert page.page.locator(".strip .callsign").all_text_contents() == strips
+    page.keys("?")
+    assert "next scenario" not in page.text("#keys")
+    assert "hand the selected flight over" in page.text("#keys")
