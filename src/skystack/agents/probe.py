@@ -18,7 +18,7 @@ from skystack.simulator.simulator import Simulator, instruct
 from skystack.simulator.traffic import NO_TURN, Clearance, Traffic, ticks
 from skystack.tasks.flight_time import flight_times
 from skystack.tasks.progress import FlightPlan, Progress, ProgressTracker
-from skystack.tasks.sector_world import World
+from skystack.tasks.sector_world import World, WorldState
 from skystack.tasks.separation import least_distance_squared
 
 PLANS = 32
@@ -54,6 +54,19 @@ def no_events(plans: int) -> Events:
     """Plans without clearances."""
     number, zero = np.zeros((plans, EVENTS), np.int32), np.zeros((plans, EVENTS), np.float32)
     return Events(number + NEVER, number + NO_TURN, zero, number, zero > 0.0, zero.copy())
+
+
+def flights_in(state: WorldState, slots: Int[np.ndarray, " rows"]) -> tuple[Any, Any, Any]:
+    """The traffic, progress and flight plans of the flights in some slots, for `Probe.fly`.
+
+    Rates of climb are nominal: a controller does not know how those of a flight differ.
+    """
+
+    def pick(values: np.ndarray) -> np.ndarray:
+        return values if values.ndim == 0 else values[slots]  # the number of cycles flown is one
+
+    traffic, progress, plan = jax.tree.map(pick, (state.traffic, state.progress, state.plan))
+    return traffic._replace(climb_factor=np.ones_like(traffic.climb_factor)), progress, plan
 
 
 class Ahead(NamedTuple):

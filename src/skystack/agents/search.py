@@ -9,7 +9,7 @@ AutoResolver: Erzberger, ICAS 2008.)
 """
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -24,6 +24,7 @@ from skystack.agents.probe import (
     Events,
     FlownPlans,
     Probe,
+    flights_in,
     no_events,
 )
 from skystack.agents.transmission import PER_CYCLE, Transmission
@@ -121,7 +122,7 @@ class Search:
         padded = np.pad(numbers, (0, missing), constant_values=slot)
         present = self._present[:, padded] & (padded != slot)
         other = Ahead(self._position[:, padded], self._level[:, padded], present)
-        rows = _rows(state, slot)
+        rows = flights_in(state, np.full(PLANS, slot))
         best: _Found | None = None
         close: Bool[np.ndarray, " others"] | None = None
         for plans in self._batches(state, slot):
@@ -270,16 +271,3 @@ def _better(
         Events(*(values[number] for values in events)),
         int(loss_cycles[number]),
     )
-
-
-def _rows(state: WorldState, slot: int) -> tuple[Any, Any, Any]:
-    """The state of a flight, once for each plan."""
-
-    def repeat(values: np.ndarray) -> np.ndarray:
-        if values.ndim == 0:  # the number of cycles flown
-            return values
-        return np.repeat(values[slot : slot + 1], PLANS, axis=0)
-
-    traffic = jax.tree.map(repeat, state.traffic)
-    traffic = traffic._replace(climb_factor=np.ones_like(traffic.climb_factor))
-    return traffic, jax.tree.map(repeat, state.progress), jax.tree.map(repeat, state.plan)

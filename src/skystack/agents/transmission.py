@@ -18,7 +18,8 @@ from skystack.simulator.traffic import (
 )
 from skystack.tasks.sector_world import WorldState
 
-_TURNS = {None: SHORTEST, "left": LEFT, "right": RIGHT}
+TURNS = {None: SHORTEST, "left": LEFT, "right": RIGHT}
+"""The simulator's kind of turn for each direction."""
 PER_CYCLE = 5
 """The default maximum number of transmissions in a cycle."""
 MOST_INSTRUCTIONS = 40
@@ -73,7 +74,7 @@ def clearance_of(transmissions: list[Transmission], slots: int) -> Clearance:
     changes = np.zeros(slots, dtype=bool)
     for each in transmissions:
         if each.heading_deg is not None:
-            turn[each.slot], heading[each.slot] = _TURNS[each.turn], each.heading_deg
+            turn[each.slot], heading[each.slot] = TURNS[each.turn], each.heading_deg
         if each.fix is not None:
             turn[each.slot], fix[each.slot] = DIRECT, each.fix
         if each.level_ticks is not None:

@@ -20,21 +20,21 @@ from skystack.agents.probe import (
     Events,
     FlownPlans,
     Probe,
+    flights_in,
     no_events,
 )
-from skystack.agents.transmission import Transmission
+from skystack.agents.transmission import TURNS, Transmission
 from skystack.errors import InputError
 from skystack.simulator.arrivals import FREE
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
-from skystack.simulator.traffic import DIRECT, LEFT, RIGHT, SHORTEST
+from skystack.simulator.traffic import DIRECT
 from skystack.tasks.sector_world import WorldState
 
 HORIZON_CYCLES = 180
 """Close approaches are reported up to 18 minutes ahead."""
 REPORTED_NM = 15.0
 """Approaches beyond this distance are not reported."""
-_TURNS = {None: SHORTEST, "left": LEFT, "right": RIGHT}
 
 
 class Planned(NamedTuple):
@@ -146,15 +146,7 @@ class WhatIf:
 
     def _fly(self, state: WorldState, rows: np.ndarray, events: Events) -> Any:
         """Fly the flights in some slots ahead, as `FlownPlans` of numpy arrays."""
-
-        def pick(values: np.ndarray) -> np.ndarray:
-            return values if values.ndim == 0 else values[rows]
-
-        traffic = jax.tree.map(pick, state.traffic)
-        # A controller does not know how a flight's rate of climb differs from the nominal one.
-        traffic = traffic._replace(climb_factor=np.ones_like(traffic.climb_factor))
-        progress, plan = jax.tree.map(pick, (state.progress, state.plan))
-        return jax.device_get(self._probe.fly(traffic, progress, plan, events))
+        return jax.device_get(self._probe.fly(*flights_in(state, rows), events))
 
     def _approaches(self, mine: Ahead, others: Ahead) -> list[list[CloseApproach]]:
         """The approaches of each of some flights to others, the closest first."""
@@ -217,7 +209,7 @@ def _events(plans: Sequence[tuple[Planned, ...]]) -> Events:
             if transmission.fix is not None:
                 events.turn[number, index], events.fix[number, index] = DIRECT, transmission.fix
             if transmission.heading_deg is not None:
-                events.turn[number, index] = _TURNS[transmission.turn]
+                events.turn[number, index] = TURNS[transmission.turn]
                 events.heading_deg[number, index] = transmission.heading_deg
             if transmission.level_ticks is not None:
                 events.changes_level[number, index] = True
