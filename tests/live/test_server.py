@@ -6,6 +6,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from skystack.errors import InputError
+from skystack.live import server
 from skystack.live.serving import LOOPBACK, bound_socket
 
 from ..waiting import TIMEOUT_S
@@ -111,6 +112,37 @@ def test_runs_and_pauses_at_the_chosen_speed(session):
         assert client.news["status"]["speed"] == 60
         flown = [each["cycle"] for each in client.updates if "cycle" in each]
         assert flown == list(range(1, cycle + 1))  # none is missing
+
+
+def test_a_change_of_the_speed_takes_effect_at_once(monkeypatch):
+    """Here a cycle takes longer in real time than any test waits, and a sixtieth of that at 60x."""
+    monkeypatch.setattr(server, "CYCLE_S", 1.1 * TIMEOUT_S)
+    with served(steps=1) as session, session.client() as client:
+        client.send(do="play", on=True)
+        client.wait(lambda each: each.news and each.news["status"]["playing"])
+        client.send(do="speed", times=60)
+        client.wait(lambda each: each.news["status"]["cycle"] == 2)
+
+
+def test_an_adviser_that_fails_pauses_the_session():
+    with served(steps=40) as session:
+
+        def fail(state):
+            raise RuntimeError("no\nidea")
+
+        session.control._delegate.transmit = fail
+        with session.client() as client:
+            client.send(do="hand_over", callsigns=[], to_adviser=True)
+            client.send(do="speed", times=60)
+            client.send(do="play", on=True)
+            client.wait(lambda each: each.news and each.news["problem"])
+            assert client.news["problem"] == "Paused: RuntimeError: no\\nidea"
+            assert not client.news["status"]["playing"]
+            assert session.control.cycle == 40
+            client.send(do="hand_over", callsigns=[], to_adviser=False)
+            client.send(do="play", on=True)  # goes on without it
+            client.wait(lambda each: each.news["status"]["cycle"] >= 42)
+            assert client.news["problem"] is None
 
 
 def test_trials_levels_and_advice_are_answered(session):

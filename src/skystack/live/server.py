@@ -18,7 +18,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, suppress
 from typing import Any
 
-from skystack.errors import InputError, requires_extra
+from skystack.errors import InputError, printable, requires_extra
 from skystack.live.control import LiveControl
 from skystack.live.messages import (
     Advise,
@@ -113,7 +113,7 @@ class LiveServer:
         return HTMLResponse(self._page, headers=HEADERS)
 
     def _is_token(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode(), self._token.encode())
+        return hmac.compare_digest(given.encode(errors="replace"), self._token.encode())
 
     def _is_known(self, connection: HTTPConnection) -> bool:
         return self._is_token(connection.cookies.get(self._cookie, ""))
@@ -181,26 +181,32 @@ class LiveServer:
 
         If the machine is too slow, the session falls behind; it does not skip cycles.
         """
-        due = time.monotonic()
-        known = 0
+        flown_at = time.monotonic()
         while True:
+            known = self._number
             if not self.control.playing:
-                known = await self.changes(known)
-                due = time.monotonic() + CYCLE_S / self.control.speed
+                await self.changes(known)
+                flown_at = time.monotonic()
                 continue
-            await asyncio.sleep(max(0.0, due - time.monotonic()))
-            if self.control.playing:
-                await self.change(self._step)
-            due = max(due, time.monotonic() - CYCLE_S) + CYCLE_S / self.control.speed
+            interval_s = CYCLE_S / self.control.speed
+            wait_s = flown_at + interval_s - time.monotonic()
+            if wait_s > 0.0:
+                with suppress(TimeoutError):  # a change of the speed takes effect at once
+                    await asyncio.wait_for(self.changes(known), wait_s)
+                continue
+            flown_at = max(flown_at, time.monotonic() - 2.0 * interval_s) + interval_s
+            await self.change(self._step)
 
     def _step(self) -> None:
-        if self.control.playing:  # it may have been paused in the meantime
-            try:
-                self.control.step()
-            except InputError as error:  # of the adviser
-                self.control.playing = False
-                self._problem = f"Paused: {error}"
-                self.refused(self._problem)
+        if not self.control.playing:  # paused in the meantime
+            return
+        try:
+            self.control.step()
+            self._problem = None
+        except Exception as error:  # the adviser may be anybody's code
+            self.control.playing = False
+            self._problem = f"Paused: {_in_one_line(error)}"
+            self.refused(self._problem)
 
     async def _predict(self) -> None:
         """Predict the approaches of all pairs whenever there is time and something has changed."""
@@ -271,8 +277,9 @@ class _Browser:
             return
         try:
             reply = await self._do(message)
-        except InputError as error:
-            await self._send({"kind": "refused", "id": message.id, "reason": str(error)})
+        except Exception as error:  # of the adviser: see `_step`
+            reason = _in_one_line(error)
+            await self._send({"kind": "refused", "id": message.id, "reason": reason})
             return
         if reply is not None:
             await self._send({"kind": "reply", "id": message.id} | reply)
@@ -323,6 +330,11 @@ class _Browser:
 
     def _advise(self, conforms: bool) -> bool:
         return self._server.control.advise(conforms) is not None
+
+
+def _in_one_line(error: Exception) -> str:
+    words = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+    return printable(words)
 
 
 def _set(control: LiveControl, message: Message) -> None:
