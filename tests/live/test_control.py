@@ -52,10 +52,10 @@ def test_a_trial_issues_nothing_and_says_what_the_clearance_does(control):
     start = control.hour.state.traffic.position_nm[slot]
     np.testing.assert_allclose(trial["path"][0], start, atol=1e-3)
     assert len(trial["path"]) > 3
-    (of_level,) = [each for each in control.levels(name) if each["fl"] == wanted]
+    (of_level,) = [each for each in control.choices(name)["levels"] if each["fl"] == wanted]
     assert (of_level["least_nm"], of_level["lost_in_s"]) == (trial["least_nm"], trial["lost_in_s"])
     with pytest.raises(InputError, match="unknown callsign 'AC999'"):
-        control.levels("AC999")
+        control.choices("AC999")
 
 
 def test_a_clearance_is_read_back_and_in_the_history(control):
@@ -110,6 +110,8 @@ def test_advice_is_accepted_refused_modified_and_logged(tmp_path):
     read_back = control.accept(advice.number, 0)
     assert read_back == f"{chosen.removeprefix(chosen.split()[0])[1:]}, {chosen.split()[0]}"
     assert words(control)[-1] == chosen
+    with pytest.raises(InputError, match="no such advice"):
+        control.clear(f"{on_frequency(control.hour)[0]} fly heading 360", modifies=(7, 0))
     with pytest.raises(InputError, match=r"out of date \(allowed: ask again\)"):
         control.accept(advice.number, 0)
     control.step()

@@ -15,7 +15,7 @@ VALID = [
     {"do": "clear", "text": "AC1 climb 340", "id": 7},
     {"do": "clear", "text": "AC1 climb 340", "modifies": [0, 2]},
     {"do": "trial", "text": "AC1 left heading 240"},
-    {"do": "levels", "callsign": "AC1"},
+    {"do": "choices", "callsign": "AC1"},
     {"do": "advise", "conforms": True},
     {"do": "answer", "number": 3, "rank": 1, "answer": "accept"},
     {"do": "hand_over", "callsigns": ["AC1"], "to_adviser": True},

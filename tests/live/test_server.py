@@ -149,7 +149,10 @@ def test_trials_levels_and_advice_are_answered(session):
     name = on_frequency(session.control.hour)[0]
     with session.client() as client:
         assert client.ask(do="trial", text=f"{name} fly heading 360")["trial"]["callsign"] == name
-        assert len(client.ask(do="levels", callsign=name)["levels"]) == 21
+        choices = client.ask(do="choices", callsign=name)
+        assert len(choices["levels"]) == 21
+        slot = session.control.hour.slots[name]
+        assert tuple(choices["fixes"]) == session.control.hour.fixes_ahead(slot)
         assert client.ask(do="advise")["advised"] is True
         client.wait(lambda each: each.news and each.news["advice"] is not None)
         advice = client.news["advice"]

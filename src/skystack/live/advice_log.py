@@ -85,6 +85,10 @@ class AdviceLog:
                 alternatives[entry.rank].answer = entry.answer
                 alternatives[entry.rank].issued = entry.issued
 
+    def has(self, number: int, rank: int) -> bool:
+        """Whether an alternative was shown."""
+        return number in self._shown and rank < len(self._shown[number].alternatives)
+
     def chosen(self) -> list[str]:
         """The kinds of the alternatives that were accepted."""
         return [

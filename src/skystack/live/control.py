@@ -117,6 +117,8 @@ class LiveControl:
         `modifies` are the number and the rank of an alternative that it changes. Raises InputError
         if it is not understood or cannot be flown.
         """
+        if modifies is not None and not self.log.has(*modifies):
+            raise InputError("there is no such advice (allowed: what was shown)")
         transmission = self.hour.transmission_for(parse_clearance(text, self.hour.slots))
         issued = self._transmit(transmission, YOU)
         if modifies is not None:
@@ -133,8 +135,8 @@ class LiveControl:
         )
         return self.views.trial(trial)
 
-    def levels(self, callsign: str) -> list[dict[str, Any]]:
-        """What a clearance to each level would lead to.
+    def choices(self, callsign: str) -> dict[str, Any]:
+        """The `fixes` ahead of a flight, and what a clearance to each of the `levels` leads to.
 
         Raises InputError for an unknown callsign.
         """
@@ -143,14 +145,16 @@ class LiveControl:
         slot = self.hour.slots[callsign]
         lowest, highest = self.hour.world.sector.levels_fl
         levels_fl = range(lowest, highest + 1, LEVEL_STEP_FL)
-        plans = [
-            (Planned(0, Transmission(slot, level_ticks=ticks(float(fl)))),) for fl in levels_fl
-        ]
+        cleared = (Transmission(slot, level_ticks=ticks(float(fl))) for fl in levels_fl)
+        plans = [(Planned(0, each),) for each in cleared]
         trials = self._what_if.trials(self.hour.state, slot, plans)
-        return [
-            {"fl": fl, "lost_in_s": each.lost_in_s, "least_nm": rounded(each.least_nm)}
-            for fl, each in zip(levels_fl, trials, strict=True)
-        ]
+        return {
+            "fixes": self.hour.fixes_ahead(slot),
+            "levels": [
+                {"fl": fl, "lost_in_s": each.lost_in_s, "least_nm": rounded(each.least_nm)}
+                for fl, each in zip(levels_fl, trials, strict=True)
+            ],
+        }
 
     def advise(self, conforms: bool = False) -> Advice | None:
         """Advice about the most urgent concern; None if there is none.
@@ -169,9 +173,10 @@ class LiveControl:
         Raises InputError if the advice is out of date.
         """
         chosen = self._shown(number, rank)
-        self._note(AdviceAnswered(number, rank, "accepted"))
         self.advice, self._begun = None, False
-        return read_back(self._transmit(chosen.transmission, YOU))
+        issued = self._transmit(chosen.transmission, YOU)
+        self._note(AdviceAnswered(number, rank, "accepted"))
+        return read_back(issued)
 
     def refuse(self, number: int, rank: int) -> None:
         """Record that an alternative was refused. Raises InputError if there is no such advice."""
@@ -242,18 +247,16 @@ class LiveControl:
         }
 
     def _advance(self) -> None:
+        self._write(CycleFlown(self.cycle + 1))  # first: if it fails, nothing has happened
         cycle = self.hour.advance()
         self.history.add_cycle(self.cycle, cycle, self.hour.slots)
         self.handed &= self.hour.slots.keys()
-        self._write(CycleFlown(self.cycle))
 
     def _transmit(self, transmission: Transmission, by: str) -> Instruction:
         """Issue a transmission; no time passes."""
-        issued = self.hour.transmit(transmission)
-        self.history.add_clearance(self.hour.state, transmission, issued, by)
         self._write(
             ClearanceIssued(
-                callsign=issued.callsign,
+                callsign=self.hour.callsigns[transmission.slot],
                 by=by,
                 heading_deg=transmission.heading_deg,
                 turn=transmission.turn,
@@ -262,6 +265,8 @@ class LiveControl:
                 instructions=transmission.instructions,
             )
         )
+        issued = self.hour.transmit(transmission)
+        self.history.add_clearance(self.hour.state, transmission, issued, by)
         return issued
 
     def _delegated(self) -> list[Transmission]:

@@ -137,8 +137,7 @@ class LiveHour:
         if not parsed.own_navigation:
             return None
         following = int(self.state.progress.next_fix[slot])
-        route = self._route(slot)
-        ahead = route[following:]
+        ahead = self.fixes_ahead(slot)
         if parsed.direct_to is None:
             return following
         if parsed.direct_to not in ahead:
@@ -146,6 +145,10 @@ class LiveHour:
                 f"{parsed.callsign} direct {parsed.direct_to} (allowed: {', '.join(ahead)})"
             )
         return following + ahead.index(parsed.direct_to)
+
+    def fixes_ahead(self, slot: int) -> tuple[str, ...]:
+        """The fixes of a flight's route from the next one on."""
+        return self._route(slot)[int(self.state.progress.next_fix[slot]) :]
 
     def _level(self, parsed: ParsedClearance, slot: int) -> float | None:
         if parsed.level_fl is None:

@@ -56,8 +56,8 @@ class TryClearance(_Message, tag="trial"):
     text: _Text
 
 
-class Levels(_Message, tag="levels"):
-    """Ask what a clearance to each level would lead to for a flight."""
+class Choices(_Message, tag="choices"):
+    """Ask for the fixes ahead of a flight, and what a clearance to each level would lead to."""
 
     callsign: _Callsign
 
@@ -77,7 +77,7 @@ class AnswerAdvice(_Message, tag="answer"):
 
 
 class HandOver(_Message, tag="hand_over"):
-    """HandOver flights over to the adviser, or take them back; an empty list means all."""
+    """Hand flights over to the adviser, or take them back; an empty list means all."""
 
     callsigns: Annotated[list[_Callsign], msgspec.Meta(max_length=20)]
     to_adviser: bool
@@ -97,7 +97,7 @@ class Follow(_Message, tag="follow"):
 
 
 _Control = Play | Speed | StepOnce | HandOver | Rewind
-Message = _Control | Clear | TryClearance | Levels | Advise | AnswerAdvice | Follow
+Message = _Control | Clear | TryClearance | Choices | Advise | AnswerAdvice | Follow
 
 
 def read_message(text: str | bytes) -> Message:

@@ -23,10 +23,10 @@ from skystack.live.control import LiveControl
 from skystack.live.messages import (
     Advise,
     AnswerAdvice,
+    Choices,
     Clear,
     Follow,
     HandOver,
-    Levels,
     Message,
     Play,
     Rewind,
@@ -49,6 +49,8 @@ with requires_extra("skystack.live.server", "live"):
 MESSAGES_PER_S, BURST = 20.0, 100.0
 """How many messages a browser may send: on average, and at once."""
 MOST_BROWSERS = 20
+CLOSING_S = 10.0
+"""How long a call that runs when the server ends is waited for."""
 MONITOR_EVERY_S = 1.0
 """The minimum time between two predictions of all pairs."""
 MOST_REFUSALS = 1000
@@ -97,7 +99,10 @@ class LiveServer:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
-            self._executor.shutdown()
+            # A cycle that is being flown is completed; an adviser that hangs is not waited for.
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self.call(lambda: None), CLOSING_S)
+            self._executor.shutdown(wait=False, cancel_futures=True)
 
     async def _get(self, request: Request) -> Response:
         given = request.query_params.get("token")
@@ -267,13 +272,14 @@ class _Browser:
             await self._socket.send_text(json.dumps(value, separators=(",", ":")))
 
     async def _receive(self, text: str | bytes) -> None:
-        if not self._is_allowed():
-            await self._refuse("too many messages", 0)
-            return
+        is_allowed = self._is_allowed()
         try:
             message = read_message(text)
         except InputError as error:
             await self._refuse(str(error), 0)
+            return
+        if not is_allowed:
+            await self._refuse("too many messages", message.id)
             return
         try:
             reply = await self._do(message)
@@ -296,8 +302,10 @@ class _Browser:
 
     async def _refuse(self, reason: str, number: int) -> None:
         self._refusals += 1
-        if self._refusals <= 3:  # more would only fill the log
+        is_logged = self._refusals <= 3  # more would only fill the log
+        if is_logged:
             self._server.refused(f"refused: {reason}")
+        if is_logged or number:  # the page waits for a reply
             await self._send({"kind": "refused", "id": number, "reason": reason})
 
     async def _do(self, message: Message) -> dict[str, Any] | None:
@@ -312,8 +320,8 @@ class _Browser:
                     self._following.set()
             case TryClearance(text=text):
                 reply = {"trial": await server.call(lambda: control.trial(text))}
-            case Levels(callsign=callsign):
-                reply = {"levels": await server.call(lambda: control.levels(callsign))}
+            case Choices(callsign=callsign):
+                reply = await server.call(lambda: control.choices(callsign))
             case Advise(conforms=conforms):
                 shown = await server.change(lambda: self._advise(conforms))
                 reply = {"advised": shown}
@@ -324,6 +332,9 @@ class _Browser:
                 reply = {"read_back": await server.change(lambda: control.accept(number, rank))}
             case Clear(text=text, modifies=modifies):
                 reply = {"read_back": await server.change(lambda: control.clear(text, modifies))}
+            case Play(on=False):  # also while an adviser keeps the thread busy
+                control.playing = False
+                await server.notify()
             case _:
                 await server.change(lambda: _set(control, message))
         return reply

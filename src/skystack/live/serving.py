@@ -95,7 +95,7 @@ def running(application: Any, bound: socket.socket) -> Iterator["Future[None]"]:
     """
     config = uvicorn.Config(
         application,
-        log_level="error",
+        log_level="critical",
         access_log=False,
         ws_max_size=MOST_FRAME_BYTES,
         timeout_graceful_shutdown=_CLOSING_S,

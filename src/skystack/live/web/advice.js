@@ -53,9 +53,9 @@ class Advice {
     }
     item.append(group);
     for (const name of ["pointerenter", "focusin"]) {
-      item.addEventListener(name, () => this.draft.show(alternative));
+      item.addEventListener(name, () => this.draft.preview(alternative));
     }
-    item.addEventListener("pointerleave", () => this.draft.show(null));
+    item.addEventListener("pointerleave", () => this.draft.preview(null));
     return item;
   }
 
@@ -64,13 +64,13 @@ class Advice {
     if (reply.kind === "refused") this.draft.showAnswer(reply.reason, true);
     else if (answer === "accept") this.draft.showAnswer(`“${reply.read_back}”`);
     else item?.classList.add("refused");
-    this.draft.show(null);
+    this.draft.preview(null);
   }
 
   /** Puts an alternative into the clearance field, to be changed. */
   modify(alternative, rank) {
     this.draft.player.select(alternative.callsign);
-    this.draft.modifies = [this.number, rank];
+    this.draft.modifies = { of: [this.number, rank], callsign: alternative.callsign };
     this.draft.input.value = alternative.words;
     this.draft.changed();
     this.draft.input.focus();

@@ -19,6 +19,7 @@ class Draft {
       event.preventDefault();
       this.issue();
     });
+    this.previewed = null; // the trial of an alternative that is pointed at
     for (const button of document.querySelectorAll("[data-turn]")) {
       button.addEventListener("click", () => this.turnBy(Number(button.dataset.turn)));
     }
@@ -40,21 +41,25 @@ class Draft {
   /** Shows the choices for the selected flight. */
   select() {
     const { aircraft } = this;
-    this.words = {};
+    [this.words, this.headingDeg] = [{}, null];
     this.choices.hidden = !aircraft;
     this.clear(aircraft ? `${aircraft.callsign} ` : "");
     this.ladder.replaceChildren();
-    this.levelsOf = null; // the situation for which the levels are shown
-    if (!aircraft) return;
-    const ahead = aircraft.route.slice(1);
-    this.fixes.replaceChildren(
-      ...ahead.map((fix) => {
-        const button = element("button", "", fix);
-        button.addEventListener("click", () => this.set({ way: `direct ${fix}` }));
-        return button;
-      }),
-    );
-    this.askLevels();
+    this.fixes.replaceChildren();
+    this.choicesOf = null; // the situation for which the levels and fixes are shown
+    this.askChoices();
+  }
+
+  /** The situation, to see whether it has changed. */
+  get situation() {
+    const [run] = this.player.runs;
+    return JSON.stringify([this.aircraft?.callsign, run.cycles, run.clearances.length]);
+  }
+
+  /** Tries again and asks again what is out of date. */
+  refresh() {
+    if (this.trial && this.triedIn !== this.situation) this.tryNow(this.input.value.trim());
+    this.askChoices();
   }
 
   /** Sets a part of the clearance, `way` or `level`, and tries the whole. */
@@ -69,13 +74,14 @@ class Draft {
 
   turnBy(degrees) {
     const { aircraft } = this;
-    if (aircraft) this.turnTo(aircraft.clearedHeadingDeg[this.last] + degrees);
+    if (aircraft) this.turnTo((this.headingDeg ?? aircraft.headingDeg[this.last]) + degrees);
   }
 
   turnTo(degrees) {
     const now = this.aircraft.headingDeg[this.last];
     const change = ((((degrees - now) % 360) + 540) % 360) - 180;
     const heading = threeDigits(degrees);
+    this.headingDeg = degrees;
     const side = threeDigits(now) === heading ? "fly" : change < 0 ? "turn left" : "turn right";
     this.set({ way: `${side} heading ${heading}` });
   }
@@ -96,6 +102,7 @@ class Draft {
   }
 
   async tryNow(text) {
+    this.triedIn = this.situation;
     const reply = await this.ask({ do: "trial", text });
     if (this.input.value.trim() !== text) return; // it has been changed in the meantime
     this.show(reply.trial ?? null);
@@ -106,13 +113,14 @@ class Draft {
     const text = this.input.value.trim();
     if (!text) return;
     clearTimeout(this.timer);
-    const modifies = this.modifies && { modifies: this.modifies };
+    const isModified = this.modifies?.callsign === text.split(/\s+/)[0].toUpperCase();
+    const modifies = isModified ? { modifies: this.modifies.of } : {};
     const reply = await this.ask({ do: "clear", text, ...modifies });
     if (reply.kind === "refused") {
       this.showAnswer(reply.reason, true);
       return;
     }
-    this.words = {};
+    [this.words, this.headingDeg] = [{}, null];
     this.clear(this.aircraft ? `${this.aircraft.callsign} ` : "");
     this.showAnswer(`“${reply.read_back}”`);
   }
@@ -132,19 +140,35 @@ class Draft {
 
   show(trial) {
     this.trial = trial;
-    this.version += 1;
-    setText(this.about, trial ? `${trial.words}: ${trialWords(trial)}` : "");
-    this.about.classList.toggle("loss", Boolean(trial) && trial.lost_in_s !== null);
+    this.preview(null);
   }
 
-  async askLevels() {
-    const { aircraft, player } = this;
-    if (!aircraft) return;
-    const key = JSON.stringify([aircraft.callsign, this.last, player.runs[0].clearances.length]);
-    if (key === this.levelsOf) return; // nothing has changed
-    this.levelsOf = key;
-    const reply = await this.ask({ do: "levels", callsign: aircraft.callsign });
+  /** Shows the trial of an alternative instead; with null, that of the clearance again. */
+  preview(trial) {
+    this.previewed = trial;
+    this.version += 1;
+    const shown = trial ?? this.trial;
+    setText(this.about, shown ? `${shown.words}: ${trialWords(shown)}` : "");
+    this.about.classList.toggle("loss", Boolean(shown) && shown.lost_in_s !== null);
+  }
+
+  /** Asks for the levels and fixes to which the selected flight may be cleared. */
+  async askChoices() {
+    const { aircraft, situation } = this;
+    if (!aircraft || situation === this.choicesOf) return;
+    this.choicesOf = situation;
+    const reply = await this.ask({ do: "choices", callsign: aircraft.callsign });
     if (this.aircraft !== aircraft || !reply.levels) return;
+    this.fixes.replaceChildren(
+      ...reply.fixes.map((fix) => {
+        const button = element("button", "", fix);
+        button.addEventListener("click", () => {
+          this.headingDeg = null;
+          this.set({ way: `direct ${fix}` });
+        });
+        return button;
+      }),
+    );
     const cleared = aircraft.clearedFl[this.last];
     this.ladder.replaceChildren(
       ...reply.levels.map(({ fl, lost_in_s: lostInS, least_nm: leastNm }) => {
@@ -168,7 +192,8 @@ class Draft {
     listen("pointerdown", (event) => {
       const { aircraft } = this;
       const isOn = aircraft && this.scope.hit(...placeOf(event)) === aircraft.callsign;
-      begun = isOn && event.isPrimary && !event.shiftKey ? placeOf(event) : null;
+      const isPlain = event.isPrimary && !event.shiftKey && this.player.isFollowing;
+      begun = isOn && isPlain ? placeOf(event) : null;
       if (!begun) return;
       canvas.setPointerCapture(event.pointerId);
       event.stopPropagation(); // the radar would be moved
@@ -195,14 +220,15 @@ class Draft {
 
   /** Draws the trial on the radar: the path, and the flight's position at the closest approach. */
   draw(pen) {
-    if (!this.trial) return;
-    const { path, lost_in_s: lostInS, approaches } = this.trial;
+    const trial = this.previewed ?? this.trial;
+    if (!trial || !this.player.isFollowing) return; // it is of the present
+    const { path, lost_in_s: lostInS, approaches } = trial;
     const colour = pen.colour[lostInS === null ? "selected" : "loss"];
     const points = path.map((at) => pen.at(...at));
     stroke(pen, points, colour, { width: 2, dash: [2, 4] });
     const [nearest] = approaches;
     if (!nearest) return;
-    const row = Math.min(Math.round(nearest.in_s / this.trial.path_s), points.length - 1);
+    const row = Math.min(Math.round(nearest.in_s / trial.path_s), points.length - 1);
     const at = points[row];
     ring(pen, at, this.scope.ringNm * pen.nm(path[row][1]), colour, { dash: [4, 4] });
     write(pen, `${nearest.callsign} ${nmText(nearest.least_nm)}`, at[0] + 8, at[1] - 10, colour);

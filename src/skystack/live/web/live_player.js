@@ -10,6 +10,7 @@ class LivePlayer extends Player {
     this.status = { cycle: 0, cycles: 0, playing: false, speed: 1 };
     this.isFollowing = true;
     this.speed = 1;
+    this.wantedSpeed = null; // until the server confirms it
     this.send = () => {}; // until there is a connection
   }
 
@@ -48,14 +49,17 @@ class LivePlayer extends Player {
 
   faster(steps) {
     super.faster(steps);
-    if (steps && this.isFollowing) this.send({ do: "speed", times: this.speed });
+    if (!steps || !this.isFollowing) return;
+    this.wantedSpeed = this.speed;
+    this.send({ do: "speed", times: this.speed });
   }
 
   /** Takes over the newest row, and what the server says of the session. */
   follow(lastRow, status) {
     this.lastRow = lastRow;
     this.status = status;
-    if (this.isFollowing) this.speed = status.speed;
+    if (status.speed === this.wantedSpeed) this.wantedSpeed = null;
+    if (this.isFollowing && this.wantedSpeed === null) this.speed = status.speed;
     this.goTo(this.isFollowing ? lastRow : this.row);
   }
 }

@@ -1,7 +1,7 @@
 // Connects the page to the session, and its console to the page.
 
 const RETRY_MS = 1000;
-const LEVELS_EVERY_MS = 1500;
+const REFRESH_MS = 1500;
 
 class Connection {
   /** `onNews` is called with what is new. */
@@ -121,6 +121,7 @@ function showControl() {
   document.querySelector('[data-do="rewind"]').hidden = player.isFollowing;
   for (const { item, aircraft } of pane.panels.rows) {
     const { callsign } = aircraft;
+    item.classList.toggle("gone", aircraft.rows <= player.row);
     item.classList.toggle("handed", handsAll || handed.includes(callsign));
     item.classList.toggle("not-on-frequency", conditions.not_on_frequency.includes(callsign));
     item.classList.toggle("pending", pending.has(callsign));
@@ -194,4 +195,4 @@ player.onChange = (what) => {
   }
   showControl();
 };
-setInterval(() => draft.askLevels(), LEVELS_EVERY_MS);
+setInterval(() => draft.refresh(), REFRESH_MS);
