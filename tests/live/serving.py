@@ -9,14 +9,13 @@ from websockets.sync.client import connect
 
 from skystack.live.control import LiveControl
 from skystack.live.page import live_page
-from skystack.live.server import LiveServer
+from skystack.live.server import COOKIE, LiveServer
 from skystack.live.serving import LOOPBACK, bound_socket, running
 
 from ..waiting import TIMEOUT_S
 from .made import ADVISER, WORLD, opened
 
 TOKEN = "a-token"
-COOKIE = "skystack-session"
 
 
 class Served:
@@ -98,9 +97,9 @@ def served(cycles=600, steps=0):
     for _ in range(steps):
         control.step()
     log: list[str] = []
-    page = live_page(WORLD.sector, "a session", ADVISER)
+    page = live_page(WORLD.sector, "a session")
     server = LiveServer(control, page, TOKEN, log.append)
     with bound_socket(LOOPBACK, 0) as bound:
-        application = server.application([LOOPBACK, "localhost"], COOKIE)
+        application = server.application([LOOPBACK, "localhost"])
         with running(application, bound):
             yield Served(control, bound.getsockname()[1], log)

@@ -1,5 +1,7 @@
 """A session controlled by a person, by an adviser, and by both; restored from its journal."""
 
+from contextlib import contextmanager
+
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -8,6 +10,7 @@ from skystack.errors import InputError
 from skystack.evaluation.stored import read_table
 from skystack.live.control import YOU, LiveControl
 from skystack.live.journal import CycleFlown, open_journal
+from skystack.live.server import LiveServer
 from skystack.live.serving import header_of
 from skystack.reporting.replay.recording import read_replay
 from skystack.reporting.replay.side_by_side import read_side_by_side
@@ -16,12 +19,22 @@ from skystack.simulator.performance import TICKS_PER_FL
 from .made import ADVISER, on_frequency, opened
 
 
-def begin(cycles=200, journal=None, out=None, steps=0):
-    session = opened(seed=3, cycles=cycles)
-    control = LiveControl(session, cycles, ADVISER, journal, out)
+def begin(cycles=200, steps=0):
+    control = LiveControl(opened(seed=3, cycles=cycles), cycles, ADVISER)
     for _ in range(steps):
         control.step()
     return control
+
+
+@contextmanager
+def journaled(folder, steps, out=None):
+    """A session with a journal in a folder, after some cycles."""
+    session = opened(seed=3)
+    with open_journal(folder, header_of(session)) as (journal, _):
+        control = LiveControl(session, 200, ADVISER, journal, out)
+        for _ in range(steps):
+            control.step()
+        yield control
 
 
 @pytest.fixture(scope="module")
@@ -129,12 +142,20 @@ def test_advice_is_accepted_refused_modified_and_logged(tmp_path):
     assert control.log.chosen() == [rows[0]["kind"]]
 
 
+def test_advice_is_shown_as_it_was_given_after_its_flights_have_left():
+    control = begin(cycles=600, steps=60)
+    advice = control.advise()
+    shown = control.views.advice(advice)
+    while control.hour.slots.keys() & set(shown["callsigns"]):
+        control.step()
+    news = LiveServer(control, "", "token", lambda line: None).news(-1, 0)
+    assert news["advice"] == shown
+    with pytest.raises(InputError, match="out of date"):
+        control.accept(advice.number, 0)
+
+
 def test_going_back_keeps_the_history_that_is_left(tmp_path):
-    session = opened(seed=3)
-    with open_journal(tmp_path / "session", header_of(session)) as (journal, _):
-        control = LiveControl(session, 200, ADVISER, journal, tmp_path)
-        for _ in range(50):
-            control.step()
+    with journaled(tmp_path / "session", 50, tmp_path) as control:
         control.clear(f"{on_frequency(control.hour)[0]} left 20 degrees")
         control.step()
         epoch = control.history.epoch
@@ -147,17 +168,13 @@ def test_going_back_keeps_the_history_that_is_left(tmp_path):
     (scenario,) = read_replay(branch).scenarios
     assert scenario.cycles == 51
     assert len(scenario.clearances) == 1
-    folder, _ = session.write(tmp_path)
+    folder, _ = control.opened.write(tmp_path)
     both = read_side_by_side([folder, branch])  # of different lengths
     assert [each.scenarios[0].cycles for each in both] == [41, 51]
 
 
 def test_a_session_is_restored_from_its_journal(tmp_path):
-    session = opened(seed=3)
-    with open_journal(tmp_path, header_of(session)) as (journal, _):
-        control = LiveControl(session, 200, ADVISER, journal)
-        for _ in range(40):
-            control.step()
+    with journaled(tmp_path, 40) as control:
         control.hand_over([], to_adviser=True)
         control.step()
         control.rewind(39)
@@ -171,7 +188,7 @@ def test_a_session_is_restored_from_its_journal(tmp_path):
         restored.restore(entries)
     assert restored.history.updates == control.history.updates
     assert restored.log.rows() == control.log.rows()
-    for one, other in zip(again.hour.state.traffic, session.hour.state.traffic, strict=True):
+    for one, other in zip(again.hour.state.traffic, control.hour.state.traffic, strict=True):
         np.testing.assert_array_equal(one, other)
     folder, row = again.write(tmp_path / "out")
     assert row["transmissions_per_flight"] > 0.0
@@ -179,14 +196,10 @@ def test_a_session_is_restored_from_its_journal(tmp_path):
 
 
 def test_a_journal_of_other_traffic_is_refused(tmp_path):
-    session = opened(seed=3)
-    with open_journal(tmp_path, header_of(session)) as (journal, _):
-        control = LiveControl(session, 200, ADVISER, journal)
-        for _ in range(40):
-            control.step()
+    with journaled(tmp_path, 40) as control:
         control.clear(f"{on_frequency(control.hour)[-1]} left 20 degrees")
     other = opened(seed=4)
-    with open_journal(tmp_path, header_of(session)) as (_, entries):
+    with open_journal(tmp_path, header_of(control.opened)) as (_, entries):
         fewer = [each for each in entries if not isinstance(each, CycleFlown) or each.number < 5]
     with pytest.raises(InputError, match=r"the journal has .*--new"):
         LiveControl(other, 200, ADVISER).restore(fewer)

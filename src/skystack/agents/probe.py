@@ -14,8 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from skystack.agents.transmission import TURNS, Transmission
 from skystack.simulator.simulator import Simulator, instruct
-from skystack.simulator.traffic import NO_TURN, Clearance, Traffic, ticks
+from skystack.simulator.traffic import DIRECT, NO_TURN, Clearance, Traffic, ticks
 from skystack.tasks.flight_time import flight_times
 from skystack.tasks.progress import FlightPlan, Progress, ProgressTracker
 from skystack.tasks.sector_world import World, WorldState
@@ -54,6 +55,21 @@ def no_events(plans: int) -> Events:
     """Plans without clearances."""
     number, zero = np.zeros((plans, EVENTS), np.int32), np.zeros((plans, EVENTS), np.float32)
     return Events(number + NEVER, number + NO_TURN, zero, number, zero > 0.0, zero.copy())
+
+
+def set_event(
+    events: Events, plan: int, index: int, cycle: int, transmission: Transmission
+) -> None:
+    """Set an event of a plan: a transmission that is issued in a cycle."""
+    events.cycle[plan, index] = cycle
+    if transmission.fix is not None:
+        events.turn[plan, index], events.fix[plan, index] = DIRECT, transmission.fix
+    if transmission.heading_deg is not None:
+        events.turn[plan, index] = TURNS[transmission.turn]
+        events.heading_deg[plan, index] = transmission.heading_deg
+    if transmission.level_ticks is not None:
+        events.changes_level[plan, index] = True
+        events.level_ticks[plan, index] = transmission.level_ticks
 
 
 def flights_in(state: WorldState, slots: Int[np.ndarray, " rows"]) -> tuple[Any, Any, Any]:

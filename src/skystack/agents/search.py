@@ -26,6 +26,7 @@ from skystack.agents.probe import (
     Probe,
     flights_in,
     no_events,
+    set_event,
 )
 from skystack.agents.transmission import PER_CYCLE, Transmission
 from skystack.agents.trials import Plan, Trials
@@ -167,15 +168,8 @@ class Search:
                 while cycle in busy or cycle in taken:
                     cycle += 1
                 taken.add(cycle)
-                events.cycle[number, index] = cycle - self._cycle
-                if step.fix is not None:
-                    events.turn[number, index], events.fix[number, index] = DIRECT, step.fix
-                if step.turn_deg is not None:
-                    events.turn[number, index] = SHORTEST
-                    events.heading_deg[number, index] = round(heading + step.turn_deg) % 360
-                if step.level_ticks is not None:
-                    events.changes_level[number, index] = True
-                    events.level_ticks[number, index] = step.level_ticks
+                transmission = step.transmission(slot, heading)
+                set_event(events, number, index, cycle - self._cycle, transmission)
         return events
 
     def _taken(self, due: list[tuple[int, Transmission]], slot: int) -> bool:

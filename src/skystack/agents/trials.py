@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skystack.agents.transmission import Transmission
 from skystack.simulator.traffic import ticks
 from skystack.tasks.sector_world import World, WorldState
 
@@ -30,6 +31,11 @@ class Step(NamedTuple):
     turn_deg: int | None = None
     """A turn from the present heading."""
     level_ticks: float | None = None
+
+    def transmission(self, slot: int, heading_deg: float) -> Transmission:
+        """The clearance for the flight in a slot, whose present heading is given."""
+        turned = None if self.turn_deg is None else round(heading_deg + self.turn_deg) % 360
+        return Transmission(slot, turned, self.fix, self.level_ticks)
 
 
 Plan = tuple[Step, ...]

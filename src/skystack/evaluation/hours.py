@@ -178,7 +178,7 @@ class HourRecorder:
         self._decision_ms.append(decision_ms)
 
     def forget_after(self, cycles: int) -> None:
-        """Keep only the first cycles, and the transmissions before the last of them."""
+        """Keep only the first cycles, and the transmissions issued before each of them."""
         self.sent = [each for each in self.sent if each.cycle < cycles]
         for recorded in (self._cycles, self._candidates, self._fail_safe, self._decision_ms):
             del recorded[cycles:]

@@ -31,10 +31,8 @@ PREFERENCE_CYCLES = 60.0
 alternatives were of that kind."""
 MARGIN_NM = 0.5
 """Plans that stay this far beyond the separation standard are preferred."""
-
 SAME_HEADING_DEG = 15
 """Headings that differ by at most this much are the same proposal."""
-
 TRIAL = "trial plan"
 """The source of alternatives that the adviser did not propose."""
 
@@ -223,16 +221,5 @@ def _different(ranked: Iterable[Alternative]) -> Iterator[Alternative]:
 
 def _planned(state: WorldState, slot: int, plan: Plan) -> tuple[Planned, ...]:
     """A trial plan as transmissions."""
-    heading = float(state.traffic.heading_deg[slot])
-    return tuple(
-        Planned(
-            step.wait,
-            Transmission(
-                slot,
-                None if step.turn_deg is None else round(heading + step.turn_deg) % 360,
-                step.fix,
-                step.level_ticks,
-            ),
-        )
-        for step in plan
-    )
+    heading_deg = float(state.traffic.heading_deg[slot])
+    return tuple(Planned(step.wait, step.transmission(slot, heading_deg)) for step in plan)

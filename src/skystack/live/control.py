@@ -51,6 +51,9 @@ class LiveControl:
         self.hands_all = False
         """Whether the adviser controls all flights, also those to come."""
         self.advice: Advice | None = None
+        """The last advice, until another clearance is issued or the session goes back."""
+        self.shown: dict[str, Any] = {}
+        """What pages show of it, described when it was given: its flights may leave."""
         self.log = AdviceLog()
         self.branches: list[Path] = []
         """The folders of the histories that were left."""
@@ -164,7 +167,8 @@ class LiveControl:
         chosen = self.log.chosen() if conforms else ()
         self.advice = self._adviser.advise(self.hour.state, len(self.log), chosen)
         if self.advice is not None:
-            self._note(self._recorded(self.advice))
+            self.shown = self.views.advice(self.advice)
+            self._note(_logged(self.advice, self.shown))
         return self.advice
 
     def accept(self, number: int, rank: int) -> str:
@@ -305,22 +309,22 @@ class LiveControl:
         if self._journal is not None:
             self._journal.add(entry)
 
-    def _recorded(self, advice: Advice) -> AdviceShown:
-        """Advice as the log has it."""
-        name = self.hour.callsigns
-        return AdviceShown(
-            number=advice.number,
-            cycle=advice.cycle,
-            concern=advice.concern.kind,
-            flights=[name[slot] for slot in advice.concern.slots],
-            alternatives=[
-                Shown(
-                    source=each.source,
-                    kind=kind_of(each.transmission),
-                    text=written(self.hour.phrased(each.transmission)),
-                    least_nm=rounded(each.trial.least_nm),
-                    extra_nm=rounded(each.extra_nm),
-                )
-                for each in advice.alternatives
-            ],
-        )
+
+def _logged(advice: Advice, shown: dict[str, Any]) -> AdviceShown:
+    """Advice as the log has it; `shown` is what pages show of it."""
+    return AdviceShown(
+        number=advice.number,
+        cycle=advice.cycle,
+        concern=advice.concern.kind,
+        flights=shown["callsigns"],
+        alternatives=[
+            Shown(
+                source=each.source,
+                kind=kind_of(each.transmission),
+                text=view["words"],
+                least_nm=view["least_nm"],
+                extra_nm=view["extra_nm"],
+            )
+            for each, view in zip(advice.alternatives, shown["alternatives"], strict=True)
+        ],
+    )

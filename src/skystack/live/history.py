@@ -22,7 +22,7 @@ from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import Simulator
 from skystack.tasks.sector_world import WorldCycle, WorldState
 
-ROUNDED = {"nm": 4, "fl": 3, "deg": 2, "kt": 1}
+ROUNDED = {"nm": 4, "fl": 3, "deg": 2, "kt": 1, "ft_min": 1}
 """The decimals of values in updates."""
 
 
@@ -156,7 +156,7 @@ def _rows(cycle: WorldCycle, slots: np.ndarray) -> list[list[float]]:
         (traffic.cleared_heading_deg, "deg"),
         (traffic.cleared_level_ticks / TICKS_PER_FL, "fl"),
         (traffic.ground_speed_kt, "kt"),
-        (traffic.vertical_speed_ft_min, "kt"),
+        (traffic.vertical_speed_ft_min, "ft_min"),
         (status, None),
     )
     values = [

@@ -91,7 +91,9 @@ def open_journal(
     path = folder / FILE
     with locked_folder(folder):
         entries, length = ([], 0) if fresh else _entries(path, header)
-        with writing(path), path.open("r+b" if length else "wb") as file:
+        with writing(path):
+            file = path.open("r+b" if length else "wb")
+        with file:
             file.truncate(length)
             file.seek(length)
             journal = Journal(path, file)

@@ -43,7 +43,7 @@ class StepOnce(_Message, tag="step"):
 class Clear(_Message, tag="clear"):
     """Issue a clearance.
 
-    `modifies` are the number of advice and the rank of the alternative that it changes.
+    `modifies` are the number of the advice and the rank of the alternative that it changes.
     """
 
     text: _Text

@@ -10,7 +10,7 @@ BEFORE, AFTER = ("live_player", "growth"), ("draft", "advice", "monitor", "sessi
 """Scripts in the folder `web` that run before and after the `main` of replays."""
 
 
-def live_page(sector: Sector, title: str, adviser: str | None) -> str:
+def live_page(sector: Sector, title: str) -> str:
     """The page for a session in a sector. Its traffic arrives over a websocket."""
     web = files("skystack.live").joinpath("web")
 
@@ -20,9 +20,11 @@ def live_page(sector: Sector, title: str, adviser: str | None) -> str:
     nothing = ReplayScenario(0, 0, None, (), (), ())
     data = page_data((Replay(title, sector, (nothing,)),))
     additions = Additions(
+        what="Live session",
+        connects_to="'self'",
         console=source("console.html"),
         style=source("console.css"),
         before=source(*(f"{name}.js" for name in BEFORE)),
         after=source(*(f"{name}.js" for name in AFTER)),
     )
-    return render(data | {"live": {"adviser": adviser}}, title, additions)
+    return render(data | {"live": True}, title, additions)

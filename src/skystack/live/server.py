@@ -56,6 +56,7 @@ MONITOR_EVERY_S = 1.0
 MOST_REFUSALS = 1000
 """A browser with more refused messages is disconnected."""
 POLICY_VIOLATION = 1008
+COOKIE = "skystack-session"
 HEADERS = {
     "Cache-Control": "no-store",
     "Referrer-Policy": "no-referrer",
@@ -68,10 +69,19 @@ class LiveServer:
     """Serves one session. All calls of the session run in one thread, in turn."""
 
     def __init__(
-        self, control: LiveControl, page: str, token: str, log: Callable[[str], None]
+        self,
+        control: LiveControl,
+        page: str,
+        token: str,
+        log: Callable[[str], None],
+        cookie: str = COOKIE,
     ) -> None:
-        """`log` is called with a line for every refused message, up to a limit."""
-        self.control, self._page, self._token, self._log = control, page, token, log
+        """`log` is called with a line for every refused message, up to a limit.
+
+        Servers on different ports of a host need different names of the cookie.
+        """
+        self.control, self._page, self._token, self.log = control, page, token, log
+        self._cookie = cookie
         self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix="session")
         self._changed = asyncio.Condition()
         self._number = 0
@@ -79,11 +89,9 @@ class LiveServer:
         self._browsers = 0
         self._monitor: dict[str, Any] = {"cycle": 0, "pairs": []}
         self._problem: str | None = None
-        self._cookie = "skystack-session"
 
-    def application(self, hosts: list[str], cookie: str = "skystack-session") -> Starlette:
+    def application(self, hosts: list[str]) -> Starlette:
         """The application. Requests to other host names than `hosts` are refused."""
-        self._cookie = cookie
         return Starlette(
             routes=[Route("/", self._get), WebSocketRoute("/live", self._serve)],
             middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=hosts, www_redirect=False)],
@@ -126,10 +134,8 @@ class LiveServer:
     async def _serve(self, socket: WebSocket) -> None:
         """One browser, from the handshake to the end of its connection."""
         host, origin = socket.headers.get("host"), socket.headers.get("origin")
-        if not self._is_known(socket) or origin != f"http://{host}":
-            await socket.close(POLICY_VIOLATION)
-            return
-        if self._browsers >= MOST_BROWSERS:
+        is_ours = self._is_known(socket) and origin == f"http://{host}"
+        if not is_ours or self._browsers >= MOST_BROWSERS:
             await socket.close(POLICY_VIOLATION)
             return
         await socket.accept()
@@ -162,10 +168,6 @@ class LiveServer:
             await self._changed.wait_for(lambda: self._number > known)
             return self._number
 
-    def refused(self, line: str) -> None:
-        """Log a message that was refused."""
-        self._log(line)
-
     def news(self, epoch: int, updates: int) -> dict[str, Any]:
         """What a browser does not have yet. Called in the thread of the session."""
         control, history = self.control, self.control.history
@@ -176,7 +178,7 @@ class LiveServer:
             "begin": begin,
             "updates": history.updates[begin:],
             "status": control.status(),
-            "advice": None if control.advice is None else control.views.advice(control.advice),
+            "advice": None if control.advice is None else control.shown,
             "monitor": self._monitor,
             "problem": self._problem,
         }
@@ -211,7 +213,7 @@ class LiveServer:
         except Exception as error:  # the adviser may be anybody's code
             self.control.playing = False
             self._problem = f"Paused: {_in_one_line(error)}"
-            self.refused(self._problem)
+            self.log(self._problem)
 
     async def _predict(self) -> None:
         """Predict the approaches of all pairs whenever there is time and something has changed."""
@@ -304,7 +306,7 @@ class _Browser:
         self._refusals += 1
         is_logged = self._refusals <= 3  # more would only fill the log
         if is_logged:
-            self._server.refused(f"refused: {reason}")
+            self._server.log(f"refused: {reason}")
         if is_logged or number:  # the page waits for a reply
             await self._send({"kind": "refused", "id": number, "reason": reason})
 

@@ -19,7 +19,7 @@ from skystack.live.control import LiveControl
 from skystack.live.journal import Header, open_journal
 from skystack.live.page import live_page
 from skystack.live.recorded import LiveSession
-from skystack.live.server import LiveServer
+from skystack.live.server import COOKIE, LiveServer
 
 with requires_extra("skystack.live.serving", "live"):
     import uvicorn
@@ -69,14 +69,13 @@ def serve(
             control.restore(entries)
         token = secrets.token_urlsafe(24)
         title = f"{conditions.traffic} traffic, seed {conditions.seed}"
-        page = live_page(opened.hour.world.sector, title, adviser)
+        page = live_page(opened.hour.world.sector, title)
         port = bound.getsockname()[1]
         names = ["*"] if serving.listen in _ANYWHERE else [serving.listen, *_LOOPBACK_NAMES]
-        server = LiveServer(control, page, token, announce)
-        application = server.application(names, cookie=f"skystack-session-{port}")
+        server = LiveServer(control, page, token, announce, f"{COOKIE}-{port}")
+        application = server.application(names)
         name = LOOPBACK if serving.listen in _ANYWHERE else serving.listen
-        if ":" in name:
-            name = f"[{name}]"
+        name = f"[{name}]" if ":" in name else name
         announce(f"open http://{name}:{port}/?token={token}")
         announce("Ctrl-C ends the session and keeps the recording")
         with running(application, bound) as ended:

@@ -1,8 +1,7 @@
 """What would happen: flights flown ahead under trial clearances, and how close they come to others.
 
-Everything is flown with the simulator itself, so turns and routes are exact; climbs
-are flown at nominal rates. Other flights
-fly as they are cleared; flights that have not arrived yet are unknown.
+Everything is flown with the simulator itself, so turns and routes are exact; climbs are flown at
+nominal rates. Other flights fly as they are cleared; flights that have not arrived yet are unknown.
 """
 
 from collections.abc import Sequence
@@ -22,13 +21,13 @@ from skystack.agents.probe import (
     Probe,
     flights_in,
     no_events,
+    set_event,
 )
-from skystack.agents.transmission import TURNS, Transmission
+from skystack.agents.transmission import Transmission
 from skystack.errors import InputError
 from skystack.simulator.arrivals import FREE
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
-from skystack.simulator.traffic import DIRECT
 from skystack.tasks.sector_world import WorldState
 
 HORIZON_CYCLES = 180
@@ -205,13 +204,5 @@ def _events(plans: Sequence[tuple[Planned, ...]]) -> Events:
         if len(plan) > EVENTS:
             raise InputError(f"a plan of {len(plan)} transmissions (allowed: at most {EVENTS})")
         for index, (wait, transmission) in enumerate(plan):
-            events.cycle[number, index] = wait
-            if transmission.fix is not None:
-                events.turn[number, index], events.fix[number, index] = DIRECT, transmission.fix
-            if transmission.heading_deg is not None:
-                events.turn[number, index] = TURNS[transmission.turn]
-                events.heading_deg[number, index] = transmission.heading_deg
-            if transmission.level_ticks is not None:
-                events.changes_level[number, index] = True
-                events.level_ticks[number, index] = transmission.level_ticks
+            set_event(events, number, index, wait, transmission)
     return events

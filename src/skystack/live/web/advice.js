@@ -1,8 +1,8 @@
 // The advice: the most urgent situation and its alternatives, which are accepted, modified or refused.
 
 class Advice {
-  constructor(ask, draft, scope) {
-    Object.assign(this, { ask, draft, scope, shown: null });
+  constructor(ask, draft) {
+    Object.assign(this, { ask, draft, shown: null });
     [this.situation, this.list] = [byId("situation"), byId("alternatives")];
   }
 

@@ -6,7 +6,8 @@ const DRAG_PX = 8;
 class Draft {
   /** `ask(message)` sends a message and returns a promise of the reply. */
   constructor(player, scope, ask) {
-    Object.assign(this, { player, scope, ask, timer: 0, trial: null, modifies: null, version: 0, words: {} });
+    Object.assign(this, { player, scope, ask, timer: 0, version: 0, modifies: null, words: {} });
+    Object.assign(this, { trial: null, previewed: null }); // of the text; of an alternative pointed at
     [this.input, this.answer, this.about] = [byId("clearance"), byId("answer"), byId("trial")];
     [this.choices, this.ladder, this.fixes] = [byId("choices"), byId("ladder"), byId("fixes")];
     this.input.addEventListener("input", () => this.changed());
@@ -19,7 +20,6 @@ class Draft {
       event.preventDefault();
       this.issue();
     });
-    this.previewed = null; // the trial of an alternative that is pointed at
     for (const button of document.querySelectorAll("[data-turn]")) {
       button.addEventListener("click", () => this.turnBy(Number(button.dataset.turn)));
     }

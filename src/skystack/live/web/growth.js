@@ -68,7 +68,6 @@ function addClearances(run, update) {
     ...each,
     aircraft: update.aircraft,
     callsign: aircraft.callsign,
-    by: update.by,
     row: each.cycle + 1,
   }));
   run.clearances.push(...issued);

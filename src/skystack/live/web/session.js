@@ -63,7 +63,7 @@ let conditions = { handed: [], hands_all: false, not_on_frequency: [], waiting: 
 const connection = new Connection(showNews);
 const ask = (message) => connection.ask(message);
 const draft = new Draft(player, pane.scope, ask);
-const advice = new Advice(ask, draft, pane.scope);
+const advice = new Advice(ask, draft);
 const monitor = new Monitor(pane.scope, replay.cycle_s, (pair) => goToPair(pane.scope, pair, undefined));
 display.rings = false; // there will be many aircraft
 options.show();

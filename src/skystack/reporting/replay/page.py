@@ -59,37 +59,43 @@ def write_replay(
 
 
 class Additions(NamedTuple):
-    """What a live session adds to the page: HTML, style sheets and scripts."""
+    """What a replay and a live session add to the page that they share."""
 
-    console: str
-    style: str
-    before: str
+    what: str
+    """The heading."""
+    connects_to: str = "'none'"
+    """Where its scripts may connect to, as in a Content-Security-Policy."""
+    console: str = ""
+    """HTML beside the radar."""
+    style: str = ""
+    before: str = ""
     """Scripts that run before `main`."""
-    after: str
+    after: str = ""
 
 
-def render(data: dict[str, Any], title: str, live: Additions | None = None) -> str:
+REPLAY = Additions("Radar replay")
+
+
+def render(data: dict[str, Any], title: str, additions: Additions = REPLAY) -> str:
     """The page that shows `page_data`: a replay, or a live session."""
     web = files("skystack.reporting.replay").joinpath("web")
 
     def source(name: str) -> str:
         return web.joinpath(name).read_text("utf-8")
 
-    scripts = [source(f"{name}.js") for name in SCRIPTS]
-    if live is not None:
-        scripts = [*scripts[:-1], live.before, scripts[-1], live.after]
-    script = "\n".join(scripts)
+    *shared, main = (source(f"{name}.js") for name in SCRIPTS)
+    script = "\n".join([*shared, additions.before, main, additions.after])
     digest = b64encode(hashlib.sha256(script.encode()).digest()).decode()
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     return environment.from_string(source("radar.html")).render(
         title=title,
-        what="Radar replay" if live is None else "Live session",
+        what=additions.what,
         sector=data["sector"]["name"],
-        style=source("radar.css") + ("" if live is None else live.style),
+        style=source("radar.css") + additions.style,
         script=script,
         script_hash=f"sha256-{digest}",  # the only script that the browser may run
-        connects_to="'none'" if live is None else "'self'",
-        console="" if live is None else live.console,
+        connects_to=additions.connects_to,
+        console=additions.console,
         data=as_json(data),
     )
 

@@ -82,7 +82,7 @@ def _check_traffic(first: Replay, other: Replay) -> None:
             f"{other.title} and {first.title} have different traffic (allowed: recordings of the "
             "same traffic, seed and uncertainty)"
         )
-    if SESSION in (first.traffic.agent, other.traffic and other.traffic.agent):
+    if SESSION in {each.traffic.agent for each in (first, other) if each.traffic}:
         return  # the histories of a session may end at any time
     lengths = {scenario.cycles for replay in (first, other) for scenario in replay.scenarios}
     if len(lengths) > 1:
