@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from skystack.simulator.traffic import start, ticks
-from skystack.tasks.outlook import MARGIN_NM, NEIGHBOURS, WAYS, look_ahead, look_ahead_for
+from skystack.tasks.outlook import (
+    MARGIN_NM,
+    NEIGHBOURS,
+    WAYS,
+    look_ahead,
+    look_ahead_for,
+    time_to_loss_as_cleared,
+)
 from skystack.tasks.prediction import HORIZON_S, TIMES_S
 from tests.tasks.sector_traffic import SIMULATOR, SLOTS, after
 
@@ -112,6 +119,23 @@ def test_every_neighbour_is_another_flight():
     assert active[neighbour[exists]].all()
     assert (neighbour != np.arange(SLOTS)[None])[exists].all()
     assert (np.diff(urgency, axis=0) >= 0.0).all()
+
+
+def test_as_cleared_alone_is_the_first_of_all_ways():
+    """For a batch of two scenarios."""
+    states = [after(120, seed).world for seed in (0, 1)]
+    two = jax.tree.map(lambda *values: jnp.stack(values, axis=-1), *states)
+    looks = (
+        two.traffic,
+        two.progress.next_fix,
+        two.plan.exit_level_ticks,
+        two.progress.entered,
+        0.0,
+    )
+    every = look_ahead(SIMULATOR, *looks).time_s[0]
+    alone = time_to_loss_as_cleared(SIMULATOR, *looks)
+    assert (np.asarray(alone) < HORIZON_S).any()
+    np.testing.assert_array_equal(alone, every)
 
 
 @pytest.mark.parametrize("seed", [0, 3])

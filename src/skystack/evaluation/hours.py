@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable
 from functools import cached_property, partial
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -15,9 +15,10 @@ from skystack.errors import InputError
 from skystack.learning.seeds import scenario_key
 from skystack.simulator.arrivals import FREE
 from skystack.simulator.traffic import Traffic
-from skystack.tasks.outlook import CLEARED
 from skystack.tasks.sector_rewards import FAIL_SAFE_S
 from skystack.tasks.sector_world import World, WorldCycle, WorldState
+
+Tree = TypeVar("Tree")
 
 
 class Sent(NamedTuple):
@@ -148,8 +149,16 @@ class HourFlyer:
 
 def is_fail_safe(world: World, state: WorldState) -> Bool[Array, "*batch"]:
     """Whether nobody would lose separation within `FAIL_SAFE_S` without a further clearance."""
-    outlook = world.look_ahead(state, margin_nm=0.0)
-    return jnp.all(outlook.time_s[CLEARED] >= FAIL_SAFE_S, axis=0)
+    return jnp.all(world.time_to_loss_as_cleared(state, margin_nm=0.0) >= FAIL_SAFE_S, axis=0)
+
+
+def copied(values: Tree) -> Tree:
+    """A pytree of arrays, copied to memory of numpy.
+
+    An array fetched from JAX keeps a buffer of JAX, which takes more memory than a small array.
+    """
+    copies: Tree = jax.tree.map(np.array, values)
+    return copies
 
 
 class HourRecorder:
@@ -172,8 +181,8 @@ class HourRecorder:
         self, state: WorldState, cycle: WorldCycle, fail_safe: bool, decision_ms: float = 0.0
     ) -> None:
         """Record a cycle and the state after it."""
-        self._cycles.append(cycle)
-        self._candidates.append(np.asarray(state.arrivals.candidate))
+        self._cycles.append(copied(cycle))
+        self._candidates.append(np.array(state.arrivals.candidate))
         self._fail_safe.append(fail_safe)
         self._decision_ms.append(decision_ms)
 

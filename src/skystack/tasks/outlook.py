@@ -105,6 +105,13 @@ class Cleared(NamedTuple):
     level_ticks: Float[Array, "times columns"]
 
 
+class Compared(NamedTuple):
+    """The neighbours that flights are compared with."""
+
+    column: Int[Array, "neighbours chosen"]
+    exists: Bool[Array, "neighbours chosen"]
+
+
 class Others(NamedTuple):
     """All flights as cleared, in the form in which each flight is compared with others."""
 
@@ -131,17 +138,10 @@ def look_ahead(
     Other slots keep the outlook in `before`; without it, they have no conflicts and no neighbours.
     Flights are computed in chunks, so the work depends little on the number of free slots.
     """
-    shape, batch = traffic.active.shape, int(np.prod(traffic.active.shape[1:], dtype=int))
+    shape, batch = traffic.active.shape, _scenarios_in(traffic)
     everyone = _in_columns(Flights(traffic, next_fix, exit_level_ticks, entered))
     active = everyone.traffic.active
-    times = jnp.zeros((len(TIMES_S), *active.shape))
-    cleared = in_chunks(
-        active,
-        lambda column: _as_cleared(simulator, _chosen(everyone, column).traffic),
-        Cleared(PredictedPath(times, times, times[0]), times),
-        CHUNK,
-    )
-    others = _others(cleared)
+    others = _others_in_chunks(simulator, everyone)
     if before is None:
         before = no_outlook(shape)
     outlook = in_chunks(
@@ -151,6 +151,40 @@ def look_ahead(
         CHUNK,
     )
     return Outlook(*(values.reshape(-1, *shape) for values in outlook))
+
+
+def time_to_loss_as_cleared(
+    simulator: Simulator,
+    traffic: Traffic,
+    next_fix: Int[Array, "slots *batch"],
+    exit_level_ticks: Rows,
+    entered: Flags,
+    margin_nm: float = MARGIN_NM,
+) -> Float[Array, "slots *batch"]:
+    """`look_ahead(...).time_s[CLEARED]`, computed without the other ways."""
+    everyone = _in_columns(Flights(traffic, next_fix, exit_level_ticks, entered))
+    active, batch = everyone.traffic.active, _scenarios_in(traffic)
+    others = _others_in_chunks(simulator, everyone)
+
+    def time_s(column: Int[Array, " chosen"]) -> Float[Array, " chosen"]:
+        sector, flights = simulator.sector, _chosen(everyone, column)
+        neighbour, urgency = subroutine(
+            partial(_most_urgent, sector, batch), everyone, others.cleared, flights, column
+        )
+        own = _columns_of(others.cleared, column)
+        path: PredictedPath = jax.tree.map(lambda each: each[..., None, :], own.path)
+        found, _ = subroutine(
+            partial(_times_to_loss, sector, margin_nm, False),
+            flights.traffic,
+            (path,),
+            own.level_ticks[:, None],
+            others,
+            Compared(neighbour * batch + (column % batch)[None], urgency < FAR),
+        )
+        return found[CLEARED]
+
+    nothing = jnp.full(active.shape, HORIZON_S)
+    return in_chunks(active, time_s, nothing, CHUNK).reshape(traffic.active.shape)
 
 
 def no_outlook(shape: tuple[int, ...]) -> Outlook:
@@ -178,6 +212,25 @@ def look_ahead_for(
     cleared = subroutine(partial(_as_cleared, simulator), traffic)
     column = jnp.full(1, slot, dtype=jnp.int32)
     return _outlook_of(simulator, everyone, _others(cleared), 1, column)
+
+
+def _scenarios_in(traffic: Traffic) -> int:
+    """The number of scenarios in a batch; 1 without batch axes."""
+    return int(np.prod(traffic.active.shape[1:], dtype=int))
+
+
+def _others_in_chunks(simulator: Simulator, everyone: Flights) -> Others:
+    """All active flights as cleared. `everyone` is in columns."""
+    active = everyone.traffic.active
+    times = jnp.zeros((len(TIMES_S), *active.shape))
+    return _others(
+        in_chunks(
+            active,
+            lambda column: _as_cleared(simulator, _chosen(everyone, column).traffic),
+            Cleared(PredictedPath(times, times, times[0]), times),
+            CHUNK,
+        )
+    )
 
 
 def _in_columns(everyone: Flights) -> Flights:
@@ -229,15 +282,14 @@ def _outlook_of(
     neighbour, urgency = subroutine(
         partial(_most_urgent, sector, batch), everyone, others.cleared, flights, column
     )
-    at = neighbour * batch + (column % batch)[None]
+    compared = Compared(neighbour * batch + (column % batch)[None], urgency < FAR)
     time_s, neighbour_time_s = subroutine(
-        partial(_times_to_loss, sector, margin_nm),
+        partial(_times_to_loss, sector, margin_nm, True),
         traffic,
         (routes, headings),
         levels,
         others,
-        at,
-        urgency < FAR,
+        compared,
     )
     return Outlook(time_s, leaves_s, neighbour, urgency, neighbour_time_s)
 
@@ -337,20 +389,21 @@ def _level_range(traffic: Traffic) -> tuple[Rows, Rows]:
 def _times_to_loss(
     sector: Sector,
     margin_nm: float,
+    every: bool,
     traffic: Traffic,
-    paths: tuple[PredictedPath, PredictedPath],
+    paths: tuple[PredictedPath, ...],
     height: Float[Array, "times levels chosen"],
     others: Others,
-    at: Int[Array, "neighbours chosen"],
-    exists: Bool[Array, "neighbours chosen"],
+    compared: Compared,
 ) -> tuple[Array, Array]:
     """The time to the first loss for each way, and as cleared for each neighbour.
 
-    `at` are the columns of the neighbours. Losses are stored as sets of intervals between the
-    predicted times, one bit per interval.
+    With `every`, the paths and levels are those of all `WAYS`, otherwise as cleared alone. Losses
+    are stored as sets of intervals between the predicted times, one bit per interval.
     """
+    chosen = compared.column.shape[1]
     inverse = 1.0 / sector.plane.scale(traffic.position_nm[:, 1])
-    there = jnp.concatenate([_before(path.until_s.reshape(-1, at.shape[1])) for path in paths])
+    there = jnp.concatenate([_before(path.until_s.reshape(-1, chosen)) for path in paths])
     below2 = (sector.separation_nm + margin_nm) ** 2
     limit = ticks(float(sector.separation_fl))
 
@@ -383,8 +436,8 @@ def _times_to_loss(
             gap = after
         return bits
 
-    def with_neighbour(bits: Bits, xs: tuple[Array, Array]) -> tuple[Bits, Bits]:
-        index, here = xs
+    def with_neighbour(bits: Bits, neighbour: Compared) -> tuple[Bits, Bits]:
+        index, here = neighbour
         rows = subroutine(_columns_of, others.table, index)
         other_east, other_north, other_height = jnp.split(rows, 3)
         present = jnp.where(here, others.there[index], jnp.uint32(0))
@@ -394,13 +447,13 @@ def _times_to_loss(
         ]
         lateral = jnp.concatenate(near) & there & present[None]
         vertical = subroutine(level_with, other_height)
-        lost = jnp.concatenate(
-            [lateral & vertical[:1], lateral[:1] & vertical[1:], lateral[1:2] & vertical[1:2]]
-        )
-        return bits | lost, lost[0]
+        lost = lateral & vertical[:1]
+        if every:
+            lost = jnp.concatenate([lost, lateral[:1] & vertical[1:], lateral[1:2] & vertical[1:2]])
+        return bits | lost, lost[CLEARED]
 
-    nothing = jnp.zeros((len(WAYS), at.shape[1]), dtype=jnp.uint32)
-    bits, each = jax.lax.scan(with_neighbour, nothing, (at, exists))
+    nothing = jnp.zeros((len(WAYS) if every else 1, chosen), dtype=jnp.uint32)
+    bits, each = jax.lax.scan(with_neighbour, nothing, compared)
     bits = jnp.where(traffic.active, bits, jnp.uint32(0))
     return _first(bits), _first(each)
 

@@ -21,7 +21,13 @@ from skystack.simulator.arrival_flows import Flow
 from skystack.simulator.arrivals import FREE, Arrivals, release
 from skystack.simulator.simulator import Simulator, instruct
 from skystack.simulator.traffic import Clearance, Traffic, where_aircraft
-from skystack.tasks.outlook import MARGIN_NM, Outlook, look_ahead, look_ahead_for
+from skystack.tasks.outlook import (
+    MARGIN_NM,
+    Outlook,
+    look_ahead,
+    look_ahead_for,
+    time_to_loss_as_cleared,
+)
 from skystack.tasks.progress import FlightPlan, Progress, ProgressTracker
 
 FAR_NM = 20.0
@@ -116,6 +122,15 @@ class World:
     def look_ahead_for(self, state: WorldState, slot: Int[Array, ""]) -> Outlook:
         """The outlook of one flight; see `skystack.tasks.outlook.look_ahead_for`."""
         return look_ahead_for(self.simulator, slot, *self._looks(state))
+
+    def time_to_loss_as_cleared(
+        self, state: WorldState, margin_nm: float = MARGIN_NM
+    ) -> Float[Array, "slots *batch"]:
+        """The time until each flight would lose separation without a further clearance.
+
+        In seconds, at most `HORIZON_S`; see `skystack.tasks.outlook.time_to_loss_as_cleared`.
+        """
+        return time_to_loss_as_cleared(self.simulator, *self._looks(state), margin_nm)
 
     def _looks(self, state: WorldState) -> tuple[Traffic, Any, Any, Any]:
         """What an outlook needs: the traffic, next fixes, exit levels, and who has entered."""
