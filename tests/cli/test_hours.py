@@ -56,7 +56,7 @@ def test_prints_a_table_for_other_agents(capsys):
     [
         (["search"], "search controls a whole sector"),
         (["serch", "--traffic", "60"], "unknown agent 'serch'; did you mean 'search'?"),
-        (["lateral", "--traffic", "60"], "trained on task lateral (allowed with --traffic:"),
+        (["lateral", "--traffic", "60"], "trained on task lateral (allowed with this traffic:"),
         (["search", "--traffic", "0"], "flights per hour is 0.0 (allowed: above 0"),
         (["search", "--traffic", "-5"], "flights per hour is -5.0"),
         (["search", "--traffic", "many"], "traffic 'many' (allowed: flights per hour, category"),

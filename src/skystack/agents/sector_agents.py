@@ -10,6 +10,8 @@ from skystack.errors import InputError
 from skystack.learning.experiment import experiment_from
 from skystack.learning.policy import Policy
 from skystack.policies.facts import check_trained_for
+from skystack.tasks.contract import Task
+from skystack.tasks.navigation import NavigationTask
 from skystack.tasks.registry import build_task
 from skystack.tasks.sector_control import SectorControl
 from skystack.tasks.sector_world import World
@@ -30,16 +32,31 @@ BLUESKY_AGENTS: dict[str, Callable[[World, int], SectorAgent]] = {
 
 def sector_task_of(policy: Policy) -> SectorControl:
     """The task that a policy was trained on. Raises InputError if it is not sector control."""
-    described = policy.description
-    if described.task_name != SectorControl.name:
+    task = _task_of(policy)
+    if not isinstance(task, SectorControl):
         raise InputError(
-            f"the policy was trained on task {described.task_name} (allowed with --traffic: "
+            f"the policy was trained on task {task.name} (allowed with this traffic: "
             f"{SectorControl.name})"
         )
+    return task
+
+
+def scenario_task_of(policy: Policy) -> NavigationTask:
+    """The task that a policy was trained on. Raises InputError if it is not navigation."""
+    task = _task_of(policy)
+    if not isinstance(task, NavigationTask):
+        raise InputError(
+            f"the policy was trained on task {task.name} (allowed in a scenario: the tasks of the "
+            f"paper, and {SectorControl.name})"
+        )
+    return task
+
+
+def _task_of(policy: Policy) -> Task:
+    described = policy.description
     where = f"policy {described.experiment}-s{described.seed}"
     task = build_task(experiment_from(described.config, where).task)
     check_trained_for(task, described, where)
-    assert isinstance(task, SectorControl)
     return task
 
 

@@ -8,10 +8,12 @@ from typing import NamedTuple
 from skystack.agents.agent import Agent, check_agent
 from skystack.agents.find import READERS, find_agent
 from skystack.agents.per_flight import PerFlight
+from skystack.agents.scenario_agent import ScenarioAgent, check_same_airspace
 from skystack.agents.sector_agents import (
     BLUESKY_AGENTS,
     SECTOR_AGENTS,
     learned_agent,
+    scenario_task_of,
     sector_task_of,
 )
 from skystack.agents.transmission import PER_CYCLE, SectorAgent
@@ -26,11 +28,13 @@ from skystack.airspace.sector import Sector
 from skystack.airspace.sectors import sector_from, sector_setting
 from skystack.errors import InputError, exists, unknown_name
 from skystack.evaluation.fixed_traffic import fixed_world, is_fixed
+from skystack.evaluation.scenario_traffic import is_scenario, scenario_world
 from skystack.evaluation.traffic_conditions import BLUESKY, TrafficConditions, flow_of
 from skystack.io.files import read_whole
 from skystack.io.names import as_name
 from skystack.learning.policy import Policy
 from skystack.policies.shipped import find_policy, shipped_policies
+from skystack.simulator.drawn_flow import DrawnFlow
 from skystack.simulator.performance import performance
 from skystack.simulator.simulator import Simulator
 from skystack.tasks.sector_control import SectorControl
@@ -112,6 +116,8 @@ def _is_folder(name: str) -> bool:
 
 
 def _learned(policy: Policy, name: str, conditions: TrafficConditions) -> ControlledWorld:
+    if is_scenario(conditions.traffic) and policy.description.task_name != SectorControl.name:
+        return _of_scenarios(policy, name, conditions)
     task, config = sector_task_of(policy), policy.description.config["task"]
     world, per_cycle = (
         _world(conditions, task.sector, config["performance"]),
@@ -121,6 +127,24 @@ def _learned(policy: Policy, name: str, conditions: TrafficConditions) -> Contro
     digest = policy.description.sha256
     model = _model(conditions, config["performance"])
     return ControlledWorld(name, agent, world, model, per_cycle, digest)
+
+
+def _of_scenarios(policy: Policy, name: str, conditions: TrafficConditions) -> ControlledWorld:
+    """A policy of another task, in a scenario without arrivals."""
+    if not conditions.safety_net:
+        raise InputError(f"{name} has no safety net (allowed: only policies of sector control)")
+    found = scenario_world(conditions.traffic)
+    task, world = scenario_task_of(policy), found.world
+    assert isinstance(world.flow, DrawnFlow), "scenarios are drawn"
+    check_same_airspace(task, world.sector, world.flow.aircraft)
+    return ControlledWorld(
+        name,
+        ScenarioAgent(policy, task),
+        world,
+        found.performance,
+        _per_cycle(conditions),
+        policy.description.sha256,
+    )
 
 
 def _user_code(name: str, conditions: TrafficConditions) -> ControlledWorld:
@@ -161,6 +185,8 @@ def _model(conditions: TrafficConditions, model: str = PERFORMANCE) -> str:
 
     It is `table` for fixed traffic, whose speeds are sampled from BluebirdDT.
     """
+    if is_scenario(conditions.traffic):
+        return scenario_world(conditions.traffic).performance
     return "table" if is_fixed(conditions.traffic) else model
 
 
@@ -168,6 +194,8 @@ def _world(conditions: TrafficConditions, sector: str | Sector, model: str) -> W
     """The world of a sector, or of that of the conditions, with a performance model."""
     if is_fixed(conditions.traffic):
         return fixed_world(conditions.traffic, conditions.cycles)
+    if is_scenario(conditions.traffic):
+        return scenario_world(conditions.traffic).world
     if conditions.sector is not None:
         sector = conditions.sector
     if isinstance(sector, str):

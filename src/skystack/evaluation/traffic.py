@@ -18,6 +18,8 @@ from skystack.evaluation.hour_row import forget_row, write_row
 from skystack.evaluation.hour_scores import score, summary
 from skystack.evaluation.hour_tables import AppendHour, growing_hours
 from skystack.evaluation.hours import HourFlyer, Hours, OwnHours
+from skystack.evaluation.scenario_hours import ScenarioHours
+from skystack.evaluation.scenario_traffic import is_scenario
 from skystack.evaluation.traffic_conditions import BLUESKY, TrafficConditions, check_conditions
 from skystack.evaluation.writing import TrafficRecord
 from skystack.learning.policy import Policy
@@ -51,7 +53,9 @@ def evaluate_traffic(
             append(hour, scores[-1])
         if folder is not None:  # the row is never older than the tables
             forget_row(folder)
-    row = summary(scores, found.name, conditions.traffic) | conditions_row(found, conditions)
+    row = summary(scores, found.name, conditions.recorded_traffic) | conditions_row(
+        found, conditions
+    )
     if folder is not None:
         write_row(folder, row)
     return row
@@ -75,6 +79,8 @@ def open_hours(found: ControlledWorld, conditions: TrafficConditions) -> Hours:
     if conditions.platform == OWN:
         return OwnHours(found.world)
     platform = conditions.platform
+    if is_scenario(conditions.traffic):
+        return ScenarioHours(found.world, platform, found.performance)
     if is_fixed(conditions.traffic):
         from skystack.evaluation.bluebird_hours import BluebirdHours  # noqa: PLC0415  # an extra
 
@@ -131,7 +137,7 @@ def record_of(found: ControlledWorld, conditions: TrafficConditions) -> TrafficR
     """The traffic and the agent, as tables record them."""
     return TrafficRecord(
         found.name,
-        conditions.traffic,
+        conditions.recorded_traffic,
         conditions.seed,
         conditions.uncertainty,
         found.safety_net,

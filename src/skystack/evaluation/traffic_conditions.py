@@ -1,17 +1,32 @@
 """The conditions of an evaluation on hours of arriving traffic."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 from skystack.agents.transmission import PER_CYCLE
 from skystack.errors import InputError
 from skystack.evaluation.fixed_traffic import SPRINGFIELD, is_fixed
+from skystack.evaluation.scenario_traffic import (
+    SCENARIO_FILE,
+    is_scenario,
+    is_scenario_file,
+    scenario_world,
+)
 from skystack.platforms.registry import OWN, check_platform
-from skystack.simulator.arrival_flows import FLIGHT_SCHOOL, STARTERS, Flow, constant_rate
+from skystack.simulator.arrival_flows import (
+    FLIGHT_SCHOOL,
+    HOUR_CYCLES,
+    STARTERS,
+    Flow,
+    constant_rate,
+)
 from skystack.simulator.simulator import Simulator
 
 SPEED_SPREAD, CLIMB_SPREAD = 0.03, 0.10
 """The spread of airspeeds and of rates of climb and descent with `uncertainty`."""
+ALIASES = {"flight-school": "category"}
+"""Other names of traffic."""
 BLUEBIRD, BLUESKY = "bluebird", "bluesky"
 """The other platforms."""
 _SLOTS = (16, 32, 64, 128, 256)
@@ -21,7 +36,8 @@ class TrafficConditions(NamedTuple):
     """The traffic of an evaluation, and what the controller is allowed."""
 
     traffic: str
-    """Flights per hour, a name in `FLIGHT_SCHOOL`, or `springfield:` and a scenario."""
+    """Flights per hour, a name in `FLIGHT_SCHOOL`, `springfield:` and a scenario, the name or file
+    of an experiment, or a scenario file."""
     hours: int = 1
     seed: int = 0
     per_cycle: int | None = None
@@ -49,9 +65,19 @@ class TrafficConditions(NamedTuple):
         return [option for option, given in differs.items() if given]
 
     @property
+    def is_fixed(self) -> bool:
+        """Whether the traffic is the same for every seed."""
+        return is_fixed(self.traffic) or is_scenario_file(self.traffic)
+
+    @property
+    def recorded_traffic(self) -> str:
+        """The traffic as it is recorded: a file without its folder."""
+        return Path(self.traffic).name if is_scenario(self.traffic) else self.traffic
+
+    @property
     def traffic_in_names(self) -> str:
         """The traffic as in folder names: without a colon, which Windows does not allow."""
-        return self.traffic.replace(":", "-")
+        return self.recorded_traffic.replace(":", "-")
 
 
 def check_conditions(conditions: TrafficConditions) -> None:
@@ -60,6 +86,9 @@ def check_conditions(conditions: TrafficConditions) -> None:
     check_platform(platform)
     if is_fixed(conditions.traffic):
         _check_fixed(conditions)
+        return
+    if is_scenario(conditions.traffic):
+        _check_scenario(conditions)
         return
     if platform != BLUEBIRD:
         return
@@ -71,12 +100,22 @@ def check_conditions(conditions: TrafficConditions) -> None:
     _refuse_options(conditions, f"--platform {platform}")
 
 
-def _check_fixed(conditions: TrafficConditions) -> None:
-    traffic = conditions.traffic
+def _check_scenario(conditions: TrafficConditions) -> None:
+    if is_scenario_file(conditions.traffic):
+        _check_one_hour(conditions)
+    _refuse_options(conditions, f"traffic {conditions.traffic}")
+
+
+def _check_one_hour(conditions: TrafficConditions) -> None:
     if conditions.hours != 1:
         raise InputError(
-            f"traffic {traffic} is the same in every hour (allowed: one hour, one seed)"
+            f"traffic {conditions.traffic} is the same in every hour (allowed: one hour, one seed)"
         )
+
+
+def _check_fixed(conditions: TrafficConditions) -> None:
+    traffic = conditions.traffic
+    _check_one_hour(conditions)
     if conditions.platform not in (OWN, BLUEBIRD):
         raise InputError(
             f"traffic {traffic} with --platform {conditions.platform} (allowed: {OWN} or "
@@ -105,11 +144,20 @@ def flow_of(conditions: TrafficConditions, simulator: Simulator) -> Flow:
 
 def is_named(traffic: str) -> bool:
     """Whether traffic has a name instead of a rate."""
-    return traffic in FLIGHT_SCHOOL or is_fixed(traffic)
+    return traffic in FLIGHT_SCHOOL or is_fixed(traffic) or is_scenario(traffic)
+
+
+def default_cycles(traffic: str) -> int:
+    """The length of an hour, or of a scenario. Raises InputError as `scenario_world` does."""
+    return scenario_world(traffic).cycles if is_scenario(traffic) else HOUR_CYCLES
 
 
 def traffic_name(traffic: str) -> str:
-    """Traffic as it is written in rows: `60` for `60.0`. Invalid traffic is left as it is."""
+    """Traffic as it is written in rows: `60` for `60.0`, `category` for `flight-school`.
+
+    Invalid traffic is left as it is.
+    """
+    traffic = ALIASES.get(traffic, traffic)
     try:
         return traffic if is_named(traffic) else f"{float(traffic):g}"
     except ValueError:
@@ -121,8 +169,8 @@ def _constant_flow(traffic: str, simulator: Simulator) -> Flow:
         rate = float(traffic)
     except ValueError:
         raise InputError(
-            f"traffic {traffic!r} (allowed: flights per hour, {', '.join(FLIGHT_SCHOOL)}, or "
-            f"{SPRINGFIELD}:SCENARIO)"
+            f"traffic {traffic!r} (allowed: flights per hour, {', '.join(FLIGHT_SCHOOL)}, "
+            f"{SPRINGFIELD}:SCENARIO, an experiment, or a scenario file, {SCENARIO_FILE})"
         ) from None
     clock = constant_rate(rate)
     # About a quarter of the flights of an hour are there at once.

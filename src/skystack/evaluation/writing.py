@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 
 from skystack.airspace.sector import Sector
 from skystack.evaluation.fixed_traffic import is_fixed
+from skystack.evaluation.scenario_traffic import is_scenario
 from skystack.io.files import atomic_files, writing
 from skystack.platforms.registry import OWN
 from skystack.simulator.fleet import AircraftType
@@ -52,12 +53,12 @@ class TrafficRecord(msgspec.Struct, frozen=True):
     def is_same_as(self, other: "TrafficRecord | None") -> bool:
         """Whether the traffic is the same, whatever the agent.
 
-        Fixed traffic is the same in all simulators.
+        Fixed traffic and scenarios are the same in all simulators.
         """
         if other is None:
             return False
         same = msgspec.structs.replace(other, agent=self.agent, safety_net=self.safety_net)
-        if is_fixed(self.traffic):
+        if is_fixed(self.traffic) or is_scenario(self.traffic):
             same = msgspec.structs.replace(same, platform=self.platform)
         return self == same
 

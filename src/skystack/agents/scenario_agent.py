@@ -1,0 +1,110 @@
+"""A policy of one of the paper's tasks as a controller of a sector, in scenarios without arrivals.
+
+Its bursts are stacked, as in an evaluation of the task: at most one clearance in each cycle.
+"""
+
+from functools import cached_property
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Int
+
+from skystack.agents.transmission import Transmission, transmission_between
+from skystack.airspace.sector import Sector
+from skystack.errors import InputError
+from skystack.learning.inference import forward, normalise
+from skystack.learning.policy import Policy
+from skystack.simulator.traffic import Traffic
+from skystack.stacking import Stack, stack_traced
+from skystack.tasks.navigation import NavigationState, NavigationTask
+from skystack.tasks.observations import flatten_observation
+from skystack.tasks.progress import Progress
+from skystack.tasks.sector_world import WorldState
+
+
+class ScenarioAgent:
+    """Implements `skystack.agents.transmission.SectorAgent` with the most probable actions.
+
+    The flights of the task are those in the first slots.
+    """
+
+    def __init__(self, policy: Policy, task: NavigationTask) -> None:
+        self._policy, self._task = policy, task
+        self._last: tuple[int, NavigationState] | None = None
+        """The number of cycles flown at the last decision, and the state after it."""
+
+    def begin(self, state: WorldState) -> None:
+        """Forget everything. A scenario may also begin in the middle of a flight."""
+        self._last = None
+
+    def transmit(self, state: WorldState) -> list[Transmission]:
+        cycle = int(state.arrivals.cycle)
+        if self._last is not None and self._last[0] == cycle - 1:
+            decided = self._continue(self._last[1], self._traffic(state))
+        else:
+            decided = self._begin(*self._first(state))
+        instructed, stack = jax.device_get(decided)
+        self._last = cycle, instructed
+        aircraft = self._task.actions[int(stack.action)].aircraft
+        if aircraft is None or stack.instructions == 0:
+            return []
+        sent = transmission_between(
+            state.traffic, instructed.traffic, aircraft, int(stack.instructions)
+        )
+        return [] if sent is None else [sent]
+
+    def _traffic(self, state: WorldState) -> Traffic:
+        traffic: Traffic = jax.tree.map(lambda values: values[: self._task.aircraft], state.traffic)
+        return traffic
+
+    def _first(self, state: WorldState) -> tuple[Traffic, Any, Progress]:
+        """The traffic, the exit levels and the progress of the task's flights."""
+        count = self._task.aircraft
+        progress: Progress = jax.tree.map(
+            lambda values: values[:count] if np.ndim(values) else values, state.progress
+        )
+        return self._traffic(state), state.arrivals.exit_level_ticks[:count], progress
+
+    def _decide(self, state: NavigationState) -> tuple[NavigationState, Stack]:
+        return stack_traced(self._task, self._most_probable, state, jax.random.key(0))
+
+    def _most_probable(self, observation: Array, key: Any) -> Int[Array, ""]:
+        policy = self._policy
+        normalised = normalise(policy.normaliser, flatten_observation(observation))
+        return jnp.argmax(forward(policy.actor, normalised)).astype(jnp.int32)
+
+    @cached_property
+    def _begin(self) -> Any:
+        """(traffic, exit levels, progress) -> the first decision, compiled."""
+
+        def begin(
+            traffic: Traffic, exit_level_ticks: Array, progress: Progress
+        ) -> tuple[NavigationState, Stack]:
+            state = self._task.begin(traffic, exit_level_ticks)
+            return self._decide(state._replace(memory=state.memory._replace(progress=progress)))
+
+        return jax.jit(begin)
+
+    @cached_property
+    def _continue(self) -> Any:
+        """(state after the last decision, traffic flown since) -> a decision, compiled."""
+
+        def later(state: NavigationState, flown: Traffic) -> tuple[NavigationState, Stack]:
+            ended, _ = self._task.end_cycle(state, flown)
+            return self._decide(ended._replace(traffic=flown))
+
+        return jax.jit(later)
+
+
+def check_same_airspace(task: NavigationTask, sector: Sector, flights: int) -> None:
+    """Raise InputError unless a task's observation fits the scenario of a sector."""
+    if task.aircraft != flights:
+        raise InputError(
+            f"a policy for {task.aircraft} aircraft (allowed: for {flights}, as in the scenario)"
+        )
+    if (task.sector.routes, task.sector.fixes) != (sector.routes, sector.fixes):
+        raise InputError(
+            f"a policy for sector {task.sector.name} (allowed: {sector.name}, that of the scenario)"
+        )
