@@ -21,8 +21,9 @@ TOKEN = "a-token"
 class Served:
     """A session that is served."""
 
-    def __init__(self, control: LiveControl, port: int, log: list[str]) -> None:
-        self.control, self.port, self.log = control, port, log
+    def __init__(self, server: LiveServer, port: int, log: list[str]) -> None:
+        self.server, self.port, self.log = server, port, log
+        self.control = server.control
         self.link = f"http://{LOOPBACK}:{port}/?token={TOKEN}"
 
     def get(self, path: str, **headers: str) -> Any:
@@ -102,4 +103,4 @@ def served(cycles=600, steps=0):
     with bound_socket(LOOPBACK, 0) as bound:
         application = server.application([LOOPBACK, "localhost"])
         with running(application, bound):
-            yield Served(control, bound.getsockname()[1], log)
+            yield Served(server, bound.getsockname()[1], log)

@@ -6,8 +6,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from skystack.agents.transmission import Transmission
 from skystack.errors import InputError
 from skystack.evaluation.stored import read_table
+from skystack.live.advice import Adviser, most_urgent
 from skystack.live.control import YOU, LiveControl
 from skystack.live.journal import CycleFlown, open_journal
 from skystack.live.server import LiveServer
@@ -15,6 +17,7 @@ from skystack.live.serving import header_of
 from skystack.reporting.replay.recording import read_replay
 from skystack.reporting.replay.side_by_side import read_side_by_side
 from skystack.simulator.performance import TICKS_PER_FL
+from skystack.simulator.traffic import ticks
 
 from .made import ADVISER, on_frequency, opened
 
@@ -140,6 +143,33 @@ def test_advice_is_accepted_refused_modified_and_logged(tmp_path):
     assert (1, 0, None, None) in answers
     assert rows[0]["text"] == chosen
     assert control.log.chosen() == [rows[0]["kind"]]
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_of_two_proposals_the_one_that_separates_is_shown(control, order):
+    """The adviser clears both flights of a pair, and only one of its clearances helps."""
+    state, what_if = control.hour.state, control._what_if
+    slots = most_urgent(what_if, state).slots
+    helps = next(
+        Transmission(slot, level_ticks=ticks(float(each["fl"])))
+        for slot in slots
+        for each in control.choices(control.hour.callsigns[slot])["levels"]
+        if each["lost_in_s"] is None
+    )
+    (other,) = set(slots) - {helps.slot}
+    heading = round(float(state.traffic.heading_deg[other])) % 360
+    proposed = [Transmission(other, heading_deg=heading), helps]
+
+    class Both:
+        def begin(self, state):
+            pass
+
+        def transmit(self, state):
+            return proposed[::order]
+
+    adviser = Adviser(control.hour.world, what_if, Both(), "both")
+    best = adviser.advise(state, 0).alternatives[0]
+    assert (best.source, best.transmission) == ("both", helps)
 
 
 def test_advice_is_shown_as_it_was_given_after_its_flights_have_left():

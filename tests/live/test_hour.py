@@ -5,6 +5,8 @@ import pytest
 
 from skystack.errors import InputError
 from skystack.evaluation.hour_scores import score
+from skystack.evaluation.hours import OwnHours
+from skystack.live.hour import LiveHour
 from skystack.platforms.phraseology import written
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import ticks
@@ -105,3 +107,46 @@ def test_going_back_restores_the_state_and_forgets_the_rest():
     assert [each.cycle for each in recorded.sent] == [cycle]
     with pytest.raises(InputError, match=rf"cycle 999 \(allowed: 0 to {hour.cycle},"):
         hour.rewind(999)
+
+
+class Elsewhere:
+    """Another simulator, which can only begin again; it is ours with another name."""
+
+    def __init__(self):
+        self.hours, self.resets, self.closed = OwnHours(WORLD), 0, False
+
+    def reset(self, seed, number):
+        self.resets += 1
+        self.state = self.hours.reset(seed, number)
+        return self.state
+
+    def advance(self, state, transmissions):
+        self.state, cycle = self.hours.advance(self.state, transmissions)
+        return self.state, cycle
+
+    def close(self):
+        self.closed = True
+
+
+def test_another_simulator_flies_again_what_led_to_the_state_gone_back_to():
+    elsewhere = Elsewhere()
+    hour = LiveHour(WORLD, seed=3, hours=elsewhere)
+    while sum(hour.state.hears) < 1:
+        hour.advance()
+    name, *_ = on_frequency(hour)
+    hour.issue(f"{name} fly heading 090")
+    hour.issue(f"{name} maintain FL200")  # a second clearance in the same cycle
+    for _ in range(5):
+        hour.advance()
+    cycle, state = hour.cycle, hour.state
+    hour.issue(f"{name} fly heading 270")
+    for _ in range(5):
+        hour.advance()
+    hour.rewind(cycle)
+    assert elsewhere.resets == 2
+    np.testing.assert_array_equal(elsewhere.state.traffic.position_nm, state.traffic.position_nm)
+    hour.advance()
+    assert hour.state.traffic.cleared_heading_deg[hour.slots[name]] == 90.0
+    assert hour.state.traffic.cleared_level_ticks[hour.slots[name]] == ticks(200.0)
+    hour.close()
+    assert elsewhere.closed

@@ -15,7 +15,9 @@ from skystack.live.journal import (
     open_journal,
 )
 
-HEADER = Header(traffic="60", seed=0, sector="a", performance="constant")
+HEADER = Header(
+    traffic="60", seed=0, sector="a", start="b", performance="constant", platform="skystack"
+)
 ENTRIES = [
     CycleFlown(1),
     ClearanceIssued("AC1", "you", heading_deg=0, turn="left"),
@@ -60,7 +62,10 @@ def test_every_prefix_of_the_file_is_a_journal(written):
             assert again == [*entries, CycleFlown(9)]
 
 
-@pytest.mark.parametrize("change", [{"seed": 1}, {"sector": "b"}, {"version": "0"}])
+@pytest.mark.parametrize(
+    "change",
+    [{"seed": 1}, {"sector": "b"}, {"start": "c"}, {"platform": "bluesky"}, {"version": "0"}],
+)
 def test_a_journal_of_another_session_is_begun_again(written, change):
     with open_journal(written, msgspec.structs.replace(HEADER, **change)) as (_, entries):
         assert entries == []

@@ -1,6 +1,7 @@
 """The server: who is let in, what browsers are told, and what is refused."""
 
 import json
+from threading import Event
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -162,11 +163,10 @@ def test_trials_levels_and_advice_are_answered(session):
 
 
 def test_the_approaches_of_all_pairs_are_predicted(session):
+    stepped = session.control.cycle + 1
     with session.client() as client:
         client.send(do="step")
-        client.wait(
-            lambda each: each.news and each.news["monitor"]["cycle"] == session.control.cycle
-        )
+        client.wait(lambda each: each.news and each.news["monitor"]["cycle"] == stepped)
         assert client.news["monitor"] == json.loads(json.dumps(session.control.views.monitor()))
 
 
@@ -241,3 +241,25 @@ def test_a_port_in_use_is_named():
         bound_socket("192.0.2.1", 0)
     with pytest.raises(InputError, match=r"allowed: .* a free port"):
         bound_socket(LOOPBACK, 70_000)
+
+
+def test_an_adviser_that_hangs_is_not_waited_for(monkeypatch):
+    monkeypatch.setattr(server, "CLOSING_S", 0.2)
+    asked, answers = Event(), Event()
+
+    def hang(conforms):
+        asked.set()
+        answers.wait()
+
+    with served() as session, session.client() as client:
+        monkeypatch.setattr(session.control, "advise", hang)
+        client.send(do="advise", conforms=False)
+        assert asked.wait(TIMEOUT_S)
+    assert session.server.hangs
+    answers.set()
+
+
+def test_an_idle_session_does_not_hang_at_its_end():
+    with served() as session:
+        pass
+    assert not session.server.hangs

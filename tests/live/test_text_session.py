@@ -72,7 +72,7 @@ def test_advice_is_shown_and_only_then_transmitted(session):
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("0", r"0 cycles \(allowed: 1 to \d+, the rest of the hour\)"),
+        ("0", r"0 cycles \(allowed: 1 to \d+, the rest of the session\)"),
         ("999999999999", r"999999999 cycles \(allowed: 1 to"),
         ("fly", "unknown callsign 'fly'"),
     ],

@@ -1,13 +1,15 @@
 """The verb `session`: control live traffic on a radar page, or by typing clearances."""
 
 import argparse
+import os
 import sys
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 from skystack.cli.output import DONE, print_json, print_line, program, quoted, say
-from skystack.cli.values import cycles_argument, natural
+from skystack.cli.values import cycles_argument, natural, platform_argument
 from skystack.errors import InputError
 from skystack.io.streams import StandardError
 
@@ -22,7 +24,8 @@ def session_arguments(sub: argparse.ArgumentParser) -> None:
         nargs="?",
         default="60",
         metavar="TRAFFIC",
-        help="flights per hour (default 60), or category, notebook or environment",
+        help="flights per hour (default 60); category (or flight-school), notebook or environment; "
+        "springfield:SCENARIO; an experiment, such as avoidance; or a scenario file (.json)",
     )
     sub.add_argument("--seed", type=natural, default=0, metavar="N", help="seed of the traffic")
     sub.add_argument(
@@ -36,7 +39,8 @@ def session_arguments(sub: argparse.ArgumentParser) -> None:
         help="who gives advice and takes over flights: search, sector-control or another "
         "controller of a sector",
     )
-    cycles_argument(sub, "600, an hour", 600)
+    cycles_argument(sub, "600, an hour; for a scenario, its own", None)
+    platform_argument(sub)
     sub.add_argument(
         "--out",
         type=Path,
@@ -62,30 +66,44 @@ def session_arguments(sub: argparse.ArgumentParser) -> None:
 
 def session(options: argparse.Namespace) -> int:
     from skystack.compilation.programs import program_cache
-    from skystack.evaluation.traffic_conditions import TrafficConditions, traffic_name
+    from skystack.evaluation.traffic_conditions import (
+        TrafficConditions,
+        default_cycles,
+        traffic_name,
+    )
     from skystack.live.recorded import open_session
 
+    traffic = traffic_name(options.traffic)
     conditions = TrafficConditions(
-        traffic_name(options.traffic),
+        traffic,
         seed=options.seed,
         sector=options.sector,
-        cycles=options.cycles,
+        cycles=default_cycles(traffic) if options.cycles is None else options.cycles,
+        platform=options.platform,
     )
+    hangs = False
     with program_cache():
         opened = open_session(conditions, options.adviser)
-        if options.text:
-            _in_text(opened, options)
-        else:
-            _on_page(opened, options)
+        with closing(opened.hour):
+            if options.text:
+                _in_text(opened, options)
+            else:
+                hangs = _on_page(opened, options)
+    if hangs:
+        sys.stdout.flush()
+        os._exit(DONE)  # a thread that hangs would be waited for
     return DONE
 
 
-def _on_page(opened: Any, options: argparse.Namespace) -> None:
-    """Serve the radar page until Ctrl-C, and write the recording."""
+def _on_page(opened: Any, options: argparse.Namespace) -> bool:
+    """Serve the radar page until Ctrl-C, and write the recording.
+
+    Returns whether the thread of the session hangs.
+    """
     from skystack.live.serving import Serving, serve
 
     serving = Serving(options.out, options.listen, options.port, options.new)
-    control = serve(opened, serving, options.adviser, say)
+    control, hangs = serve(opened, serving, options.adviser, say)
     if control.cycle:
         folder = _write(opened, options)
         if len(control.log):
@@ -93,6 +111,7 @@ def _on_page(opened: Any, options: argparse.Namespace) -> None:
         for branch in control.branches:
             both = f"{quoted(folder)} {quoted(branch)}"
             say(f"to compare with what you left: {program()} replay {both} -o comparison.html")
+    return hangs
 
 
 def _in_text(opened: Any, options: argparse.Namespace) -> None:
@@ -101,7 +120,7 @@ def _in_text(opened: Any, options: argparse.Namespace) -> None:
 
     say("`help` lists what can be typed; an empty line flies a cycle")
     try:
-        _converse(TextSession(opened.hour, opened.adviser, options.cycles), options.json)
+        _converse(TextSession(opened.hour, opened.adviser, opened.conditions.cycles), options.json)
     finally:
         if opened.hour.cycle:
             _write(opened, options)

@@ -126,13 +126,11 @@ class Adviser:
         slots = [slot for slot in concern.slots if state.hears[slot]]
         found = [each for slot in slots for each in self._all(state, slot, proposed)]
         cost = partial(self._cost, Counter(chosen))
-        ranked = sorted(
-            (each for each in found if each.source == TRIAL), key=lambda each: cost(each.trial)
-        )
-        own = [
-            each._replace(agrees=_agrees(each, ranked)) for each in found if each.source != TRIAL
-        ]
-        best = islice(_different([*own[:1], *ranked]), ALTERNATIVES)
+        by_cost = partial(sorted, key=lambda each: cost(each.trial))
+        ranked = by_cost(each for each in found if each.source == TRIAL)
+        own = by_cost(each for each in found if each.source != TRIAL)
+        own = [each._replace(agrees=_agrees(each, ranked)) for each in own[:1]]
+        best = islice(_different([*own, *ranked]), ALTERNATIVES)
         return Advice(number, int(state.arrivals.cycle), concern, list(best))
 
     def _all(

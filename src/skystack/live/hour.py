@@ -16,8 +16,7 @@ import numpy as np
 from skystack.agents.callsigns import Callsigns
 from skystack.agents.transmission import Transmission, clearance_of, instruction_of
 from skystack.errors import InputError
-from skystack.evaluation.hours import Hour, HourRecorder, is_fail_safe
-from skystack.learning.seeds import scenario_key
+from skystack.evaluation.hours import Hour, HourRecorder, Hours, OwnHours, copied, is_fail_safe
 from skystack.live.clearance_text import ParsedClearance, parse_clearance
 from skystack.platforms.adoption import SKYSTACK, in_words
 from skystack.platforms.instruction import Instruction
@@ -32,14 +31,20 @@ LEVEL_STEP_FL = 10
 class LiveHour:
     """The traffic of one hour in our simulator, and what has been transmitted."""
 
-    def __init__(self, world: World, seed: int = 0, number: int = 0) -> None:
-        """Begin hour `number` of an evaluation seed."""
-        self.world = world
-        self._instruct, self._advance = jax.jit(world.instruct), jax.jit(world.advance)
-        self.state: WorldState = jax.device_get(jax.jit(world.reset)(scenario_key(seed, number)))
+    def __init__(
+        self, world: World, seed: int = 0, number: int = 0, hours: Hours | None = None
+    ) -> None:
+        """Begin hour `number` of an evaluation seed, in our simulator unless `hours` are given."""
+        self.world, self._seed, self._number = world, seed, number
+        self._hours = OwnHours(world) if hours is None else hours
+        self._instruct = jax.jit(world.instruct)
         self._recorder, self._callsigns = HourRecorder(number), Callsigns(world.flow.callsigns)
-        self._states = [self.state]
+        self._states = [copied(self._hours.reset(seed, number))]
         """The states after each cycle, before transmissions; the first is the start."""
+        self._pending: list[Transmission] = []
+        """What has been transmitted since the last cycle."""
+        self.state = self._states[0]
+        """The last state, with what has been transmitted since."""
         self.slots = self._callsigns.follow(self.state)
         """The slots of all flights, by callsign."""
 
@@ -47,13 +52,19 @@ class LiveHour:
         """Compile all programs now instead of on first use."""
         nothing = clearance_of([], len(self.state.arrivals.flight))
         jax.device_get(self._instruct(self.state, nothing))
-        state, _ = self._advance(self.state)
-        jax.device_get(self._fail_safe(state))
+        jax.device_get(self._fail_safe(self.state))
+        if isinstance(self._hours, OwnHours):
+            self._hours.advance(self.state, [])
 
     @property
     def cycle(self) -> int:
         """The number of cycles flown."""
         return int(self.state.arrivals.cycle)
+
+    @property
+    def start(self) -> WorldState:
+        """The state at cycle 0."""
+        return self._states[0]
 
     def issue(self, text: str) -> Instruction:
         """Issue the clearance of a text; no time passes.
@@ -70,23 +81,30 @@ class LiveHour:
         slots = len(self.state.arrivals.flight)
         instructed = self._instruct(self.state, clearance_of([transmission], slots))
         self.state = jax.device_get(instructed)
+        self._pending.append(transmission)
         return self.phrased(transmission)
 
     def advance(self) -> WorldCycle:
-        """Fly one cycle."""
-        state: WorldState
-        cycle: WorldCycle
-        state, cycle = jax.device_get(self._advance(self.state))
-        self.state = state
+        """Fly one cycle. Raises PlatformError if another simulator fails."""
+        state, cycle = self._hours.advance(self._states[-1], self._pending)
+        self.state = self._kept(state)
+        self._pending = []
         self._recorder.record_cycle(state, cycle, bool(self._fail_safe(state)))
-        self._states.append(state)
-        self.slots = self._callsigns.follow(state)
+        self._states.append(self.state)
+        self.slots = self._callsigns.follow(self.state)
         return cycle
+
+    def _kept(self, state: WorldState) -> WorldState:
+        """A copy of a state. What never changes is stored once."""
+        first, kept = self._states[0].arrivals, copied(state)
+        arrivals = kept.arrivals._replace(candidates=first.candidates, uniforms=first.uniforms)
+        return kept._replace(arrivals=arrivals)
 
     def rewind(self, cycle: int) -> None:
         """Go back to the end of a cycle; what came after is forgotten.
 
-        Raises InputError if it has not been flown.
+        Another simulator flies the hour again up to this cycle. Raises InputError if the cycle has
+        not been flown, and PlatformError if that simulator fails.
         """
         if not 0 <= cycle <= self.cycle:
             raise InputError(f"cycle {cycle} (allowed: 0 to {self.cycle}, the last one flown)")
@@ -95,7 +113,20 @@ class LiveHour:
         self._callsigns = Callsigns(self.world.flow.callsigns)
         for state in self._states:
             self.slots = self._callsigns.follow(state)
-        self.state = self._states[-1]
+        self.state, self._pending = self._states[-1], []
+        if not isinstance(self._hours, OwnHours):
+            self._fly_again()
+
+    def _fly_again(self) -> None:
+        """Bring another simulator, which cannot go back, to the last state."""
+        state = self._hours.reset(self._seed, self._number)
+        for number in range(self.cycle):
+            sent = [each.transmission for each in self._recorder.sent if each.cycle == number]
+            state, _ = self._hours.advance(state, sent)
+
+    def close(self) -> None:
+        """Release the simulator."""
+        self._hours.close()
 
     def recorded(self) -> Hour:
         """What has been flown so far; at least one cycle."""

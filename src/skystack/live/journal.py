@@ -18,7 +18,7 @@ from skystack.io.files import read_whole, writing
 from skystack.io.locks import locked_folder
 from skystack.live.advice_log import AdviceAnswered, AdviceShown
 
-FORMAT = 1
+FORMAT = 2
 FOLDER, FILE = "journal", "session.jsonl"
 """In the folder of a session."""
 MOST_CYCLES = 100_000
@@ -29,11 +29,14 @@ _Count = Annotated[int, msgspec.Meta(ge=0, le=MOST_CYCLES)]
 class Header(msgspec.Struct, tag="session", forbid_unknown_fields=True, frozen=True):
     """What the session is of. A journal continues only a session with the same header."""
 
-    traffic: _Name
+    traffic: Annotated[str, msgspec.Meta(max_length=300)]
     seed: Annotated[int, msgspec.Meta(ge=0)]
     sector: str
     """The digest of the sector."""
+    start: str
+    """The digest of the traffic at the start."""
     performance: _Name
+    platform: _Name
     version: _Name = skystack.__version__
     format: int = FORMAT
 

@@ -10,7 +10,7 @@ from skystack.evaluation.controllers import ControlledWorld, find_controller
 from skystack.evaluation.hour_row import forget_row, write_row
 from skystack.evaluation.hour_scores import score, summary
 from skystack.evaluation.hour_tables import growing_hours
-from skystack.evaluation.traffic import conditions_row, hours_folder, record_of
+from skystack.evaluation.traffic import conditions_row, hours_folder, open_hours, record_of
 from skystack.evaluation.traffic_conditions import TrafficConditions, check_conditions
 from skystack.evaluation.writing import SESSION
 from skystack.live.hour import LiveHour
@@ -43,7 +43,9 @@ class LiveSession(NamedTuple):
         with growing_hours(folder, world, found.performance, record) as append:
             append(hour, scores)
             forget_row(folder)
-        row = summary([scores], SESSION, conditions.traffic) | conditions_row(found, conditions)
+        row = summary([scores], SESSION, conditions.recorded_traffic) | conditions_row(
+            found, conditions
+        )
         row |= {"safety_net": None, "per_cycle": None}
         write_row(folder, row)
         return folder, row
@@ -53,5 +55,5 @@ def open_session(conditions: TrafficConditions, adviser: str | None = None) -> L
     """A live hour under conditions. Raises InputError for invalid ones or an unknown adviser."""
     check_conditions(conditions)
     found = find_controller(adviser or NOBODY, conditions)
-    hour = LiveHour(found.world, conditions.seed)
+    hour = LiveHour(found.world, conditions.seed, hours=open_hours(found, conditions))
     return LiveSession(hour, None if adviser is None else found.agent, found, conditions)

@@ -89,6 +89,8 @@ class LiveServer:
         self._browsers = 0
         self._monitor: dict[str, Any] = {"cycle": 0, "pairs": []}
         self._problem: str | None = None
+        self.hangs = False
+        """Whether the thread of the session did not come to an end with the server."""
 
     def application(self, hosts: list[str]) -> Starlette:
         """The application. Requests to other host names than `hosts` are refused."""
@@ -108,8 +110,10 @@ class LiveServer:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
             # A cycle that is being flown is completed; an adviser that hangs is not waited for.
-            with suppress(TimeoutError):
+            try:
                 await asyncio.wait_for(self.call(lambda: None), CLOSING_S)
+            except TimeoutError:
+                self.hangs = True
             self._executor.shutdown(wait=False, cancel_futures=True)
 
     async def _get(self, request: Request) -> Response:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
+import numpy as np
 
 from skystack.errors import InputError, requires_extra
 from skystack.evaluation.traffic import hours_folder
@@ -49,11 +50,11 @@ def serve(
     serving: Serving,
     adviser: str | None,
     announce: Callable[[str], None],
-) -> LiveControl:
+) -> tuple[LiveControl, bool]:
     """Serve a session until SIGINT or SIGTERM; `announce` is called with lines for the user.
 
-    Returns the session as it was left. Raises InputError if the port is in use, or for a damaged
-    journal.
+    Returns the session as it was left, and whether its thread hangs. Raises InputError if the port
+    is in use, or for a damaged journal.
     """
     conditions = opened.conditions
     folder = hours_folder(serving.out, SESSION, conditions)
@@ -68,7 +69,9 @@ def serve(
             announce(f"continuing the session in {folder} (--new begins another one)")
             control.restore(entries)
         token = secrets.token_urlsafe(24)
-        title = f"{conditions.traffic} traffic, seed {conditions.seed}"
+        title = conditions.recorded_traffic
+        if not conditions.is_fixed:
+            title += f", seed {conditions.seed}"
         page = live_page(opened.hour.world.sector, title)
         port = bound.getsockname()[1]
         names = ["*"] if serving.listen in _ANYWHERE else [serving.listen, *_LOOPBACK_NAMES]
@@ -83,7 +86,7 @@ def serve(
                 wait_for(ended)
             except KeyboardInterrupt:
                 forget()
-    return control
+    return control, server.hangs
 
 
 @contextmanager
@@ -109,12 +112,15 @@ def running(application: Any, bound: socket.socket) -> Iterator["Future[None]"]:
 
 def header_of(opened: LiveSession) -> Header:
     """The header of the journal of a session."""
+    start = [np.asarray(each) for each in opened.hour.start.traffic if each is not None]
     sector = msgspec.json.encode(opened.hour.world.sector)
     return Header(
-        traffic=opened.conditions.traffic,
+        traffic=opened.conditions.recorded_traffic,
         seed=opened.conditions.seed,
         sector=sha256(sector).hexdigest(),
+        start=sha256(b"".join(each.tobytes() for each in start)).hexdigest(),
         performance=opened.controlled.performance,
+        platform=opened.conditions.platform,
     )
 
 

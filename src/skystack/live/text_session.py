@@ -58,7 +58,7 @@ class TextSession:
     def _fly(self, cycles: int) -> list[str]:
         most = self._cycles - self.hour.cycle
         if not 1 <= cycles <= most:
-            raise InputError(f"{cycles} cycles (allowed: 1 to {most}, the rest of the hour)")
+            raise InputError(f"{cycles} cycles (allowed: 1 to {most}, the rest of the session)")
         lines = []
         for _ in range(cycles):
             lines += self._fly_one()
