@@ -10,7 +10,7 @@ from skystack.agents.transmission import Transmission
 from skystack.errors import InputError
 from skystack.evaluation.stored import read_table
 from skystack.live.advice import Adviser, most_urgent
-from skystack.live.control import YOU, LiveControl
+from skystack.live.control import VALID_CYCLES, YOU, LiveControl
 from skystack.live.journal import CycleFlown, open_journal
 from skystack.live.server import LiveServer
 from skystack.live.serving import header_of
@@ -119,7 +119,7 @@ def test_advice_is_accepted_refused_modified_and_logged(tmp_path):
     advice = control.advise()
     assert advice is not None
     assert 2 <= len(advice.alternatives) <= 3
-    shown = control.views.advice(advice)
+    shown = control.shown
     assert shown["callsigns"] == [control.hour.callsigns[slot] for slot in advice.concern.slots]
     control.refuse(advice.number, 1)
     chosen = shown["alternatives"][0]["words"]
@@ -172,10 +172,29 @@ def test_of_two_proposals_the_one_that_separates_is_shown(control, order):
     assert (best.source, best.transmission) == ("both", helps)
 
 
+def test_advice_is_valid_for_some_cycles_as_long_as_its_flight_is_there():
+    control = begin(steps=60)
+    advice = control.advise()
+    for _ in range(VALID_CYCLES):
+        control.step()
+    assert control.accept(advice.number, 0)
+    advice = control.advise()
+    for _ in range(VALID_CYCLES + 1):
+        control.step()
+    with pytest.raises(InputError, match=r"out of date \(allowed: ask again\)"):
+        control.accept(advice.number, 0)
+    advice = control.advise()
+    name = control.shown["alternatives"][0]["callsign"]
+    slot = control.hour.slots.pop(name)  # the flight has left, and another uses its slot
+    control.hour.slots["ANOTHER"] = slot
+    with pytest.raises(InputError, match="out of date"):
+        control.accept(advice.number, 0)
+
+
 def test_advice_is_shown_as_it_was_given_after_its_flights_have_left():
     control = begin(cycles=600, steps=60)
     advice = control.advise()
-    shown = control.views.advice(advice)
+    shown = control.shown
     while control.hour.slots.keys() & set(shown["callsigns"]):
         control.step()
     news = LiveServer(control, "", "token", lambda line: None).news(-1, 0)

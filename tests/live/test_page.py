@@ -135,6 +135,19 @@ def test_a_heading_is_dragged_and_a_level_is_picked(session, page):
     assert clearances(session)[-1].startswith(f"{name} resume own navigation direct")
 
 
+def test_advice_is_offered_while_the_session_runs_and_stays_valid_for_some_cycles(session, page):
+    page.page.locator("#offer").check()
+    page.wait_for("#alternatives", "Accept")
+    assert "separation is lost" in page.text("#situation")
+    for cycle in (61, 62):
+        page.keys("ArrowRight")
+        page.wait_until(f"Number(document.querySelector('#scrubber').value) === {cycle}")
+    wanted = page.text("#alternatives .words")
+    page.keys("Alt+1")
+    page.wait_for(".log", wanted)
+    assert clearances(session) == [wanted]
+
+
 def test_flights_are_handed_over_and_taken_back(session, page):
     page.keys("x")
     page.wait_for("#who", f"{ADVISER} controls all flights")

@@ -27,6 +27,8 @@ from skystack.platforms.phraseology import read_back, written
 from skystack.simulator.traffic import ticks
 
 YOU = "you"
+VALID_CYCLES = 5
+"""Advice can be accepted until so many cycles have been flown since, if nothing was issued."""
 
 
 class LiveControl:
@@ -167,14 +169,14 @@ class LiveControl:
         chosen = self.log.chosen() if conforms else ()
         self.advice = self._adviser.advise(self.hour.state, len(self.log), chosen)
         if self.advice is not None:
-            self.shown = self.views.advice(self.advice)
+            self.shown = self.views.advice(self.advice, self.advice.cycle + VALID_CYCLES)
             self._note(_logged(self.advice, self.shown))
         return self.advice
 
     def accept(self, number: int, rank: int) -> str:
         """Issue an alternative of the last advice; returns what the pilot reads back.
 
-        Raises InputError if the advice is out of date.
+        Its effects are those of the cycle in which advice was given. Raises InputError if the advice is out of date.
         """
         chosen = self._shown(number, rank)
         self.advice, self._begun = None, False
@@ -188,15 +190,15 @@ class LiveControl:
         self._note(AdviceAnswered(number, rank, "refused"))
 
     def _shown(self, number: int, rank: int) -> Alternative:
-        """An alternative of the last advice, if that is of the present cycle."""
+        """An alternative of the last advice, if that is valid and its flight is still there."""
         advice = self.advice
-        if (
-            advice is None
-            or (advice.number, advice.cycle) != (number, self.cycle)
-            or rank >= len(advice.alternatives)
-        ):
-            raise InputError("this advice is out of date (allowed: ask again)")
-        return advice.alternatives[rank]
+        if advice is not None and advice.number == number and rank < len(advice.alternatives):
+            alternative = advice.alternatives[rank]
+            callsign = self.shown["alternatives"][rank]["callsign"]
+            is_there = self.hour.slots.get(callsign) == alternative.transmission.slot
+            if is_there and self.cycle <= advice.cycle + VALID_CYCLES:
+                return alternative
+        raise InputError("this advice is out of date (allowed: ask again)")
 
     def _note(self, entry: AdviceShown | AdviceAnswered) -> None:
         self.log.add(entry)

@@ -48,12 +48,13 @@ class Views:
             "lost_in_s": trial.lost_in_s,
         }
 
-    def advice(self, advice: Advice) -> dict[str, Any]:
-        """Advice with all its alternatives."""
+    def advice(self, advice: Advice, until_cycle: int) -> dict[str, Any]:
+        """Advice with all its alternatives, which can be accepted until a cycle."""
         concern, name = advice.concern, self._hour.callsigns
         return {
             "number": advice.number,
             "cycle": advice.cycle,
+            "until_cycle": until_cycle,
             "kind": concern.kind,
             "callsigns": [name[slot] for slot in concern.slots],
             "lost_in_s": concern.lost_in_s,

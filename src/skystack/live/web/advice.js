@@ -1,9 +1,14 @@
 // The advice: the most urgent situation and its alternatives, which are accepted, modified or refused.
 
+const OFFERED_S = 300; // a loss this soon is a reason to offer advice
+const OFFERED_CYCLES = 5; // it is not offered again before so many cycles have been flown
+const OFFERED_SPEED = 10; // at higher speeds, advice would be out of date at once
+
 class Advice {
   constructor(ask, draft) {
-    Object.assign(this, { ask, draft, shown: null });
+    Object.assign(this, { ask, draft, news: null, shown: null, given: null, offered: null });
     [this.situation, this.list] = [byId("situation"), byId("alternatives")];
+    byId("offer").addEventListener("change", () => this.news && this.offer(...this.news));
   }
 
   async request() {
@@ -13,9 +18,27 @@ class Advice {
     else if (!reply.advised) setText(this.situation, "Nothing needs a clearance.");
   }
 
+  /** Asks for advice about a predicted loss, unless there is some, or it was asked for lately. */
+  offer(monitor, status) {
+    this.news = [monitor, status];
+    const { cycle, pairs } = monitor;
+    const { playing, speed, hands_all: handsAll } = status;
+    const isWanted = byId("offer").checked && !handsAll && !(playing && speed > OFFERED_SPEED);
+    const lost = pairs.filter(({ lost_in_s: lostInS }) => lostInS !== null && lostInS <= OFFERED_S);
+    if (!isWanted || !lost.length) return;
+    lost.sort((one, other) => one.lost_in_s - other.lost_in_s);
+    const pair = [...lost[0].callsigns].sort().join(" ");
+    const isGiven = this.given && this.given.pair === pair && cycle <= this.given.until;
+    const isRecent = this.offered && this.offered.pair === pair && cycle <= this.offered.until;
+    if (isGiven || isRecent) return;
+    this.offered = { pair, until: cycle + OFFERED_CYCLES };
+    this.request();
+  }
+
   /** Shows advice from the server, which is marked when it is out of date. */
   show(advice, cycle) {
-    const isOld = advice !== null && advice.cycle !== cycle;
+    const isOld = advice !== null && cycle > advice.until_cycle;
+    this.given = advice && { pair: [...advice.callsigns].sort().join(" "), until: advice.until_cycle };
     const key = JSON.stringify([advice, isOld]);
     if (key === this.shown) return;
     const isFirst = this.shown === null;

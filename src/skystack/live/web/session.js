@@ -95,6 +95,7 @@ function showNews(news) {
   refresh();
   showControl();
   advice.show(news.advice, news.status.cycle);
+  advice.offer(news.monitor, news.status);
   if (news.problem) notify(news.problem);
 }
 

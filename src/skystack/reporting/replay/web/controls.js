@@ -48,8 +48,8 @@ function keysOf(player, view, actions) {
 
 /** Whether the focused element handles the key itself. */
 function keepsKey(target, key) {
-  if (target.closest("select, dialog, input:not([type=range])")) return true;
-  return Boolean(target.closest("button")) && (key === " " || key === "Enter");
+  if (target.closest("select, dialog, input:not([type=range], [type=checkbox])")) return true;
+  return Boolean(target.closest("button, [type=checkbox]")) && (key === " " || key === "Enter");
 }
 
 function listenToKeys(keys) {
