@@ -176,7 +176,8 @@ class LiveControl:
     def accept(self, number: int, rank: int) -> str:
         """Issue an alternative of the last advice; returns what the pilot reads back.
 
-        Its effects are those of the cycle in which advice was given. Raises InputError if the advice is out of date.
+        Its effects are those of the cycle in which advice was given. Raises InputError if the
+        advice is out of date.
         """
         chosen = self._shown(number, rank)
         self.advice, self._begun = None, False
