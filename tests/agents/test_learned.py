@@ -11,7 +11,6 @@ import pytest
 from skystack.agents.learned import Learned, _Visited
 from skystack.agents.safety_net import ALERT_S
 from skystack.agents.transmission import clearance_of
-from skystack.learning.policy import Policy
 from skystack.simulator.traffic import DIRECT, NO_TURN, ticks
 from skystack.stacking import NO_OP
 from skystack.tasks.outlook import CLEARED
@@ -20,71 +19,90 @@ from skystack.tasks.sector_control import ACTIONS, CLIMB, DESCEND, LEFT_10, RIGH
 from skystack.tasks.sector_observation import NAMES, SINCE_CYCLES
 from tests.tasks.sector_traffic import BEGIN, LOOK_AHEAD, SLOTS, TASK, TELL, after
 
+SCRIPTS = {}
+"""Scripted policies by name: functions from observed rows to logits."""
 
-class ToExitLevel(Learned):
+
+def script(function):
+    SCRIPTS[function.__name__] = function
+    return function
+
+
+def one_of(chosen, wanted=10.0, others=0.0):
+    """The logits of a chosen action for each flight."""
+    return jnp.where(jnp.arange(len(ACTIONS))[:, None] == chosen[None], wanted, others)
+
+
+def to_level(rows, wants_direct):
+    above = (rows["fl_sx"] - 0.5) * 400.0
+    direct = (rows["own_navigation"] < 0.5) & (rows["direct"] < 0.5) & wants_direct
+    chosen = jnp.where(direct, TO_FIX, NO_OP)
+    return one_of(jnp.where(above > 5.0, DESCEND, jnp.where(above < -5.0, CLIMB, chosen)))
+
+
+@script
+def to_exit_level(rows):
     """Climbs or descends by tens to the exit level, then goes direct if that is possible."""
-
-    wants_direct = True
-
-    def _logits(self, observation):
-        rows = dict(zip(NAMES, observation, strict=True))
-        above = (rows["fl_sx"] - 0.5) * 400.0
-        direct = (rows["own_navigation"] < 0.5) & (rows["direct"] < 0.5) & self.wants_direct
-        chosen = jnp.where(direct, TO_FIX, NO_OP)
-        chosen = jnp.where(above > 5.0, DESCEND, jnp.where(above < -5.0, CLIMB, chosen))
-        return jnp.where(jnp.arange(len(ACTIONS))[:, None] == chosen[None], 10.0, 0.0)
+    return to_level(rows, True)
 
 
-class Turner(Learned):
-    """Turns left for ever."""
-
-    def _logits(self, observation):
-        rows = jnp.arange(len(ACTIONS))[:, None] == jnp.full(observation.shape[1], LEFT_10)[None]
-        return jnp.where(rows, 10.0, 0.0)
+@script
+def only_to_exit_level(rows):
+    return to_level(rows, False)
 
 
-class Seesaw(Learned):
+@script
+def turns_for_ever(rows):
+    return one_of(jnp.full_like(rows["burst"], LEFT_10, dtype=jnp.int32))
+
+
+@script
+def seesaw(rows):
     """Climbs up to the exit level and descends from above it, without end.
 
     Above the exit level, it would rather wait.
     """
-
-    def _logits(self, observation):
-        rows = dict(zip(NAMES, observation, strict=True))
-        above = (rows["fl_sx"] - 0.5) * 400.0 > 5.0
-        chosen = jnp.where(above, DESCEND, CLIMB)
-        logits = jnp.where(jnp.arange(len(ACTIONS))[:, None] == chosen[None], 1.0, -9.0)
-        return logits.at[NO_OP].set(jnp.where(above, 0.9, 0.1))
+    above = (rows["fl_sx"] - 0.5) * 400.0 > 5.0
+    logits = one_of(jnp.where(above, DESCEND, CLIMB), 1.0, -9.0)
+    return logits.at[NO_OP].set(jnp.where(above, 0.9, 0.1))
 
 
-class Waits(Learned):
+@script
+def waits(rows):
     """Never gives an instruction."""
-
-    def _logits(self, observation):
-        return jnp.zeros((len(ACTIONS), observation.shape[1])).at[NO_OP].set(20.0)
+    return one_of(jnp.full_like(rows["burst"], NO_OP, dtype=jnp.int32), 20.0)
 
 
-class TurnsRight(Learned):
+@script
+def turns_right(rows):
     """Turns every flight right by 10 degrees."""
+    return one_of(jnp.where(rows["burst"] > 0.5, NO_OP, RIGHT_10), 20.0)
 
-    def _logits(self, observation):
+
+class Scripted(Learned):
+    """Follows one of `SCRIPTS`, whose number takes the place of weights."""
+
+    def __init__(self, name, per_cycle=1, safety_net=True):
+        self.task, self.per_cycle, self.safety_net = TASK, per_cycle, safety_net
+        self._weights = jnp.int32(list(SCRIPTS).index(name))
+
+    def _logits(self, weights, observation):
         rows = dict(zip(NAMES, observation, strict=True))
-        chosen = jnp.where(rows["burst"] > 0.5, NO_OP, RIGHT_10)
-        return jnp.where(jnp.arange(len(ACTIONS))[:, None] == chosen[None], 20.0, 0.0)
+        return jnp.stack([each(rows) for each in SCRIPTS.values()])[weights]
 
 
 @cache
-def compiled(kind):
-    agent = kind(object.__new__(Policy), TASK)  # they need no weights
+def compiled():
+    """A controller with the programs of all others."""
+    agent = Scripted("waits")
     for program in ("_begin", "_stack", "_continue", "_rescue"):
         getattr(agent, program)
     return agent
 
 
-def controller(kind=ToExitLevel, per_cycle=1, safety_net=True):
-    """A new controller, with the programs of all others of its kind."""
-    agent = copy.copy(compiled(kind))
-    agent.per_cycle, agent.safety_net = per_cycle, safety_net
+def controller(name="to_exit_level", per_cycle=1, safety_net=True):
+    agent = copy.copy(compiled())
+    agent.__init__(name, per_cycle, safety_net)
     return agent
 
 
@@ -142,7 +160,7 @@ def test_the_most_urgent_flight_is_served_first(world):
 
 
 def test_a_burst_that_turns_in_a_circle_ends_where_it_began_to_repeat(world):
-    agent = controller(Turner)
+    agent = controller("turns_for_ever")
     agent.begin(world)
     (sent,) = agent.transmit(world)
     heading = float(world.traffic.cleared_heading_deg[sent.slot])
@@ -153,7 +171,7 @@ def test_a_burst_that_turns_in_a_circle_ends_where_it_began_to_repeat(world):
 def test_a_burst_that_repeats_keeps_the_clearance_after_which_the_policy_would_wait(world):
     """A single flight, so all clearances are equally safe."""
     world = alone(world, hearing(world)[0])
-    agent = controller(Seesaw)
+    agent = controller("seesaw")
     agent.begin(world)
     highest = ticks(float(TASK.sector.levels_fl[1]))
     (sent,) = agent.transmit(world)
@@ -176,7 +194,7 @@ def test_a_burst_that_repeats_keeps_the_clearance_that_loses_separation_last():
 
 def test_a_long_burst_is_cut_off(world, monkeypatch):
     monkeypatch.setattr("skystack.agents.learned.MOST_INSTRUCTIONS", 5)
-    agent = Turner(object.__new__(Policy), TASK, per_cycle=1)  # with programs of its own
+    agent = Scripted("turns_for_ever")  # with programs of its own
     agent.begin(world)
     (sent,) = agent.transmit(world)
     heading = float(world.traffic.cleared_heading_deg[sent.slot])
@@ -188,10 +206,10 @@ def test_the_safety_net_acts_where_the_policy_waits(world):
 
     one, other = hearing(world)[:2].tolist()
     meeting = head_on(world, one, other)
-    silent = controller(Waits, safety_net=False)
+    silent = controller("waits", safety_net=False)
     silent.begin(meeting)
     assert silent.transmit(meeting) == []
-    agent = controller(Waits, per_cycle=5)
+    agent = controller("waits", per_cycle=5)
     agent.begin(meeting)
     sent = [each for each in agent.transmit(meeting) if each.slot in (one, other)]
     assert len(sent) == 1  # then the other is out of danger, too
@@ -205,7 +223,7 @@ def test_the_safety_net_turns_a_flight_that_would_leave_elsewhere(world):
     """A flight in the north-western arm, 5.5 NM from its edge and heading for it."""
     slot = hearing(world)[0]
     leaving = in_arm(world, slot, 5.5, 45.0)
-    agent = controller(Waits, per_cycle=5)
+    agent = controller("waits", per_cycle=5)
     agent.begin(leaving)
     (sent,) = agent.transmit(leaving)
     assert sent.fix is not None or sent.heading_deg is not None
@@ -221,7 +239,7 @@ def test_instructions_that_cause_an_alert_are_not_given(world, from_edge_nm, tur
     """The flight is parallel to the edge, and the policy turns it towards the edge."""
     slot = hearing(world)[0]
     parallel = in_arm(world, slot, from_edge_nm, 315.0)
-    agent = controller(TurnsRight)
+    agent = controller("turns_right")
     agent.begin(parallel)
     sent = agent.transmit(parallel)
     assert [each.heading_deg for each in sent] == ([325] if turns else [])
@@ -282,20 +300,17 @@ def test_observes_the_time_since_a_transmission(world):
     agent = controller()
     agent.begin(world)
     (sent,) = agent.transmit(world)
-    query = agent._begin(world, agent._since.cycles(world))
+    query = agent._begin(agent._weights, world, agent._since.cycles(world))
     assert float(query.state.since_cycles[sent.slot]) == 1.0
     others = np.delete(np.asarray(query.state.since_cycles), sent.slot)
     assert np.all(others == SINCE_CYCLES)
 
 
 def test_nothing_is_said_if_nothing_changes(world):
-    class Nobody(ToExitLevel):
-        wants_direct = False
-
     at_exit_level = world.plan.exit_level_ticks
     level = world._replace(
         traffic=world.traffic._replace(cleared_level_ticks=at_exit_level, level_ticks=at_exit_level)
     )
-    agent = controller(Nobody)
+    agent = controller("only_to_exit_level")
     agent.begin(level)
     assert agent.transmit(level) == []

@@ -24,7 +24,7 @@ from skystack.agents.transmission import (
     clearance_of,
     transmission_between,
 )
-from skystack.learning.inference import Normaliser, forward, normalise
+from skystack.learning.inference import forward, normalise
 from skystack.learning.policy import Policy
 from skystack.simulator.traffic import Clearance
 from skystack.stacking import NO_OP
@@ -37,6 +37,10 @@ PATIENCE = 0.7
 actions are sampled, so it hardly matters in which of several cycles an instruction is given, or
 which of several good ones it is. The most probable of all actions may then be none in every cycle.
 """
+
+
+Weights = Any
+"""(normaliser, actor) of a policy; whatever `_logits` needs in a subclass."""
 
 
 class Answer(NamedTuple):
@@ -132,12 +136,14 @@ class Learned:
     ) -> None:
         self.policy, self.task = policy, task
         self.per_cycle, self.safety_net = per_cycle, safety_net
+        # Arguments of the compiled programs, which are then those of all policies of this shape.
+        self._weights: Weights = jax.tree.map(jnp.asarray, (policy.normaliser, policy.actor))
 
     def begin(self, state: WorldState) -> None:
         self._since = SinceTransmission(self.task.agents)
 
     def transmit(self, state: WorldState) -> list[Transmission]:
-        query = self._begin(state, self._since.cycles(state))
+        query = self._begin(self._weights, state, self._since.cycles(state))
         begun = query.state
         sent: list[Transmission] = []
         unserved: Bool[np.ndarray, " slots"] = np.array(state.hears)
@@ -155,25 +161,26 @@ class Learned:
                 continue
             sent.append(transmission)
             if len(sent) < self.per_cycle:
-                query = self._continue(told)
+                query = self._continue(self._weights, told)
         self._since.end_cycle(sent)
         return sent
 
     def certainty(self, state: WorldState, slot: int) -> Certainty:
         """How certain the policy is about the flight in a slot, before anything is transmitted."""
-        probability, entropy = self._certainty(state, self._since.cycles(state), slot)
+        since = self._since.cycles(state)
+        probability, entropy = self._certainty(self._weights, state, since, slot)
         return Certainty(float(probability), float(entropy))
 
     @cached_property
     def _certainty(self) -> Any:
-        """(world, since, slot) -> the values of `Certainty`, compiled."""
+        """(weights, world, since, slot) -> the values of `Certainty`, compiled."""
 
         def certainty(
-            world: WorldState, since: Float[Array, " slots"], slot: Int[Array, ""]
+            weights: Weights, world: WorldState, since: Float[Array, " slots"], slot: Int[Array, ""]
         ) -> tuple[Float[Array, ""], Float[Array, ""]]:
             state = self.task.begin(world)._replace(since_cycles=since)
             allowed = self.task.allowed(state)[:, slot]
-            logits = self._logits(self.task.observe(state)[:, slot][:, None])[:, 0]
+            logits = self._logits(weights, self.task.observe(state)[:, slot][:, None])[:, 0]
             chances = jax.nn.softmax(jnp.where(allowed, logits, -jnp.inf))
             most = jnp.log(jnp.maximum(jnp.sum(allowed.astype(jnp.float32)), 2.0))
             entropy = -jnp.sum(jax.scipy.special.xlogy(chances, chances)) / most
@@ -190,7 +197,7 @@ class Learned:
 
     def _serve(self, query: Query, slot: int) -> tuple[ControlState, int]:
         """The state after a transmission to a flight, and the number of instructions in it."""
-        told, count = self._stack(query, slot)
+        told, count = self._stack(self._weights, query, slot)
         instructions = int(count)
         if not (self.safety_net and alerts(told.outlook)[slot]):
             return told, instructions
@@ -214,36 +221,38 @@ class Learned:
 
     @cached_property
     def _begin(self) -> Any:
-        """(world, since) -> the query before anything is said in a cycle, compiled."""
+        """(weights, world, since) -> the query before anything is said in a cycle, compiled."""
 
-        def begin(world: WorldState, since: Float[Array, " slots"]) -> Query:
-            return self._ask(self.task.begin(world)._replace(since_cycles=since))
+        def begin(weights: Weights, world: WorldState, since: Float[Array, " slots"]) -> Query:
+            return self._ask(weights, self.task.begin(world)._replace(since_cycles=since))
 
         return jax.jit(begin)
 
     @cached_property
     def _stack(self) -> Any:
-        """(query, slot) -> the state after a transmission to a flight, and the number of
+        """(weights, query, slot) -> the state after a transmission to a flight, and the number of
         instructions in it, compiled."""
         return jax.jit(self._stack_one)
 
     @cached_property
     def _continue(self) -> Any:
-        """(state) -> the query after a transmission, compiled."""
-        return jax.jit(lambda state: self._ask(self.task.with_outlook(state)))
+        """(weights, state) -> the query after a transmission, compiled."""
+        return jax.jit(lambda weights, state: self._ask(weights, self.task.with_outlook(state)))
 
-    def _ask(self, state: ControlState) -> Query:
+    def _ask(self, weights: Weights, state: ControlState) -> Query:
         """Query the policy for every flight."""
-        answer = self._answer(self.task.observe(state), self.task.allowed(state), state.burst)
+        columns = (self.task.observe(state), self.task.allowed(state), state.burst)
+        answer = self._answer(weights, *columns)
         return Query(state, answer, _margin_s(state.outlook.time_s[CLEARED], answer.waits))
 
-    def _ask_one(self, state: ControlState, slot: Int[Array, ""]) -> Answer:
+    def _ask_one(self, weights: Weights, state: ControlState, slot: Int[Array, ""]) -> Answer:
         """Query the policy for one flight."""
         columns = (self.task.observe(state), self.task.allowed(state), state.burst)
-        return self._answer(*(values[..., slot][..., None] for values in columns))
+        return self._answer(weights, *(values[..., slot][..., None] for values in columns))
 
     def _answer(
         self,
+        weights: Weights,
         observation: Float[Array, "observation flights"],
         allowed: Bool[Array, "actions flights"],
         burst: Bool[Array, " flights"],
@@ -254,14 +263,16 @@ class Learned:
         1 - `PATIENCE`, or above one half if that continues a transmission; with the instruction
         that is then the most probable one.
         """
-        logits = jnp.where(allowed, self._logits(observation), -jnp.inf)
+        logits = jnp.where(allowed, self._logits(weights, observation), -jnp.inf)
         chances = jax.nn.softmax(logits, axis=0)
         action = jnp.argmax(chances[NO_OP + 1 :], axis=0).astype(jnp.int32) + NO_OP + 1
         waits = chances[NO_OP]
         wanted = jnp.any(allowed[NO_OP + 1 :], axis=0) & (waits < jnp.where(burst, 0.5, PATIENCE))
         return Answer(action, wanted, waits)
 
-    def _stack_one(self, query: Query, slot: Int[Array, ""]) -> tuple[ControlState, Int[Array, ""]]:
+    def _stack_one(
+        self, weights: Weights, query: Query, slot: Int[Array, ""]
+    ) -> tuple[ControlState, Int[Array, ""]]:
         """Serve one flight: instruct it until the policy gives no further instruction.
 
         If the burst returns to an earlier clearance (climb, descend, climb, ...), the flight keeps
@@ -280,7 +291,7 @@ class Learned:
 
         def instruct(burst: _FlightBurst) -> _FlightBurst:
             state = self.task.instruct_one(burst.state, slot, burst.answer.action[0])
-            answer, count = self._ask_one(state, slot), burst.number + 1
+            answer, count = self._ask_one(weights, state, slot), burst.number + 1
             margin_s = _margin_s(state.outlook.time_s[CLEARED, slot], answer.waits[0])
             visited = burst.visited.add(count, _cleared_to(state, slot), margin_s)
             return _FlightBurst(state, answer, count, visited)
@@ -289,10 +300,9 @@ class Learned:
         return burst.state, burst.number
 
     def _logits(
-        self, observation: Float[Array, "observation flights"]
+        self, weights: Weights, observation: Float[Array, "observation flights"]
     ) -> Float[Array, "actions flights"]:
-        normaliser = Normaliser(*map(jnp.asarray, self.policy.normaliser))
-        actor = jax.tree.map(jnp.asarray, self.policy.actor)
+        normaliser, actor = weights
         return forward(actor, normalise(normaliser, observation, columns=True), columns=True)
 
 
