@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from skystack.agents.scenario_agent import ScenarioAgent, check_same_airspace
-from skystack.agents.sector_agents import scenario_task_of
+from skystack.agents.scenario_agent import ScenarioAgent, check_fits_scenario
+from skystack.agents.sector_agents import navigation_task_of
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
 from skystack.evaluation.hours import HourFlyer
@@ -19,7 +19,7 @@ CYCLES, SEED, SCENARIOS = 70, 1, 2
 @pytest.mark.parametrize("name", ["lateral-best", "vertical"])
 def test_it_issues_the_clearances_of_an_evaluation(name):
     policy = find_policy(name)
-    task = scenario_task_of(policy)
+    task = navigation_task_of(policy)
     controller = network_controller(policy.actor, policy.normaliser, greedy=True)
     evaluated = fly(task, controller, SEED, SCENARIOS, stacking=True)
     flyer = HourFlyer(scenario_world(name).world, CYCLES)
@@ -42,12 +42,12 @@ def test_it_issues_the_clearances_of_an_evaluation(name):
     assert sent > 0
 
 
-def test_asked_in_the_middle_it_knows_what_is_seen():
+def test_an_adviser_asked_in_the_middle_of_a_scenario_uses_the_present_state():
     """An adviser is asked afresh, and a person may have issued clearances before."""
     policy = find_policy("vertical")
     flyer = HourFlyer(scenario_world("vertical").world, CYCLES)
     state = flyer.hours.reset(SEED, 0)
-    agent = ScenarioAgent(policy, scenario_task_of(policy))
+    agent = ScenarioAgent(policy, navigation_task_of(policy))
     for _ in range(10):
         state, _ = flyer.hours.advance(state, [])
     agent.begin(state)
@@ -58,10 +58,10 @@ def test_asked_in_the_middle_it_knows_what_is_seen():
 
 
 def test_refuses_another_number_of_flights_and_another_sector():
-    task = scenario_task_of(find_policy("lateral-best"))
-    check_same_airspace(task, x_plus(), 2)
-    with pytest.raises(InputError, match=r"a policy for 2 aircraft \(allowed: for 3"):
-        check_same_airspace(task, x_plus(), 3)
+    task = navigation_task_of(find_policy("lateral-best"))
+    check_fits_scenario(task, x_plus(), 2)
+    with pytest.raises(InputError, match=r"a policy for 2 aircraft in a scenario of 3 \(allowed: "):
+        check_fits_scenario(task, x_plus(), 3)
     other = scenario_world("examples/own-sector/meeting.json").world.sector
-    with pytest.raises(InputError, match=r"a policy for sector x-plus \(allowed: "):
-        check_same_airspace(task, other, 2)
+    with pytest.raises(InputError, match=r"sector x-plus in a scenario of \S+ \(allowed: "):
+        check_fits_scenario(task, other, 2)

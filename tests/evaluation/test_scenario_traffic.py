@@ -76,7 +76,10 @@ def test_a_scenario_is_the_same_in_all_simulators():
 @pytest.mark.parametrize(
     ("conditions", "message"),
     [
-        (TrafficConditions("sector-control"), "traffic sector-control: flights arrive during"),
+        (
+            TrafficConditions("sector-control"),
+            "an experiment with arriving flights",
+        ),
         (TrafficConditions("none.json"), "none.json: cannot be read"),
         (TrafficConditions("latral"), "an experiment, or a scenario file"),
         (TrafficConditions(FILE, hours=2), "is the same in every hour"),
@@ -84,7 +87,7 @@ def test_a_scenario_is_the_same_in_all_simulators():
         (TrafficConditions("lateral", uncertainty=True), "--uncertainty cannot be used"),
     ],
 )
-def test_what_cannot_be_flown_is_refused_in_one_line(conditions, message):
+def test_conditions_that_cannot_be_flown_are_refused(conditions, message):
     with pytest.raises(InputError) as error:
         evaluate_traffic("no-op", conditions)
     assert message in str(error.value)
@@ -106,6 +109,12 @@ def test_a_policy_that_does_not_fit_is_refused(policy, conditions, message):
     with pytest.raises(InputError) as error:
         find_controller(policy, conditions)
     assert message in str(error.value)
+
+
+def test_mvp_flies_arriving_traffic_only():
+    pytest.importorskip("bluesky")
+    with pytest.raises(InputError, match=r"mvp with a scenario \(allowed: arriving traffic"):
+        evaluate_traffic("mvp", TrafficConditions("lateral", platform="bluesky"))
 
 
 def test_evaluates_an_agent_on_a_scenario(tmp_path):

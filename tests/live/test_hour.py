@@ -109,7 +109,7 @@ def test_going_back_restores_the_state_and_forgets_the_rest():
         hour.rewind(999)
 
 
-class Elsewhere:
+class OtherSimulator:
     """Another simulator, which can only begin again; it is ours with another name."""
 
     def __init__(self):
@@ -128,8 +128,8 @@ class Elsewhere:
         self.closed = True
 
 
-def test_another_simulator_flies_again_what_led_to_the_state_gone_back_to():
-    elsewhere = Elsewhere()
+def test_going_back_flies_the_clearances_again_in_another_simulator():
+    elsewhere = OtherSimulator()
     hour = LiveHour(WORLD, seed=3, hours=elsewhere)
     while sum(hour.state.hears) < 1:
         hour.advance()

@@ -135,7 +135,7 @@ def test_a_heading_is_dragged_and_a_level_is_picked(session, page):
     assert clearances(session)[-1].startswith(f"{name} resume own navigation direct")
 
 
-def test_advice_is_offered_while_the_session_runs_and_stays_valid_for_some_cycles(session, page):
+def test_advice_is_offered_and_stays_valid_for_some_cycles(session, page):
     page.page.locator("#offer").check()
     page.wait_for("#alternatives", "Accept")
     assert "separation is lost" in page.text("#situation")

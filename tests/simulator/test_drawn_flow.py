@@ -50,8 +50,3 @@ def test_nobody_arrives(start):
     admitted, _ = FLOW.admission.admit(late, traffic)
     assert int(admitted.born) == 3
     assert int(admitted.waiting) == 0
-
-
-def test_without_scenarios_there_is_no_flight():
-    _, traffic = DrawnFlow(SIMULATOR, Clock(0.0), slots=2).draw(KEY)
-    assert not traffic.active.any()

@@ -9,6 +9,7 @@ import pytest
 
 from skystack.simulator.traffic import start, ticks
 from skystack.tasks.outlook import (
+    CLEARED,
     MARGIN_NM,
     NEIGHBOURS,
     WAYS,
@@ -121,7 +122,7 @@ def test_every_neighbour_is_another_flight():
     assert (np.diff(urgency, axis=0) >= 0.0).all()
 
 
-def test_as_cleared_alone_is_the_first_of_all_ways():
+def test_the_time_to_loss_as_cleared_is_that_of_the_full_outlook():
     """For a batch of two scenarios."""
     states = [after(120, seed).world for seed in (0, 1)]
     two = jax.tree.map(lambda *values: jnp.stack(values, axis=-1), *states)
@@ -132,7 +133,7 @@ def test_as_cleared_alone_is_the_first_of_all_ways():
         two.progress.entered,
         0.0,
     )
-    every = look_ahead(SIMULATOR, *looks).time_s[0]
+    every = look_ahead(SIMULATOR, *looks).time_s[CLEARED]
     alone = time_to_loss_as_cleared(SIMULATOR, *looks)
     assert (np.asarray(alone) < HORIZON_S).any()
     np.testing.assert_array_equal(alone, every)

@@ -36,15 +36,15 @@ class ScenarioAgent:
         """The number of cycles flown at the last decision, and the state after it."""
 
     def begin(self, state: WorldState) -> None:
-        """Forget everything. A scenario may also begin in the middle of a flight."""
+        """Forget the last decision. The state may be in the middle of a scenario."""
         self._last = None
 
     def transmit(self, state: WorldState) -> list[Transmission]:
         cycle = int(state.arrivals.cycle)
         if self._last is not None and self._last[0] == cycle - 1:
-            decided = self._continue(self._last[1], self._traffic(state))
+            decided = self._next_decision(self._last[1], self._traffic(state))
         else:
-            decided = self._begin(*self._first(state))
+            decided = self._first_decision(*self._task_inputs(state))
         instructed, stack = jax.device_get(decided)
         self._last = cycle, instructed
         aircraft = self._task.actions[int(stack.action)].aircraft
@@ -59,7 +59,7 @@ class ScenarioAgent:
         traffic: Traffic = jax.tree.map(lambda values: values[: self._task.aircraft], state.traffic)
         return traffic
 
-    def _first(self, state: WorldState) -> tuple[Traffic, Any, Progress]:
+    def _task_inputs(self, state: WorldState) -> tuple[Traffic, Any, Progress]:
         """The traffic, the exit levels and the progress of the task's flights."""
         count = self._task.aircraft
         progress: Progress = jax.tree.map(
@@ -76,7 +76,7 @@ class ScenarioAgent:
         return jnp.argmax(forward(policy.actor, normalised)).astype(jnp.int32)
 
     @cached_property
-    def _begin(self) -> Any:
+    def _first_decision(self) -> Any:
         """(traffic, exit levels, progress) -> the first decision, compiled."""
 
         def begin(
@@ -88,7 +88,7 @@ class ScenarioAgent:
         return jax.jit(begin)
 
     @cached_property
-    def _continue(self) -> Any:
+    def _next_decision(self) -> Any:
         """(state after the last decision, traffic flown since) -> a decision, compiled."""
 
         def later(state: NavigationState, flown: Traffic) -> tuple[NavigationState, Stack]:
@@ -98,13 +98,15 @@ class ScenarioAgent:
         return jax.jit(later)
 
 
-def check_same_airspace(task: NavigationTask, sector: Sector, flights: int) -> None:
-    """Raise InputError unless a task's observation fits the scenario of a sector."""
+def check_fits_scenario(task: NavigationTask, sector: Sector, flights: int) -> None:
+    """Raise InputError unless a task has the number of flights, routes and fixes of a scenario."""
     if task.aircraft != flights:
         raise InputError(
-            f"a policy for {task.aircraft} aircraft (allowed: for {flights}, as in the scenario)"
+            f"a policy for {task.aircraft} aircraft in a scenario of {flights} (allowed: a policy "
+            f"for {flights})"
         )
     if (task.sector.routes, task.sector.fixes) != (sector.routes, sector.fixes):
         raise InputError(
-            f"a policy for sector {task.sector.name} (allowed: {sector.name}, that of the scenario)"
+            f"a policy for sector {task.sector.name} in a scenario of {sector.name} (allowed: a "
+            f"policy for {sector.name})"
         )

@@ -41,8 +41,8 @@ def sector_task_of(policy: Policy) -> SectorControl:
     return task
 
 
-def scenario_task_of(policy: Policy) -> NavigationTask:
-    """The task that a policy was trained on. Raises InputError if it is not navigation."""
+def navigation_task_of(policy: Policy) -> NavigationTask:
+    """The task that a policy was trained on. Raises InputError if it is not a navigation task."""
     task = _task_of(policy)
     if not isinstance(task, NavigationTask):
         raise InputError(

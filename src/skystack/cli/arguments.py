@@ -292,7 +292,8 @@ def _evaluate_arguments(sub: argparse.ArgumentParser) -> None:
         "--traffic",
         metavar="TRAFFIC",
         help="sector control: fly hours of arriving traffic: a number of flights per hour; "
-        "category, notebook or environment (BluebirdDT's Flight School); or springfield:SCENARIO",
+        "category, notebook or environment (BluebirdDT's Flight School); springfield:SCENARIO; or, "
+        "without arrivals, an experiment (name or .toml) or a scenario file (.json)",
     )
     controller_arguments(sub, "with --traffic: ")
     sub.add_argument(

@@ -25,7 +25,7 @@ def session_arguments(sub: argparse.ArgumentParser) -> None:
         default="60",
         metavar="TRAFFIC",
         help="flights per hour (default 60); category (or flight-school), notebook or environment; "
-        "springfield:SCENARIO; an experiment, such as avoidance; or a scenario file (.json)",
+        "springfield:SCENARIO; an experiment (name or .toml); or a scenario file (.json)",
     )
     sub.add_argument("--seed", type=natural, default=0, metavar="N", help="seed of the traffic")
     sub.add_argument(
@@ -39,7 +39,7 @@ def session_arguments(sub: argparse.ArgumentParser) -> None:
         help="who gives advice and takes over flights: search, sector-control or another "
         "controller of a sector",
     )
-    cycles_argument(sub, "600, an hour; for a scenario, its own", None)
+    cycles_argument(sub, "600, an hour; for a scenario, its length", None)
     platform_argument(sub)
     sub.add_argument(
         "--out",

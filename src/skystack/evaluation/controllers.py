@@ -8,12 +8,12 @@ from typing import NamedTuple
 from skystack.agents.agent import Agent, check_agent
 from skystack.agents.find import READERS, find_agent
 from skystack.agents.per_flight import PerFlight
-from skystack.agents.scenario_agent import ScenarioAgent, check_same_airspace
+from skystack.agents.scenario_agent import ScenarioAgent, check_fits_scenario
 from skystack.agents.sector_agents import (
     BLUESKY_AGENTS,
     SECTOR_AGENTS,
     learned_agent,
-    scenario_task_of,
+    navigation_task_of,
     sector_task_of,
 )
 from skystack.agents.transmission import PER_CYCLE, SectorAgent
@@ -34,7 +34,6 @@ from skystack.io.files import read_whole
 from skystack.io.names import as_name
 from skystack.learning.policy import Policy
 from skystack.policies.shipped import find_policy, shipped_policies
-from skystack.simulator.drawn_flow import DrawnFlow
 from skystack.simulator.performance import performance
 from skystack.simulator.simulator import Simulator
 from skystack.tasks.sector_control import SectorControl
@@ -117,7 +116,7 @@ def _is_folder(name: str) -> bool:
 
 def _learned(policy: Policy, name: str, conditions: TrafficConditions) -> ControlledWorld:
     if is_scenario(conditions.traffic) and policy.description.task_name != SectorControl.name:
-        return _of_scenarios(policy, name, conditions)
+        return _learned_in_scenario(policy, name, conditions)
     task, config = sector_task_of(policy), policy.description.config["task"]
     world, per_cycle = (
         _world(conditions, task.sector, config["performance"]),
@@ -129,14 +128,18 @@ def _learned(policy: Policy, name: str, conditions: TrafficConditions) -> Contro
     return ControlledWorld(name, agent, world, model, per_cycle, digest)
 
 
-def _of_scenarios(policy: Policy, name: str, conditions: TrafficConditions) -> ControlledWorld:
+def _learned_in_scenario(
+    policy: Policy, name: str, conditions: TrafficConditions
+) -> ControlledWorld:
     """A policy of another task, in a scenario without arrivals."""
     if not conditions.safety_net:
-        raise InputError(f"{name} has no safety net (allowed: only policies of sector control)")
+        raise InputError(
+            f"{name} has no safety net (allowed: --no-safety-net only with a policy of sector "
+            "control)"
+        )
     found = scenario_world(conditions.traffic)
-    task, world = scenario_task_of(policy), found.world
-    assert isinstance(world.flow, DrawnFlow), "scenarios are drawn"
-    check_same_airspace(task, world.sector, world.flow.aircraft)
+    task, world = navigation_task_of(policy), found.world
+    check_fits_scenario(task, world.sector, found.aircraft)
     return ControlledWorld(
         name,
         ScenarioAgent(policy, task),
@@ -183,7 +186,8 @@ def _task(world: World, conditions: TrafficConditions) -> SectorControl:
 def _model(conditions: TrafficConditions, model: str = PERFORMANCE) -> str:
     """The name of the performance model that is recorded.
 
-    It is `table` for fixed traffic, whose speeds are sampled from BluebirdDT.
+    Scenarios have their own. It is `table` for fixed traffic, whose speeds are sampled from
+    BluebirdDT.
     """
     if is_scenario(conditions.traffic):
         return scenario_world(conditions.traffic).performance

@@ -153,9 +153,9 @@ def is_fail_safe(world: World, state: WorldState) -> Bool[Array, "*batch"]:
 
 
 def copied(values: Tree) -> Tree:
-    """A pytree of arrays, copied to memory of numpy.
+    """A copy of a pytree in numpy's own memory.
 
-    An array fetched from JAX keeps a buffer of JAX, which takes more memory than a small array.
+    An array fetched from JAX keeps a JAX buffer alive, which is larger than a small array.
     """
     copies: Tree = jax.tree.map(np.array, values)
     return copies

@@ -56,7 +56,7 @@ class ScenarioHours:
         self, state: WorldState, transmissions: list[Transmission]
     ) -> tuple[WorldState, WorldCycle]:
         flown = state.traffic
-        if flown.active.any():  # else the platform may have removed them all
+        if flown.active.any():  # once all have left, the platform may have none to report
             for each in instructions_of(self.world, state.traffic, self._slot, transmissions):
                 self.platform.issue(each)
             flown = self._read(self.platform.advance(), _on_routes(state.traffic, transmissions))
@@ -78,7 +78,7 @@ class ScenarioHours:
 
 
 def _on_routes(traffic: Traffic, transmissions: list[Transmission]) -> Traffic:
-    """The traffic with who is on own navigation after transmissions, which is not reported."""
+    """The traffic with own navigation and fixes as transmitted; platforms do not report them."""
     own = np.array(traffic.own_navigation)
     fix, cleared = np.array(traffic.next_fix), np.array(traffic.cleared_fix)
     for each in transmissions:
@@ -91,9 +91,8 @@ def _on_routes(traffic: Traffic, transmissions: list[Transmission]) -> Traffic:
 
 
 def _past_fixes(state: WorldState) -> WorldState:
-    """The state in which flights on own navigation fly to the first fix that they have not passed.
-
-    The fix that they fly to is not reported.
+    """The state with each flight's next fix: the later of the one that it was cleared to and the
+    first that it has not passed. Platforms do not report it.
     """
     following: Any = np.maximum(state.traffic.next_fix, state.progress.next_fix)
     return state._replace(traffic=state.traffic._replace(next_fix=following))

@@ -20,14 +20,14 @@ from skystack.tasks.contract import TrafficTask
 from skystack.tasks.registry import build_task
 from skystack.tasks.sector_world import World
 
-SCENARIO_FILE, EXPERIMENT_FILE = ".json", ".toml"
-_SLOTS = 2
-"""The least number of slots: outlooks need another flight to compare with."""
+SCENARIO_SUFFIX, EXPERIMENT_SUFFIX = ".json", ".toml"
+_MIN_SLOTS = 2
+"""The minimum number of slots: outlooks compare each flight with another one."""
 
 
 def is_scenario(traffic: str) -> bool:
-    """Whether traffic is named like an experiment or a file with a scenario or an experiment."""
-    return traffic.endswith((SCENARIO_FILE, EXPERIMENT_FILE)) or traffic in _experiments()
+    """Whether traffic names an experiment, an experiment file or a scenario file."""
+    return traffic.endswith((SCENARIO_SUFFIX, EXPERIMENT_SUFFIX)) or traffic in _experiments()
 
 
 @cache
@@ -37,13 +37,14 @@ def _experiments() -> frozenset[str]:
 
 def is_scenario_file(traffic: str) -> bool:
     """Whether traffic is a scenario file, which is the same in every hour."""
-    return traffic.endswith(SCENARIO_FILE)
+    return traffic.endswith(SCENARIO_SUFFIX)
 
 
 class ScenarioWorld(NamedTuple):
     """The world of a scenario."""
 
     world: World
+    aircraft: int
     performance: str
     """The name of its performance model."""
     cycles: int
@@ -53,21 +54,22 @@ class ScenarioWorld(NamedTuple):
 def scenario_world(traffic: str) -> ScenarioWorld:
     """The world of a scenario.
 
-    Raises InputError for an invalid file, an unknown experiment, or one without such scenarios.
+    Raises InputError for an invalid file, an unknown experiment, or one whose flights arrive during
+    the hour.
     """
     if is_scenario_file(traffic):
         scenario = load_scenario(Path(traffic))
         names = tuple(each.callsign for each in scenario.aircraft)
-        world = _world(scenario.simulator(), _Listed(scenario), scenario.cycles, names)
-        return ScenarioWorld(world, scenario.performance, scenario.cycles)
+        world = _world(scenario.simulator(), _FileScenarios(scenario), scenario.cycles, names)
+        return ScenarioWorld(world, len(names), scenario.performance, scenario.cycles)
     task = build_task(load_experiment(traffic).task)
     if not isinstance(task, TrafficTask):
         raise InputError(
-            f"traffic {traffic}: flights arrive during its scenarios (allowed: flights per hour, "
-            "such as 60)"
+            f"traffic {traffic}: an experiment with arriving flights (allowed: a number of flights "
+            "per hour, such as 60)"
         )
-    world = _world(task.simulator, _OfTask(task), task.cycles, ())
-    return ScenarioWorld(world, task.performance, task.cycles)
+    world = _world(task.simulator, _TaskScenarios(task), task.cycles, ())
+    return ScenarioWorld(world, task.aircraft, task.performance, task.cycles)
 
 
 def _world(
@@ -77,7 +79,7 @@ def _world(
         DrawnFlow(
             replace(simulator, own_navigation=True),
             Clock(0.0),
-            slots=max(scenarios.aircraft, _SLOTS),
+            slots=max(scenarios.aircraft, _MIN_SLOTS),
             cycles=cycles,
             scenarios=scenarios,
             names=names,
@@ -86,7 +88,7 @@ def _world(
 
 
 @dataclass(frozen=True)
-class _Listed:
+class _FileScenarios:
     """The aircraft of a scenario file. Its clearances are not issued."""
 
     scenario: Scenario
@@ -103,7 +105,7 @@ class _Listed:
 
 
 @dataclass(frozen=True)
-class _OfTask:
+class _TaskScenarios:
     """The random scenarios of a task: with the same key, those of its evaluation."""
 
     task: TrafficTask

@@ -80,6 +80,8 @@ def open_hours(found: ControlledWorld, conditions: TrafficConditions) -> Hours:
         return OwnHours(found.world)
     platform = conditions.platform
     if is_scenario(conditions.traffic):
+        if found.name in BLUESKY_AGENTS:
+            raise InputError(f"{found.name} with a scenario (allowed: arriving traffic in BlueSky)")
         return ScenarioHours(found.world, platform, found.performance)
     if is_fixed(conditions.traffic):
         from skystack.evaluation.bluebird_hours import BluebirdHours  # noqa: PLC0415  # an extra

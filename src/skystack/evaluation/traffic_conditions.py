@@ -8,7 +8,7 @@ from skystack.agents.transmission import PER_CYCLE
 from skystack.errors import InputError
 from skystack.evaluation.fixed_traffic import SPRINGFIELD, is_fixed
 from skystack.evaluation.scenario_traffic import (
-    SCENARIO_FILE,
+    SCENARIO_SUFFIX,
     is_scenario,
     is_scenario_file,
     scenario_world,
@@ -26,7 +26,7 @@ from skystack.simulator.simulator import Simulator
 SPEED_SPREAD, CLIMB_SPREAD = 0.03, 0.10
 """The spread of airspeeds and of rates of climb and descent with `uncertainty`."""
 ALIASES = {"flight-school": "category"}
-"""Other names of traffic."""
+"""Other names for traffic."""
 BLUEBIRD, BLUESKY = "bluebird", "bluesky"
 """The other platforms."""
 _SLOTS = (16, 32, 64, 128, 256)
@@ -65,8 +65,7 @@ class TrafficConditions(NamedTuple):
         return [option for option, given in differs.items() if given]
 
     @property
-    def is_fixed(self) -> bool:
-        """Whether the traffic is the same for every seed."""
+    def is_the_same_for_every_seed(self) -> bool:
         return is_fixed(self.traffic) or is_scenario_file(self.traffic)
 
     @property
@@ -170,7 +169,7 @@ def _constant_flow(traffic: str, simulator: Simulator) -> Flow:
     except ValueError:
         raise InputError(
             f"traffic {traffic!r} (allowed: flights per hour, {', '.join(FLIGHT_SCHOOL)}, "
-            f"{SPRINGFIELD}:SCENARIO, an experiment, or a scenario file, {SCENARIO_FILE})"
+            f"{SPRINGFIELD}:SCENARIO, an experiment, or a scenario file ({SCENARIO_SUFFIX}))"
         ) from None
     clock = constant_rate(rate)
     # About a quarter of the flights of an hour are there at once.

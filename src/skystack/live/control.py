@@ -28,7 +28,7 @@ from skystack.simulator.traffic import ticks
 
 YOU = "you"
 VALID_CYCLES = 5
-"""Advice can be accepted until so many cycles have been flown since, if nothing was issued."""
+"""The number of cycles for which advice can be accepted, unless a clearance is issued first."""
 
 
 class LiveControl:
@@ -129,7 +129,7 @@ class LiveControl:
         if modifies is not None:
             number, rank = modifies
             self._note(AdviceAnswered(number, rank, "modified", written(issued)))
-        self.advice, self._begun = None, False  # neither knew of this clearance
+        self._begun = False  # the adviser's plans did not include this clearance
         return read_back(issued)
 
     def trial(self, text: str) -> dict[str, Any]:
@@ -176,11 +176,11 @@ class LiveControl:
     def accept(self, number: int, rank: int) -> str:
         """Issue an alternative of the last advice; returns what the pilot reads back.
 
-        Its effects are those of the cycle in which advice was given. Raises InputError if the
-        advice is out of date.
+        The effects shown were predicted when the advice was given, and may have changed. Raises
+        InputError if the advice is out of date.
         """
         chosen = self._shown(number, rank)
-        self.advice, self._begun = None, False
+        self._begun = False
         issued = self._transmit(chosen.transmission, YOU)
         self._note(AdviceAnswered(number, rank, "accepted"))
         return read_back(issued)
@@ -196,8 +196,13 @@ class LiveControl:
         if advice is not None and advice.number == number and rank < len(advice.alternatives):
             alternative = advice.alternatives[rank]
             callsign = self.shown["alternatives"][rank]["callsign"]
-            is_there = self.hour.slots.get(callsign) == alternative.transmission.slot
-            if is_there and self.cycle <= advice.cycle + VALID_CYCLES:
+            transmission = alternative.transmission
+            is_there = self.hour.slots.get(callsign) == transmission.slot
+            if (
+                is_there
+                and self.cycle <= advice.cycle + VALID_CYCLES
+                and self.hour.can_fly(transmission)
+            ):
                 return alternative
         raise InputError("this advice is out of date (allowed: ask again)")
 
@@ -273,6 +278,7 @@ class LiveControl:
             )
         )
         issued = self.hour.transmit(transmission)
+        self.advice = None  # it did not know of this clearance
         self.history.add_clearance(self.hour.state, transmission, issued, by)
         return issued
 

@@ -24,12 +24,14 @@ from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import ticks
 from skystack.tasks.sector_world import World, WorldCycle, WorldState
 
+_NOTHING = Transmission(0)
+"""A transmission that changes nothing."""
 LEVEL_STEP_FL = 10
 """Flight levels are cleared in multiples of this number."""
 
 
 class LiveHour:
-    """The traffic of one hour in our simulator, and what has been transmitted."""
+    """The traffic of one hour, in our simulator or another one, and what has been transmitted."""
 
     def __init__(
         self, world: World, seed: int = 0, number: int = 0, hours: Hours | None = None
@@ -49,12 +51,12 @@ class LiveHour:
         """The slots of all flights, by callsign."""
 
     def compile(self) -> None:
-        """Compile all programs now instead of on first use."""
+        """Compile the programs now instead of on first use."""
         nothing = clearance_of([], len(self.state.arrivals.flight))
         jax.device_get(self._instruct(self.state, nothing))
         jax.device_get(self._fail_safe(self.state))
         if isinstance(self._hours, OwnHours):
-            self._hours.advance(self.state, [])
+            self._hours.advance(self.state, [_NOTHING])
 
     @property
     def cycle(self) -> int:
@@ -95,7 +97,7 @@ class LiveHour:
         return cycle
 
     def _kept(self, state: WorldState) -> WorldState:
-        """A copy of a state. What never changes is stored once."""
+        """A copy of a state that shares with the first state what never changes."""
         first, kept = self._states[0].arrivals, copied(state)
         arrivals = kept.arrivals._replace(candidates=first.candidates, uniforms=first.uniforms)
         return kept._replace(arrivals=arrivals)
@@ -120,8 +122,8 @@ class LiveHour:
     def _fly_again(self) -> None:
         """Bring another simulator, which cannot go back, to the last state."""
         state = self._hours.reset(self._seed, self._number)
-        for number in range(self.cycle):
-            sent = [each.transmission for each in self._recorder.sent if each.cycle == number]
+        for cycle in range(self.cycle):
+            sent = [each.transmission for each in self._recorder.sent if each.cycle == cycle]
             state, _ = self._hours.advance(state, sent)
 
     def close(self) -> None:
@@ -176,6 +178,12 @@ class LiveHour:
                 f"{parsed.callsign} direct {parsed.direct_to} (allowed: {', '.join(ahead)})"
             )
         return following + ahead.index(parsed.direct_to)
+
+    def can_fly(self, transmission: Transmission) -> bool:
+        """Whether the flight hears, and has not passed the fix that it would be cleared to."""
+        slot, fix = transmission.slot, transmission.fix
+        is_ahead = fix is None or fix >= int(self.state.progress.next_fix[slot])
+        return bool(self.state.hears[slot]) and is_ahead
 
     def fixes_ahead(self, slot: int) -> tuple[str, ...]:
         """The fixes of a flight's route from the next one on."""

@@ -5,7 +5,9 @@ from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
+from skystack.agents.sector_agents import BLUESKY_AGENTS
 from skystack.agents.transmission import SectorAgent
+from skystack.errors import InputError
 from skystack.evaluation.controllers import ControlledWorld, find_controller
 from skystack.evaluation.hour_row import forget_row, write_row
 from skystack.evaluation.hour_scores import score, summary
@@ -54,6 +56,8 @@ class LiveSession(NamedTuple):
 def open_session(conditions: TrafficConditions, adviser: str | None = None) -> LiveSession:
     """A live hour under conditions. Raises InputError for invalid ones or an unknown adviser."""
     check_conditions(conditions)
+    if adviser in BLUESKY_AGENTS:
+        raise InputError(f"{adviser} cannot advise: BlueSky flies it (allowed: any other agent)")
     found = find_controller(adviser or NOBODY, conditions)
     hour = LiveHour(found.world, conditions.seed, hours=open_hours(found, conditions))
     return LiveSession(hour, None if adviser is None else found.agent, found, conditions)

@@ -13,7 +13,9 @@ import msgspec
 import numpy as np
 
 from skystack.errors import InputError, requires_extra
+from skystack.evaluation.scenario_traffic import is_scenario
 from skystack.evaluation.traffic import hours_folder
+from skystack.evaluation.traffic_conditions import TrafficConditions
 from skystack.evaluation.writing import SESSION
 from skystack.io.signals import forget, wait_for
 from skystack.live.control import LiveControl
@@ -69,9 +71,7 @@ def serve(
             announce(f"continuing the session in {folder} (--new begins another one)")
             control.restore(entries)
         token = secrets.token_urlsafe(24)
-        title = conditions.recorded_traffic
-        if not conditions.is_fixed:
-            title += f", seed {conditions.seed}"
+        title = _title(conditions)
         page = live_page(opened.hour.world.sector, title)
         port = bound.getsockname()[1]
         names = ["*"] if serving.listen in _ANYWHERE else [serving.listen, *_LOOPBACK_NAMES]
@@ -87,6 +87,13 @@ def serve(
             except KeyboardInterrupt:
                 forget()
     return control, server.hangs
+
+
+def _title(conditions: TrafficConditions) -> str:
+    if conditions.is_the_same_for_every_seed:
+        return conditions.recorded_traffic
+    traffic = "" if is_scenario(conditions.traffic) else " traffic"
+    return f"{conditions.recorded_traffic}{traffic}, seed {conditions.seed}"
 
 
 @contextmanager

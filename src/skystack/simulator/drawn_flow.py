@@ -1,6 +1,6 @@
 """Traffic without arrivals: all flights of a scenario are there at the start."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import jax
@@ -20,15 +20,9 @@ class DrawnFlow(Flow):
     `slots` must not be less than the number of aircraft.
     """
 
-    scenarios: Scenarios | None = None
-    """The source of scenarios. None means no flights."""
+    scenarios: Scenarios = field(kw_only=True)
     names: tuple[str, ...] = ()
-    """The callsigns of the aircraft, if they have their own."""
-
-    @property
-    def aircraft(self) -> int:
-        """The number of aircraft of a scenario."""
-        return 0 if self.scenarios is None else self.scenarios.aircraft
+    """The callsigns of the aircraft; empty if they have none of their own."""
 
     @property
     def callsigns(self) -> tuple[str, ...]:
@@ -37,9 +31,7 @@ class DrawnFlow(Flow):
     def draw(self, key: PRNGKeyArray) -> tuple[Arrivals, Traffic]:
         """The scenario that `scenarios` draws with the key."""
         arrivals, empty = super().draw(key)
-        if self.scenarios is None:
-            return arrivals, empty
-        drawn, count = self.scenarios.draw(key), self.aircraft
+        drawn, count = self.scenarios.draw(key), self.scenarios.aircraft
         ones = jnp.ones(count)
         there = drawn.traffic._replace(
             cleared_fix=drawn.traffic.next_fix, airspeed_factor=ones, climb_factor=ones

@@ -51,7 +51,7 @@ PATH_OF_WAY = np.array(
 """The index of the lateral path of each of `WAYS`. Changes of level keep the path as cleared;
 `direct, exit level` has that of `direct`."""
 NEIGHBOURS = 12
-"""The number of other flights that are compared with each flight."""
+"""The number of other flights that are neighbours with each flight."""
 MARGIN_NM = 1.0
 """Added to the separation standard in what a policy observes."""
 INTERVALS = len(TIMES_S) - 1
@@ -105,15 +105,15 @@ class Cleared(NamedTuple):
     level_ticks: Float[Array, "times columns"]
 
 
-class Compared(NamedTuple):
-    """The neighbours that flights are compared with."""
+class Neighbours(NamedTuple):
+    """The columns of the flights that each flight is neighbours with."""
 
     column: Int[Array, "neighbours chosen"]
     exists: Bool[Array, "neighbours chosen"]
 
 
 class Others(NamedTuple):
-    """All flights as cleared, in the form in which each flight is compared with others."""
+    """All flights as cleared, in the form in which each flight is neighbours with others."""
 
     cleared: Cleared
     table: Float[Array, "rows columns"]
@@ -168,9 +168,7 @@ def time_to_loss_as_cleared(
 
     def time_s(column: Int[Array, " chosen"]) -> Float[Array, " chosen"]:
         sector, flights = simulator.sector, _chosen(everyone, column)
-        neighbour, urgency = subroutine(
-            partial(_most_urgent, sector, batch), everyone, others.cleared, flights, column
-        )
+        neighbours = _neighbours(sector, batch, everyone, others, column)[0]
         own = _columns_of(others.cleared, column)
         path: PredictedPath = jax.tree.map(lambda each: each[..., None, :], own.path)
         found, _ = subroutine(
@@ -179,7 +177,7 @@ def time_to_loss_as_cleared(
             (path,),
             own.level_ticks[:, None],
             others,
-            Compared(neighbour * batch + (column % batch)[None], urgency < FAR),
+            neighbours,
         )
         return found[CLEARED]
 
@@ -279,19 +277,31 @@ def _outlook_of(
     headings = subroutine(partial(_heading_paths, sector), traffic)
     levels = subroutine(partial(_levels, simulator), flights)
     leaves_s = subroutine(partial(_leaves_s, sector), flights, routes, headings)
-    neighbour, urgency = subroutine(
-        partial(_most_urgent, sector, batch), everyone, others.cleared, flights, column
-    )
-    compared = Compared(neighbour * batch + (column % batch)[None], urgency < FAR)
+    neighbours, neighbour, urgency = _neighbours(sector, batch, everyone, others, column)
     time_s, neighbour_time_s = subroutine(
         partial(_times_to_loss, sector, margin_nm, True),
         traffic,
         (routes, headings),
         levels,
         others,
-        compared,
+        neighbours,
     )
     return Outlook(time_s, leaves_s, neighbour, urgency, neighbour_time_s)
+
+
+def _neighbours(
+    sector: Sector,
+    batch: int,
+    everyone: Flights,
+    others: Others,
+    column: Int[Array, " chosen"],
+) -> tuple[Neighbours, Int[Array, "neighbours chosen"], Float[Array, "neighbours chosen"]]:
+    """The most urgent neighbours of some flights, their slots, and their urgency."""
+    flights = _chosen(everyone, column)
+    slot, urgency = subroutine(
+        partial(_most_urgent, sector, batch), everyone, others.cleared, flights, column
+    )
+    return Neighbours(slot * batch + (column % batch)[None], urgency < FAR), slot, urgency
 
 
 def _columns_of(values: Tree, column: Int[Array, " chosen"]) -> Tree:
@@ -389,19 +399,19 @@ def _level_range(traffic: Traffic) -> tuple[Rows, Rows]:
 def _times_to_loss(
     sector: Sector,
     margin_nm: float,
-    every: bool,
+    all_ways: bool,
     traffic: Traffic,
     paths: tuple[PredictedPath, ...],
     height: Float[Array, "times levels chosen"],
     others: Others,
-    compared: Compared,
+    neighbours: Neighbours,
 ) -> tuple[Array, Array]:
     """The time to the first loss for each way, and as cleared for each neighbour.
 
-    With `every`, the paths and levels are those of all `WAYS`, otherwise as cleared alone. Losses
-    are stored as sets of intervals between the predicted times, one bit per interval.
+    With `all_ways`, the paths and levels are those of all `WAYS`; otherwise only those as cleared.
+    Losses are stored as sets of intervals between the predicted times, one bit per interval.
     """
-    chosen = compared.column.shape[1]
+    chosen = neighbours.column.shape[1]
     inverse = 1.0 / sector.plane.scale(traffic.position_nm[:, 1])
     there = jnp.concatenate([_before(path.until_s.reshape(-1, chosen)) for path in paths])
     below2 = (sector.separation_nm + margin_nm) ** 2
@@ -436,7 +446,7 @@ def _times_to_loss(
             gap = after
         return bits
 
-    def with_neighbour(bits: Bits, neighbour: Compared) -> tuple[Bits, Bits]:
+    def with_neighbour(bits: Bits, neighbour: Neighbours) -> tuple[Bits, Bits]:
         index, here = neighbour
         rows = subroutine(_columns_of, others.table, index)
         other_east, other_north, other_height = jnp.split(rows, 3)
@@ -448,12 +458,12 @@ def _times_to_loss(
         lateral = jnp.concatenate(near) & there & present[None]
         vertical = subroutine(level_with, other_height)
         lost = lateral & vertical[:1]
-        if every:
+        if all_ways:
             lost = jnp.concatenate([lost, lateral[:1] & vertical[1:], lateral[1:2] & vertical[1:2]])
         return bits | lost, lost[CLEARED]
 
-    nothing = jnp.zeros((len(WAYS) if every else 1, chosen), dtype=jnp.uint32)
-    bits, each = jax.lax.scan(with_neighbour, nothing, compared)
+    nothing = jnp.zeros((len(WAYS) if all_ways else 1, chosen), dtype=jnp.uint32)
+    bits, each = jax.lax.scan(with_neighbour, nothing, neighbours)
     bits = jnp.where(traffic.active, bits, jnp.uint32(0))
     return _first(bits), _first(each)
 

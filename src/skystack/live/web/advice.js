@@ -1,7 +1,7 @@
 // The advice: the most urgent situation and its alternatives, which are accepted, modified or refused.
 
 const OFFERED_S = 300; // a loss this soon is a reason to offer advice
-const OFFERED_CYCLES = 5; // it is not offered again before so many cycles have been flown
+const OFFERED_CYCLES = 5; // the same pair is not offered again for this many cycles
 const OFFERED_SPEED = 10; // at higher speeds, advice would be out of date at once
 
 class Advice {
@@ -18,7 +18,8 @@ class Advice {
     else if (!reply.advised) setText(this.situation, "Nothing needs a clearance.");
   }
 
-  /** Asks for advice about a predicted loss, unless there is some, or it was asked for lately. */
+  /** Asks for advice when a loss is predicted, unless advice for this pair is valid or was offered
+   *  in the last cycles. */
   offer(monitor, status) {
     this.news = [monitor, status];
     const { cycle, pairs } = monitor;
@@ -27,18 +28,19 @@ class Advice {
     const lost = pairs.filter(({ lost_in_s: lostInS }) => lostInS !== null && lostInS <= OFFERED_S);
     if (!isWanted || !lost.length) return;
     lost.sort((one, other) => one.lost_in_s - other.lost_in_s);
-    const pair = [...lost[0].callsigns].sort().join(" ");
+    const pair = pairOf(lost[0].callsigns);
+    if (this.offered && cycle < this.offered.cycle) this.offered = null; // the session went back
     const isGiven = this.given && this.given.pair === pair && cycle <= this.given.until;
-    const isRecent = this.offered && this.offered.pair === pair && cycle <= this.offered.until;
+    const isRecent = this.offered && this.offered.pair === pair && cycle <= this.offered.cycle + OFFERED_CYCLES;
     if (isGiven || isRecent) return;
-    this.offered = { pair, until: cycle + OFFERED_CYCLES };
+    this.offered = { pair, cycle };
     this.request();
   }
 
   /** Shows advice from the server, which is marked when it is out of date. */
   show(advice, cycle) {
     const isOld = advice !== null && cycle > advice.until_cycle;
-    this.given = advice && { pair: [...advice.callsigns].sort().join(" "), until: advice.until_cycle };
+    this.given = advice && { pair: pairOf(advice.callsigns), until: advice.until_cycle };
     const key = JSON.stringify([advice, isOld]);
     if (key === this.shown) return;
     const isFirst = this.shown === null;
@@ -98,6 +100,11 @@ class Advice {
     this.draft.changed();
     this.draft.input.focus();
   }
+}
+
+/** The same text for both orders of two callsigns. */
+function pairOf(callsigns) {
+  return [...callsigns].sort().join(" ");
 }
 
 function situationWords({ kind, callsigns, lost_in_s: lostInS, least_nm: leastNm }) {
