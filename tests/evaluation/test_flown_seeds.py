@@ -1,5 +1,7 @@
 """Finished hours on disk."""
 
+from pathlib import Path
+
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -79,3 +81,14 @@ def test_the_digest_depends_on_all_conditions(tmp_path):
     assert len(set(digests)) == len(digests)
     again = base._replace(seed=5, hours=9)  # neither changes the hour of a seed
     assert conditions_digest(find_controller("rules", again), again) == digests[0]
+
+
+def test_the_digest_depends_on_the_contents_of_a_scenario_file(tmp_path):
+    path = tmp_path / "head-on.json"
+    text = Path("examples/head-on.json").read_text()
+    digests = []
+    for changed in (text, text.replace('"cycles": 150', '"cycles": 151'), text):
+        path.write_text(changed)
+        conditions = TrafficConditions(str(path), cycles=100)
+        digests.append(conditions_digest(find_controller("rules", conditions), conditions))
+    assert digests[0] == digests[2] != digests[1]

@@ -55,6 +55,7 @@ def test_flights_fly_as_in_our_simulator(traffic, platform, sent, below_nm):
                 theirs.append(hours.advance(theirs[-1], sent.get(cycle, []))[0])
     else:
         theirs = flown(traffic, platform, sent)
+    assert all(isinstance(each.traffic.position_nm, np.ndarray) for each in theirs)
     active = np.asarray(ours[-1].traffic.active)
     assert active.any()
     for one, other in zip(ours, theirs, strict=True):

@@ -112,3 +112,9 @@ def test_never_fails_with_anything_but_a_message(text):
     for beginning in ("", "AC1 ", "AC1 climb "):
         with suppress(InputError):
             parse_clearance(beginning + text, CALLSIGNS)
+
+
+def test_a_callsign_that_differs_from_another_only_in_case_is_found_exactly():
+    assert parse_clearance("ac1 climb 340", ["AC1", "ac1"]).callsign == "ac1"
+    with pytest.raises(InputError, match="unknown callsign 'Ac1'"):
+        parse_clearance("Ac1 climb 340", ["AC1", "ac1"])

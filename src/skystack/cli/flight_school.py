@@ -19,7 +19,7 @@ OPTIONS: dict[str, Any] = {
     "strict": False,
     **ONLY_TRAFFIC,
     "time_limit": 60,
-    "cycles": 600,
+    "cycles": None,
     "out": Path("runs/flight-school"),
     "json": False,
 }
@@ -58,7 +58,7 @@ def flight_school_arguments(sub: argparse.ArgumentParser) -> None:
         help="limit for each radar cycle after the first, in seconds of real time, including the "
         "decision (default 60)",
     )
-    cycles_argument(sub, "600, an hour")
+    cycles_argument(sub, "600, an hour; for a scenario, its length", None)
     sub.add_argument(
         "--out",
         type=Path,
@@ -71,23 +71,28 @@ def flight_school_arguments(sub: argparse.ArgumentParser) -> None:
 
 def flight_school(options: argparse.Namespace) -> int:
     from skystack.cli.console import count_scenarios, output
-    from skystack.evaluation.fixed_traffic import is_fixed
     from skystack.evaluation.flight_school import fly_flight_school
-    from skystack.evaluation.traffic_conditions import TrafficConditions, traffic_name
+    from skystack.evaluation.traffic_conditions import (
+        TrafficConditions,
+        default_cycles,
+        traffic_name,
+    )
     from skystack.reporting.flight_school_table import flight_school_table
 
     started = time.monotonic()
     conditions = TrafficConditions(
         traffic=traffic_name(options.traffic),
         per_cycle=options.per_cycle,
-        cycles=options.cycles,
+        cycles=options.cycles or 600,
         uncertainty=options.uncertainty,
         safety_net=options.safety_net,
         platform=options.platform,
     )
-    count = options.seeds or (1 if is_fixed(conditions.traffic) else SEEDS)
+    if options.cycles is None:
+        conditions = conditions._replace(cycles=default_cycles(conditions.traffic))
+    count = options.seeds or (1 if conditions.is_the_same_for_every_seed else SEEDS)
     seeds = range(options.first_seed, options.first_seed + count)
-    total = count * options.cycles
+    total = count * conditions.cycles
     counting = count_scenarios(f"{options.agent}, {options.traffic}", total, "cycles")
     try:
         with counting as on_cycle:

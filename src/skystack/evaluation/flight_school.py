@@ -176,7 +176,7 @@ def _write_tables(
 def _row(
     found: ControlledWorld, conditions: TrafficConditions, flown: Mapping[int, FlownSeed]
 ) -> dict[str, Any]:
-    row = summary([each.scores for each in flown.values()], found.name, conditions.traffic)
+    row = summary([each.scores for each in flown.values()], found.name, conditions.recorded_traffic)
     lax, strict = row["lax_s_by_hour"], row["strict_s_by_hour"]
     return (
         row

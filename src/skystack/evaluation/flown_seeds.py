@@ -15,6 +15,7 @@ from skystack.errors import InputError, exists
 from skystack.evaluation.controllers import ControlledWorld
 from skystack.evaluation.hour_scores import Scores
 from skystack.evaluation.hour_tables import TABLES
+from skystack.evaluation.scenario_traffic import is_scenario
 from skystack.evaluation.traffic_conditions import TrafficConditions
 from skystack.io.files import atomic_write, read_whole
 
@@ -43,10 +44,13 @@ def conditions_digest(found: ControlledWorld, conditions: TrafficConditions) -> 
 
     It does not cover installed libraries, or modules that a user's class imports.
     """
+    file = Path(conditions.traffic)
+    is_file = is_scenario(conditions.traffic) and exists(file)
     parts: list[Any] = [
         *(found.name, found.digest, found.performance, found.per_cycle, found.safety_net),
         *(conditions.traffic, conditions.cycles, conditions.uncertainty, conditions.platform),
         found.world.sector,
+        hashlib.sha256(read_whole(file)).hexdigest() if is_file else "",
         _source_digest(),
     ]
     return hashlib.sha256(msgspec.json.encode(parts)).hexdigest()

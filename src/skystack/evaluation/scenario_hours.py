@@ -74,7 +74,8 @@ class ScenarioHours:
         """The traffic with what is reported of its flights, which are in the first slots."""
         free = len(before.active) - len(report.fl)
         padded = Report(*(np.pad(values, (0, free)) for values in report))
-        return traffic_of(padded, before, self.world.sector.plane)
+        read: Traffic = jax.device_get(traffic_of(padded, before, self.world.sector.plane))
+        return read
 
 
 def _on_routes(traffic: Traffic, transmissions: list[Transmission]) -> Traffic:

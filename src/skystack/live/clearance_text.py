@@ -59,7 +59,9 @@ def parse_clearance(text: str, callsigns: Collection[str]) -> ParsedClearance:
 
 
 def _flight(word: str, callsigns: Collection[str]) -> str:
-    """The callsign that a word stands for, in any case."""
+    """The callsign that a word stands for, in any case unless that is ambiguous."""
+    if word in callsigns:
+        return word
     same = [each for each in callsigns if each.casefold() == word.casefold()]
     if len(same) != 1:
         raise unknown_name("callsign", word, sorted(callsigns))
