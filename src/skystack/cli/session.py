@@ -84,6 +84,8 @@ def session(options: argparse.Namespace) -> int:
     hangs = False
     with program_cache():
         opened = open_session(conditions, options.adviser)
+        for note in opened.notes:
+            say(note)
         with closing(opened.hour):
             if options.text:
                 _in_text(opened, options)

@@ -12,10 +12,12 @@ from skystack.evaluation.controllers import ControlledWorld, find_controller
 from skystack.evaluation.hour_row import forget_row, write_row
 from skystack.evaluation.hour_scores import score, summary
 from skystack.evaluation.hour_tables import growing_hours
+from skystack.evaluation.scenario_traffic import is_scenario
 from skystack.evaluation.traffic import conditions_row, hours_folder, open_hours, record_of
 from skystack.evaluation.traffic_conditions import TrafficConditions, check_conditions
 from skystack.evaluation.writing import SESSION
 from skystack.live.hour import LiveHour
+from skystack.platforms.registry import OWN, platform_notes
 
 NOBODY = "no-op"
 """Without an adviser, the world is that of this agent."""
@@ -28,6 +30,16 @@ class LiveSession(NamedTuple):
     adviser: SectorAgent | None
     controlled: ControlledWorld
     conditions: TrafficConditions
+
+    @property
+    def notes(self) -> list[str]:
+        """What another simulator flies differently than requested."""
+        platform = self.conditions.platform
+        if platform == OWN or not is_scenario(self.conditions.traffic):
+            return []
+        traffic, types = self.hour.start.traffic, self.hour.world.simulator.performance.types
+        flown = {types[int(kind)] for kind in traffic.kind[traffic.active]}
+        return platform_notes(platform, flown, climbs=True)
 
     def write(self, out: Path, branch: int | None = None) -> tuple[Path, dict[str, Any]]:
         """Write the cycles flown so far; at least one.
