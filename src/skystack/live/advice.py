@@ -131,7 +131,9 @@ class Adviser:
         own = by_cost(each for each in found if each.source != TRIAL)
         own = [each._replace(agrees=_agrees(each, ranked)) for each in own[:1]]
         best = islice(_different([*own, *ranked]), ALTERNATIVES)
-        return Advice(number, int(state.arrivals.cycle), concern, list(best))
+        # The agent may rely on what it would also transmit to other flights.
+        safest = sorted(best, key=lambda each: each.trial.lost_in_s is not None)
+        return Advice(number, int(state.arrivals.cycle), concern, safest)
 
     def _all(
         self, state: WorldState, slot: int, proposed: list[Transmission]
