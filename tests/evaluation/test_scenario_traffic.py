@@ -13,7 +13,7 @@ from skystack.evaluation.scenario_traffic import is_scenario, scenario_world
 from skystack.evaluation.traffic import evaluate_traffic
 from skystack.evaluation.traffic_conditions import (
     TrafficConditions,
-    default_cycles,
+    cycles_of,
     is_named,
     traffic_name,
 )
@@ -37,7 +37,7 @@ def test_an_experiment_has_the_scenarios_of_its_evaluation(name):
         state.traffic.position_nm[:count], drawn.traffic.position_nm, rtol=1e-6
     )
     np.testing.assert_array_equal(state.arrivals.exit_level_ticks[:count], drawn.exit_level_ticks)
-    assert found.cycles == default_cycles(name) == 300
+    assert found.cycles == cycles_of(name) == 300
 
 
 def test_a_file_has_its_callsigns_levels_and_length(tmp_path):
@@ -58,7 +58,7 @@ def test_names():
     assert not any(map(is_scenario, ("60", "category", "springfield:x", "latral")))
     assert is_named("head-on.json")
     assert traffic_name("flight-school") == "category"
-    assert default_cycles("60") == 600
+    assert cycles_of("60") == 600
 
 
 def test_files_are_recorded_without_their_folder():

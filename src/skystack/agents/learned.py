@@ -40,7 +40,7 @@ which of several good ones it is. The most probable of all actions may then be n
 
 
 Weights = Any
-"""(normaliser, actor) of a policy; whatever `_logits` needs in a subclass."""
+"""(normaliser, actor) of a policy; in a subclass, whatever its `_logits` takes."""
 
 
 class Answer(NamedTuple):
@@ -136,7 +136,7 @@ class Learned:
     ) -> None:
         self.policy, self.task = policy, task
         self.per_cycle, self.safety_net = per_cycle, safety_net
-        # Arguments of the compiled programs, which are then those of all policies of this shape.
+        # They are arguments of the compiled programs, so policies of the same shape share these.
         self._weights: Weights = jax.tree.map(jnp.asarray, (policy.normaliser, policy.actor))
 
     def begin(self, state: WorldState) -> None:

@@ -3,23 +3,21 @@
 Its bursts are stacked, as in an evaluation of the task: at most one clearance in each cycle.
 """
 
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Array
 
 from skystack.agents.transmission import Transmission, transmission_between
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
-from skystack.learning.inference import forward, normalise
+from skystack.learning.choices import Weights, most_probable
 from skystack.learning.policy import Policy
 from skystack.simulator.traffic import Traffic
 from skystack.stacking import Stack, stack_traced
 from skystack.tasks.navigation import NavigationState, NavigationTask
-from skystack.tasks.observations import flatten_observation
 from skystack.tasks.progress import Progress
 from skystack.tasks.sector_world import WorldState
 
@@ -31,7 +29,8 @@ class ScenarioAgent:
     """
 
     def __init__(self, policy: Policy, task: NavigationTask) -> None:
-        self._policy, self._task = policy, task
+        self._task = task
+        self._weights: Weights = (policy.actor, policy.normaliser)
         self._last: tuple[int, NavigationState] | None = None
         """The number of cycles flown at the last decision, and the state after it."""
 
@@ -42,9 +41,9 @@ class ScenarioAgent:
     def transmit(self, state: WorldState) -> list[Transmission]:
         cycle = int(state.arrivals.cycle)
         if self._last is not None and self._last[0] == cycle - 1:
-            decided = self._next_decision(self._last[1], self._traffic(state))
+            decided = self._next_decision(self._weights, self._last[1], self._traffic(state))
         else:
-            decided = self._first_decision(*self._task_inputs(state))
+            decided = self._first_decision(self._weights, *self._task_inputs(state))
         instructed, stack = jax.device_get(decided)
         self._last = cycle, instructed
         aircraft = self._task.actions[int(stack.action)].aircraft
@@ -67,33 +66,32 @@ class ScenarioAgent:
         )
         return self._traffic(state), state.arrivals.exit_level_ticks[:count], progress
 
-    def _decide(self, state: NavigationState) -> tuple[NavigationState, Stack]:
-        return stack_traced(self._task, self._most_probable, state, jax.random.key(0))
-
-    def _most_probable(self, observation: Array, key: Any) -> Int[Array, ""]:
-        policy = self._policy
-        normalised = normalise(policy.normaliser, flatten_observation(observation))
-        return jnp.argmax(forward(policy.actor, normalised)).astype(jnp.int32)
+    def _decide(self, weights: Any, state: NavigationState) -> tuple[NavigationState, Stack]:
+        policy = partial(most_probable, weights)
+        return stack_traced(self._task, policy, state, jax.random.key(0))
 
     @cached_property
     def _first_decision(self) -> Any:
-        """(traffic, exit levels, progress) -> the first decision, compiled."""
+        """(weights, traffic, exit levels, progress) -> the first decision, compiled."""
 
         def begin(
-            traffic: Traffic, exit_level_ticks: Array, progress: Progress
+            weights: Any, traffic: Traffic, exit_level_ticks: Array, progress: Progress
         ) -> tuple[NavigationState, Stack]:
             state = self._task.begin(traffic, exit_level_ticks)
-            return self._decide(state._replace(memory=state.memory._replace(progress=progress)))
+            begun = state._replace(memory=state.memory._replace(progress=progress))
+            return self._decide(weights, begun)
 
         return jax.jit(begin)
 
     @cached_property
     def _next_decision(self) -> Any:
-        """(state after the last decision, traffic flown since) -> a decision, compiled."""
+        """(weights, state after the last decision, traffic flown since) -> a decision, compiled."""
 
-        def later(state: NavigationState, flown: Traffic) -> tuple[NavigationState, Stack]:
+        def later(
+            weights: Any, state: NavigationState, flown: Traffic
+        ) -> tuple[NavigationState, Stack]:
             ended, _ = self._task.end_cycle(state, flown)
-            return self._decide(ended._replace(traffic=flown))
+            return self._decide(weights, ended._replace(traffic=flown))
 
         return jax.jit(later)
 

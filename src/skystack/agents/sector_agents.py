@@ -1,6 +1,7 @@
 """The agents of sector control by name, and learned ones from policies."""
 
 from collections.abc import Callable
+from typing import TypeVar
 
 from skystack.agents.learned import Learned
 from skystack.agents.search import Search
@@ -10,11 +11,12 @@ from skystack.errors import InputError
 from skystack.learning.experiment import experiment_from
 from skystack.learning.policy import Policy
 from skystack.policies.facts import check_trained_for
-from skystack.tasks.contract import Task
 from skystack.tasks.navigation import NavigationTask
 from skystack.tasks.registry import build_task
 from skystack.tasks.sector_control import SectorControl
 from skystack.tasks.sector_world import World
+
+SomeTask = TypeVar("SomeTask", SectorControl, NavigationTask)
 
 SECTOR_AGENTS: dict[str, Callable[[World, int], SectorAgent]] = {
     "no-op": lambda world, per_cycle: NoOp(),
@@ -32,31 +34,22 @@ BLUESKY_AGENTS: dict[str, Callable[[World, int], SectorAgent]] = {
 
 def sector_task_of(policy: Policy) -> SectorControl:
     """The task that a policy was trained on. Raises InputError if it is not sector control."""
-    task = _task_of(policy)
-    if not isinstance(task, SectorControl):
-        raise InputError(
-            f"the policy was trained on task {task.name} (allowed with this traffic: "
-            f"{SectorControl.name})"
-        )
-    return task
+    return _task_of(policy, SectorControl, f"with this traffic: {SectorControl.name}")
 
 
 def navigation_task_of(policy: Policy) -> NavigationTask:
     """The task that a policy was trained on. Raises InputError if it is not a navigation task."""
-    task = _task_of(policy)
-    if not isinstance(task, NavigationTask):
-        raise InputError(
-            f"the policy was trained on task {task.name} (allowed in a scenario: the tasks of the "
-            f"paper, and {SectorControl.name})"
-        )
-    return task
+    allowed = f"in a scenario: the tasks of the paper, and {SectorControl.name}"
+    return _task_of(policy, NavigationTask, allowed)
 
 
-def _task_of(policy: Policy) -> Task:
+def _task_of(policy: Policy, kind: type[SomeTask], allowed: str) -> SomeTask:
     described = policy.description
     where = f"policy {described.experiment}-s{described.seed}"
     task = build_task(experiment_from(described.config, where).task)
     check_trained_for(task, described, where)
+    if not isinstance(task, kind):
+        raise InputError(f"the policy was trained on task {task.name} (allowed {allowed})")
     return task
 
 

@@ -10,8 +10,9 @@ import jax.numpy as jnp
 
 from skystack.benchmarking.figures import Figure, rates
 from skystack.compilation.programs import compile_for_one_core
-from skystack.evaluation.rollout import concatenate, most_probable, prepare
+from skystack.evaluation.rollout import concatenate, prepare
 from skystack.learning import ppo
+from skystack.learning.choices import most_probable
 from skystack.learning.experiment import load_experiment
 from skystack.learning.phases import compiled_updates, phases, run_updates
 from skystack.learning.seeds import training_key

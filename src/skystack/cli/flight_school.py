@@ -72,24 +72,19 @@ def flight_school_arguments(sub: argparse.ArgumentParser) -> None:
 def flight_school(options: argparse.Namespace) -> int:
     from skystack.cli.console import count_scenarios, output
     from skystack.evaluation.flight_school import fly_flight_school
-    from skystack.evaluation.traffic_conditions import (
-        TrafficConditions,
-        default_cycles,
-        traffic_name,
-    )
+    from skystack.evaluation.traffic_conditions import TrafficConditions, cycles_of, traffic_name
     from skystack.reporting.flight_school_table import flight_school_table
 
     started = time.monotonic()
+    traffic = traffic_name(options.traffic)
     conditions = TrafficConditions(
-        traffic=traffic_name(options.traffic),
+        traffic=traffic,
         per_cycle=options.per_cycle,
-        cycles=options.cycles or 600,
+        cycles=cycles_of(traffic, options.cycles),
         uncertainty=options.uncertainty,
         safety_net=options.safety_net,
         platform=options.platform,
     )
-    if options.cycles is None:
-        conditions = conditions._replace(cycles=default_cycles(conditions.traffic))
     count = options.seeds or (1 if conditions.is_the_same_for_every_seed else SEEDS)
     seeds = range(options.first_seed, options.first_seed + count)
     total = count * conditions.cycles

@@ -72,18 +72,15 @@ def evaluate_hours(options: argparse.Namespace) -> int:
     from skystack.cli.console import count_scenarios, output
     from skystack.compilation.programs import program_cache
     from skystack.evaluation.traffic import evaluate_traffic, hours_folder
-    from skystack.evaluation.traffic_conditions import (
-        TrafficConditions,
-        default_cycles,
-        traffic_name,
-    )
+    from skystack.evaluation.traffic_conditions import TrafficConditions, cycles_of, traffic_name
     from skystack.reporting.hour_table import hour_table
 
     check_unused(options, _ONLY_SCENARIOS, "cannot be used with --traffic")
     started = time.monotonic()
     hours = 1 if options.episodes is None else options.episodes
+    traffic = traffic_name(options.traffic)
     conditions = TrafficConditions(
-        traffic=traffic_name(options.traffic),
+        traffic=traffic,
         hours=hours,
         seed=options.seed,
         per_cycle=options.per_cycle,
@@ -91,9 +88,8 @@ def evaluate_hours(options: argparse.Namespace) -> int:
         uncertainty=options.uncertainty,
         safety_net=options.safety_net,
         platform=options.platform,
+        cycles=cycles_of(traffic, options.cycles),
     )
-    cycles = default_cycles(conditions.traffic) if options.cycles is None else options.cycles
-    conditions = conditions._replace(cycles=cycles)
     total = hours * conditions.cycles
     counting = count_scenarios(f"{options.policy}, traffic {options.traffic}", total, "cycles")
     with program_cache(), counting as on_cycle:

@@ -66,11 +66,7 @@ def session_arguments(sub: argparse.ArgumentParser) -> None:
 
 def session(options: argparse.Namespace) -> int:
     from skystack.compilation.programs import program_cache
-    from skystack.evaluation.traffic_conditions import (
-        TrafficConditions,
-        default_cycles,
-        traffic_name,
-    )
+    from skystack.evaluation.traffic_conditions import TrafficConditions, cycles_of, traffic_name
     from skystack.live.recorded import open_session
 
     traffic = traffic_name(options.traffic)
@@ -78,7 +74,7 @@ def session(options: argparse.Namespace) -> int:
         traffic,
         seed=options.seed,
         sector=options.sector,
-        cycles=default_cycles(traffic) if options.cycles is None else options.cycles,
+        cycles=cycles_of(traffic, options.cycles),
         platform=options.platform,
     )
     hangs = False

@@ -91,9 +91,8 @@ def find_controller(controller: str | Policy, conditions: TrafficConditions) -> 
     if name in BLUESKY_AGENTS and conditions.platform != BLUESKY:
         raise InputError(f"{name} flies in BlueSky only (allowed: --platform {BLUESKY})")
     if make := (SECTOR_AGENTS | BLUESKY_AGENTS).get(name):
-        world, per_cycle = _world(conditions, DEFAULT_SECTOR, PERFORMANCE), _per_cycle(conditions)
-        agent = make(world, per_cycle)
-        return ControlledWorld(name, agent, world, _model(conditions), per_cycle, name)
+        (world, model), per_cycle = _world(conditions), _per_cycle(conditions)
+        return ControlledWorld(name, make(world, per_cycle), world, model, per_cycle, name)
     if is_user_code(name):
         return _user_code(name, conditions)
     if Path(name).suffix.lower() in READERS:
@@ -118,13 +117,10 @@ def _learned(policy: Policy, name: str, conditions: TrafficConditions) -> Contro
     if is_scenario(conditions.traffic) and policy.description.task_name != SectorControl.name:
         return _learned_in_scenario(policy, name, conditions)
     task, config = sector_task_of(policy), policy.description.config["task"]
-    world, per_cycle = (
-        _world(conditions, task.sector, config["performance"]),
-        _per_cycle(conditions),
-    )
+    world, model = _world(conditions, task.sector, config["performance"])
+    per_cycle = _per_cycle(conditions)
     agent = learned_agent(policy, task, world, per_cycle, conditions.safety_net)
     digest = policy.description.sha256
-    model = _model(conditions, config["performance"])
     return ControlledWorld(name, agent, world, model, per_cycle, digest)
 
 
@@ -157,22 +153,22 @@ def _user_code(name: str, conditions: TrafficConditions) -> ControlledWorld:
     """
     where, _, member = name.rpartition(":")
     file = user_code_file(name)
-    world = _world(conditions, DEFAULT_SECTOR, PERFORMANCE)
+    world, model = _world(conditions)
     agent = UserController(partial(find_user_code, name), _task(world, conditions))
     digest = sha256(member.encode() + (b"" if file is None else read_whole(file))).hexdigest()
     row = as_name(f"{Path(where).stem if is_file_name(where) else where}.{member}")
-    return ControlledWorld(row, agent, world, _model(conditions), conditions.per_cycle, digest)
+    return ControlledWorld(row, agent, world, model, conditions.per_cycle, digest)
 
 
 def _other_library(name: str, conditions: TrafficConditions) -> ControlledWorld:
     found = find_agent(name)
     assert isinstance(found, Agent), "the readers make agents"
-    world, per_cycle = _world(conditions, DEFAULT_SECTOR, PERFORMANCE), _per_cycle(conditions)
+    (world, model), per_cycle = _world(conditions), _per_cycle(conditions)
     task = _task(world, conditions)
     check_agent(found, task, SectorControl.name)
     digest = sha256(read_whole(Path(name))).hexdigest()
     agent = PerFlight(found, task, per_cycle)
-    return ControlledWorld(found.name, agent, world, _model(conditions), per_cycle, digest)
+    return ControlledWorld(found.name, agent, world, model, per_cycle, digest)
 
 
 def _per_cycle(conditions: TrafficConditions) -> int:
@@ -183,25 +179,22 @@ def _task(world: World, conditions: TrafficConditions) -> SectorControl:
     return SectorControl(world.flow, conditions.cycles, SectorRewardSettings())
 
 
-def _model(conditions: TrafficConditions, model: str = PERFORMANCE) -> str:
-    """The name of the performance model that is recorded.
+def _world(
+    conditions: TrafficConditions, sector: str | Sector = DEFAULT_SECTOR, model: str = PERFORMANCE
+) -> tuple[World, str]:
+    """The world of the traffic, and the name of its performance model.
 
-    Scenarios have their own. It is `table` for fixed traffic, whose speeds are sampled from
-    BluebirdDT.
+    Scenarios and fixed traffic have their own. The speeds of fixed traffic, sampled from
+    BluebirdDT, are recorded as `table`.
     """
-    if is_scenario(conditions.traffic):
-        return scenario_world(conditions.traffic).performance
-    return "table" if is_fixed(conditions.traffic) else model
-
-
-def _world(conditions: TrafficConditions, sector: str | Sector, model: str) -> World:
-    """The world of a sector, or of that of the conditions, with a performance model."""
     if is_fixed(conditions.traffic):
-        return fixed_world(conditions.traffic, conditions.cycles)
+        return fixed_world(conditions.traffic, conditions.cycles), "table"
     if is_scenario(conditions.traffic):
-        return scenario_world(conditions.traffic).world
+        found = scenario_world(conditions.traffic)
+        return found.world, found.performance
     if conditions.sector is not None:
         sector = conditions.sector
     if isinstance(sector, str):
         sector = sector_from(sector_setting(sector))
-    return World(flow_of(conditions, Simulator(sector, performance(model), own_navigation=True)))
+    simulator = Simulator(sector, performance(model), own_navigation=True)
+    return World(flow_of(conditions, simulator)), model

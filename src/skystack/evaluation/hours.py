@@ -81,12 +81,17 @@ class OwnHours:
         state: WorldState = jax.device_get(self._reset(scenario_key(seed, number)))
         return state
 
+    def instruct(self, state: WorldState, transmissions: list[Transmission]) -> WorldState:
+        """The state after transmissions; no time passes."""
+        slots = len(state.arrivals.flight)
+        told: WorldState = self._instruct(state, clearance_of(transmissions, slots))
+        return told
+
     def advance(
         self, state: WorldState, transmissions: list[Transmission]
     ) -> tuple[WorldState, WorldCycle]:
         if transmissions:
-            slots = len(state.arrivals.flight)
-            state = self._instruct(state, clearance_of(transmissions, slots))
+            state = self.instruct(state, transmissions)
         flown: tuple[WorldState, WorldCycle] = jax.device_get(self._advance(state))
         return flown
 

@@ -11,13 +11,13 @@ from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from skystack.errors import InputError
 from skystack.io.signals import check
-from skystack.learning.inference import Layers, Normaliser, forward, normalise
+from skystack.learning.choices import most_probable, sampled
+from skystack.learning.inference import Layers, Normaliser
 from skystack.learning.seeds import scenario_keys
 from skystack.simulator.traffic import Traffic
 from skystack.stacking import NO_OP, Stack, stack_traced
 from skystack.tasks.batch import choose
 from skystack.tasks.contract import AircraftStatus, Outcome, TaskState, TrafficTask
-from skystack.tasks.observations import flatten_observation
 
 SCENARIOS_AT_ONCE = 1000
 ROWS_AT_ONCE = 600_000
@@ -39,26 +39,7 @@ class Controller(NamedTuple):
 
 def network_controller(actor: Layers, normaliser: Normaliser, greedy: bool) -> Controller:
     """The controller of a policy's network: the most probable action, or a sampled one."""
-    return Controller(most_probable if greedy else _sample, (actor, normaliser))
-
-
-def most_probable(
-    weights: tuple[Layers, Normaliser], observation: Array, key: PRNGKeyArray
-) -> Int[Array, ""]:
-    """The most probable action of a network; `weights` are (actor, normaliser)."""
-    return jnp.argmax(_logits(weights, observation)).astype(jnp.int32)
-
-
-def _sample(
-    weights: tuple[Layers, Normaliser], observation: Array, key: PRNGKeyArray
-) -> Int[Array, ""]:
-    return jax.random.categorical(key, _logits(weights, observation)).astype(jnp.int32)
-
-
-def _logits(weights: tuple[Layers, Normaliser], observation: Array) -> Array:
-    actor, normaliser = weights
-    logits: Array = forward(actor, normalise(normaliser, flatten_observation(observation)))
-    return logits
+    return Controller(most_probable if greedy else sampled, (actor, normaliser))
 
 
 def _no_op(weights: Any, observation: Array, key: PRNGKeyArray) -> Int[Array, ""]:

@@ -146,8 +146,13 @@ def is_named(traffic: str) -> bool:
     return traffic in FLIGHT_SCHOOL or is_fixed(traffic) or is_scenario(traffic)
 
 
-def default_cycles(traffic: str) -> int:
-    """The length of an hour, or of a scenario. Raises InputError as `scenario_world` does."""
+def cycles_of(traffic: str, given: int | None = None) -> int:
+    """The given length; by default that of an hour, or of a scenario.
+
+    Raises InputError as `scenario_world` does.
+    """
+    if given is not None:
+        return given
     return scenario_world(traffic).cycles if is_scenario(traffic) else HOUR_CYCLES
 
 

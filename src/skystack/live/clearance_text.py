@@ -59,7 +59,7 @@ def parse_clearance(text: str, callsigns: Collection[str]) -> ParsedClearance:
 
 
 def _flight(word: str, callsigns: Collection[str]) -> str:
-    """The callsign that a word stands for, in any case unless that is ambiguous."""
+    """The callsign that a word stands for: exactly, or else in any case if only one matches."""
     if word in callsigns:
         return word
     same = [each for each in callsigns if each.casefold() == word.casefold()]

@@ -196,13 +196,9 @@ class LiveControl:
         if advice is not None and advice.number == number and rank < len(advice.alternatives):
             alternative = advice.alternatives[rank]
             callsign = self.shown["alternatives"][rank]["callsign"]
-            transmission = alternative.transmission
-            is_there = self.hour.slots.get(callsign) == transmission.slot
-            if (
-                is_there
-                and self.cycle <= advice.cycle + VALID_CYCLES
-                and self.hour.can_fly(transmission)
-            ):
+            is_there = self.hour.slots.get(callsign) == alternative.transmission.slot
+            is_valid = self.cycle <= self.shown["until_cycle"]
+            if is_there and is_valid and self.hour.can_fly(alternative.transmission):
                 return alternative
         raise InputError("this advice is out of date (allowed: ask again)")
 

@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from skystack.agents.callsigns import Callsigns
-from skystack.agents.transmission import Transmission, clearance_of, instruction_of
+from skystack.agents.transmission import Transmission, instruction_of
 from skystack.errors import InputError
 from skystack.evaluation.hours import Hour, HourRecorder, Hours, OwnHours, copied, is_fail_safe
 from skystack.live.clearance_text import ParsedClearance, parse_clearance
@@ -24,8 +24,6 @@ from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import ticks
 from skystack.tasks.sector_world import World, WorldCycle, WorldState
 
-_NOTHING = Transmission(0)
-"""A transmission that changes nothing."""
 LEVEL_STEP_FL = 10
 """Flight levels are cleared in multiples of this number."""
 
@@ -38,8 +36,8 @@ class LiveHour:
     ) -> None:
         """Begin hour `number` of an evaluation seed, in our simulator unless `hours` are given."""
         self.world, self._seed, self._number = world, seed, number
-        self._hours = OwnHours(world) if hours is None else hours
-        self._instruct = jax.jit(world.instruct)
+        self._own = OwnHours(world)
+        self._hours = self._own if hours is None or isinstance(hours, OwnHours) else hours
         self._recorder, self._callsigns = HourRecorder(number), Callsigns(world.flow.callsigns)
         self._states = [copied(self._hours.reset(seed, number))]
         """The states after each cycle, before transmissions; the first is the start."""
@@ -52,11 +50,10 @@ class LiveHour:
 
     def compile(self) -> None:
         """Compile the programs now instead of on first use."""
-        nothing = clearance_of([], len(self.state.arrivals.flight))
-        jax.device_get(self._instruct(self.state, nothing))
+        jax.device_get(self._own.instruct(self.state, []))
         jax.device_get(self._fail_safe(self.state))
-        if isinstance(self._hours, OwnHours):
-            self._hours.advance(self.state, [_NOTHING])
+        if self._hours is self._own:
+            self._own.advance(self.state, [])
 
     @property
     def cycle(self) -> int:
@@ -80,9 +77,7 @@ class LiveHour:
     def transmit(self, transmission: Transmission) -> Instruction:
         """Issue a transmission to a flight that hears; no time passes."""
         self._recorder.record_transmissions(self.state, [transmission])
-        slots = len(self.state.arrivals.flight)
-        instructed = self._instruct(self.state, clearance_of([transmission], slots))
-        self.state = jax.device_get(instructed)
+        self.state = jax.device_get(self._own.instruct(self.state, [transmission]))
         self._pending.append(transmission)
         return self.phrased(transmission)
 
@@ -116,7 +111,7 @@ class LiveHour:
         for state in self._states:
             self.slots = self._callsigns.follow(state)
         self.state, self._pending = self._states[-1], []
-        if not isinstance(self._hours, OwnHours):
+        if self._hours is not self._own:
             self._fly_again()
 
     def _fly_again(self) -> None:

@@ -57,10 +57,8 @@ class LiveSession(NamedTuple):
         with growing_hours(folder, world, found.performance, record) as append:
             append(hour, scores)
             forget_row(folder)
-        row = summary([scores], SESSION, conditions.recorded_traffic) | conditions_row(
-            found, conditions
-        )
-        row |= {"safety_net": None, "per_cycle": None}
+        row = summary([scores], SESSION, conditions.recorded_traffic)
+        row |= conditions_row(found, conditions) | {"safety_net": None, "per_cycle": None}
         write_row(folder, row)
         return folder, row
 
@@ -69,7 +67,9 @@ def open_session(conditions: TrafficConditions, adviser: str | None = None) -> L
     """A live hour under conditions. Raises InputError for invalid ones or an unknown adviser."""
     check_conditions(conditions)
     if adviser in BLUESKY_AGENTS:
-        raise InputError(f"{adviser} cannot advise: BlueSky flies it (allowed: any other agent)")
+        raise InputError(
+            f"{adviser} cannot advise: it is part of BlueSky (allowed: any other agent)"
+        )
     found = find_controller(adviser or NOBODY, conditions)
     hour = LiveHour(found.world, conditions.seed, hours=open_hours(found, conditions))
     return LiveSession(hour, None if adviser is None else found.agent, found, conditions)

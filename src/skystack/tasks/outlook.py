@@ -6,7 +6,7 @@ the flight would make an excursion (`skystack.tasks.leaving`).
 """
 
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +19,14 @@ from skystack.compilation.subroutine import subroutine
 from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import Traffic, ticks
 from skystack.tasks.leaving import time_to_leaving
+from skystack.tasks.pairwise_losses import (
+    Cleared,
+    Neighbours,
+    Others,
+    columns_of,
+    others_of,
+    times_to_loss,
+)
 from skystack.tasks.prediction import (
     HORIZON_S,
     TIMES_S,
@@ -51,19 +59,14 @@ PATH_OF_WAY = np.array(
 """The index of the lateral path of each of `WAYS`. Changes of level keep the path as cleared;
 `direct, exit level` has that of `direct`."""
 NEIGHBOURS = 12
-"""The number of other flights that are neighbours with each flight."""
+"""The number of other flights that are compared with each flight."""
 MARGIN_NM = 1.0
 """Added to the separation standard in what a policy observes."""
-INTERVALS = len(TIMES_S) - 1
-"""At most 32: sets of intervals are stored as bits."""
 FAR = 1e6
 """The urgency of a free slot."""
 
 CHUNK = 256
 """Flights are predicted in chunks of this size."""
-
-Bits = Any
-Tree = TypeVar("Tree")
 
 
 class Outlook(NamedTuple):
@@ -96,30 +99,6 @@ class Flights(NamedTuple):
     exit_level_ticks: Float[Array, " columns"]
     entered: Bool[Array, " columns"]
     """Whether the flight has been inside the area."""
-
-
-class Cleared(NamedTuple):
-    """Flights predicted as cleared."""
-
-    path: PredictedPath
-    level_ticks: Float[Array, "times columns"]
-
-
-class Neighbours(NamedTuple):
-    """The columns of the flights that each flight is neighbours with."""
-
-    column: Int[Array, "neighbours chosen"]
-    exists: Bool[Array, "neighbours chosen"]
-
-
-class Others(NamedTuple):
-    """All flights as cleared, in the form in which each flight is neighbours with others."""
-
-    cleared: Cleared
-    table: Float[Array, "rows columns"]
-    """Positions east, then north, then levels, at all predicted times."""
-    there: Bits
-    """The intervals that begin before each flight has left, `[columns]`."""
 
 
 def look_ahead(
@@ -169,10 +148,10 @@ def time_to_loss_as_cleared(
     def time_s(column: Int[Array, " chosen"]) -> Float[Array, " chosen"]:
         sector, flights = simulator.sector, _chosen(everyone, column)
         neighbours = _neighbours(sector, batch, everyone, others, column)[0]
-        own = _columns_of(others.cleared, column)
+        own = columns_of(others.cleared, column)
         path: PredictedPath = jax.tree.map(lambda each: each[..., None, :], own.path)
         found, _ = subroutine(
-            partial(_times_to_loss, sector, margin_nm, False),
+            partial(times_to_loss, sector, margin_nm, False),
             flights.traffic,
             (path,),
             own.level_ticks[:, None],
@@ -209,7 +188,7 @@ def look_ahead_for(
     everyone = Flights(traffic, next_fix, exit_level_ticks, entered)
     cleared = subroutine(partial(_as_cleared, simulator), traffic)
     column = jnp.full(1, slot, dtype=jnp.int32)
-    return _outlook_of(simulator, everyone, _others(cleared), 1, column)
+    return _outlook_of(simulator, everyone, others_of(cleared), 1, column)
 
 
 def _scenarios_in(traffic: Traffic) -> int:
@@ -221,7 +200,7 @@ def _others_in_chunks(simulator: Simulator, everyone: Flights) -> Others:
     """All active flights as cleared. `everyone` is in columns."""
     active = everyone.traffic.active
     times = jnp.zeros((len(TIMES_S), *active.shape))
-    return _others(
+    return others_of(
         in_chunks(
             active,
             lambda column: _as_cleared(simulator, _chosen(everyone, column).traffic),
@@ -255,11 +234,6 @@ def _as_cleared(simulator: Simulator, traffic: Traffic) -> Cleared:
     return Cleared(path, level)
 
 
-def _others(cleared: Cleared) -> Others:
-    table = (cleared.path.east_nm, cleared.path.north_nm, cleared.level_ticks)
-    return Others(cleared, jnp.concatenate(table), _before(cleared.path.until_s))
-
-
 def _outlook_of(
     simulator: Simulator,
     everyone: Flights,
@@ -272,14 +246,14 @@ def _outlook_of(
     sector, flights = simulator.sector, _chosen(everyone, column)
     traffic = flights.traffic
     # Subroutines, or else each result would be computed again wherever it is used.
-    path = _columns_of(others.cleared.path, column)
+    path = columns_of(others.cleared.path, column)
     routes = subroutine(partial(_route_paths, sector), flights, path)
     headings = subroutine(partial(_heading_paths, sector), traffic)
     levels = subroutine(partial(_levels, simulator), flights)
     leaves_s = subroutine(partial(_leaves_s, sector), flights, routes, headings)
     neighbours, neighbour, urgency = _neighbours(sector, batch, everyone, others, column)
     time_s, neighbour_time_s = subroutine(
-        partial(_times_to_loss, sector, margin_nm, True),
+        partial(times_to_loss, sector, margin_nm, True),
         traffic,
         (routes, headings),
         levels,
@@ -302,12 +276,6 @@ def _neighbours(
         partial(_most_urgent, sector, batch), everyone, others.cleared, flights, column
     )
     return Neighbours(slot * batch + (column % batch)[None], urgency < FAR), slot, urgency
-
-
-def _columns_of(values: Tree, column: Int[Array, " chosen"]) -> Tree:
-    """The columns, on the last axis, of all arrays of a pytree."""
-    chosen: Tree = jax.tree.map(lambda each: each[..., column], values)
-    return chosen
 
 
 def _route_paths(sector: Sector, flights: Flights, cleared: PredictedPath) -> PredictedPath:
@@ -394,91 +362,3 @@ def _level_range(traffic: Traffic) -> tuple[Rows, Rows]:
     """The lower and the higher of the level and the cleared level."""
     level, goal = traffic.level_ticks, traffic.cleared_level_ticks
     return jnp.minimum(level, goal), jnp.maximum(level, goal)
-
-
-def _times_to_loss(
-    sector: Sector,
-    margin_nm: float,
-    all_ways: bool,
-    traffic: Traffic,
-    paths: tuple[PredictedPath, ...],
-    height: Float[Array, "times levels chosen"],
-    others: Others,
-    neighbours: Neighbours,
-) -> tuple[Array, Array]:
-    """The time to the first loss for each way, and as cleared for each neighbour.
-
-    With `all_ways`, the paths and levels are those of all `WAYS`; otherwise only those as cleared.
-    Losses are stored as sets of intervals between the predicted times, one bit per interval.
-    """
-    chosen = neighbours.column.shape[1]
-    inverse = 1.0 / sector.plane.scale(traffic.position_nm[:, 1])
-    there = jnp.concatenate([_before(path.until_s.reshape(-1, chosen)) for path in paths])
-    below2 = (sector.separation_nm + margin_nm) ** 2
-    limit = ticks(float(sector.separation_fl))
-
-    def close(east: Array, north: Array, other_east: Array, other_north: Array) -> Bits:
-        """The intervals in which each path comes too close, `[laterals, chosen]`."""
-        bits = jnp.zeros(east.shape[1:], dtype=jnp.uint32)
-        x = (east[0] - other_east[0][None]) * inverse[None]
-        y = (north[0] - other_north[0][None]) * inverse[None]
-        for number in range(INTERVALS):
-            x_after = (east[number + 1] - other_east[number + 1][None]) * inverse[None]
-            y_after = (north[number + 1] - other_north[number + 1][None]) * inverse[None]
-            dx, dy = x_after - x, y_after - y
-            approach = -(x * dx + y * dy) / jnp.maximum(dx * dx + dy * dy, 1e-9)
-            part = jnp.clip(approach, 0.0, 1.0)
-            near_x, near_y = x + part * dx, y + part * dy
-            lost = near_x * near_x + near_y * near_y < below2
-            bits |= jnp.where(lost, jnp.uint32(1 << number), jnp.uint32(0))
-            x, y = x_after, y_after
-        return bits
-
-    def level_with(other_height: Array) -> Bits:
-        """The intervals in which there is no vertical separation, `[levels, chosen]`."""
-        bits = jnp.zeros(height.shape[1:], dtype=jnp.uint32)
-        gap = height[0] - other_height[0][None]
-        for number in range(INTERVALS):
-            after = height[number + 1] - other_height[number + 1][None]
-            crosses = (gap > 0.0) != (after > 0.0)
-            lost = crosses | (jnp.minimum(jnp.abs(gap), jnp.abs(after)) < limit)
-            bits |= jnp.where(lost, jnp.uint32(1 << number), jnp.uint32(0))
-            gap = after
-        return bits
-
-    def with_neighbour(bits: Bits, neighbour: Neighbours) -> tuple[Bits, Bits]:
-        index, here = neighbour
-        rows = subroutine(_columns_of, others.table, index)
-        other_east, other_north, other_height = jnp.split(rows, 3)
-        present = jnp.where(here, others.there[index], jnp.uint32(0))
-        near = [
-            subroutine(close, path.east_nm, path.north_nm, other_east, other_north)
-            for path in paths
-        ]
-        lateral = jnp.concatenate(near) & there & present[None]
-        vertical = subroutine(level_with, other_height)
-        lost = lateral & vertical[:1]
-        if all_ways:
-            lost = jnp.concatenate([lost, lateral[:1] & vertical[1:], lateral[1:2] & vertical[1:2]])
-        return bits | lost, lost[CLEARED]
-
-    nothing = jnp.zeros((len(WAYS) if all_ways else 1, chosen), dtype=jnp.uint32)
-    bits, each = jax.lax.scan(with_neighbour, nothing, neighbours)
-    bits = jnp.where(traffic.active, bits, jnp.uint32(0))
-    return _first(bits), _first(each)
-
-
-def _before(until_s: Array) -> Bits:
-    """The intervals that begin before a time."""
-    bits = jnp.zeros(until_s.shape, dtype=jnp.uint32)
-    for number in range(INTERVALS):
-        begins = until_s > TIMES_S[number]
-        bits |= jnp.where(begins, jnp.uint32(1 << number), jnp.uint32(0))
-    return bits
-
-
-def _first(bits: Bits) -> Float[Array, "..."]:
-    """The time at which the first interval of a set begins."""
-    zeros = jax.lax.population_count((bits & -bits) - jnp.uint32(1))
-    times = jnp.asarray((*TIMES_S[:-1], HORIZON_S), dtype=jnp.float32)
-    return times[jnp.minimum(zeros, jnp.uint32(INTERVALS)).astype(jnp.int32)]
