@@ -94,17 +94,24 @@ def unknown_name(
 ) -> InputError:
     """The error for a name that does not exist; it suggests the most similar one that does.
 
-    `paths` are files or folders that may have been meant: one that exists is suggested first.
-    `also` states what is allowed in addition to the names.
+    `also` states what is allowed in addition to the names; `paths` as in `suggestion`.
     """
     names = sorted(allowed)
+    hint = suggestion(name, names, paths)
+    return InputError(f"unknown {kind} {name!r}{hint} (allowed: {also}{', '.join(names)})")
+
+
+def suggestion(name: str, allowed: Collection[str], paths: Iterable[str] = ()) -> str:
+    """`; did you mean 'NAME'?` with the most similar name, or nothing if none is similar.
+
+    `paths` are files or folders that may have been meant: one that exists is suggested first.
+    """
     near = [path for path in paths if exists(path)]
     if (
-        len(name) <= MAX_SUGGESTED_CHARS and len(names) <= MAX_CANDIDATES
+        len(name) <= MAX_SUGGESTED_CHARS and len(allowed) <= MAX_CANDIDATES
     ):  # otherwise this takes minutes
-        near += difflib.get_close_matches(name, names, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    return InputError(f"unknown {kind} {name!r}{hint} (allowed: {also}{', '.join(names)})")
+        near += difflib.get_close_matches(name, allowed, n=1)
+    return f"; did you mean {near[0]!r}?" if near else ""
 
 
 def check_known(kind: str, names: Iterable[str], allowed: Collection[str]) -> None:

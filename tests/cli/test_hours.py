@@ -59,7 +59,10 @@ def test_prints_a_table_for_other_agents(capsys):
         (["lateral", "--traffic", "60"], "trained on task lateral (allowed with this traffic:"),
         (["search", "--traffic", "0"], "flights per hour is 0.0 (allowed: above 0"),
         (["search", "--traffic", "-5"], "flights per hour is -5.0"),
-        (["search", "--traffic", "many"], "traffic 'many' (allowed: flights per hour, category"),
+        (
+            ["search", "--traffic", "many"],
+            "unknown traffic 'many' (allowed: flights per hour, cat",
+        ),
         (["search", "--traffic", "60", "--sample"], "--sample cannot be used with --traffic"),
         (["search", "--traffic", "60", "--no-stacking"], "--no-stacking cannot be used"),
         (

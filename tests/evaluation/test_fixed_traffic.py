@@ -94,7 +94,7 @@ def test_landing_has_no_exit_offset(both):
         ({"sector": "merge"}, f"--sector cannot be used with traffic {NAME}"),
         ({"traffic": "springfield:"}, "unknown Springfield scenario ''"),
         ({"traffic": "springfield"}, "unknown Springfield scenario ''"),
-        ({"traffic": "springfeld:x"}, "traffic 'springfeld:x' (allowed: flights per hour,"),
+        ({"traffic": "springfeld:x"}, "unknown traffic 'springfeld:x' (allowed: flights per hour,"),
     ],
 )
 def test_what_cannot_be_flown_is_refused_in_one_line(changes, message):

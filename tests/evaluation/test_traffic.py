@@ -80,7 +80,10 @@ def test_equal_conditions_give_equal_rows(evaluated):
         ("-3", "flights per hour is -3.0"),
         ("nan", "flights per hour is nan"),
         ("1e9", "flights per hour is 1000000000.0"),
-        ("categories", "traffic 'categories' (allowed: flights per hour, category,"),
+        (
+            "categories",
+            "unknown traffic 'categories'; did you mean 'category'? (allowed: ",
+        ),
     ],
 )
 def test_impossible_traffic_is_refused(traffic, message):

@@ -118,3 +118,17 @@ def test_a_callsign_that_differs_from_another_only_in_case_is_found_exactly():
     assert parse_clearance("ac1 climb 340", ["AC1", "ac1"]).callsign == "ac1"
     with pytest.raises(InputError, match="unknown callsign 'Ac1'"):
         parse_clearance("Ac1 climb 340", ["AC1", "ac1"])
+
+
+@pytest.mark.parametrize(
+    ("text", "callsign"),
+    [
+        ("BAW 12 climb 340", "BAW 12"),
+        ("baw 12 climb 340", "BAW 12"),
+        ("BAW climb 340", "BAW"),
+        ("BAW, 12, climb 340", "BAW 12"),
+        ("G-A.B climb 340", "G-A.B"),
+    ],
+)
+def test_a_callsign_may_have_several_words(text, callsign):
+    assert parse_clearance(text, ["BAW", "BAW 12", "G-A.B"]).callsign == callsign

@@ -43,6 +43,12 @@ def test_a_line_of_the_table_has_the_figures_of_a_row():
     }
 
 
+@pytest.mark.parametrize(("hours", "words"), [(20.0, "20"), (100 / 600, "0.167"), (1234.0, "1234")])
+def test_hours_are_rounded_to_thousandths(hours, words):
+    row = msgspec.structs.replace(hour_row("search", "60"), hours=hours)
+    assert hours_table([row]).rows[0][2] == words
+
+
 def test_names_tell_what_differs_from_the_defaults():
     assert label(hour_row("learned", "60", safety_net=True)) == "learned"
     changed = hour_row("learned", "60", safety_net=False, per_cycle=1, uncertainty=True)

@@ -88,7 +88,7 @@ def flight_school(options: argparse.Namespace) -> int:
     count = options.seeds or (1 if conditions.is_the_same_for_every_seed else SEEDS)
     seeds = range(options.first_seed, options.first_seed + count)
     total = count * conditions.cycles
-    counting = count_scenarios(f"{options.agent}, {options.traffic}", total, "cycles")
+    counting = count_scenarios(f"{options.agent}, {conditions.recorded_traffic}", total, "cycles")
     try:
         with counting as on_cycle:
             result = fly_flight_school(

@@ -91,7 +91,9 @@ def evaluate_hours(options: argparse.Namespace) -> int:
         cycles=cycles_of(traffic, options.cycles),
     )
     total = hours * conditions.cycles
-    counting = count_scenarios(f"{options.policy}, traffic {options.traffic}", total, "cycles")
+    counting = count_scenarios(
+        f"{options.policy}, traffic {conditions.recorded_traffic}", total, "cycles"
+    )
     with program_cache(), counting as on_cycle:
         row: dict[str, Any] = evaluate_traffic(options.policy, conditions, options.out, on_cycle)
     wall_s = time.monotonic() - started

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from skystack.agents.transmission import PER_CYCLE
-from skystack.errors import InputError
+from skystack.errors import InputError, suggestion
 from skystack.evaluation.fixed_traffic import SPRINGFIELD, is_fixed
 from skystack.evaluation.scenario_traffic import (
     SCENARIO_SUFFIX,
@@ -13,6 +13,7 @@ from skystack.evaluation.scenario_traffic import (
     is_scenario_file,
     scenario_world,
 )
+from skystack.learning.experiment import experiment_names
 from skystack.platforms.registry import OWN, check_platform
 from skystack.simulator.arrival_flows import (
     FLIGHT_SCHOOL,
@@ -172,8 +173,11 @@ def _constant_flow(traffic: str, simulator: Simulator) -> Flow:
     try:
         rate = float(traffic)
     except ValueError:
+        names = sorted({*FLIGHT_SCHOOL, *ALIASES, *experiment_names()})
+        hint = suggestion(traffic, names, [traffic + SCENARIO_SUFFIX])
         raise InputError(
-            f"traffic {traffic!r} (allowed: flights per hour, {', '.join(FLIGHT_SCHOOL)}, "
+            f"unknown traffic {traffic!r}{hint} (allowed: flights per hour, "
+            f"{', '.join(FLIGHT_SCHOOL)}, "
             f"{SPRINGFIELD}:SCENARIO, an experiment, or a scenario file ({SCENARIO_SUFFIX}))"
         ) from None
     clock = constant_rate(rate)

@@ -52,20 +52,34 @@ def parse_clearance(text: str, callsigns: Collection[str]) -> ParsedClearance:
         raise InputError(
             f"a clearance of {len(text)} characters (allowed: at most {MAX_CHARACTERS})"
         )
-    words = re.sub(r"[,.;:]", " ", text).split()
+    words = _words(text)
     if not words:
         raise InputError("an empty text (allowed: a callsign and a clearance)")
-    return _Reader(_flight(words[0], callsigns), _joined(words[1:])).read()
+    callsign = _flight(words, callsigns)
+    return _Reader(callsign, _joined(words[len(_words(callsign)) :])).read()
 
 
-def _flight(word: str, callsigns: Collection[str]) -> str:
-    """The callsign that a word stands for: exactly, or else in any case if only one matches."""
-    if word in callsigns:
-        return word
-    same = [each for each in callsigns if each.casefold() == word.casefold()]
-    if len(same) != 1:
-        raise unknown_name("callsign", word, sorted(callsigns))
-    return same[0]
+def _words(text: str) -> list[str]:
+    return re.sub(r"[,.;:]", " ", text).split()
+
+
+def _flight(words: list[str], callsigns: Collection[str]) -> str:
+    """The callsign that the words begin with: exactly, or else in any case if only one matches.
+
+    A callsign may consist of several words; the longest is meant.
+    """
+    folded = [word.casefold() for word in words]
+    begun = [each for each in callsigns if _begins(folded, _words(each.casefold()))]
+    most = max((len(_words(each)) for each in begun), default=0)
+    longest = [each for each in begun if len(_words(each)) == most]
+    exact = [each for each in longest if _begins(words, _words(each))]
+    if len(exact or longest) != 1:
+        raise unknown_name("callsign", words[0], sorted(callsigns))
+    return (exact or longest)[0]
+
+
+def _begins(words: list[str], first: list[str]) -> bool:
+    return bool(first) and words[: len(first)] == first
 
 
 def _joined(words: list[str]) -> list[str]:

@@ -5,7 +5,7 @@ from typing import Any
 
 from skystack.evaluation.traffic_conditions import is_named
 from skystack.reporting.table import Table
-from skystack.reporting.tables import NOTHING, decimal, percent
+from skystack.reporting.tables import NOTHING, percent
 
 
 def hour_table(row: Mapping[str, Any]) -> Table:
@@ -16,7 +16,7 @@ def hour_table(row: Mapping[str, Any]) -> Table:
 
     lines = (
         ("flights (of which gone)", f"{row['flights']:,} ({row['flights_gone']:,})"),
-        ("hours", decimal(row["hours"])),
+        ("hours", hours_in_words(row["hours"])),
         (
             "losses of separation (at birth)",
             losses(row["losses_of_separation"], row["losses_at_birth"]),
@@ -41,6 +41,11 @@ def hour_table(row: Mapping[str, Any]) -> Table:
 def decimals(value: float | None, digits: int) -> str:
     """A number with so many digits after the point."""
     return NOTHING if value is None else f"{value:,.{digits}f}"
+
+
+def hours_in_words(hours: float) -> str:
+    """Hours of traffic as `20`, or `0.167` for ten minutes."""
+    return f"{round(hours, 3):g}"
 
 
 def losses(count: int, at_birth: int) -> str:

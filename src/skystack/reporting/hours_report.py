@@ -10,7 +10,7 @@ from skystack.evaluation.hour_row import HourRow, folders_of_hours, read_row
 from skystack.io.files import atomic_write
 from skystack.platforms.registry import OWN
 from skystack.reporting.hour_figures import capacity, survival
-from skystack.reporting.hour_table import decimals, losses
+from skystack.reporting.hour_table import decimals, hours_in_words, losses
 from skystack.reporting.page import picture_of, render
 from skystack.reporting.style import as_svg, house_style
 from skystack.reporting.table import Table
@@ -84,7 +84,7 @@ def _line(row: HourRow) -> tuple[str, ...]:
     return (
         label(row),
         row.traffic,
-        f"{row.hours:g}",
+        hours_in_words(row.hours),
         f"{row.flights:,}",
         losses(row.losses_of_separation, row.losses_at_birth),
         percent(row.correct_exit_rate),

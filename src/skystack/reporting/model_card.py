@@ -21,7 +21,7 @@ from skystack.learning.experiment import (
 )
 from skystack.learning.policy import Policy
 from skystack.policies.measured import Measured
-from skystack.reporting.hour_table import traffic_in_words
+from skystack.reporting.hour_table import hours_in_words, traffic_in_words
 from skystack.reporting.page import template_source
 from skystack.reporting.tables import NOTHING, decimal, mean_and_std, percent
 from skystack.tasks.contract import Action, TrafficTask
@@ -107,7 +107,7 @@ def _rendered(template: str, values: Mapping[str, Any]) -> str:
         "decimal": decimal,
         "places": "{:.2f}".format,
         "whole": "{:,.0f}".format,
-        "hours": "{:g}".format,
+        "hours": hours_in_words,
         "number": "{:,}".format,
         "dataset": _dataset,
         "traffic": _traffic,
@@ -125,7 +125,7 @@ def _dataset(row: Mapping[str, Any]) -> str:
     """The name of what a row was measured on."""
     if "traffic" in row:
         net = "" if row["safety_net"] else ", no safety net"
-        return f"{row['hours']:g} hours, {_traffic(row['traffic'])}{net}"
+        return f"{hours_in_words(row['hours'])} hours, {_traffic(row['traffic'])}{net}"
     return f"{row['episodes']:,} scenarios, {_way(row['stacking'])}"
 
 
