@@ -7,6 +7,7 @@ and then adopts the new ones.
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -14,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from skystack.airspace.geometry import direction, wrap_180, wrap_360
 from skystack.airspace.projection import LocalScale
 from skystack.airspace.sector import Sector
+from skystack.compilation.loops import repeated
 from skystack.compilation.subroutine import subroutine
 from skystack.simulator.own_navigation import steer
 from skystack.simulator.performance import Performance
@@ -71,13 +73,17 @@ class Simulator:
     def advance(self, traffic: Traffic) -> Traffic:
         """One radar cycle of 6 s: active aircraft fly, then adopt their new clearances."""
         start_nm, move = traffic.position_nm, partial(_moved, self.sector.plane.scale)
-        flown, moved_nm = traffic, jnp.zeros_like(start_nm)
-        for _ in range(CYCLE_S):
-            flown, step_nm = self._fly_one_second(flown)
+
+        def fly(flying: tuple[Traffic, Array], _: Any) -> tuple[tuple[Traffic, Array], None]:
+            flown, step_nm = self._fly_one_second(flying[0])
             # Summing the steps first rounds the position once, not six times.
-            moved_nm += step_nm
+            moved_nm = flying[1] + step_nm
             if self.own_navigation:  # steering needs the current position
                 flown = flown._replace(position_nm=move(start_nm, moved_nm))
+            return (flown, moved_nm), None
+
+        begun = (traffic, jnp.zeros_like(start_nm))
+        (flown, moved_nm), _ = repeated(fly, begun, CYCLE_S, unrolled=not self.own_navigation)
         flown = flown._replace(position_nm=subroutine(move, start_nm, moved_nm))
         return adopt(where_aircraft(traffic.active, flown, traffic))
 

@@ -153,7 +153,7 @@ def time_to_loss_as_cleared(
         found, _ = subroutine(
             partial(times_to_loss, sector, margin_nm, False),
             flights.traffic,
-            (path,),
+            path,
             own.level_ticks[:, None],
             others,
             neighbours,
@@ -246,16 +246,14 @@ def _outlook_of(
     sector, flights = simulator.sector, _chosen(everyone, column)
     traffic = flights.traffic
     # Subroutines, or else each result would be computed again wherever it is used.
-    path = columns_of(others.cleared.path, column)
-    routes = subroutine(partial(_route_paths, sector), flights, path)
-    headings = subroutine(partial(_heading_paths, sector), traffic)
+    paths = subroutine(partial(_paths, sector), flights, columns_of(others.cleared.path, column))
     levels = subroutine(partial(_levels, simulator), flights)
-    leaves_s = subroutine(partial(_leaves_s, sector), flights, routes, headings)
+    leaves_s = subroutine(partial(time_to_leaving, sector), traffic, flights.entered, paths)
     neighbours, neighbour, urgency = _neighbours(sector, batch, everyone, others, column)
     time_s, neighbour_time_s = subroutine(
         partial(times_to_loss, sector, margin_nm, True),
         traffic,
-        (routes, headings),
+        paths,
         levels,
         others,
         neighbours,
@@ -278,32 +276,24 @@ def _neighbours(
     return Neighbours(slot * batch + (column % batch)[None], urgency < FAR), slot, urgency
 
 
-def _route_paths(sector: Sector, flights: Flights, cleared: PredictedPath) -> PredictedPath:
-    """The paths as cleared and direct, with an axis for the two before that of the columns."""
-    start = jnp.zeros_like(flights.traffic.active)
-    direct = path_along_route(sector, flights.traffic, flights.next_fix, start)
+def _paths(sector: Sector, flights: Flights, cleared: PredictedPath) -> PredictedPath:
+    """The paths as cleared, direct, and after the turns, on an axis before that of the columns."""
+    traffic, start = flights.traffic, jnp.zeros_like(flights.traffic.active)
+    direct = path_along_route(sector, traffic, flights.next_fix, start)
+    headings = traffic.cleared_heading_deg[None] + jnp.asarray(TURNS_DEG)[:, None]
+    axes = PredictedPath(1, 1, 0)  # type: ignore[arg-type]  # those of the turns
+    turned: PredictedPath = jax.vmap(partial(path_on_heading, sector, traffic), out_axes=axes)(
+        headings
+    )
+
+    def joined(axis: int, cleared: Array, direct: Array, turned: Array) -> Array:
+        return jnp.concatenate([jnp.stack([cleared, direct], axis), turned], axis)
+
     return PredictedPath(
-        jnp.stack([cleared.east_nm, direct.east_nm], axis=1),
-        jnp.stack([cleared.north_nm, direct.north_nm], axis=1),
-        jnp.stack([cleared.until_s, direct.until_s]),
+        joined(1, cleared.east_nm, direct.east_nm, turned.east_nm),
+        joined(1, cleared.north_nm, direct.north_nm, turned.north_nm),
+        joined(0, cleared.until_s, direct.until_s, turned.until_s),
     )
-
-
-def _heading_paths(sector: Sector, traffic: Traffic) -> PredictedPath:
-    """The paths after the turns, with an axis for these before that of the columns."""
-    heading = traffic.cleared_heading_deg[None] + jnp.asarray(TURNS_DEG)[:, None]
-    along = PredictedPath(1, 1, 0)  # type: ignore[arg-type]  # the axes of the turns
-    paths: PredictedPath = jax.vmap(partial(path_on_heading, sector, traffic), out_axes=along)(
-        heading
-    )
-    return paths
-
-
-def _leaves_s(
-    sector: Sector, flights: Flights, routes: PredictedPath, headings: PredictedPath
-) -> Float[Array, "paths columns"]:
-    leaves = partial(time_to_leaving, sector, flights.traffic, flights.entered)
-    return jnp.concatenate([leaves(routes), leaves(headings)])
 
 
 def _levels(simulator: Simulator, flights: Flights) -> Float[Array, "times levels columns"]:

@@ -59,21 +59,22 @@ def times_to_loss(
     margin_nm: float,
     all_ways: bool,
     traffic: Traffic,
-    paths: tuple[PredictedPath, ...],
+    path: PredictedPath,
     height: Float[Array, "times levels chosen"],
     others: Others,
     neighbours: Neighbours,
 ) -> tuple[Array, Array]:
     """The time to the first loss for each way, and as cleared for each neighbour.
 
-    The first path and level are those as cleared, and with `all_ways`, the second path is direct.
+    The arrays of `path` have an axis for several paths before that of the flights. The first path
+    and level are those as cleared, and with `all_ways`, the second path is direct.
     The ways are then, in this order: every path at the cleared level, the path as cleared at every
     other level, and direct at the second level. Losses are stored as sets of intervals between the
     predicted times, one bit per interval.
     """
     chosen = neighbours.column.shape[1]
     inverse = 1.0 / sector.plane.scale(traffic.position_nm[:, 1])
-    there = jnp.concatenate([_before(path.until_s.reshape(-1, chosen)) for path in paths])
+    there = _before(path.until_s)
     below2 = (sector.separation_nm + margin_nm) ** 2
     limit = ticks(float(sector.separation_fl))
 
@@ -111,11 +112,8 @@ def times_to_loss(
         rows = subroutine(columns_of, others.table, index)
         other_east, other_north, other_height = jnp.split(rows, 3)
         present = jnp.where(here, others.there[index], jnp.uint32(0))
-        near = [
-            subroutine(close, path.east_nm, path.north_nm, other_east, other_north)
-            for path in paths
-        ]
-        lateral = jnp.concatenate(near) & there & present[None]
+        near = subroutine(close, path.east_nm, path.north_nm, other_east, other_north)
+        lateral = near & there & present[None]
         vertical = subroutine(level_with, other_height)
         lost = lateral & vertical[:1]
         if all_ways:

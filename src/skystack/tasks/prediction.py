@@ -5,7 +5,7 @@ at fixes are those of `skystack.simulator.own_navigation`, in two straight piece
 """
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from skystack.airspace.geometry import bearing, direction, dot, length, value_of, wrap_180
 from skystack.airspace.landing import LANDING_NM
 from skystack.airspace.sector import Sector
+from skystack.compilation.loops import repeated
 from skystack.compilation.subroutine import subroutine
 from skystack.simulator.own_navigation import (
     EARLIEST_TURN_RADII,
@@ -159,6 +160,21 @@ class Segments(NamedTuple):
     missed."""
 
 
+class _Flying(NamedTuple):
+    """A flight on the way along its route. Distances are in plane units."""
+
+    begin: Float[Array, "slots 2 *batch"]
+    """Where the leg begins: at the fix before, or at the end of the first turn."""
+    lead: Rows
+    """How far from there the turn ends."""
+    ahead: Float[Array, "slots 2 *batch"]
+    """The direction flown."""
+    total: Rows
+    """The length flown so far."""
+    exit_at: Rows
+    """See `Segments`."""
+
+
 def path_along_route(
     sector: Sector, traffic: Traffic, fix: Int[Array, "slots *batch"], continues: Flags
 ) -> PredictedPath:
@@ -169,14 +185,19 @@ def path_along_route(
     """
     path = subroutine(partial(_segments, sector), traffic, fix, continues)
     speed = _speed(sector, traffic)
+    start = traffic.position_nm
     left = speed[None] * _times(speed)
-    east, north = traffic.position_nm[None, :, 0], traffic.position_nm[None, :, 1]
-    for number in range(path.flown.shape[0]):
+
+    def fly(flying: tuple[Array, ...], number: Any) -> tuple[tuple[Array, ...], None]:
+        east, north, left = flying
         flown = path.flown[number][None]
         part = jnp.clip(left / jnp.maximum(flown, 1e-6), 0.0, 1.0)
         east = east + part * path.east[number][None]
         north = north + part * path.north[number][None]
-        left = jnp.maximum(left - flown, 0.0)
+        return (east, north, jnp.maximum(left - flown, 0.0)), None
+
+    begun = (*(jnp.broadcast_to(start[None, :, axis], left.shape) for axis in (0, 1)), left)
+    (east, north, _), _ = repeated(fly, begun, path.flown.shape[0])
     until_s = path.exit_at / jnp.maximum(speed, 1e-9) + LEAVES_LATE_S
     return PredictedPath(east, north, until_s)
 
@@ -193,33 +214,47 @@ def _segments(
     for vector, _ in pieces:
         begin = begin + vector
     total = sum((flown for _, flown in pieces), start=jnp.zeros_like(speed))
-    exit_at, lead_before = _beyond_exit_fix(sector, traffic), jnp.zeros_like(speed)
-    ahead = direction(heading)
-    for number in range(LEGS):
+
+    def fly(flying: _Flying, number: Any) -> tuple[_Flying, tuple[Array, Array]]:
+        """Fly a leg straight, and begin the turn at its fix, in two chords."""
         at = fix_of(table, traffic.route, jnp.minimum(fix + number, last))
         used = fix + number <= last
-        leg = at - begin
+        leg = at - flying.begin
         distance = jnp.where(used, length(leg), 0.0)
         unit = jnp.where(
-            (distance > 1e-3)[:, None], leg / jnp.maximum(distance, 1e-3)[:, None], ahead
+            (distance > 1e-3)[:, None], leg / jnp.maximum(distance, 1e-3)[:, None], flying.ahead
         )
         after = fix_leg(table, traffic.route, jnp.minimum(fix + number, last))
         turns = fix + number < last
         (entry, middle, leave), lead, arc = _corner(unit, after, turns, traffic, sector)
-        straight = jnp.maximum(distance - lead_before - lead, 0.0)
+        straight = jnp.maximum(distance - flying.lead - lead, 0.0)
         # Beyond the last fix the flight holds its heading.
         endless = fix + number == last
         straight = jnp.where(endless, speed * 2.0 * HORIZON_S, straight)
-        pieces.append((straight[:, None] * unit, straight))
-        exit_at = jnp.where(fix + number <= exit_fix, total + straight + arc / 2.0, exit_at)
-        pieces += [(middle - entry, arc / 2.0), (leave - middle, arc / 2.0)]
-        total = total + straight + arc
-        begin, lead_before, ahead = at, lead, jnp.where(turns[:, None], after, unit)
+        exit_at = flying.total + straight + arc / 2.0
+        flown = _Flying(
+            begin=at,
+            lead=lead,
+            ahead=jnp.where(turns[:, None], after, unit),
+            total=flying.total + straight + arc,
+            exit_at=jnp.where(fix + number <= exit_fix, exit_at, flying.exit_at),
+        )
+        vectors = jnp.stack([straight[:, None] * unit, middle - entry, leave - middle])
+        return flown, (vectors, jnp.stack([straight, arc / 2.0, arc / 2.0]))
+
+    begun = _Flying(
+        begin, jnp.zeros_like(speed), direction(heading), total, _beyond_exit_fix(sector, traffic)
+    )
+    flying, (vectors, lengths) = repeated(fly, begun, LEGS)
+    exit_at = flying.exit_at
     if table.lands.any():
         landing = LANDING_NM * sector.plane.scale(traffic.position_nm[:, 1])
         exit_at -= jnp.where(value_of(table.lands, traffic.route), landing, 0.0)
-    vectors = jnp.stack([vector for vector, _ in pieces])
-    flown = jnp.stack([flown for _, flown in pieces])
+    # The legs and the pieces of each become one axis.
+    turned = jnp.stack([vector for vector, _ in pieces])
+    vectors = jnp.concatenate([turned, vectors.reshape(-1, *turned.shape[1:])])
+    first = jnp.stack([flown for _, flown in pieces])
+    flown = jnp.concatenate([first, lengths.reshape(-1, *first.shape[1:])])
     return Segments(vectors[:, :, 0], vectors[:, :, 1], flown, exit_at)
 
 
