@@ -1,14 +1,12 @@
 """The learned controller of a sector: stacking in frozen time, one flight after another."""
 
-import copy
-from functools import cache
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from skystack.agents.learned import Learned, _Visited
+from skystack.agents.learned import Learned
+from skystack.agents.policy_queries import Queries, _Visited
 from skystack.agents.safety_net import ALERT_S
 from skystack.agents.transmission import clearance_of
 from skystack.simulator.traffic import DIRECT, NO_TURN, ticks
@@ -79,31 +77,18 @@ def turns_right(rows):
     return one_of(jnp.where(rows["burst"] > 0.5, NO_OP, RIGHT_10), 20.0)
 
 
-class Scripted(Learned):
-    """Follows one of `SCRIPTS`, whose number takes the place of weights."""
-
-    def __init__(self, name, per_cycle=1, safety_net=True):
-        self.task, self.per_cycle, self.safety_net = TASK, per_cycle, safety_net
-        self._weights = jnp.int32(list(SCRIPTS).index(name))
-
-    def _logits(self, weights, observation):
-        rows = dict(zip(NAMES, observation, strict=True))
-        return jnp.stack([each(rows) for each in SCRIPTS.values()])[weights]
-
-
-@cache
-def compiled():
-    """A controller with the programs of all others."""
-    agent = Scripted("waits")
-    for program in ("_begin", "_stack", "_continue", "_rescue"):
-        getattr(agent, program)
-    return agent
+def scripted_logits(number, observation):
+    """The number of one of `SCRIPTS` takes the place of weights, so all share their programs."""
+    rows = dict(zip(NAMES, observation, strict=True))
+    return jnp.stack([each(rows) for each in SCRIPTS.values()])[number]
 
 
 def controller(name="to_exit_level", per_cycle=1, safety_net=True):
-    agent = copy.copy(compiled())
-    agent.__init__(name, per_cycle, safety_net)
-    return agent
+    return Learned(Queries(TASK, scripted_logits), number_of(name), per_cycle, safety_net)
+
+
+def number_of(script):
+    return jnp.int32(list(SCRIPTS).index(script))
 
 
 @pytest.fixture(scope="module")
@@ -182,7 +167,7 @@ def test_a_burst_that_repeats_keeps_the_clearance_after_which_the_policy_would_w
 
 def test_a_burst_that_repeats_keeps_the_clearance_that_loses_separation_last():
     """Even if the policy would rather wait after another one."""
-    visited = _Visited.begin(jnp.full(5, 1, dtype=jnp.float32), jnp.float32(0.9))
+    visited = _Visited.begin(jnp.full(5, 1, dtype=jnp.float32), jnp.float32(0.9), 5)
     assert int(visited.kept) == -1
     for count, (clearance, margin_s) in enumerate([(2, 60.4), (3, 30.5), (2, 60.4)], start=1):
         told = jnp.full(5, clearance, dtype=jnp.float32)
@@ -192,9 +177,9 @@ def test_a_burst_that_repeats_keeps_the_clearance_that_loses_separation_last():
     assert not bool(visited.is_kept(jnp.full(5, 3, dtype=jnp.float32)))
 
 
-def test_a_long_burst_is_cut_off(world, monkeypatch):
-    monkeypatch.setattr("skystack.agents.learned.MOST_INSTRUCTIONS", 5)
-    agent = Scripted("turns_for_ever")  # with programs of its own
+def test_a_long_burst_is_cut_off(world):
+    queries = Queries(TASK, scripted_logits, most_instructions=5)
+    agent = Learned(queries, number_of("turns_for_ever"), per_cycle=1)
     agent.begin(world)
     (sent,) = agent.transmit(world)
     heading = float(world.traffic.cleared_heading_deg[sent.slot])

@@ -50,6 +50,14 @@ def test_positions_in_the_plane():
     assert SQUARE.area_nm[1] == pytest.approx((0.5 * LON_DEGREE_NM, -north_nm(0.5)), abs=1e-6)
 
 
+def test_equal_sectors_have_the_same_hash():
+    fixes = dict(reversed(SQUARE.fixes.items()))
+    same, other = replace(SQUARE, fixes=fixes), replace(SQUARE, levels_fl=(100, 210))
+    assert same == SQUARE
+    assert hash(same) == hash(SQUARE)
+    assert len({SQUARE, same, other}) == 2
+
+
 def test_origin_is_at_zero_in_the_plane():
     moved = Sector("moved", (10.0, 20.0), (), (0, 1), {"HERE": (10.0, 20.0)}, ())
     assert moved.fixes_nm["HERE"] == pytest.approx((0.0, 0.0))

@@ -10,7 +10,13 @@ from skystack.errors import InputError
 from skystack.evaluation import rollout
 from skystack.evaluation.hosted import AgentController, fly_with_agent
 from skystack.evaluation.platform_rollout import Pilot, PlatformRollout
-from skystack.evaluation.rollout import Controller, concatenate, prepare, recording_of
+from skystack.evaluation.rollout import (
+    Controller,
+    Recording,
+    concatenate,
+    prepare,
+    recording_of,
+)
 from skystack.learning.seeds import scenario_key
 from skystack.tasks.contract import AircraftStatus
 from skystack.tasks.registry import build_task
@@ -93,6 +99,37 @@ def test_a_single_scenario_on_a_platform_has_the_same_keys(flown, tmp_path):
         assert recording.number.tolist() == [number]
         assert recording.number.dtype == flown.number.dtype == np.int32
         np.testing.assert_array_equal(sampled(recording)[0], sampled(flown)[number])
+
+
+@pytest.mark.parametrize(
+    ("scenarios", "sizes"),
+    [
+        (1, [16]),
+        (16, [16]),
+        (17, [32]),
+        (100, [128]),
+        (513, [1000]),
+        (1000, [1000]),
+        (1003, [1000, 16]),
+    ],
+)
+def test_blocks_are_filled_up_to_a_few_sizes(scenarios, sizes, monkeypatch):
+    """And only the scenarios that are asked for are recorded."""
+    monkeypatch.setattr(rollout, "SCENARIOS_AT_ONCE", 1000)
+    flown = []
+
+    def program(function, task, decide, limit):
+        def fly_block(weights, keys, numbers):
+            flown.append(len(numbers))
+            assert len(keys) == len(numbers)
+            return Recording(numbers, *[numbers * 0] * (len(Recording._fields) - 1))
+
+        return fly_block
+
+    monkeypatch.setattr(rollout, "shared_program", program)
+    recorded = concatenate(list(prepare(TASK, random_action, True)((), SEED, scenarios)))
+    assert flown == sizes
+    assert recorded.number.tolist() == list(range(scenarios))
 
 
 def test_reports_the_scenario_of_an_invalid_action():

@@ -66,7 +66,7 @@ def world(clock, rows, slots=4, uniforms=(0.5,)):
         born=zero,
         waiting=zero,
         refused=zero,
-        rate_factor=jnp.float32(1.0),
+        rate_per_s=jnp.float32(clock.rate_per_s),
         last_birth_s=jnp.float32(0.0),
         cycle=jnp.int32(1),
     )
@@ -244,7 +244,7 @@ def test_a_scenario_may_have_another_rate():
         limit = exact_poisson.cdf(0, 6.0 * 0.01 * factor)
         for uniform, due in ((limit - 1e-4, 0), (limit + 1e-4, 1)):
             arrivals, _ = world(clock, [(0.0, 0.0, 0.0, 300)], uniforms=[uniform])
-            arrivals = arrivals._replace(rate_factor=jnp.float32(factor))
+            arrivals = arrivals._replace(rate_per_s=jnp.float32(0.01 * factor))
             assert int(clock.due(arrivals)) == due
 
 

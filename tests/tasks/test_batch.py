@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from skystack.compilation.subroutine import subroutine
 from skystack.learning.experiment import experiment_names, load_experiment
 from skystack.tasks.batch import OneByOne, choose, reset_many
 from skystack.tasks.registry import build_training_task
@@ -53,32 +52,6 @@ def test_choose_selects_whole_scenarios():
     matrix, vector = choose(jnp.array([True, False, True]), yes, no)
     assert matrix.tolist() == [[1, 0, 1]] * 2
     assert vector.tolist() == [1, 0, 1]
-
-
-def test_a_subroutine_computes_its_function():
-    def both(x):
-        return jnp.sin(x), x + 1.0
-
-    for f in (lambda x: subroutine(both, x), jax.jit(lambda x: subroutine(both, x))):
-        for found, expected in zip(f(jnp.arange(3.0)), both(jnp.arange(3.0)), strict=True):
-            np.testing.assert_allclose(found, expected, rtol=1e-6)
-
-
-def test_a_subroutine_is_called_once_for_all_its_consumers():
-    """Otherwise the long sum would be computed again in the loop of every consumer."""
-
-    def long_sum(x):
-        for number in range(20):
-            x = x * 1.5 + number
-        return x
-
-    def consumers(x):
-        y = subroutine(long_sum, x)
-        return y + 1.0, y * y, jnp.max(y), y[::2]
-
-    compiled = jax.jit(consumers).lower(jnp.arange(8.0)).compile().as_text()
-    assert compiled.count(" call(") == 1
-    assert "long_sum" in compiled
 
 
 def test_one_by_one_runs_a_task_on_many_scenarios():

@@ -18,6 +18,7 @@ from skystack.agents.callsigns import Callsigns
 from skystack.agents.queries import QueryNames, query_actions
 from skystack.agents.since import SinceTransmission
 from skystack.agents.transmission import Transmission, transmission_between
+from skystack.compilation.shared import shared_program
 from skystack.tasks.outlook import no_outlook
 from skystack.tasks.sector_control import SectorControl
 from skystack.tasks.sector_world import WorldState
@@ -72,25 +73,27 @@ class FlightActions:
 
     @cached_property
     def _observe(self) -> Any:
-        """(world, since) -> the observations and allowed actions, compiled."""
-
-        def observe(world: WorldState, since: Float[Array, " slots"]) -> tuple[Array, Array]:
-            state = self.task.begin(world)._replace(since_cycles=since)
-            return self.task.observe(state).T, self.task.allowed(state).T
-
-        return jax.jit(observe)
+        return shared_program(_observed, self.task)
 
     @cached_property
     def _instruct(self) -> Any:
-        """(world, action) -> the world after the actions, and who was instructed, compiled."""
+        return shared_program(_instructed, self.task)
 
-        def instruct(
-            world: WorldState, action: Int[Array, " slots"]
-        ) -> tuple[WorldState, Bool[Array, " slots"]]:
-            state = self.task.begin(world, no_outlook((self.task.agents,)))
-            return self.task.told(state, action).world, self.task.may_stack(state, action)
 
-        return jax.jit(instruct)
+def _observed(
+    task: SectorControl, world: WorldState, since: Float[Array, " slots"]
+) -> tuple[Array, Array]:
+    """The observations and allowed actions, one row per slot."""
+    state = task.begin(world)._replace(since_cycles=since)
+    return task.observe(state).T, task.allowed(state).T
+
+
+def _instructed(
+    task: SectorControl, world: WorldState, action: Int[Array, " slots"]
+) -> tuple[WorldState, Bool[Array, " slots"]]:
+    """The world after the actions, and who was instructed."""
+    state = task.begin(world, no_outlook((task.agents,)))
+    return task.told(state, action).world, task.may_stack(state, action)
 
 
 class PerFlight:

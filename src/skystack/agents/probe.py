@@ -6,7 +6,7 @@ not be separated.
 """
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax
@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from skystack.agents.transmission import TURNS, Transmission
+from skystack.compilation.shared import shared_program
 from skystack.simulator.simulator import Simulator, instruct
 from skystack.simulator.traffic import DIRECT, NO_TURN, Clearance, Traffic, ticks
 from skystack.tasks.flight_time import flight_times
@@ -148,14 +149,14 @@ class Probe:
 
         All have one row per plan.
         """
-        return jax.jit(partial(_fly, self.world.simulator, self.world.tracker, self.ahead))
+        return shared_program(_fly, self.world.simulator, self.world.tracker, self.ahead)
 
     @cached_property
     def conflicts(self) -> Any:
         """(plans, others) -> `Conflicts`, compiled."""
         sector = self.world.sector
         least_nm = sector.separation_nm, sector.separation_nm + self.margin_nm
-        return jax.jit(partial(_conflicts, sector.plane, least_nm, ticks(sector.separation_fl)))
+        return shared_program(_conflicts, sector.plane, least_nm, ticks(sector.separation_fl))
 
 
 def _fly(

@@ -12,6 +12,7 @@ from jaxtyping import Array
 
 from skystack.agents.transmission import Transmission, transmission_between
 from skystack.airspace.sector import Sector
+from skystack.compilation.shared import shared_program
 from skystack.errors import InputError
 from skystack.learning.choices import Weights, most_probable
 from skystack.learning.policy import Policy
@@ -66,34 +67,38 @@ class ScenarioAgent:
         )
         return self._traffic(state), state.arrivals.exit_level_ticks[:count], progress
 
-    def _decide(self, weights: Any, state: NavigationState) -> tuple[NavigationState, Stack]:
-        policy = partial(most_probable, weights)
-        return stack_traced(self._task, policy, state, jax.random.key(0))
-
     @cached_property
     def _first_decision(self) -> Any:
-        """(weights, traffic, exit levels, progress) -> the first decision, compiled."""
-
-        def begin(
-            weights: Any, traffic: Traffic, exit_level_ticks: Array, progress: Progress
-        ) -> tuple[NavigationState, Stack]:
-            state = self._task.begin(traffic, exit_level_ticks)
-            begun = state._replace(memory=state.memory._replace(progress=progress))
-            return self._decide(weights, begun)
-
-        return jax.jit(begin)
+        return shared_program(_first_decision, self._task)
 
     @cached_property
     def _next_decision(self) -> Any:
-        """(weights, state after the last decision, traffic flown since) -> a decision, compiled."""
+        return shared_program(_next_decision, self._task)
 
-        def later(
-            weights: Any, state: NavigationState, flown: Traffic
-        ) -> tuple[NavigationState, Stack]:
-            ended, _ = self._task.end_cycle(state, flown)
-            return self._decide(weights, ended._replace(traffic=flown))
 
-        return jax.jit(later)
+def _first_decision(
+    task: NavigationTask,
+    weights: Any,
+    traffic: Traffic,
+    exit_level_ticks: Array,
+    progress: Progress,
+) -> tuple[NavigationState, Stack]:
+    begun = task.begin(traffic, exit_level_ticks)
+    return _decision(task, weights, begun._replace(memory=begun.memory._replace(progress=progress)))
+
+
+def _next_decision(
+    task: NavigationTask, weights: Any, state: NavigationState, flown: Traffic
+) -> tuple[NavigationState, Stack]:
+    """The decision after a cycle. `state` is that after the last decision."""
+    ended, _ = task.end_cycle(state, flown)
+    return _decision(task, weights, ended._replace(traffic=flown))
+
+
+def _decision(
+    task: NavigationTask, weights: Any, state: NavigationState
+) -> tuple[NavigationState, Stack]:
+    return stack_traced(task, partial(most_probable, weights), state, jax.random.key(0))
 
 
 def check_fits_scenario(task: NavigationTask, sector: Sector, flights: int) -> None:

@@ -3,7 +3,8 @@
 from collections.abc import Callable
 from typing import TypeVar
 
-from skystack.agents.learned import Learned
+from skystack.agents.learned import Learned, weights_of
+from skystack.agents.policy_queries import Queries
 from skystack.agents.search import Search
 from skystack.agents.sector_rules import Mvp, NoOp, OwnNavigation, Rules
 from skystack.agents.transmission import SectorAgent
@@ -57,6 +58,5 @@ def learned_agent(
     policy: Policy, task: SectorControl, world: World, per_cycle: int, safety_net: bool = True
 ) -> Learned:
     """The agent that flies a policy, trained on a task, in a world."""
-    return Learned(
-        policy, SectorControl(world.flow, task.cycles, task.reward), per_cycle, safety_net
-    )
+    flown = SectorControl(world.flow, task.cycles, task.reward)
+    return Learned(Queries(flown), weights_of(policy), per_cycle, safety_net)

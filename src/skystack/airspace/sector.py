@@ -84,6 +84,11 @@ class Sector:
     exit_before_nm: float = 0.0
     """How far inside the area an exit lies, along the last leg before the exit fix."""
 
+    def __hash__(self) -> int:
+        # Not that of a dataclass: mappings have no hash. Equal sectors share compiled programs.
+        fixes = tuple(sorted(self.fixes.items()))
+        return hash((self.name, self.origin, self.area, self.levels_fl, fixes, self.routes))
+
     @cached_property
     def plane(self) -> MercatorPlane:
         return MercatorPlane(*self.origin)

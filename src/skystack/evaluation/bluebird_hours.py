@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from skystack.agents.transmission import Transmission
+from skystack.compilation.shared import shared_program
 from skystack.errors import InputError
 from skystack.evaluation.foreign_hours import ReportedTraffic, instructions_of, writable
 from skystack.learning.seeds import scenario_key
@@ -27,8 +28,9 @@ class BluebirdHours:
 
     def __init__(self, world: World, platform: BluebirdTraffic) -> None:
         self.world, self.platform = world, platform
-        self._empty = jax.jit(World(world.flow.without_starters()).reset)
-        self._begin, self._end_cycle = jax.jit(world.tracker.begin), jax.jit(world.end_cycle)
+        self._empty = shared_program(World(world.flow.without_starters()).reset)
+        self._begin = shared_program(world.tracker.begin)
+        self._end_cycle = shared_program(world.end_cycle)
         self._reports = ReportedTraffic(world)
         self._slot: dict[str, int] = {}
         """The slots of the flights that have not left, by callsign."""

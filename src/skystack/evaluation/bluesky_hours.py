@@ -10,6 +10,7 @@ from jaxtyping import Array
 
 from skystack.agents.callsigns import Callsigns
 from skystack.agents.transmission import Transmission
+from skystack.compilation.shared import shared_program
 from skystack.evaluation.foreign_hours import ReportedTraffic, instructions_of
 from skystack.learning.seeds import scenario_key
 from skystack.platforms.bluesky_traffic import BlueskyTraffic, Newborn
@@ -34,8 +35,8 @@ class BlueskyHours:
             sector.fixes, avoids, sector.separation_nm, FEET_PER_FL * sector.separation_fl
         )
         self._reports = ReportedTraffic(world)
-        self._reset, self._admit = jax.jit(world.reset), jax.jit(world.admit)
-        self._end_cycle = jax.jit(self._end)
+        self._reset, self._admit = shared_program(world.reset), shared_program(world.admit)
+        self._end_cycle = shared_program(_end_cycle, world)
         self._callsigns = Callsigns(world.flow.callsigns)
         self._flying: dict[str, int] = {}
         """The slots of the flights that BlueSky flies, by callsign."""
@@ -68,11 +69,6 @@ class BlueskyHours:
                 del self._flying[callsign]
         return next_state, cycle
 
-    def _end(
-        self, progress: Progress, begun: Traffic, born: Array, arrivals: Arrivals, flown: Traffic
-    ) -> tuple[WorldState, WorldCycle]:
-        return self.world.end_cycle(progress, begun, born, count_cycle(arrivals), flown)
-
     def close(self) -> None:
         self.platform.close()
 
@@ -93,3 +89,14 @@ class BlueskyHours:
             airspeed_kt=performance.airspeed_kt * float(speed[slot]),
             rate_ft_min=performance.rate_ft_min * float(rate[slot]),
         )
+
+
+def _end_cycle(
+    world: World,
+    progress: Progress,
+    begun: Traffic,
+    born: Array,
+    arrivals: Arrivals,
+    flown: Traffic,
+) -> tuple[WorldState, WorldCycle]:
+    return world.end_cycle(progress, begun, born, count_cycle(arrivals), flown)

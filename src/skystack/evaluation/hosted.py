@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int, Key
 
 from skystack.agents.agent import Agent
 from skystack.agents.queries import QueryNames, query_actions, query_scores
+from skystack.compilation.shared import shared_program
 from skystack.evaluation.rollout import (
     Recording,
     blocks,
@@ -56,9 +57,10 @@ class Decisions:
     def __init__(self, task: TrafficTask, controller: AgentController, limit: int | None) -> None:
         self._controller, self._limit = controller, limit
         self._actions = len(task.action_names)
-        self.may_stack, self.instruct = jax.jit(task.may_stack), jax.jit(task.instruct)
-        self.choose, self._observe = jax.jit(choose), jax.jit(partial(_flat_observation, task))
-        self._sample = jax.jit(jax.vmap(_sample))
+        self.may_stack = shared_program(task.may_stack)
+        self.instruct = shared_program(task.instruct)
+        self.choose, self._sample = shared_program(choose), shared_program(_sample_many)
+        self._observe = shared_program(_flat_observation, task)
 
     def observe(self, state: TaskState) -> Float[np.ndarray, "scenarios observation"]:
         """The flattened observations, scenarios first."""
@@ -110,6 +112,14 @@ def _sample(
     return jax.random.categorical(jax.random.fold_in(key, query), logits)
 
 
+def _sample_many(
+    keys: Key[Array, " scenarios"],
+    queries: Int[Array, " scenarios"],
+    logits: Float[Array, "scenarios actions"],
+) -> Int[Array, " scenarios"]:
+    return jax.vmap(_sample)(keys, queries, logits)
+
+
 def fly_with_agent(
     task: TrafficTask,
     controller: AgentController,
@@ -132,24 +142,15 @@ class _Rollout:
 
     def __init__(self, task: TrafficTask) -> None:
         self._task = task
-        self._reset = jax.jit(jax.vmap(task.reset, out_axes=-1))
-        self._query_keys = jax.jit(jax.vmap(partial(query_keys, task)))
-        self._advance = jax.jit(self._advance_running)
-
-    def _advance_running(
-        self, instructed: TaskState, stack: Stack, over: Bool[Array, " scenarios"]
-    ) -> tuple[TaskState, Bool[Array, " scenarios"], tuple[Any, ...]]:
-        advanced, outcome = self._task.advance(instructed)
-        state = choose(over, instructed, advanced)
-        row = keep(self._task, stack, state, outcome, over)
-        return state, over | outcome.ended, _scenarios_first(row)
+        self._begin = shared_program(_begin, task)
+        self._advance = shared_program(_advance, task)
 
     def fly(
         self, decisions: Decisions, seed: int, numbers: Int[np.ndarray, " scenarios"]
     ) -> Recording:
         """Fly scenarios until all have ended; a scenario that has ended does not change."""
         keys = scenario_keys(seed, numbers)
-        state, query_keys = self._reset(keys), self._query_keys(keys)
+        state, query_keys = self._begin(keys)
         start = jax.device_get(_scenarios_first(initial_fields(self._task, state)))
         over, rows = np.zeros(len(numbers), dtype=bool), list[Any]()
         while not over.all():
@@ -159,6 +160,22 @@ class _Rollout:
             over = np.asarray(ended)
             rows.append(jax.device_get(row))
         return recording_of(numbers, start, rows, self._task.cycles)
+
+
+def _begin(
+    task: TrafficTask, keys: Key[Array, " scenarios"]
+) -> tuple[TaskState, Key[Array, "scenarios cycles"]]:
+    """The states at cycle 0, and the keys of the queries."""
+    return jax.vmap(task.reset, out_axes=-1)(keys), jax.vmap(partial(query_keys, task))(keys)
+
+
+def _advance(
+    task: TrafficTask, instructed: TaskState, stack: Stack, over: Bool[Array, " scenarios"]
+) -> tuple[TaskState, Bool[Array, " scenarios"], tuple[Any, ...]]:
+    advanced, outcome = task.advance(instructed)
+    state = choose(over, instructed, advanced)
+    row = keep(task, stack, state, outcome, over)
+    return state, over | outcome.ended, _scenarios_first(row)
 
 
 def _scenarios_first(tree: Any) -> Any:

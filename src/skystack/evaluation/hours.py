@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import jax
@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from skystack.agents.transmission import PER_CYCLE, SectorAgent, Transmission, clearance_of
+from skystack.compilation.shared import shared_program
 from skystack.errors import InputError
 from skystack.learning.seeds import scenario_key
 from skystack.simulator.arrivals import FREE
@@ -74,8 +75,9 @@ class OwnHours:
     """Implements `Hours` in our simulator. Its programs are compiled once, on first use."""
 
     def __init__(self, world: World) -> None:
-        self._reset, self._advance = jax.jit(world.reset), jax.jit(world.advance)
-        self._instruct = jax.jit(world.instruct)
+        self._reset = shared_program(world.reset)
+        self._advance = shared_program(world.advance)
+        self._instruct = shared_program(world.instruct)
 
     def reset(self, seed: int, number: int) -> WorldState:
         state: WorldState = jax.device_get(self._reset(scenario_key(seed, number)))
@@ -115,7 +117,7 @@ class HourFlyer:
 
     @cached_property
     def _fail_safe(self) -> Any:
-        return jax.jit(partial(is_fail_safe, self.world))
+        return shared_program(is_fail_safe, self.world)
 
     def fly(
         self,

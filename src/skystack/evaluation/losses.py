@@ -1,15 +1,14 @@
 """Losses of separation between recorded flight paths with one row per cycle."""
 
 from collections.abc import Iterator, Sequence
-from functools import cache, partial
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Float, Int
 
 from skystack.airspace.projection import MercatorPlane
 from skystack.airspace.sector import Sector
+from skystack.compilation.shared import shared_program
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.tasks.separation import pair_distance_squared
 
@@ -70,10 +69,9 @@ def losses(sector: Sector, paths: Sequence[FlightPath]) -> Iterator[Loss]:
         )
 
 
-@cache
 def compiled_squared_nm2(plane: MercatorPlane, separation_fl: int) -> Any:
     """The pair distance, compiled once for all flights in a sector."""
-    return jax.jit(partial(pair_distance_squared, plane, separation_fl))
+    return shared_program(pair_distance_squared, plane, separation_fl)
 
 
 class _TooClose(NamedTuple):

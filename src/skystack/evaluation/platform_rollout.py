@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PRNGKeyArray
 
+from skystack.compilation.shared import shared_program
 from skystack.errors import PlatformError, error_context
 from skystack.evaluation.hosted import AgentController, Decisions, QueryContext
 from skystack.evaluation.rollout import (
@@ -53,16 +54,10 @@ class Pilot:
         self._platform = job.open_platform(folder)
         self._decide = _decision(self._task, job.controller(), None if job.stacking else 1)
 
-        def end_cycle(
-            instructed: TaskState, stack: Stack, flown: Traffic
-        ) -> tuple[TaskState, Outcome, tuple[Any, ...]]:
-            state, outcome = self._task.end_cycle(instructed, flown)
-            row = keep(self._task, stack, state, outcome, jnp.zeros((), dtype=bool))
-            return state, outcome, row
-
-        self._reset, self._end_cycle = jax.jit(self._task.reset), jax.jit(end_cycle)
-        self._exit_levels = jax.jit(self._task.exit_level_ticks)
-        self._status = jax.jit(self._task.status)
+        self._reset = shared_program(self._task.reset)
+        self._end_cycle = shared_program(_end_cycle, self._task)
+        self._exit_levels = shared_program(self._task.exit_level_ticks)
+        self._status = shared_program(self._task.status)
         self._compile()
 
     def _compile(self) -> None:
@@ -169,6 +164,14 @@ def _decision(
         return instructed, stack
 
     return decide
+
+
+def _end_cycle(
+    task: TrafficTask, instructed: TaskState, stack: Stack, flown: Traffic
+) -> tuple[TaskState, Outcome, tuple[Any, ...]]:
+    state, outcome = task.end_cycle(instructed, flown)
+    row = keep(task, stack, state, outcome, jnp.zeros((), dtype=bool))
+    return state, outcome, row
 
 
 def _pilot(job: PlatformRollout, folder: Path) -> Callable[[int], Recording]:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
+from skystack.compilation.shared import shared_program
 from skystack.errors import InputError
 from skystack.io.signals import check
 from skystack.learning.choices import most_probable, sampled
@@ -19,7 +20,7 @@ from skystack.stacking import NO_OP, Stack, stack_traced
 from skystack.tasks.batch import choose
 from skystack.tasks.contract import AircraftStatus, Outcome, TaskState, TrafficTask
 
-SCENARIOS_AT_ONCE = 1000
+SCENARIOS_AT_ONCE, LEAST_AT_ONCE = 1000, 16
 ROWS_AT_ONCE = 600_000
 """The rows (one per aircraft and cycle) flown at once, which take about 200 MB."""
 _POLICY = 0x90_11C7
@@ -103,18 +104,27 @@ def fly(
 
 def prepare(task: TrafficTask, decide: TracedPolicy, stacking: bool) -> Fly:
     """A function that flies blocks of scenarios with any weights; compiled once, on first use."""
-    limit = None if stacking else 1
-    fly_block = jax.jit(jax.vmap(partial(_fly_one, task, decide, limit), in_axes=(None, 0, 0)))
+    fly_block = shared_program(_fly_many, task, decide, None if stacking else 1)
+    most = _scenarios_of(task, ROWS_AT_ONCE, SCENARIOS_AT_ONCE)
 
     def fly(weights: Any, seed: int, scenarios: int) -> Iterator[Recording]:
         for numbers in blocks(task, scenarios):
+            filled = _filled_up(numbers, most)
             # No variable may keep a block alive while the next one is flown.
-            yield _checked(
-                jax.device_get(fly_block(weights, scenario_keys(seed, numbers), numbers)),
-                len(task.action_names),
-            )
+            flown = jax.device_get(fly_block(weights, scenario_keys(seed, filled), filled))
+            yield _checked(next(parts_of(flown, len(numbers))), len(task.action_names))
+            del flown
 
     return fly
+
+
+def _filled_up(numbers: Int[np.ndarray, " block"], most: int) -> Int[np.ndarray, " filled"]:
+    """The scenarios of a block and further ones, so that few sizes have to be compiled.
+
+    The sizes are powers of two, from `LEAST_AT_ONCE` up to `most`.
+    """
+    size = max(LEAST_AT_ONCE, 1 << (len(numbers) - 1).bit_length())
+    return np.arange(numbers[0], numbers[0] + min(size, most), dtype=np.int32)
 
 
 def blocks(task: TrafficTask, scenarios: int) -> Iterator[Int[np.ndarray, " block"]]:
@@ -221,6 +231,20 @@ def keep(
         jnp.where(over, 0.0, jnp.sum(outcome.reward, axis=0)),
         outcome.metrics,
     )
+
+
+def _fly_many(
+    task: TrafficTask,
+    decide: TracedPolicy,
+    limit: int | None,
+    weights: Any,
+    keys: Key[Array, " scenarios"],
+    numbers: Int[Array, " scenarios"],
+) -> Recording:
+    """Fly scenarios to their ends."""
+    fly = partial(_fly_one, task, decide, limit, weights)
+    flown: Recording = jax.vmap(fly)(keys, numbers)
+    return flown
 
 
 def _fly_one(

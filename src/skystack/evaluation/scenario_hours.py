@@ -12,6 +12,7 @@ import numpy as np
 
 from skystack.agents.callsigns import Callsigns
 from skystack.agents.transmission import Transmission
+from skystack.compilation.shared import shared_program
 from skystack.evaluation.foreign_hours import instructions_of
 from skystack.io.files import scratch_folder
 from skystack.learning.seeds import scenario_key
@@ -35,7 +36,8 @@ class ScenarioHours:
             self.platform = open_platform(platform, folder)
             resources.callback(self.platform.close)
             self._resources = resources.pop_all()
-        self._reset, self._end_cycle = jax.jit(world.reset), jax.jit(world.end_cycle)
+        self._reset = shared_program(world.reset)
+        self._end_cycle = shared_program(world.end_cycle)
         self._slot: dict[str, int] = {}
         """The slots of all flights of the scenario, by callsign."""
 

@@ -7,7 +7,7 @@
 Everything is recorded, as in an evaluation.
 """
 
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import jax
@@ -15,6 +15,7 @@ import numpy as np
 
 from skystack.agents.callsigns import Callsigns
 from skystack.agents.transmission import Transmission, instruction_of
+from skystack.compilation.shared import shared_program
 from skystack.errors import InputError
 from skystack.evaluation.hours import Hour, HourRecorder, Hours, OwnHours, copied, is_fail_safe
 from skystack.live.clearance_text import ParsedClearance, parse_clearance
@@ -136,7 +137,7 @@ class LiveHour:
 
     @cached_property
     def _fail_safe(self) -> Any:
-        return jax.jit(partial(is_fail_safe, self.world))
+        return shared_program(is_fail_safe, self.world)
 
     def transmission_for(self, parsed: ParsedClearance) -> Transmission:
         """A clearance as a transmission. Raises InputError if the flight cannot fly it."""

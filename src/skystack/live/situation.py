@@ -3,13 +3,13 @@
 Predictions are those of `skystack.tasks.outlook`: as cleared, up to ten minutes ahead.
 """
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Array
 
+from skystack.compilation.shared import shared_program
 from skystack.live.hour import LiveHour
 from skystack.simulator.arrivals import FREE
 from skystack.simulator.performance import TICKS_PER_FL
@@ -45,7 +45,7 @@ class Situation:
 
     def __init__(self, hour: LiveHour) -> None:
         self._hour = hour
-        self._look: Any = jax.jit(partial(_soon, hour.world))
+        self._look: Any = shared_program(_soon, hour.world)
 
     def flights(self) -> list[FlightStrip]:
         """All flights, in order of birth."""

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
+from skystack.compilation.shared import shared_program
 from skystack.platforms.adoption import SKYSTACK
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.protocol import Report, check_types
@@ -43,7 +43,7 @@ class Skystack:
         known = simulator.performance.types
         check_types(scenario, known, "skystack", ", ".join(known))
         if simulator != self._simulator:
-            self._simulator, self._advance = simulator, jax.jit(simulator.advance)
+            self._simulator, self._advance = simulator, shared_program(simulator.advance)
         self._scenario, self._traffic = scenario, scenario.initial_traffic(simulator)
         return self._report()
 

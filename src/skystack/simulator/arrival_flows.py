@@ -86,7 +86,8 @@ class Flow:
     climb_spread: float = 0.0
     """The same for the rates of climb and descent."""
     rate_factors: tuple[float, float] = (1.0, 1.0)
-    """The clock's rate is multiplied by a random factor in this range in each scenario."""
+    """In each scenario, the clock's rate at the start is multiplied by a random factor in this
+    range."""
 
     @property
     def callsigns(self) -> tuple[str, ...]:
@@ -117,12 +118,13 @@ class Flow:
             exit_level_ticks=level,
             held=nobody,
             candidates=self._candidates(candidate_key),
-            uniforms=jax.random.uniform(clock_key, (self.cycles,)),
+            # Those of an hour, also for a shorter time: its length does not change the programs.
+            uniforms=jax.random.uniform(clock_key, (max(self.cycles, HOUR_CYCLES),)),
             used=zero,
             born=zero,
             waiting=zero,
             refused=zero,
-            rate_factor=self._rate_factor(key),
+            rate_per_s=self.clock.rate_per_s * self._rate_factor(key),
             last_birth_s=jnp.zeros((), dtype=jnp.float32),
             cycle=zero,
         )

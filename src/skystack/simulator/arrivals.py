@@ -74,7 +74,8 @@ class Arrivals(NamedTuple):
     """The number of cycles for which a newborn is still held at its position."""
     candidates: Candidates
     uniforms: Float[Array, "cycles *batch"]
-    """A number on [0, 1) for each cycle, which decides how many flights are due."""
+    """A number on [0, 1) for each cycle, which decides how many flights are due. The last one is
+    also that of all later cycles."""
     used: Int[Array, "*batch"]
     """The number of candidates used so far."""
     born: Int[Array, "*batch"]
@@ -83,8 +84,8 @@ class Arrivals(NamedTuple):
     """Flights that wait to enter: no slot is free, or no candidate is clear of the traffic."""
     refused: Int[Array, "*batch"]
     """Births that were given up."""
-    rate_factor: Float[Array, "*batch"]
-    """Multiplies the clock's rate."""
+    rate_per_s: Float[Array, "*batch"]
+    """The clock's rate at the start. A program thus does not depend on it."""
     last_birth_s: Float[Array, "*batch"]
     """The end of the cycle of the last birth, from which the quadratic clock counts."""
     cycle: Int[Array, "*batch"]
@@ -153,8 +154,8 @@ class Clock:
             return jnp.sum(due.astype(jnp.int32), axis=0)
         since_s = time_s - arrivals.last_birth_s if self.quadratic else float(CYCLE_S)
         steps = jnp.floor(time_s / self.interval_s)
-        rate = jnp.minimum(self.rate_per_s + steps * self.increase_per_s, self.max_rate_per_s)
-        rate = rate * arrivals.rate_factor
+        rate = arrivals.rate_per_s + steps * self.increase_per_s
+        rate = jnp.minimum(rate, self.max_rate_per_s)
         cycles = arrivals.uniforms.shape[0]
         at = jnp.minimum(arrivals.cycle, cycles - 1)[None]
         uniform = jnp.take_along_axis(arrivals.uniforms, at, axis=0)[0]
