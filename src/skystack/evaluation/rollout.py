@@ -241,35 +241,35 @@ def _fly_many(
     keys: Key[Array, " scenarios"],
     numbers: Int[Array, " scenarios"],
 ) -> Recording:
-    """Fly scenarios to their ends."""
-    fly = partial(_fly_one, task, decide, limit, weights)
-    flown: Recording = jax.vmap(fly)(keys, numbers)
-    return flown
+    """Fly scenarios to the end of the last one; a scenario that has ended does not change.
 
-
-def _fly_one(
-    task: TrafficTask,
-    decide: TracedPolicy,
-    limit: int | None,
-    weights: Any,
-    key: PRNGKeyArray,
-    number: Int[Array, ""],
-) -> Recording:
-    """Fly one scenario to its end; later cycles repeat its last state."""
-    start: TaskState = task.reset(key)
+    Each cycle is a function of one scenario that is vectorised. A vectorised loop would be traced
+    several times.
+    """
     policy = partial(decide, weights)
 
-    def cycle(
-        carry: tuple[TaskState, Bool[Array, ""]], key: PRNGKeyArray
+    def fly(
+        state: TaskState, over: Bool[Array, ""], key: PRNGKeyArray
     ) -> tuple[tuple[TaskState, Bool[Array, ""]], tuple[Any, ...]]:
-        state, over = carry
         instructed, stack = stack_traced(task, policy, state, key, limit)
         advanced, outcome = task.advance(instructed)
-        state = choose(over, state, advanced)
-        return (state, over | outcome.ended), keep(task, stack, state, outcome, over)
+        flown = choose(over, state, advanced)
+        return (flown, over | outcome.ended), keep(task, stack, flown, outcome, over)
 
-    over = jnp.zeros((), dtype=bool)
-    _, columns = jax.lax.scan(cycle, (start, over), query_keys(task, key))
-    recording = Recording(number, *initial_fields(task, start), *columns)  # type: ignore[arg-type]
-    last = jnp.sum(recording.ran) - 1
-    return recording._replace(metrics=jax.tree.map(lambda values: values[last], recording.metrics))
+    def cycle(carry: tuple[Any, Any], keys: Any) -> tuple[tuple[Any, Any], tuple[Any, ...]]:
+        return jax.vmap(fly)(*carry, keys)
+
+    start: TaskState = jax.vmap(task.reset)(keys)
+    over = jnp.zeros(len(numbers), dtype=bool)
+    cycle_keys = jnp.swapaxes(jax.vmap(partial(query_keys, task))(keys), 0, 1)
+    _, rows = jax.lax.scan(cycle, (start, over), cycle_keys)
+    columns = jax.tree.map(lambda values: jnp.swapaxes(values, 0, 1), rows)
+    fields = (numbers, *jax.vmap(partial(initial_fields, task))(start), *columns)
+    recording = Recording(*fields)
+    last = jnp.sum(recording.ran, axis=1) - 1
+    return recording._replace(
+        metrics=jax.tree.map(
+            lambda values: jnp.take_along_axis(values, last[:, None], axis=1)[:, 0],
+            recording.metrics,
+        )
+    )
