@@ -25,6 +25,8 @@ _ALL = (
 )
 EXTRAS = {"reproduce": (), "test": _ALL, "check": _ALL, "docs": ("docs",)}
 """The extras that each command needs."""
+PROGRAMS, MOST_BYTES = ENVIRONMENT / "test-programs", 1024**3
+"""The folder in which the tests keep compiled programs for later runs, and its maximum size."""
 COVERED = ("simulator/*", "tasks/*", "stacking.py", "learning/*")
 """The tests must cover at least 90 % of the lines and branches of each of these."""
 
@@ -50,6 +52,17 @@ def run(*command: str) -> int:
     return subprocess.run([str(PYTHON), "-m", *command], cwd=ROOT, check=False).returncode
 
 
+def keep_programs() -> None:
+    """Let the tests keep compiled programs; the oldest ones are deleted first."""
+    os.environ.setdefault("SKYSTACK_TEST_CACHE", str(PROGRAMS))
+    newest = sorted(PROGRAMS.glob("*-cache"), key=lambda file: -file.stat().st_mtime)
+    total = 0
+    for file in newest:
+        total += file.stat().st_size
+        if total > MOST_BYTES:
+            file.unlink()
+
+
 def covered(files: str) -> int:
     """Report lines and branches that no test covers; returns 2 if the coverage is too low."""
     report = ("report", "--fail-under=90", "--show-missing", "--skip-covered")
@@ -65,6 +78,7 @@ def main(arguments: list[str]) -> int:
     if verb == "reproduce":
         return run("skystack", "reproduce", *rest)
     if verb == "test":
+        keep_programs()
         if rest:
             return run("pytest", *rest)
         return run("pytest", "--cov", "--cov-report=") or max(map(covered, COVERED))

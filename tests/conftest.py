@@ -44,10 +44,10 @@ def compile_once(tmp_path_factory, worker_id):
     common = tmp_path_factory.getbasetemp()
     if worker_id != "master":
         common = common.parent  # shared by all workers
-    os.environ["SKYSTACK_CACHE"] = str(common / "programs")  # for commands in subprocesses
+    folder = Path(os.environ.get("SKYSTACK_TEST_CACHE", common / "compiled"))
+    os.environ["SKYSTACK_CACHE"] = str(folder / "commands")  # for commands in subprocesses
     LRUCache.put = _put
-    folder = os.environ.get("SKYSTACK_TEST_CACHE", str(common / "compiled"))
-    jax.config.update("jax_compilation_cache_dir", folder)
+    jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_enable_xla_caches", "none")
     # Small programs as well: there are many, and reading one takes a fifth of the time.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
