@@ -1,7 +1,6 @@
 """`PlainTask` behaves exactly like the task that it wraps."""
 
 import copy
-import gc
 import pickle
 
 import jax
@@ -128,16 +127,13 @@ def test_unpacks_states_of_mixed_shapes_and_types():
         np.testing.assert_array_equal(found, expected)
 
 
-def test_copies_share_the_programs_of_the_original():
+def test_copies_are_the_original_and_pickles_have_programs_of_their_own():
+    """Unless tasks are equal. A task without equality is equal only to itself."""
     plain = PlainTask(HalvingTask())
     plain.reset(jax.random.key(0))
     assert copy.copy(plain) is plain
     assert copy.deepcopy({"task": plain})["task"] is plain
-    pickled = pickle.dumps(plain)
-    assert pickle.loads(pickled) is plain
     assert set(plain._programs) == {"_reset"}
-    del plain
-    gc.collect()
-    first, second = pickle.loads(pickled), pickle.loads(pickled)
-    assert first is second
-    assert first._programs == {}
+    unpickled = pickle.loads(pickle.dumps(plain))
+    assert unpickled != plain
+    assert unpickled._programs == {}

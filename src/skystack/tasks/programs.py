@@ -6,14 +6,10 @@ copied, pickled, and inherited by a forked process.
 
 from collections.abc import Callable
 from functools import wraps
-from types import MethodType
 from typing import Any, TypeVar
-from uuid import uuid4
-from weakref import WeakValueDictionary
-
-import jax
 
 from skystack.compilation.forks import refuse_forked
+from skystack.compilation.shared import shared_program
 from skystack.tasks.contract import Task
 
 Result = TypeVar("Result")
@@ -22,15 +18,25 @@ Result = TypeVar("Result")
 class TaskPrograms:
     """Base of classes whose methods are compiled, see `compiled`, and whose only state is a task.
 
-    Copying returns the object itself. Unpickling returns the original object if it still exists in
-    the process; otherwise one new object, shared by all its pickles, which compiles again.
-    Subclasses take the task as their only argument.
+    Objects of equal tasks are equal and share their programs, also after unpickling. A task without
+    equality and a hash, unlike a frozen dataclass, is equal only to itself. Copying returns the
+    object itself. Subclasses take the task as their only argument.
     """
 
     def __init__(self, task: Task) -> None:
         self._task = task
         self._programs: dict[str, Callable[..., Any]] = {}
-        self._register(uuid4().hex)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, TaskPrograms) and self._constants == other._constants
+
+    def __hash__(self) -> int:
+        return hash(self._constants)
+
+    @property
+    def _constants(self) -> tuple[type, Task]:
+        """What the programs depend on."""
+        return type(self), self._task
 
     def __copy__(self) -> "TaskPrograms":
         return self
@@ -39,22 +45,7 @@ class TaskPrograms:
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _unpickle, (type(self), self._identity, self._task)
-
-    def _register(self, identity: str) -> None:
-        self._identity = identity
-        _ALIVE[identity] = self
-
-
-_ALIVE: WeakValueDictionary[str, TaskPrograms] = WeakValueDictionary()
-
-
-def _unpickle(kind: type[TaskPrograms], identity: str, task: Task) -> TaskPrograms:
-    alive = _ALIVE.get(identity)
-    if alive is None:
-        alive = kind(task)
-        alive._register(identity)
-    return alive
+        return type(self), (self._task,)
 
 
 def compiled(method: Callable[..., Result]) -> Callable[..., Result]:
@@ -69,7 +60,7 @@ def compiled(method: Callable[..., Result]) -> Callable[..., Result]:
         refuse_forked()
         program = self._programs.get(name)
         if program is None:
-            program = self._programs[name] = jax.jit(MethodType(method, self))
+            program = self._programs[name] = shared_program(method, self)
         return program(*arguments)
 
     return run
