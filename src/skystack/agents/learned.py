@@ -35,7 +35,7 @@ from skystack.tasks.sector_world import WorldState
 def weights_of(policy: Policy) -> Weights:
     """The weights of a policy, as `skystack.agents.policy_queries.network_logits` takes them.
 
-    They are arguments of the compiled programs, so policies of the same shape share these.
+    They are arguments of the compiled programs, so policies of the same shape share the programs.
     """
     return jax.tree.map(jnp.asarray, (policy.normaliser, policy.actor))
 

@@ -1,7 +1,7 @@
 """Queries of a policy about the flights of a sector: functions that are compiled.
 
 Time is frozen. `begin` queries the policy for every flight, `stack` gives one flight a burst of
-instructions, and `after` queries the policy again.
+instructions, and `again` queries the policy again.
 """
 
 from collections.abc import Callable
@@ -73,7 +73,7 @@ class _Visited(NamedTuple):
     def begin(
         cls, clearance: Float[Array, " parts"], margin_s: Float[Array, ""], instructions: int
     ) -> "_Visited":
-        """A record of only the clearance before a burst of at most so many instructions."""
+        """A record of only the clearance before a burst of at most `instructions` instructions."""
         most = instructions + 1
         empty = jnp.full((most, len(clearance)), jnp.nan, dtype=jnp.float32)
         return cls(empty, jnp.zeros(most), jnp.int32(-1)).add(jnp.int32(0), clearance, margin_s)
@@ -124,9 +124,9 @@ class Queries:
 
         `since` has the number of cycles since the last transmission to each flight.
         """
-        return self.after(weights, self._begun(world, since))
+        return self.ask(weights, self._begun(world, since))
 
-    def after(self, weights: Weights, state: ControlState) -> Query:
+    def ask(self, weights: Weights, state: ControlState) -> Query:
         """The query in a state whose outlook is up to date."""
         columns = (self.task.observe(state), self.task.allowed(state), state.burst)
         answer = self._answer(weights, *columns)
@@ -134,7 +134,7 @@ class Queries:
 
     def again(self, weights: Weights, state: ControlState) -> Query:
         """The query after a transmission: the outlook is computed again."""
-        return self.after(weights, self.task.with_outlook(state))
+        return self.ask(weights, self.task.with_outlook(state))
 
     def certainty(
         self,

@@ -90,7 +90,7 @@ def _first_decision(
 def _next_decision(
     task: NavigationTask, weights: Any, state: NavigationState, flown: Traffic
 ) -> tuple[NavigationState, Stack]:
-    """The decision after a cycle. `state` is that after the last decision."""
+    """The decision after a cycle. `state` is the state after the previous decision."""
     ended, _ = task.end_cycle(state, flown)
     return _decision(task, weights, ended._replace(traffic=flown))
 

@@ -85,7 +85,7 @@ class Sector:
     """How far inside the area an exit lies, along the last leg before the exit fix."""
 
     def __hash__(self) -> int:
-        # Not that of a dataclass: mappings have no hash. Equal sectors share compiled programs.
+        # The dataclass's own hash would fail: `fixes` is a mapping.
         fixes = tuple(sorted(self.fixes.items()))
         return hash((self.name, self.origin, self.area, self.levels_fl, fixes, self.routes))
 

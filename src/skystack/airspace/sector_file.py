@@ -68,6 +68,10 @@ class SectorEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     separation_fl: Annotated[int, Meta(ge=1, le=100)] = 10
     """Vertical separation standard in flight levels."""
 
+    def __hash__(self) -> int:
+        # Not that of a struct: mappings and lists have no hash.
+        return hash((self.name, self.levels_fl, self.routes, self.origin))
+
 
 def read_sector(path: Path) -> SectorEntry:
     """The checked sector of a file, including its area.

@@ -17,9 +17,9 @@ def repeated(
 ) -> tuple[Carried, Any]:
     """The value after `step(value, number)` for the numbers from 0 to `count - 1`, and the results.
 
-    A step returns the next value and a result. The results are stacked on a new first axis. In a
-    compiled program the steps are a loop, unless they are `unrolled`: a loop is compiled sooner
-    and, in a long step, avoids that XLA computes the same intermediate results several times.
+    A step returns the next value and a result. The results are stacked on a new first axis.
+    Compiled steps are a loop unless `unrolled`. A loop compiles faster, and keeps XLA from
+    computing intermediate results of a long step several times. `count` is at least 1.
     """
     if not unrolled and any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value)):
         return jax.lax.scan(step, value, jnp.arange(count, dtype=jnp.int32))

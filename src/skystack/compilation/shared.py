@@ -1,36 +1,115 @@
 """Compiled programs that equal objects share, so that each is traced and compiled once."""
 
-from collections.abc import Callable
-from functools import lru_cache, partial, wraps
-from types import MethodType
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
+from functools import partial
+from types import BuiltinFunctionType, FunctionType, MethodType
 from typing import Any
 
 import jax
+import msgspec
+
+Function = Callable[..., Any]
 
 _MOST_PROGRAMS = 64
+_SIMPLE = (str, bytes, bool, int, float, type(None), type, FunctionType, BuiltinFunctionType)
 
 
-def shared_program(function: Callable[..., Any], *constants: Any) -> Callable[..., Any]:
+def shared_program(function: Function, *constants: Any) -> Function:
     """The compiled program `(*arguments) -> function(*constants, *arguments)`.
 
-    It is the same one for equal constants; the object of a method is one of them. Constants without
-    a hash have a program of their own.
+    Equal constants share one program; the object of a method counts as a constant. If a constant is
+    not a value (`is_value`), the program is not shared.
     """
+    function, constants = unbound(function, *constants)
+    return PROGRAMS.get(function, constants, constants)
+
+
+def unbound(function: Function, *constants: Any) -> tuple[Function, tuple[Any, ...]]:
+    """A function, and what is bound to it: the object of a method comes first."""
     if isinstance(function, MethodType):
-        return shared_program(function.__func__, function.__self__, *constants)
-    try:
-        return _shared_program(function, *constants)
-    except TypeError:
-        return _program(function, *constants)
+        return function.__func__, (function.__self__, *constants)
+    return function, constants
 
 
-def with_constants(function: Callable[..., Any], *constants: Any) -> Callable[..., Any]:
+def with_constants(function: Function, *constants: Any) -> Function:
     """A partial function with the name of the function, also in profiles."""
-    return wraps(function)(partial(function, *constants))
+    bound: Any = partial(function, *constants)
+    # Not `wraps`, with which JAX would take the constants for arguments.
+    bound.__name__ = getattr(function, "__name__", "program")
+    bound.__qualname__ = getattr(function, "__qualname__", "program")
+    result: Function = bound
+    return result
 
 
-def _program(function: Callable[..., Any], *constants: Any) -> Callable[..., Any]:
+class Shared:
+    """Keeps the latest programs by their functions and by what they depend on."""
+
+    def __init__(self, make: Callable[..., Function], most: int) -> None:
+        """`make(function, *constants)` makes a program."""
+        self._make, self._most = make, most
+        self._programs: OrderedDict[Any, Function] = OrderedDict()
+
+    def get(self, function: Function, constants: tuple[Any, ...], key: tuple[Any, ...]) -> Function:
+        """The program of a function with constants. Equal keys share it, if they are values."""
+        # 1 and 1.0 are equal, but not to JAX.
+        typed = (function, tuple((type(each), each) for each in key))
+        if not (all(map(is_value, key)) and _has_hash(typed)):
+            return self._make(function, *constants)
+        program = self._programs.get(typed)
+        if program is None:
+            program = self._programs[typed] = self._make(function, *constants)
+            if len(self._programs) > self._most:
+                self._programs.popitem(last=False)
+        return program
+
+
+def is_value(thing: Any) -> bool:
+    """Whether something, with all its parts, cannot change and equals only what behaves like it.
+
+    Such are numbers, strings, functions and classes, tuples, and frozen dataclasses and structs
+    that are compared by all their fields. An undecorated subclass of a dataclass is not a value,
+    because its own attributes are not compared. Mappings and lists that a value contains count as
+    unchanged.
+    """
+    if isinstance(thing, _SIMPLE):
+        return True
+    if isinstance(thing, (tuple, list)):
+        return all(map(is_value, thing))
+    if isinstance(thing, Mapping):
+        return all(is_value(part) for pair in thing.items() for part in pair)
+    return _is_frozen(thing) and all(map(is_value, _parts(thing)))
+
+
+def _has_hash(thing: Any) -> bool:
+    try:
+        hash(thing)
+    except TypeError:
+        return False
+    return True
+
+
+def _is_frozen(thing: Any) -> bool:
+    kind: Any = type(thing)
+    if kind.__hash__ is None:
+        return False
+    if isinstance(thing, msgspec.Struct):
+        return bool(kind.__struct_config__.frozen)
+    if not is_dataclass(thing) or "__dataclass_fields__" not in vars(kind):
+        return False
+    return kind.__dataclass_params__.frozen and all(each.compare for each in fields(thing))
+
+
+def _parts(thing: Any) -> list[Any]:
+    if isinstance(thing, msgspec.Struct):
+        return [getattr(thing, name) for name in thing.__struct_fields__]
+    return [getattr(thing, each.name) for each in fields(thing)]
+
+
+def _compiled(function: Function, *constants: Any) -> Function:
     return jax.jit(with_constants(function, *constants))
 
 
-_shared_program = lru_cache(_MOST_PROGRAMS, typed=True)(_program)
+PROGRAMS = Shared(_compiled, _MOST_PROGRAMS)
+"""The programs of this process."""

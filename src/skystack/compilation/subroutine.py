@@ -1,18 +1,17 @@
 """Subroutines of compiled programs: a result that is used several times is computed once."""
 
 from collections.abc import Callable
-from functools import lru_cache, partial, wraps
-from types import MethodType
+from functools import partial, wraps
 from typing import Any, TypeVar
 
 import jax
 from jax.experimental.xla_metadata import set_xla_metadata
 
-from skystack.compilation.shared import with_constants
+from skystack.compilation.shared import Shared, unbound, with_constants
 
 Result = TypeVar("Result")
 
-_MOST_PROGRAMS = 512
+_MOST_TRACED = 512
 
 
 def subroutine(function: Callable[..., Result], *arguments: Any) -> Result:
@@ -23,8 +22,9 @@ def subroutine(function: Callable[..., Result], *arguments: Any) -> Result:
     results of a subroutine that is not inlined are computed once. The subroutine has the function's
     name, also in profiles.
 
-    A partial function or a method is traced only once in a process for arguments of the same
-    shapes, in whatever programs. What is bound to it must be constant.
+    A partial function or a method is traced once per process for arguments of the same shapes,
+    whichever program calls it, if what is bound to it is a value
+    (`skystack.compilation.shared.is_value`).
     """
     if not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arguments)):
         return function(*arguments)
@@ -34,24 +34,24 @@ def subroutine(function: Callable[..., Result], *arguments: Any) -> Result:
 
 
 def _program_of(function: Callable[..., Any]) -> Callable[..., Any]:
-    if isinstance(function, MethodType):
-        return _shared_program(function.__func__, function.__self__)
     if isinstance(function, partial) and not function.keywords:
-        return _shared_program(function.func, *function.args)
-    # Any other function may have variables of the program that calls it.
-    return _program(function)
+        function, bound = unbound(function.func, *function.args)
+    else:
+        function, bound = unbound(function)
+    # A function to which nothing is bound may close over traced values of its caller.
+    return _TRACED.get(function, bound, bound) if bound else _program(function)
 
 
-@lru_cache(_MOST_PROGRAMS, typed=True)
-def _shared_program(function: Callable[..., Any], *bound: Any) -> Callable[..., Any]:
-    return _program(with_constants(function, *bound))
+def _program(function: Callable[..., Any], *bound: Any) -> Callable[..., Any]:
+    named = with_constants(function, *bound)
 
-
-def _program(function: Callable[..., Any]) -> Callable[..., Any]:
-    @wraps(function)
+    @wraps(named)
     def body(*arguments: Any) -> Any:
         # Calls inside the subroutine may be inlined.
         with set_xla_metadata(inlineable=None):  # type: ignore[no-untyped-call]
-            return function(*arguments)
+            return named(*arguments)
 
     return jax.jit(body)
+
+
+_TRACED = Shared(_program, _MOST_TRACED)

@@ -121,7 +121,7 @@ def prepare(task: TrafficTask, decide: TracedPolicy, stacking: bool) -> Fly:
 def _filled_up(numbers: Int[np.ndarray, " block"], most: int) -> Int[np.ndarray, " filled"]:
     """The scenarios of a block and further ones, so that few sizes have to be compiled.
 
-    The sizes are powers of two, from `LEAST_AT_ONCE` up to `most`.
+    Sizes are powers of two from `LEAST_AT_ONCE`, or `most` if that is smaller.
     """
     size = max(LEAST_AT_ONCE, 1 << (len(numbers) - 1).bit_length())
     return np.arange(numbers[0], numbers[0] + min(size, most), dtype=np.int32)
@@ -241,10 +241,10 @@ def _fly_many(
     keys: Key[Array, " scenarios"],
     numbers: Int[Array, " scenarios"],
 ) -> Recording:
-    """Fly scenarios to the end of the last one; a scenario that has ended does not change.
+    """Fly scenarios for all cycles of the task; a scenario that has ended does not change.
 
-    Each cycle is a function of one scenario that is vectorised. A vectorised loop would be traced
-    several times.
+    The cycle of one scenario is vectorised, not the loop: JAX would trace a vectorised loop several
+    times.
     """
     policy = partial(decide, weights)
 
@@ -261,7 +261,7 @@ def _fly_many(
 
     start: TaskState = jax.vmap(task.reset)(keys)
     over = jnp.zeros(len(numbers), dtype=bool)
-    cycle_keys = jnp.swapaxes(jax.vmap(partial(query_keys, task))(keys), 0, 1)
+    cycle_keys = jax.vmap(partial(query_keys, task), out_axes=1)(keys)
     _, rows = jax.lax.scan(cycle, (start, over), cycle_keys)
     columns = jax.tree.map(lambda values: jnp.swapaxes(values, 0, 1), rows)
     fields = (numbers, *jax.vmap(partial(initial_fields, task))(start), *columns)
@@ -269,7 +269,6 @@ def _fly_many(
     last = jnp.sum(recording.ran, axis=1) - 1
     return recording._replace(
         metrics=jax.tree.map(
-            lambda values: jnp.take_along_axis(values, last[:, None], axis=1)[:, 0],
-            recording.metrics,
+            lambda values: values[jnp.arange(len(numbers)), last], recording.metrics
         )
     )

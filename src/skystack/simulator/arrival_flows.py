@@ -118,7 +118,7 @@ class Flow:
             exit_level_ticks=level,
             held=nobody,
             candidates=self._candidates(candidate_key),
-            # Those of an hour, also for a shorter time: its length does not change the programs.
+            # At least an hour's worth, so that a shorter time needs no other program.
             uniforms=jax.random.uniform(clock_key, (max(self.cycles, HOUR_CYCLES),)),
             used=zero,
             born=zero,

@@ -74,8 +74,8 @@ class Arrivals(NamedTuple):
     """The number of cycles for which a newborn is still held at its position."""
     candidates: Candidates
     uniforms: Float[Array, "cycles *batch"]
-    """A number on [0, 1) for each cycle, which decides how many flights are due. The last one is
-    also that of all later cycles."""
+    """A number on [0, 1) for each cycle, which decides how many flights are due. Later cycles use
+    the last one again."""
     used: Int[Array, "*batch"]
     """The number of candidates used so far."""
     born: Int[Array, "*batch"]
@@ -85,7 +85,8 @@ class Arrivals(NamedTuple):
     refused: Int[Array, "*batch"]
     """Births that were given up."""
     rate_per_s: Float[Array, "*batch"]
-    """The clock's rate at the start. A program thus does not depend on it."""
+    """The clock's rate at the start. It is part of the state, so it is not a constant in the
+    compiled cycle."""
     last_birth_s: Float[Array, "*batch"]
     """The end of the cycle of the last birth, from which the quadratic clock counts."""
     cycle: Int[Array, "*batch"]

@@ -277,7 +277,7 @@ def _neighbours(
 
 
 def _paths(sector: Sector, flights: Flights, cleared: PredictedPath) -> PredictedPath:
-    """The paths as cleared, direct, and after the turns, on an axis before that of the columns."""
+    """The paths as cleared, direct and after the turns, on an axis before the columns."""
     traffic, start = flights.traffic, jnp.zeros_like(flights.traffic.active)
     direct = path_along_route(sector, traffic, flights.next_fix, start)
     headings = traffic.cleared_heading_deg[None] + jnp.asarray(TURNS_DEG)[:, None]

@@ -166,7 +166,7 @@ class _Flying(NamedTuple):
     begin: Float[Array, "slots 2 *batch"]
     """Where the leg begins: at the fix before, or at the end of the first turn."""
     lead: Rows
-    """How far from there the turn ends."""
+    """The distance from `begin` at which the turn before the leg ends."""
     ahead: Float[Array, "slots 2 *batch"]
     """The direction flown."""
     total: Rows
@@ -216,7 +216,7 @@ def _segments(
     total = sum((flown for _, flown in pieces), start=jnp.zeros_like(speed))
 
     def fly(flying: _Flying, number: Any) -> tuple[_Flying, tuple[Array, Array]]:
-        """Fly a leg straight, and begin the turn at its fix, in two chords."""
+        """Fly a leg straight, then the turn at its fix in two chords."""
         at = fix_of(table, traffic.route, jnp.minimum(fix + number, last))
         used = fix + number <= last
         leg = at - flying.begin

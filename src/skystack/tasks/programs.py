@@ -9,7 +9,7 @@ from functools import wraps
 from typing import Any, TypeVar
 
 from skystack.compilation.forks import refuse_forked
-from skystack.compilation.shared import shared_program
+from skystack.compilation.shared import PROGRAMS
 from skystack.tasks.contract import Task
 
 Result = TypeVar("Result")
@@ -18,20 +18,14 @@ Result = TypeVar("Result")
 class TaskPrograms:
     """Base of classes whose methods are compiled, see `compiled`, and whose only state is a task.
 
-    Objects of equal tasks are equal and share their programs, also after unpickling. A task without
-    equality and a hash, unlike a frozen dataclass, is equal only to itself. Copying returns the
-    object itself. Subclasses take the task as their only argument.
+    Objects of equal tasks share their programs, also after unpickling, if the tasks are values
+    (`skystack.compilation.shared.is_value`). Copying returns the object itself. Subclasses take the
+    task as their only argument.
     """
 
     def __init__(self, task: Task) -> None:
         self._task = task
         self._programs: dict[str, Callable[..., Any]] = {}
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, TaskPrograms) and self._constants == other._constants
-
-    def __hash__(self) -> int:
-        return hash(self._constants)
 
     @property
     def _constants(self) -> tuple[type, Task]:
@@ -60,7 +54,8 @@ def compiled(method: Callable[..., Result]) -> Callable[..., Result]:
         refuse_forked()
         program = self._programs.get(name)
         if program is None:
-            program = self._programs[name] = shared_program(method, self)
+            program = PROGRAMS.get(method, (self,), self._constants)
+            self._programs[name] = program
         return program(*arguments)
 
     return run
