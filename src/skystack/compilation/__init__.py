@@ -1,1 +1,1 @@
-"""Compilation of JAX programs: cache, subroutines, cores, forked processes."""
+"""Compilation of JAX programs: sharing, cache on disk, loops, subroutines, cores, forks."""
