@@ -26,7 +26,7 @@ _ALL = (
 EXTRAS = {"reproduce": (), "test": _ALL, "check": _ALL, "docs": ("docs",)}
 """The extras that each command needs."""
 PROGRAMS, MOST_BYTES = ENVIRONMENT / "test-programs", 1024**3
-"""Where the tests keep compiled programs for later runs, and their maximum size at the start."""
+"""The folder in which tests keep compiled programs, and its maximum size when a run starts."""
 COVERED = ("simulator/*", "tasks/*", "stacking.py", "learning/*")
 """The tests must cover at least 90 % of the lines and branches of each of these."""
 
@@ -53,7 +53,7 @@ def run(*command: str) -> int:
 
 
 def keep_programs() -> None:
-    """Let the tests keep compiled programs. Beyond `MOST_BYTES`, the oldest are deleted."""
+    """Let the tests keep compiled programs for later runs, and delete the oldest ones."""
     os.environ.setdefault("SKYSTACK_TEST_CACHE", str(PROGRAMS))
     newest = sorted(PROGRAMS.glob("*-cache"), key=lambda file: -file.stat().st_mtime)
     total = 0

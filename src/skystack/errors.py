@@ -94,7 +94,7 @@ def unknown_name(
 ) -> InputError:
     """The error for a name that does not exist; it suggests the most similar one that does.
 
-    `also` states what is allowed in addition to the names; `paths` as in `suggestion`.
+    `also` states what is allowed in addition to the names. `paths` are as in `suggestion`.
     """
     names = sorted(allowed)
     hint = suggestion(name, names, paths)

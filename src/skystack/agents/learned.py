@@ -26,7 +26,6 @@ from skystack.agents.transmission import (
 )
 from skystack.compilation.shared import shared_program
 from skystack.learning.policy import Policy
-from skystack.simulator.traffic import Clearance
 from skystack.tasks.outlook import CLEARED
 from skystack.tasks.sector_control import ControlState, SectorControl
 from skystack.tasks.sector_world import WorldState
@@ -120,7 +119,8 @@ class Learned:
         time_s = lasts_s(told.outlook)[:, slot]
         way = way_out(self.task.sector, told.world, slot, time_s)
         if way is not None:
-            return self._rescue(told, clearance_of([way], self.task.agents)), instructions + 1
+            rescued = self._instruct(told.world, clearance_of([way], self.task.agents))
+            return told._replace(world=rescued), instructions + 1
         before_s = lasts_s(query.state.outlook)[CLEARED, slot]
         return (query.state, 0) if time_s[CLEARED] < before_s else (told, instructions)
 
@@ -141,10 +141,5 @@ class Learned:
         return shared_program(self._queries.certainty)
 
     @cached_property
-    def _rescue(self) -> Any:
-        return shared_program(_rescued, self.task)
-
-
-def _rescued(task: SectorControl, state: ControlState, clearance: Clearance) -> ControlState:
-    """The state after a clearance of the safety net."""
-    return state._replace(world=task.world.instruct(state.world, clearance))
+    def _instruct(self) -> Any:
+        return shared_program(self.task.world.instruct)

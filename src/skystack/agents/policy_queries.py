@@ -1,7 +1,7 @@
-"""Queries of a policy about the flights of a sector: functions that are compiled.
+"""Queries of a policy about the flights of a sector: pure functions, which can be compiled.
 
 Time is frozen. `begin` queries the policy for every flight, `stack` gives one flight a burst of
-instructions, and `again` queries the policy again.
+instructions, and `again` queries the policy for every flight again.
 """
 
 from collections.abc import Callable
@@ -128,8 +128,7 @@ class Queries:
 
     def ask(self, weights: Weights, state: ControlState) -> Query:
         """The query in a state whose outlook is up to date."""
-        columns = (self.task.observe(state), self.task.allowed(state), state.burst)
-        answer = self._answer(weights, *columns)
+        answer = self._answer(weights, *self._columns(state))
         return Query(state, answer, _margin_s(state.outlook.time_s[CLEARED], answer.waits))
 
     def again(self, weights: Weights, state: ControlState) -> Query:
@@ -192,8 +191,12 @@ class Queries:
 
     def _ask_one(self, weights: Weights, state: ControlState, slot: Int[Array, ""]) -> Answer:
         """Query the policy for one flight."""
-        columns = (self.task.observe(state), self.task.allowed(state), state.burst)
+        columns = self._columns(state)
         return self._answer(weights, *(values[..., slot][..., None] for values in columns))
+
+    def _columns(self, state: ControlState) -> tuple[Array, Array, Array]:
+        """What an answer depends on, one column per flight: see `_answer`."""
+        return self.task.observe(state), self.task.allowed(state), state.burst
 
     def _answer(
         self,

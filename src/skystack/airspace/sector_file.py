@@ -69,7 +69,7 @@ class SectorEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Vertical separation standard in flight levels."""
 
     def __hash__(self) -> int:
-        # Not that of a struct: mappings and lists have no hash.
+        # The struct's own hash would fail: `fixes` is a mapping.
         return hash((self.name, self.levels_fl, self.routes, self.origin))
 
 

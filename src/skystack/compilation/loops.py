@@ -6,6 +6,8 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 
+from skystack.compilation.subroutine import is_traced
+
 Carried = TypeVar("Carried")
 
 
@@ -21,7 +23,7 @@ def repeated(
     Compiled steps are a loop unless `unrolled`. A loop compiles faster, and keeps XLA from
     computing intermediate results of a long step several times. `count` is at least 1.
     """
-    if not unrolled and any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value)):
+    if not unrolled and is_traced(value):
         return jax.lax.scan(step, value, jnp.arange(count, dtype=jnp.int32))
     results = []
     for number in range(count):

@@ -1,9 +1,8 @@
 """Compiled programs that equal objects share, so that each is traced and compiled once."""
 
-from collections import OrderedDict
 from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass
-from functools import partial
+from dataclasses import dataclass, field, fields, is_dataclass
+from functools import lru_cache, partial
 from types import BuiltinFunctionType, FunctionType, MethodType
 from typing import Any
 
@@ -23,7 +22,7 @@ def shared_program(function: Function, *constants: Any) -> Function:
     not a value (`is_value`), the program is not shared.
     """
     function, constants = unbound(function, *constants)
-    return PROGRAMS.get(function, constants, constants)
+    return PROGRAMS.get(function, constants)
 
 
 def unbound(function: Function, *constants: Any) -> tuple[Function, tuple[Any, ...]]:
@@ -43,35 +42,49 @@ def with_constants(function: Function, *constants: Any) -> Function:
     return result
 
 
+@dataclass(frozen=True)
+class _Wanted:
+    """A program, identified by its function and by what it depends on."""
+
+    function: Function
+    key: tuple[Any, ...]
+    kinds: tuple[type, ...]
+    """The types of the key's parts: 1 and 1.0 are equal, but not to JAX."""
+    constants: tuple[Any, ...] = field(compare=False)
+
+
 class Shared:
-    """Keeps the latest programs by their functions and by what they depend on."""
+    """Keeps the programs that were used last, by their functions and what they depend on."""
 
     def __init__(self, make: Callable[..., Function], most: int) -> None:
         """`make(function, *constants)` makes a program."""
-        self._make, self._most = make, most
-        self._programs: OrderedDict[Any, Function] = OrderedDict()
+        self._make = make
+        self._kept = lru_cache(most)(lambda wanted: make(wanted.function, *wanted.constants))
 
-    def get(self, function: Function, constants: tuple[Any, ...], key: tuple[Any, ...]) -> Function:
-        """The program of a function with constants. Equal keys share it, if they are values."""
-        # 1 and 1.0 are equal, but not to JAX.
-        typed = (function, tuple((type(each), each) for each in key))
-        if not (all(map(is_value, key)) and _has_hash(typed)):
-            return self._make(function, *constants)
-        program = self._programs.get(typed)
-        if program is None:
-            program = self._programs[typed] = self._make(function, *constants)
-            if len(self._programs) > self._most:
-                self._programs.popitem(last=False)
-        return program
+    def get(
+        self,
+        function: Function,
+        constants: tuple[Any, ...],
+        key: tuple[Any, ...] | None = None,
+    ) -> Function:
+        """The program of a function with constants. Equal keys share it if they are values.
+
+        The key is what the program depends on; by default, the constants.
+        """
+        key = constants if key is None else key
+        wanted = _Wanted(function, key, tuple(map(type, key)), constants)
+        if all(map(is_value, key)) and _has_hash(wanted):
+            return self._kept(wanted)
+        return self._make(function, *constants)
 
 
 def is_value(thing: Any) -> bool:
-    """Whether something, with all its parts, cannot change and equals only what behaves like it.
+    """Whether something is an immutable value: whatever equals it behaves like it.
 
-    Such are numbers, strings, functions and classes, tuples, and frozen dataclasses and structs
-    that are compared by all their fields. An undecorated subclass of a dataclass is not a value,
-    because its own attributes are not compared. Mappings and lists that a value contains count as
-    unchanged.
+    Numbers, strings, functions and classes are values. So are tuples, and frozen dataclasses and
+    structs that are compared by all their fields, if all their parts are values. A subclass of a
+    dataclass that is not a dataclass itself is not a value, because its own attributes are not
+    compared. Mappings and lists inside a value are assumed not to change.
     """
     if isinstance(thing, _SIMPLE):
         return True
@@ -92,8 +105,6 @@ def _has_hash(thing: Any) -> bool:
 
 def _is_frozen(thing: Any) -> bool:
     kind: Any = type(thing)
-    if kind.__hash__ is None:
-        return False
     if isinstance(thing, msgspec.Struct):
         return bool(kind.__struct_config__.frozen)
     if not is_dataclass(thing) or "__dataclass_fields__" not in vars(kind):

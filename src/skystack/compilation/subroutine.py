@@ -26,11 +26,16 @@ def subroutine(function: Callable[..., Result], *arguments: Any) -> Result:
     whichever program calls it, if what is bound to it is a value
     (`skystack.compilation.shared.is_value`).
     """
-    if not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arguments)):
+    if not is_traced(arguments):
         return function(*arguments)
     with set_xla_metadata(inlineable="false"):  # type: ignore[no-untyped-call]
         result: Result = _program_of(function)(*arguments)
     return result
+
+
+def is_traced(values: Any) -> bool:
+    """Whether a tree has traced values: the calling program is being compiled."""
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values))
 
 
 def _program_of(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -39,7 +44,7 @@ def _program_of(function: Callable[..., Any]) -> Callable[..., Any]:
     else:
         function, bound = unbound(function)
     # A function to which nothing is bound may close over traced values of its caller.
-    return _TRACED.get(function, bound, bound) if bound else _program(function)
+    return _TRACED.get(function, bound) if bound else _program(function)
 
 
 def _program(function: Callable[..., Any], *bound: Any) -> Callable[..., Any]:

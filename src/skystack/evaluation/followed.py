@@ -1,15 +1,14 @@
 """The status of aircraft and the losses of separation in a flight on any platform."""
 
 from collections.abc import Sequence
-from functools import partial
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Bool, Int
 
 from skystack.airspace.sector import Sector
+from skystack.compilation.shared import shared_program
 from skystack.evaluation.losses import FlightPath, losses
 from skystack.platforms.conversion import traffic_of
 from skystack.platforms.protocol import Report
@@ -41,7 +40,7 @@ def follow(scenario: Scenario, reports: Sequence[Report]) -> TrackedFlight:
     start = traffic_of(reports[0], before, sector.plane)
     exit_level_ticks = [ticks(aircraft.exit_fl) for aircraft in scenario.aircraft]
     traffic, memory = start, tracker.begin(start, jnp.array(exit_level_ticks, dtype=jnp.float32))
-    track = jax.jit(partial(_track, tracker))
+    track = shared_program(_track, tracker)
     rows = [_status(memory)]
     for report in reports[1:]:
         traffic, memory = track(memory, traffic_of(report, traffic, sector.plane))

@@ -9,9 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from skystack.agents.transmission import Transmission, instruction_of
+from skystack.compilation.shared import shared_program
 from skystack.platforms.flight_report import FlightReport
 from skystack.platforms.instruction import Instruction
 from skystack.simulator.arrivals import Arrivals
+from skystack.simulator.performance import Performance
 from skystack.simulator.simulator import turn_to_deg
 from skystack.simulator.traffic import NO_TURN, RADIUS_UNKNOWN, Traffic, ticks
 from skystack.tasks.sector_world import World
@@ -56,22 +58,7 @@ class ReportedTraffic:
 
     @cached_property
     def _adopted(self) -> Any:
-        """(traffic) -> the traffic with all clearances adopted, compiled."""
-
-        def adopted(traffic: Traffic) -> Traffic:
-            phase = jnp.sign(traffic.cleared_level_ticks - traffic.level_ticks)
-            nominal_kt = self._world.simulator.performance.true_airspeed_kt(
-                traffic.level_ticks, phase, traffic.kind
-            )
-            return traffic._replace(
-                flown_heading_deg=traffic.cleared_heading_deg,
-                flown_level_ticks=traffic.cleared_level_ticks,
-                turn_deg=turn_to_deg(traffic.heading_deg, traffic.cleared_heading_deg),
-                cleared_fix=traffic.next_fix,
-                airspeed_factor=traffic.ground_speed_kt / nominal_kt,
-            )
-
-        return jax.jit(adopted)
+        return shared_program(_adopted, self._world.simulator.performance)
 
     def _flight(self, report: FlightReport) -> dict[str, Any]:
         """The values of a flight in `Traffic`."""
@@ -102,3 +89,16 @@ def writable(values: Arrivals | Traffic) -> dict[str, Any]:
         name: each if each is None or name == "candidates" else np.array(each)
         for name, each in values._asdict().items()
     }
+
+
+def _adopted(performance: Performance, traffic: Traffic) -> Traffic:
+    """The traffic with all clearances adopted."""
+    phase = jnp.sign(traffic.cleared_level_ticks - traffic.level_ticks)
+    nominal_kt = performance.true_airspeed_kt(traffic.level_ticks, phase, traffic.kind)
+    return traffic._replace(
+        flown_heading_deg=traffic.cleared_heading_deg,
+        flown_level_ticks=traffic.cleared_level_ticks,
+        turn_deg=turn_to_deg(traffic.heading_deg, traffic.cleared_heading_deg),
+        cleared_fix=traffic.next_fix,
+        airspeed_factor=traffic.ground_speed_kt / nominal_kt,
+    )

@@ -17,6 +17,7 @@ from skystack.evaluation.hosted import AgentController, Decisions, QueryContext
 from skystack.evaluation.rollout import (
     Controller,
     Recording,
+    TracedPolicy,
     concatenate,
     keep,
     query_keys,
@@ -149,21 +150,28 @@ def _decision(
             return unbatched
 
         return query
-    policy = partial(controller.decide, controller.weights)
-
-    @jax.jit
-    def compiled(state: TaskState, key: PRNGKeyArray) -> tuple[TaskState, Stack]:
-        return stack_traced(task, policy, state, key, limit)
+    weights, program = controller.weights, shared_program(_decided, task, controller.decide, limit)
 
     def decide(
         state: TaskState, key: PRNGKeyArray, number: int, cycle: int
     ) -> tuple[TaskState, Stack]:
-        instructed, stack = jax.device_get(compiled(state, key))
+        instructed, stack = jax.device_get(program(weights, state, key))
         with error_context(f"scenario {number}, cycle {cycle}"):
             checked_action(stack.action, len(task.action_names))
         return instructed, stack
 
     return decide
+
+
+def _decided(
+    task: TrafficTask,
+    decide: TracedPolicy,
+    limit: int | None,
+    weights: Any,
+    state: TaskState,
+    key: PRNGKeyArray,
+) -> tuple[TaskState, Stack]:
+    return stack_traced(task, partial(decide, weights), state, key, limit)
 
 
 def _end_cycle(

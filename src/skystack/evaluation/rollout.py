@@ -20,7 +20,9 @@ from skystack.stacking import NO_OP, Stack, stack_traced
 from skystack.tasks.batch import choose
 from skystack.tasks.contract import AircraftStatus, Outcome, TaskState, TrafficTask
 
-SCENARIOS_AT_ONCE, LEAST_AT_ONCE = 1000, 16
+SCENARIOS_AT_ONCE = 1000
+LEAST_AT_ONCE = 16
+"""Fewer scenarios are filled up to this number."""
 ROWS_AT_ONCE = 600_000
 """The rows (one per aircraft and cycle) flown at once, which take about 200 MB."""
 _POLICY = 0x90_11C7
@@ -105,7 +107,7 @@ def fly(
 def prepare(task: TrafficTask, decide: TracedPolicy, stacking: bool) -> Fly:
     """A function that flies blocks of scenarios with any weights; compiled once, on first use."""
     fly_block = shared_program(_fly_many, task, decide, None if stacking else 1)
-    most = _scenarios_of(task, ROWS_AT_ONCE, SCENARIOS_AT_ONCE)
+    most = _scenarios_in_block(task)
 
     def fly(weights: Any, seed: int, scenarios: int) -> Iterator[Recording]:
         for numbers in blocks(task, scenarios):
@@ -119,7 +121,7 @@ def prepare(task: TrafficTask, decide: TracedPolicy, stacking: bool) -> Fly:
 
 
 def _filled_up(numbers: Int[np.ndarray, " block"], most: int) -> Int[np.ndarray, " filled"]:
-    """The scenarios of a block and further ones, so that few sizes have to be compiled.
+    """The scenarios of a block and the ones after them, so that few sizes are compiled.
 
     Sizes are powers of two from `LEAST_AT_ONCE`, or `most` if that is smaller.
     """
@@ -129,9 +131,14 @@ def _filled_up(numbers: Int[np.ndarray, " block"], most: int) -> Int[np.ndarray,
 
 def blocks(task: TrafficTask, scenarios: int) -> Iterator[Int[np.ndarray, " block"]]:
     """The scenario numbers 0, 1, ... in the blocks that are flown at once."""
-    most = _scenarios_of(task, ROWS_AT_ONCE, SCENARIOS_AT_ONCE)
+    most = _scenarios_in_block(task)
     for first in range(0, scenarios, most):
         yield np.arange(first, min(first + most, scenarios), dtype=np.int32)
+
+
+def _scenarios_in_block(task: TrafficTask) -> int:
+    """The maximum number of scenarios flown at once."""
+    return _scenarios_of(task, ROWS_AT_ONCE, SCENARIOS_AT_ONCE)
 
 
 def scenarios_in_part(task: TrafficTask) -> int:

@@ -66,7 +66,7 @@ def _words(text: str) -> list[str]:
 def _flight(words: list[str], callsigns: Collection[str]) -> str:
     """The callsign that the words begin with: exactly, or else in any case if only one matches.
 
-    A callsign may consist of several words; the longest is meant.
+    A callsign may consist of several words. The longest that matches is meant.
     """
     folded = [word.casefold() for word in words]
     begun = [each for each in callsigns if _begins(folded, _words(each.casefold()))]
