@@ -11,13 +11,13 @@ from skystack.simulator.traffic import start, ticks
 from skystack.tasks.outlook import (
     CLEARED,
     MARGIN_NM,
-    NEIGHBOURS,
     WAYS,
     look_ahead,
     look_ahead_for,
     time_to_loss_as_cleared,
 )
 from skystack.tasks.prediction import HORIZON_S, TIMES_S
+from skystack.tasks.urgency import NEIGHBOURS
 from tests.tasks.sector_traffic import SIMULATOR, SLOTS, after
 
 SECTOR = SIMULATOR.sector

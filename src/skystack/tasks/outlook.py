@@ -38,6 +38,7 @@ from skystack.tasks.prediction import (
     path_on_heading,
     predicted_level,
 )
+from skystack.tasks.urgency import FAR, NEIGHBOURS, ScenarioFlights, by_scenario, most_urgent
 
 TURNS_DEG = (-90.0, -60.0, -40.0, -20.0, -10.0, 10.0, 20.0, 40.0, 60.0, 90.0)
 """Turns from the cleared heading that are tried."""
@@ -58,12 +59,8 @@ PATH_OF_WAY = np.array(
 )
 """The index of the lateral path of each of `WAYS`. Changes of level keep the path as cleared;
 `direct, exit level` has that of `direct`."""
-NEIGHBOURS = 12
-"""The number of other flights that are compared with each flight."""
 MARGIN_NM = 1.0
 """Added to the separation standard in what a policy observes."""
-FAR = 1e6
-"""The urgency of a free slot."""
 
 CHUNK = 256
 """Flights are predicted in chunks of this size."""
@@ -121,11 +118,12 @@ def look_ahead(
     everyone = _in_columns(Flights(traffic, next_fix, exit_level_ticks, entered))
     active = everyone.traffic.active
     others = _others_in_chunks(simulator, everyone)
+    scenarios = by_scenario(everyone.traffic, others.cleared, batch)
     if before is None:
         before = no_outlook(shape)
     outlook = in_chunks(
         active if flights is None else flights.reshape(-1) & active,
-        partial(_outlook_of, simulator, everyone, others, batch, margin_nm=margin_nm),
+        partial(_outlook_of, simulator, everyone, others, scenarios, margin_nm=margin_nm),
         Outlook(*(values.reshape(-1, *active.shape) for values in before)),
         CHUNK,
     )
@@ -144,10 +142,11 @@ def time_to_loss_as_cleared(
     everyone = _in_columns(Flights(traffic, next_fix, exit_level_ticks, entered))
     active, batch = everyone.traffic.active, _scenarios_in(traffic)
     others = _others_in_chunks(simulator, everyone)
+    scenarios = by_scenario(everyone.traffic, others.cleared, batch)
 
     def time_s(column: Int[Array, " chosen"]) -> Float[Array, " chosen"]:
         sector, flights = simulator.sector, _chosen(everyone, column)
-        neighbours = _neighbours(sector, batch, everyone, others, column)[0]
+        neighbours = _neighbours(sector, flights, others, scenarios, column)[0]
         own = columns_of(others.cleared, column)
         path: PredictedPath = jax.tree.map(lambda each: each[..., None, :], own.path)
         found, _ = subroutine(
@@ -187,8 +186,9 @@ def look_ahead_for(
     """The outlook of one flight: its column of the result of `look_ahead`."""
     everyone = Flights(traffic, next_fix, exit_level_ticks, entered)
     cleared = subroutine(partial(_as_cleared, simulator), traffic)
+    scenarios = by_scenario(traffic, cleared, batch=1)
     column = jnp.full(1, slot, dtype=jnp.int32)
-    return _outlook_of(simulator, everyone, others_of(cleared), 1, column)
+    return _outlook_of(simulator, everyone, others_of(cleared), scenarios, column)
 
 
 def _scenarios_in(traffic: Traffic) -> int:
@@ -238,7 +238,7 @@ def _outlook_of(
     simulator: Simulator,
     everyone: Flights,
     others: Others,
-    batch: int,
+    scenarios: ScenarioFlights,
     column: Int[Array, " chosen"],
     margin_nm: float = MARGIN_NM,
 ) -> Outlook:
@@ -249,7 +249,7 @@ def _outlook_of(
     paths = subroutine(partial(_paths, sector), flights, columns_of(others.cleared.path, column))
     levels = subroutine(partial(_levels, simulator), flights)
     leaves_s = subroutine(partial(time_to_leaving, sector), traffic, flights.entered, paths)
-    neighbours, neighbour, urgency = _neighbours(sector, batch, everyone, others, column)
+    neighbours, neighbour, urgency = _neighbours(sector, flights, others, scenarios, column)
     time_s, neighbour_time_s = subroutine(
         partial(times_to_loss, sector, margin_nm, True),
         traffic,
@@ -263,16 +263,21 @@ def _outlook_of(
 
 def _neighbours(
     sector: Sector,
-    batch: int,
-    everyone: Flights,
+    flights: Flights,
     others: Others,
+    scenarios: ScenarioFlights,
     column: Int[Array, " chosen"],
 ) -> tuple[Neighbours, Int[Array, "neighbours chosen"], Float[Array, "neighbours chosen"]]:
     """The most urgent neighbours of some flights, their slots, and their urgency."""
-    flights = _chosen(everyone, column)
     slot, urgency = subroutine(
-        partial(_most_urgent, sector, batch), everyone, others.cleared, flights, column
+        partial(most_urgent, sector),
+        scenarios,
+        flights.traffic,
+        others.cleared,
+        flights.exit_level_ticks,
+        column,
     )
+    batch = scenarios.active.shape[0]
     return Neighbours(slot * batch + (column % batch)[None], urgency < FAR), slot, urgency
 
 
@@ -309,46 +314,3 @@ def changed_levels(sector: Sector, cleared_ticks: Rows) -> list[Rows]:
     """The cleared levels changed by each of `CHANGES_FL`, limited to those of the sector."""
     lowest, highest = (ticks(float(fl)) for fl in sector.levels_fl)
     return [jnp.clip(cleared_ticks + ticks(change), lowest, highest) for change in CHANGES_FL]
-
-
-def _most_urgent(
-    sector: Sector,
-    batch: int,
-    everyone: Flights,
-    cleared: Cleared,
-    flights: Flights,
-    column: Int[Array, " chosen"],
-) -> tuple[Int[Array, "neighbours chosen"], Float[Array, "neighbours chosen"]]:
-    """For each flight the others that come closest, those at levels that it may use first."""
-    traffic = flights.traffic
-    scale = sector.plane.scale(traffic.position_nm[:, 1])
-
-    def of_scenario(values: Array) -> Array:
-        """The values of all slots of each flight's scenario, `[*, slots, chosen]`."""
-        return values.reshape(*values.shape[:-1], -1, batch)[..., column % batch]
-
-    times = slice(0, len(TIMES_S), 2)
-    # Later approaches count as more distant: 1 NM a minute.
-    late = jnp.asarray(TIMES_S[times], dtype=jnp.float32)[:, None, None] / 60.0
-    east, north = (
-        of_scenario(each[times]) - each[times, column][:, None]
-        for each in (cleared.path.east_nm, cleared.path.north_nm)
-    )
-    least = jnp.min(jnp.sqrt(east**2 + north**2) / scale[None, None] + late, axis=0)
-    low, high = (of_scenario(each) for each in _level_range(everyone.traffic))
-    own_low, own_high = _level_range(traffic)
-    own_low = jnp.minimum(own_low, flights.exit_level_ticks) - ticks(20.0)
-    own_high = jnp.maximum(own_high, flights.exit_level_ticks) + ticks(20.0)
-    apart = jnp.maximum(low - own_high[None], own_low[None] - high)
-    score = least + jnp.maximum(apart, 0.0) / ticks(5.0)
-    slots = score.shape[0]
-    itself = jnp.arange(slots, dtype=jnp.int32)[:, None] == (column // batch)[None]
-    score = jnp.where(of_scenario(everyone.traffic.active) & ~itself, score, FAR)
-    urgency, neighbour = jax.lax.top_k(-score.T, min(NEIGHBOURS, slots - 1))
-    return neighbour.T, -urgency.T
-
-
-def _level_range(traffic: Traffic) -> tuple[Rows, Rows]:
-    """The lower and the higher of the level and the cleared level."""
-    level, goal = traffic.level_ticks, traffic.cleared_level_ticks
-    return jnp.minimum(level, goal), jnp.maximum(level, goal)
