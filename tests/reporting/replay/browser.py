@@ -107,7 +107,7 @@ class Viewer:
     def wait_until(self, condition: str) -> None:
         """Wait for a JavaScript condition; the page's policy blocks Playwright's own waits."""
         check = f"const check = () => ({condition}) ? done() : requestAnimationFrame(check)"
-        self.page.evaluate(f"() => new Promise(done => {{ {check}; check(); }})")
+        self._finish(f"{{ {check}; check(); }}")
 
     def play(self, frames: int, frame_ms: int, expression: str) -> list:
         """Play a number of frames at times that do not depend on the machine.
@@ -119,7 +119,12 @@ class Viewer:
 
     def settle(self) -> None:
         """Wait until the radar has been drawn."""
-        self.page.evaluate("() => new Promise(r => requestAnimationFrame(() => setTimeout(r)))")
+        self._finish("requestAnimationFrame(() => setTimeout(done))")
+
+    def _finish(self, script: str) -> None:
+        """Run JavaScript until it calls `done`. Playwright has no time limit for promises."""
+        limit = f"setTimeout(() => fail(new Error('it hangs')), {TIMEOUT_MS})"
+        self.page.evaluate(f"() => new Promise((done, fail) => {{ {limit}; {script} }})")
 
     def pixels(self, name: str) -> int:
         """The number of the first radar's pixels that have a colour of the theme."""
