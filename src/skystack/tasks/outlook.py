@@ -62,7 +62,7 @@ PATH_OF_WAY = np.array(
 MARGIN_NM = 1.0
 """Added to the separation standard in what a policy observes."""
 
-CHUNK = 256
+CHUNK = 128
 """Flights are predicted in chunks of this size."""
 
 
