@@ -244,6 +244,22 @@ def test_a_session_is_restored_from_its_journal(tmp_path):
     assert read_table(folder / "clearances.parquet", ("callsign",)).num_rows == 2
 
 
+def test_the_adviser_keeps_the_flights_handed_over_when_a_session_is_restored(tmp_path):
+    with journaled(tmp_path, 40) as control:
+        one, other = on_frequency(control.hour)[:2]
+        control.hand_over([one, other], to_adviser=True)
+        control.hand_over([other], to_adviser=False)
+        control.step()
+    again = opened(seed=3)
+    with open_journal(tmp_path, header_of(again)) as (journal, entries):
+        restored = LiveControl(again, 200, ADVISER, journal)
+        restored.restore(entries)
+    assert restored.status()["handed"] == [one]
+    alone = LiveControl(opened(seed=3)._replace(adviser=None), 200)
+    alone.restore(entries)  # without an adviser, nobody controls them
+    assert not alone.handed
+
+
 def test_a_journal_of_other_traffic_is_refused(tmp_path):
     with journaled(tmp_path, 40) as control:
         control.clear(f"{on_frequency(control.hour)[-1]} left 20 degrees")

@@ -18,7 +18,7 @@ from skystack.live.advice_log import AdviceAnswered, AdviceLog, AdviceShown, Sho
 from skystack.live.clearance_text import parse_clearance
 from skystack.live.history import History
 from skystack.live.hour import LEVEL_STEP_FL
-from skystack.live.journal import ClearanceIssued, CycleFlown, Entry, Journal, WentBack
+from skystack.live.journal import ClearanceIssued, CycleFlown, Entry, HandedOver, Journal, WentBack
 from skystack.live.recorded import LiveSession
 from skystack.live.views import Views, rounded
 from skystack.live.what_if import Planned, WhatIf
@@ -98,6 +98,8 @@ class LiveControl:
                 self.rewind(entry.cycle)
             elif isinstance(entry, CycleFlown):
                 self._advance()
+            elif isinstance(entry, HandedOver):
+                self._hand_over(entry)
             elif isinstance(entry, AdviceShown | AdviceAnswered):
                 self.log.add(entry)
             else:
@@ -207,7 +209,7 @@ class LiveControl:
         self._write(entry)
 
     def hand_over(self, callsigns: list[str], to_adviser: bool) -> None:
-        """HandOver flights over to the adviser, or take them back; an empty list means all.
+        """Hand flights over to the adviser, or take them back; an empty list means all.
 
         Raises InputError without an adviser, or for an unknown callsign.
         """
@@ -216,15 +218,22 @@ class LiveControl:
         for each in callsigns:
             if each not in self.hour.slots:
                 raise unknown_name("callsign", each, sorted(self.hour.slots))
+        entry = HandedOver(callsigns, to_adviser)
+        self._write(entry)
+        self._hand_over(entry)
+
+    def _hand_over(self, entry: HandedOver) -> None:
+        if self._delegate is None:  # a restored session may have no adviser
+            return
         self._begun = False
-        if not callsigns:
-            self.hands_all, self.handed = to_adviser, set()
-        elif to_adviser:
-            self.handed |= set(callsigns)
+        if not entry.callsigns:
+            self.hands_all, self.handed = entry.to_adviser, set()
+        elif entry.to_adviser:
+            self.handed |= set(entry.callsigns) & self.hour.slots.keys()
         else:
             if self.hands_all:
                 self.hands_all, self.handed = False, set(self.hour.slots)
-            self.handed -= set(callsigns)
+            self.handed -= set(entry.callsigns)
 
     def rewind(self, cycle: int) -> None:
         """Go back to the end of a cycle. Raises InputError if it has not been flown."""

@@ -1,4 +1,4 @@
-"""The journal of a session: every transmission and cycle, written as they happen.
+"""The journal of a session: every transmission, cycle and hand-over, written as they happen.
 
 A session that was killed is restored by flying its journal again. The file has one JSON object per
 line: a header, then entries. It is read as untrusted: unknown fields, and values out of range, are
@@ -59,13 +59,20 @@ class ClearanceIssued(msgspec.Struct, tag="clearance", forbid_unknown_fields=Tru
     instructions: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 1
 
 
+class HandedOver(msgspec.Struct, tag="hand-over", forbid_unknown_fields=True, frozen=True):
+    """Flights were handed over to the adviser or taken back; no callsigns means all."""
+
+    callsigns: Annotated[list[_Name], msgspec.Meta(max_length=1000)]
+    to_adviser: bool
+
+
 class WentBack(msgspec.Struct, tag="rewind", forbid_unknown_fields=True, frozen=True):
     """The session went back to the end of a cycle."""
 
     cycle: _Count
 
 
-Entry = CycleFlown | ClearanceIssued | WentBack | AdviceShown | AdviceAnswered
+Entry = CycleFlown | ClearanceIssued | HandedOver | WentBack | AdviceShown | AdviceAnswered
 
 
 class Journal:
