@@ -14,6 +14,14 @@ class LivePlayer extends Player {
     this.send = () => {}; // until there is a connection
   }
 
+  get words() {
+    return {
+      toggle: "run or pause the session, or replay the past",
+      forward: "pause the session and fly one cycle, or one cycle forward in the past",
+      end: "return to the present",
+    };
+  }
+
   get length() {
     return Math.max(this.status.cycles, this.lastRow, 1);
   }

@@ -11,13 +11,13 @@ function keysOf(player, view, actions) {
   const zoom = (factor) => () => view.zoomBy(factor, ...size());
   const number = (key) => player.select(player.callsigns[Number(key) - 1] ?? player.selected);
   return [
-    { keys: [" ", "k"], shown: "Space or K", does: "play or pause", run: () => player.toggle() },
-    { keys: ["ArrowRight"], shown: "→", does: "one cycle forward", run: () => player.step(1) },
+    { keys: [" ", "k"], shown: "Space or K", does: player.words.toggle, run: () => player.toggle() },
+    { keys: ["ArrowRight"], shown: "→", does: player.words.forward, run: () => player.step(1) },
     { keys: ["ArrowLeft"], shown: "←", does: "one cycle back", run: () => player.step(-1) },
     { keys: [".", "Shift+ArrowRight"], shown: ". or Shift →", does: "next clearance", run: () => player.toClearance(1) },
     { keys: [",", "Shift+ArrowLeft"], shown: ", or Shift ←", does: "previous clearance", run: () => player.toClearance(-1) },
     { keys: ["Home"], shown: "Home", does: "go to the start", run: () => player.step(-player.lastRow) },
-    { keys: ["End"], shown: "End", does: "go to the end", run: () => player.step(player.lastRow) },
+    { keys: ["End"], shown: "End", does: player.words.end, run: () => player.step(player.lastRow) },
     { keys: ["]"], shown: "]", does: "faster", run: () => player.faster(1) },
     { keys: ["["], shown: "[", does: "slower", run: () => player.faster(-1) },
     { keys: ["n", "ArrowDown"], shown: "N or ↓", does: "next scenario", many: true, run: () => player.open(player.index + 1) },

@@ -20,6 +20,11 @@ class Player {
     this.runs = [];
   }
 
+  /** What keys and buttons do, for the help. */
+  get words() {
+    return { toggle: "play or pause", forward: "one cycle forward", end: "go to the end" };
+  }
+
   /** The last row of the timeline. */
   get length() {
     return this.lastRow;
