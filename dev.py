@@ -39,7 +39,8 @@ def prepare(*extras: str) -> None:
     before, *installed = stamp.read_text().split() if stamp.exists() else [""]
     if before == digest and set(extras) <= set(installed):
         return
-    venv.create(ENVIRONMENT, with_pip=True, clear=not stamp.exists())
+    if not stamp.exists() or not PYTHON.exists():
+        venv.create(ENVIRONMENT, with_pip=True, clear=True)
     install = [str(PYTHON), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     package = f".[{','.join(extras)}]" if extras else "."
     requirements = ["--constraint", "constraints.txt", "--editable", package]

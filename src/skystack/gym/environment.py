@@ -109,7 +109,6 @@ class TaskEnvironment(gymnasium.Env[Observation, np.int64]):
         self._state = state
         if self._radar is not None:
             self._radar.sweep(self.task_state)
-        outcome = jax.device_get(outcome)
         terminated = bool(outcome.terminated.all())
         truncated = bool(outcome.ended) and not terminated
         info = metrics_info(outcome.metrics) if outcome.ended else {}

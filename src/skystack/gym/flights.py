@@ -8,7 +8,7 @@ from gymnasium import spaces
 from jaxtyping import Int
 
 from skystack.errors import requires_extra, unknown_name
-from skystack.gym.environment import actions_of, metrics_info, observations_of
+from skystack.gym.environment import actions_of, metrics_info, observations_of, started
 from skystack.gym.sector import RunningSector, SectorPrograms, sector_task
 from skystack.io.files import AnyPath
 from skystack.simulator.arrivals import FREE, MOST_DUE
@@ -69,7 +69,7 @@ class FlightsEnvironment(RunningSector, ParallelEnv):  # type: ignore[misc]
         Raises InputError for an unknown agent or action. Actions of flights that are not in the
         sector, or do not hear the controller yet, are ignored.
         """
-        _ = self.task_state  # raises before the first reset
+        started(self._state)
         chosen, slots = self._task_actions(actions), self._flights()
         outcome = self._fly(chosen)
         before, ended = self.agents, bool(outcome.ended)

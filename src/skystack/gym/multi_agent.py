@@ -10,6 +10,7 @@ from gymnasium import spaces
 from gymnasium.utils import seeding
 from jaxtyping import Array, Float, Int, PRNGKeyArray, UInt8
 
+from skystack.compilation.packing import Packed, packed
 from skystack.errors import requires_extra, unknown_name
 from skystack.gym.environment import (
     FRAMES_PER_S,
@@ -81,8 +82,8 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
         self._radar = radar_of(task, render_mode)
         self._generator: np.random.Generator | None = None
         self._programs = MultiAgentPrograms(task) if programs is None else programs
-        self._state: TaskState | None = None
-        self._views: Float[Array, "aircraft observation"]
+        self._state: Packed | None = None
+        self._views: Float[np.ndarray, "aircraft observation"]
 
     @property
     def programs(self) -> "MultiAgentPrograms":
@@ -92,7 +93,7 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
     @property
     def task_state(self) -> TaskState:
         """The state of the scenario in the task. Raises ResetNeeded before the first reset."""
-        return started(self._state)
+        return started(self._state).fetched()
 
     def observation_space(self, agent: str) -> spaces.Box:
         return self._spaces[agent][0]
@@ -106,11 +107,12 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
         """Start a new random scenario: the same as TaskEnvironment's for the same seed."""
         if seed is not None or self._generator is None:
             self._generator, _ = seeding.np_random(seed)
-        self._state, self._views = self._programs.begin(next_key(self._generator))
+        self._state, seen = self._programs.begin(next_key(self._generator))
+        (self._views,) = seen.fetched()
         self.agents = self.possible_agents.copy()
         if self._radar is not None:
             self._radar.clear()
-            self._radar.sweep(self._state)
+            self._radar.sweep(self.task_state)
         return self._observations(), {agent: {} for agent in self.agents}
 
     def step(
@@ -120,12 +122,11 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
 
         Raises InputError for an unknown agent or action.
         """
-        self._state, self._views, outcome = self._programs.fly(
-            self.task_state, self._task_actions(actions)
-        )
+        state = started(self._state)
+        self._state, seen = self._programs.fly(state, self._task_actions(actions))
+        self._views, outcome = seen.fetched()
         if self._radar is not None:
-            self._radar.sweep(self._state)
-        outcome = jax.device_get(outcome)
+            self._radar.sweep(self.task_state)
         terminated = bool(outcome.terminated.all())
         truncated = bool(outcome.ended) and not terminated
         info = metrics_info(outcome.metrics) if terminated or truncated else {}
@@ -145,7 +146,7 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
 
         Raises ResetNeeded before the first reset.
         """
-        _ = self.task_state  # raises before the first reset
+        started(self._state)
         return np.array(self._views[0])
 
     def render(self) -> UInt8[np.ndarray, "height width 3"] | None:
@@ -174,20 +175,20 @@ class MultiAgentPrograms(TaskPrograms):
     _task: TrafficTask
 
     @compiled
-    def begin(self, key: PRNGKeyArray) -> tuple[TaskState, Float[Array, "aircraft observation"]]:
+    def begin(self, key: PRNGKeyArray) -> tuple[Packed, Packed]:
         """The scenario of a key, and the observation of each agent."""
-        state = self._task.reset(key)
-        return state, self._agent_views(state)
+        return self._seen(self._task.reset(key))
 
     @compiled
-    def fly(
-        self, state: TaskState, actions: Int[Array, " aircraft"]
-    ) -> tuple[TaskState, Float[Array, "aircraft observation"], Outcome]:
-        """Instruct every aircraft, then fly one cycle."""
+    def fly(self, state: Packed, actions: Int[Array, " aircraft"]) -> tuple[Packed, Packed]:
+        """Instruct every aircraft, then fly one cycle: the state, observations and outcome."""
+        told = state.unpacked()
         for number in range(self._task.aircraft):
-            state = self._task.instruct(state, actions[number])
-        state, outcome = self._task.advance(state)
-        return state, self._agent_views(state), outcome
+            told = self._task.instruct(told, actions[number])
+        return self._seen(*self._task.advance(told))
+
+    def _seen(self, state: TaskState, *outcome: Outcome) -> tuple[Packed, Packed]:
+        return packed(state), packed((self._agent_views(state), *outcome))
 
     def _agent_views(self, state: TaskState) -> Float[Array, "aircraft observation"]:
         """The task's observation once per aircraft, with that aircraft first."""

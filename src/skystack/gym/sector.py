@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from jaxtyping import Array, Bool, Int, PRNGKeyArray
 
+from skystack.compilation.packing import Packed, packed
 from skystack.errors import InputError
 from skystack.gym.environment import actions_of, metrics_info, next_key, observations_of, started
 from skystack.gym.registration import settings_of
@@ -46,18 +47,17 @@ class SectorPrograms(TaskPrograms):
     _task: SectorControl
 
     @compiled
-    def begin(self, key: PRNGKeyArray) -> tuple[ControlState, SectorView]:
+    def begin(self, key: PRNGKeyArray) -> tuple[Packed, Packed]:
         """The scenario of a key, and what is seen of it."""
-        state = self._task.reset(key)
-        return state, self._view(state)
+        return self._seen(self._task.reset(key))
 
     @compiled
-    def fly(
-        self, state: ControlState, action: Int[Array, " slots"]
-    ) -> tuple[ControlState, SectorView, Outcome]:
-        """Instruct all flights, then fly one cycle."""
-        state, outcome = self._task.step(state, action)
-        return state, self._view(state), outcome
+    def fly(self, state: Packed, action: Int[Array, " slots"]) -> tuple[Packed, Packed]:
+        """Instruct all flights, then fly one cycle: the state, what is seen, and the outcome."""
+        return self._seen(*self._task.step(state.unpacked(), action))
+
+    def _seen(self, state: ControlState, *outcome: Outcome) -> tuple[Packed, Packed]:
+        return packed(state), packed((self._view(state), *outcome))
 
     def _view(self, state: ControlState) -> SectorView:
         decides = self._task.active(state)
@@ -73,30 +73,31 @@ class RunningSector:
         self.task = task
         self.programs = SectorPrograms(task) if programs is None else programs
         self._generator: np.random.Generator | None = None
-        self._state: ControlState | None = None
+        self._state: Packed | None = None
         self._view: SectorView
 
     @property
     def task_state(self) -> ControlState:
         """The state of the scenario in the task. Raises ResetNeeded before the first reset."""
-        return started(self._state)
+        state: ControlState = started(self._state).fetched()
+        return state
 
     def _start(self, seed: int | None) -> None:
         """Begin a new random scenario. A seed determines it and all that follow."""
         if seed is not None or self._generator is None:
             self._generator, _ = seeding.np_random(seed)
-        self._state, view = self.programs.begin(next_key(self._generator))
-        self._view = fetched(view)
+        self._state, seen = self.programs.begin(next_key(self._generator))
+        (self._view,) = _own(seen.fetched())
 
     def _fly(self, actions: Int[np.ndarray, " slots"]) -> Any:
         """Instruct the flights, then fly one cycle; returns its `Outcome` in numpy."""
-        self._state, view, outcome = self.programs.fly(self.task_state, jnp.asarray(actions))
-        self._view, outcome = fetched((view, outcome))
+        self._state, seen = self.programs.fly(started(self._state), jnp.asarray(actions))
+        self._view, outcome = _own(seen.fetched())
         return outcome
 
 
-def fetched(values: Any) -> Any:
-    """A pytree of arrays as numpy arrays that may be changed."""
+def _own(values: Any) -> Any:
+    """A pytree of arrays, copied, so that they may be changed."""
     return jax.tree.map(np.array, values)
 
 

@@ -12,6 +12,7 @@ from gymnasium.vector.utils import batch_space
 from jaxtyping import Array, Bool, Float, Int, UInt8, UInt32
 
 from skystack.compilation.forks import refuse_forked
+from skystack.compilation.packing import Packed, packed
 from skystack.errors import InputError, checked_integer
 from skystack.gym.environment import (
     FRAMES_PER_S,
@@ -81,7 +82,7 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
         self._generators = [seeding.np_random() for _ in range(num_envs)]
         self._programs = VectorPrograms(task) if programs is None else programs
         self._radars = _radars_of(task, render_mode, num_envs)
-        self._state: TaskState = None
+        self._state: Packed | None = None
         self._steps = np.zeros(num_envs, dtype=np.int64)
         self._ended = np.zeros(num_envs, dtype=bool)
 
@@ -118,8 +119,9 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
         """
         self._check_ready()
         chosen = checked_actions(actions, self.num_envs, len(self.task.action_names))
-        self._state, observation, outcome = self._programs.step(self._state, chosen)
-        outcome = jax.device_get(outcome)
+        self._state, seen = self._programs.step(self._state, chosen)
+        observation, outcome = seen.fetched()
+        observation = observation.T
         # In NEXT_STEP mode the step after the end only restarts a scenario.
         restarting = self._ended & (self._mode is AutoresetMode.NEXT_STEP)
         self._steps += 1
@@ -220,15 +222,15 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
             )
         return mask
 
-    def _restart(self, restarts: Flags) -> Float[Array, "scenarios observation"]:
+    def _restart(self, restarts: Flags) -> Observations:
         """Restart the scenarios of the mask; returns the observations of all scenarios."""
         seeds = self._key_seeds(restarts)
         if restarts.all():
-            self._state, observation = self._programs.begin(seeds)
+            self._state, seen = self._programs.begin(seeds)
         else:
-            self._state, observation = self._programs.restart(self._state, restarts, seeds)
+            self._state, seen = self._programs.restart(self._state, restarts, seeds)
         self._steps[restarts] = 0
-        return observation
+        return seen.fetched()[0].T
 
     def _sweep(self, restarts: Flags) -> None:
         """Add a radar position to the trail of each scenario; restarted ones get a new trail."""
@@ -241,46 +243,41 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
 
     def _states(self) -> Iterator[TaskState]:
         """The state of each scenario, in numpy arrays."""
-        states = jax.device_get(self._state)
+        assert self._state is not None
+        states = self._state.fetched()
         for number in range(self.num_envs):
             yield jax.tree.map(lambda values, number=number: values[..., number], states)
 
 
 class VectorPrograms(TaskPrograms):
-    """The environment's compiled programs."""
+    """The environment's compiled programs. States, and what is seen of them, are packed."""
 
     @compiled
-    def begin(
-        self, seeds: UInt32[Array, " scenarios"]
-    ) -> tuple[TaskState, Float[Array, "scenarios observation"]]:
-        """New scenarios, one per seed of a key."""
-        return self._with_observation(self._reset(seeds))
+    def begin(self, seeds: UInt32[Array, " scenarios"]) -> tuple[Packed, Packed]:
+        """New scenarios, one per seed of a key: their state and observation."""
+        return self._seen(self._reset(seeds))
 
     @compiled
-    def step(
-        self, state: TaskState, actions: Int[Array, " scenarios"]
-    ) -> tuple[TaskState, Float[Array, "scenarios observation"], Outcome]:
-        """The MDP step of every scenario."""
-        state, outcome = self._task.step(state, actions)
-        return *self._with_observation(state), outcome
+    def step(self, state: Packed, actions: Int[Array, " scenarios"]) -> tuple[Packed, Packed]:
+        """The MDP step of every scenario: the state, and its observation and outcome."""
+        return self._seen(*self._task.step(state.unpacked(), actions))
 
     @compiled
     def restart(
         self,
-        state: TaskState,
+        state: Packed,
         restarts: Bool[Array, " scenarios"],
         seeds: UInt32[Array, " scenarios"],
-    ) -> tuple[TaskState, Float[Array, "scenarios observation"]]:
-        """New scenarios where `restarts` is true; the others continue."""
-        return self._with_observation(choose(restarts, self._reset(seeds), state))
+    ) -> tuple[Packed, Packed]:
+        """New scenarios where `restarts` is true; the others continue. As `begin`."""
+        return self._seen(choose(restarts, self._reset(seeds), state.unpacked()))
 
     def _reset(self, seeds: UInt32[Array, " scenarios"]) -> TaskState:
         return jax.vmap(self._task.reset, out_axes=-1)(jax.vmap(jax.random.key)(seeds))
 
-    def _with_observation(
-        self, state: TaskState
-    ) -> tuple[TaskState, Float[Array, "scenarios observation"]]:
-        return state, flatten_observation(self._task.observe(state), batch_axes=1).T
+    def _seen(self, state: TaskState, *outcome: Outcome) -> tuple[Packed, Packed]:
+        observation = flatten_observation(self._task.observe(state), batch_axes=1)
+        return packed(state, batch_axes=1), packed((observation, *outcome), batch_axes=1)
 
 
 def _radars_of(task: Task, render_mode: str | None, scenarios: int) -> list[Radar]:

@@ -6,15 +6,15 @@ After each instruction a caller needs the new state, its observation and the act
 stacked. One program computes all three.
 """
 
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Int, PRNGKeyArray
 
 from skystack.compilation.forks import refuse_forked
+from skystack.compilation.packing import Packed, packed
 from skystack.errors import InputError, checked_integer
 from skystack.tasks.contract import Observation, Outcome, Task, TaskState
 from skystack.tasks.programs import TaskPrograms, compiled
@@ -31,10 +31,10 @@ class View(NamedTuple):
 class PlainState(NamedTuple):
     """The state of a scenario and its view."""
 
-    packed: Float[Array, " values"]
-    """The task's state as one vector. Passing three dozen small arrays to a program would take
-    longer than running it."""
-    view: View
+    packed: Packed
+    """The task's state."""
+    view: Packed
+    """Its `View`."""
 
 
 def checked_action(action: Any, actions: int) -> int:
@@ -54,6 +54,10 @@ def checked_actions(actions: Any, count: int, table: int) -> Int[np.ndarray, " c
             f"actions are {actions!r} (allowed: {count} whole numbers from 0 to {table - 1})"
         )
     return numbers.astype(np.int32)
+
+
+def _fetched(state: PlainState, outcome: Packed) -> tuple[PlainState, Outcome]:
+    return state, outcome.fetched()
 
 
 class PlainTask(TaskPrograms):
@@ -96,7 +100,7 @@ class PlainTask(TaskPrograms):
     def observe(self, state: PlainState) -> Any:
         """The observation: a numpy array, or a pytree of numpy arrays."""
         refuse_forked()  # the conversion may wait for one of JAX's threads
-        return jax.tree.map(np.asarray, state.view.observation)
+        return state.view.fetched().observation
 
     def checked_action(self, action: Any) -> int:
         """The action as an int. Raises InputError if it is not in the action table."""
@@ -104,18 +108,18 @@ class PlainTask(TaskPrograms):
 
     def may_stack(self, state: PlainState, action: Any) -> bool:
         refuse_forked()
-        return bool(np.asarray(state.view.allowed)[self.checked_action(action)])
+        return bool(state.view.fetched().allowed[self.checked_action(action)])
 
     def instruct(self, state: PlainState, action: Any) -> PlainState:
         return self._instruct(state.packed, np.int32(self.checked_action(action)))
 
     def advance(self, state: PlainState) -> tuple[PlainState, Outcome]:
-        """One radar cycle."""
-        return self._advance(state.packed)
+        """One radar cycle; its outcome in numpy."""
+        return _fetched(*self._advance(state.packed))
 
     def step(self, state: PlainState, action: Any) -> tuple[PlainState, Outcome]:
-        """The MDP step of the task."""
-        return self._step(state.packed, np.int32(self.checked_action(action)))
+        """The MDP step of the task; its outcome in numpy."""
+        return _fetched(*self._step(state.packed, np.int32(self.checked_action(action))))
 
     @compiled
     def _reset(self, key: PRNGKeyArray) -> PlainState:
@@ -126,41 +130,26 @@ class PlainTask(TaskPrograms):
         return self._plain_state(state)
 
     @compiled
-    def _unpacked(self, packed: Float[Array, " values"]) -> TaskState:
-        return self._unpack(packed)
+    def _unpacked(self, state: Packed) -> TaskState:
+        return state.unpacked()
 
     @compiled
-    def _instruct(self, packed: Float[Array, " values"], action: Int[Array, ""]) -> PlainState:
-        return self._plain_state(self._task.instruct(self._unpack(packed), action))
+    def _instruct(self, state: Packed, action: Int[Array, ""]) -> PlainState:
+        return self._plain_state(self._task.instruct(state.unpacked(), action))
 
     @compiled
-    def _advance(self, packed: Float[Array, " values"]) -> tuple[PlainState, Outcome]:
-        state, outcome = self._task.advance(self._unpack(packed))
-        return self._plain_state(state), outcome
+    def _advance(self, state: Packed) -> tuple[PlainState, Packed]:
+        return self._after(*self._task.advance(state.unpacked()))
 
     @compiled
-    def _step(
-        self, packed: Float[Array, " values"], action: Int[Array, ""]
-    ) -> tuple[PlainState, Outcome]:
-        state, outcome = self._task.step(self._unpack(packed), action)
-        return self._plain_state(state), outcome
+    def _step(self, state: Packed, action: Int[Array, ""]) -> tuple[PlainState, Packed]:
+        return self._after(*self._task.step(state.unpacked(), action))
 
-    @cached_property
-    def _shapes(self) -> TaskState:
-        return jax.eval_shape(lambda: self._task.reset(jax.random.key(0)))
+    def _after(self, state: TaskState, outcome: Outcome) -> tuple[PlainState, Packed]:
+        return self._plain_state(state), packed(outcome)
 
     def _plain_state(self, state: TaskState) -> PlainState:
-        leaves = [jnp.ravel(leaf).astype(jnp.float32) for leaf in jax.tree.leaves(state)]
-        return PlainState(jnp.concatenate(leaves), self._view(state))
-
-    def _unpack(self, packed: Float[Array, " values"]) -> TaskState:
-        leaves, tree = jax.tree.flatten(self._shapes)
-        parts = jnp.split(packed, np.cumsum([leaf.size for leaf in leaves])[:-1])
-        shaped = [
-            part.reshape(leaf.shape).astype(leaf.dtype)
-            for part, leaf in zip(parts, leaves, strict=True)
-        ]
-        return jax.tree.unflatten(tree, shaped)
+        return PlainState(packed(state), packed(self._view(state)))
 
     def _view(self, state: TaskState) -> View:
         actions = jnp.arange(len(self._task.action_names), dtype=jnp.int32)
