@@ -15,13 +15,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from skystack.agents.transmission import TURNS, Transmission
+from skystack.airspace.geometry import Components
 from skystack.compilation.shared import shared_program
 from skystack.simulator.simulator import Simulator, instruct
 from skystack.simulator.traffic import DIRECT, NO_TURN, Clearance, Traffic, ticks
 from skystack.tasks.flight_time import flight_times
 from skystack.tasks.progress import FlightPlan, Progress, ProgressTracker
 from skystack.tasks.sector_world import World, WorldState
-from skystack.tasks.separation import least_distance_squared
+from skystack.tasks.separation import half_length, least_distance_squared
 
 PLANS = 32
 """The number of plans flown at once."""
@@ -38,7 +39,7 @@ NEVER = 100_000
 """The cycle of an event that is not used."""
 
 
-_Pairs = tuple[Array, Array, Array]
+_Pairs = tuple[Components, Array, Array]
 
 
 class Events(NamedTuple):
@@ -231,15 +232,18 @@ def _conflicts(
     def half(ahead: Ahead) -> Array:
         """Half the true length of a unit of the plane at each flight, `[cycles, flights]`."""
         north = ahead.position_nm[..., 1]
-        return (0.5 / plane.scale(north.reshape(-1))).reshape(north.shape)
+        return half_length(plane, north.reshape(-1)).reshape(north.shape)
 
     half_mine, half_other = half(plans), half(others)
 
     def pairs(index: Int[Array, ""]) -> _Pairs:
-        """True offset `[plans, 2, others]`, vertical gap, and whether both are present."""
+        """True offset, vertical gap, and whether both are present, `[plans, others]`."""
         mine, other = plans.position_nm[index], others.position_nm[index]
         length = half_mine[index][:, None] + half_other[index][None]
-        offset = (mine[:, :, None] - other.T[None]) * length[:, None]
+        offset = Components(
+            (mine[:, 0, None] - other[None, :, 0]) * length,
+            (mine[:, 1, None] - other[None, :, 1]) * length,
+        )
         gap = plans.level_ticks[index][:, None] - others.level_ticks[index][None]
         return offset, gap, plans.present[index][:, None] & others.present[index][None]
 
@@ -251,7 +255,9 @@ def _conflicts(
         index, (offset, gap, both), found = carry
         after = pairs(index)
         offset_after, gap_after, both_after = after
-        squared = least_distance_squared(offset, offset_after - offset, gap, gap_after, least_ticks)
+        squared = least_distance_squared(
+            offset, offset_after.minus(offset), gap, gap_after, least_ticks
+        )
         apart = jnp.where(both & both_after, squared, jnp.inf)
         lost, close = (apart < nm**2 for nm in least_nm)
         found = Conflicts(
