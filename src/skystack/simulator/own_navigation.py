@@ -15,6 +15,7 @@ from skystack.airspace.geometry import (
     wrap_360,
 )
 from skystack.airspace.sector import RouteTable, Sector
+from skystack.compilation.subroutine import subroutine
 from skystack.simulator.traffic import NO_TURN, RADIUS_UNKNOWN, Traffic
 
 BANK_PER_TURN = 0.4
@@ -45,7 +46,7 @@ def steer(
     traffic = _sequence(traffic, sector, route_end_nm, route_turn_deg_s)
     own = traffic.own_navigation
     target = fix_of(sector.route_table, traffic.route, traffic.next_fix)
-    course = wrap_360(bearing(sector.plane.geodesic_direction(traffic.position_nm, target)))
+    course = wrap_360(bearing(_towards(sector, traffic, target)))
     turn = wrap_180(course - traffic.heading_deg)
     on_track = own & (jnp.abs(turn) < ON_TRACK_DEG)
     radius = jnp.where(on_track, 0.0, traffic.turn_radius_nm)
@@ -68,7 +69,7 @@ def _begin_direct(traffic: Traffic, sector: Sector, rate_deg_s: float | None) ->
     """
     begins = traffic.own_navigation & (traffic.turn_radius_nm == RADIUS_UNKNOWN)
     target = fix_of(sector.route_table, traffic.route, traffic.next_fix)
-    course = bearing(sector.plane.geodesic_direction(traffic.position_nm, target))
+    course = bearing(_towards(sector, traffic, target))
     turn = wrap_180(course - traffic.heading_deg)
     radius = turn_radius_nm(jnp.abs(turn), traffic.ground_speed_kt, rate_deg_s)
     return traffic._replace(
@@ -91,7 +92,7 @@ def _sequence(
     distance = length(offset)
     at_last = traffic.next_fix >= last
 
-    inbound = sector.plane.geodesic_direction(traffic.position_nm, target)
+    inbound = _towards(sector, traffic, target)
     turn = jnp.abs(wrap_180(bearing(outbound) - bearing(inbound)))
     radius = turn_radius_nm(turn, traffic.ground_speed_kt, rate_deg_s)
     lead = jnp.minimum(
@@ -109,6 +110,16 @@ def _sequence(
             traffic.cleared_heading_deg,
         ),
     )
+
+
+def _towards(
+    sector: Sector, traffic: Traffic, target: Float[Array, "aircraft 2 *batch"]
+) -> Float[Array, "aircraft 2 *batch"]:
+    """The initial direction of the geodesic to a target.
+
+    A subroutine, or else it would be computed for each of its components, wherever one is used.
+    """
+    return subroutine(sector.plane.geodesic_direction, traffic.position_nm, target)
 
 
 def fix_of(

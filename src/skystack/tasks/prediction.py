@@ -210,6 +210,7 @@ def _segments(
     last, exit_fix = (value_of(each, traffic.route) for each in (table.last_fix, table.exit_fix))
     speed = _speed(sector, traffic)
     begin = traffic.position_nm
+    corner = partial(subroutine, partial(_corner, sector))
     pieces, heading = _first_turn(sector, traffic, fix, continues, fix < last)
     for vector, _ in pieces:
         begin = begin + vector
@@ -226,7 +227,7 @@ def _segments(
         )
         after = fix_leg(table, traffic.route, jnp.minimum(fix + number, last))
         turns = fix + number < last
-        (entry, middle, leave), lead, arc = _corner(unit, after, turns, traffic, sector)
+        (entry, middle, leave), lead, arc = corner(unit, after, turns, traffic)
         straight = jnp.maximum(distance - flying.lead - lead, 0.0)
         # Beyond the last fix the flight holds its heading.
         endless = fix + number == last
@@ -307,7 +308,7 @@ def _first_turn(
     turn = _turn_to_point(to_fix, traffic.heading_deg, radius, turn)
     course = to_fix / jnp.maximum(length(to_fix), 1e-6)[:, None]
     after = fix_leg(sector.route_table, traffic.route, fix)
-    _, lead, _ = _corner(course, after, turns, traffic, sector)
+    _, lead, _ = _corner(sector, course, after, turns, traffic)
     slow &= length(to_fix - turned(turn)) < lead + scale * NEAR_NM
     radius, turn = jnp.where(slow, 0.0, radius), jnp.where(slow, to_course, turn)
     middle = turned(turn / 2.0)
@@ -336,11 +337,11 @@ def _turn_to_point(
 
 
 def _corner(
+    sector: Sector,
     unit: Float[Array, "slots 2 *batch"],
     after: Float[Array, "slots 2 *batch"],
     turns: Flags,
     traffic: Traffic,
-    sector: Sector,
 ) -> tuple[list[Float[Array, "slots 2 *batch"]], Rows, Rows]:
     """A turn at a fix: where it begins, its middle and where it ends, relative to the fix.
 
