@@ -32,20 +32,25 @@ COVERED = ("simulator/*", "tasks/*", "stacking.py", "learning/*")
 
 
 def prepare(*extras: str) -> None:
-    """Create the environment, or update it if the requirements have changed."""
+    """Create the environment, or update it if the requirements have changed.
+
+    It is created again for another version of Python.
+    """
     wanted = [ROOT / "pyproject.toml", ROOT / "constraints.txt"]
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in wanted)).hexdigest()
+    version = f"{sys.version_info.major}.{sys.version_info.minor}"
     stamp = ENVIRONMENT / "requirements.txt"
-    before, *installed = stamp.read_text().split() if stamp.exists() else [""]
-    if before == digest and set(extras) <= set(installed):
+    python, before, *installed = stamp.read_text().split() if stamp.exists() else ["", ""]
+    usable = PYTHON.exists() and python == version
+    if usable and before == digest and set(extras) <= set(installed):
         return
-    if not stamp.exists() or not PYTHON.exists():
+    if not usable:
         venv.create(ENVIRONMENT, with_pip=True, clear=True)
     install = [str(PYTHON), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     package = f".[{','.join(extras)}]" if extras else "."
     requirements = ["--constraint", "constraints.txt", "--editable", package]
     subprocess.run([*install, *requirements], cwd=ROOT, check=True)
-    stamp.write_text(" ".join([digest, *extras]))
+    stamp.write_text(" ".join([version, digest, *extras]))
 
 
 def run(*command: str) -> int:

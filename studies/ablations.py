@@ -50,7 +50,7 @@ ABLATIONS: dict[str, dict[str, tuple[str, ...]]] = {
         "the paper's observation of the other aircraft": (PAPER_PAIR,),
         "time advances during a stack": (NOT_STACKED,),
         "a cost of predicted conflicts": ("task.reward.safety=0.5",),
-        "conflicts cost inside 5.5 NM": ("task.reward.conflict_nm=5.5",),
+        "conflicts charged only inside 5.5 NM": ("task.reward.conflict_nm=5.5",),
     },
 }
 """For each experiment, the description of each change, and the changed settings."""

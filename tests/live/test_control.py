@@ -256,7 +256,7 @@ def test_the_adviser_keeps_the_flights_handed_over_when_a_session_is_restored(tm
         restored.restore(entries)
     assert restored.status()["handed"] == [one]
     alone = LiveControl(opened(seed=3)._replace(adviser=None), 200)
-    alone.restore(entries)  # without an adviser, nobody controls them
+    alone.restore(entries)  # without an adviser, no flight is handed over
     assert not alone.handed
 
 

@@ -203,4 +203,4 @@ def test_a_changed_address_and_keys_of_replays_leave_the_session_alone(session, 
     assert "next scenario" not in page.text("#keys")
     assert "hand the selected flight over" in page.text("#keys")
     assert "return to the present" in page.text("#keys")
-    assert "one cycle forward in the past" in page.text("#keys")
+    assert "in the past, one cycle forward" in page.text("#keys")

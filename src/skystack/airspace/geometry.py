@@ -24,8 +24,9 @@ with the same result."""
 class Components(NamedTuple):
     """Vectors as one array for each component.
 
-    From an array of both, XLA computes whatever precedes once for each component that is taken, and
-    does not vectorise it. Long expressions are several times as fast with separate components.
+    If both components are in one array, XLA repeats all preceding computations for each component
+    that is used, and does not vectorise them. With separate components, long expressions run
+    several times as fast.
     """
 
     east: Float[Array, "*n"]

@@ -93,7 +93,7 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
     @property
     def task_state(self) -> TaskState:
         """The state of the scenario in the task. Raises ResetNeeded before the first reset."""
-        return started(self._state).fetched()
+        return self._programs.unpacked(started(self._state))
 
     def observation_space(self, agent: str) -> spaces.Box:
         return self._spaces[agent][0]

@@ -2,7 +2,6 @@
 
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from gymnasium.utils import seeding
@@ -79,7 +78,7 @@ class RunningSector:
     @property
     def task_state(self) -> ControlState:
         """The state of the scenario in the task. Raises ResetNeeded before the first reset."""
-        state: ControlState = started(self._state).fetched()
+        state: ControlState = self.programs.unpacked(started(self._state))
         return state
 
     def _start(self, seed: int | None) -> None:
@@ -87,18 +86,13 @@ class RunningSector:
         if seed is not None or self._generator is None:
             self._generator, _ = seeding.np_random(seed)
         self._state, seen = self.programs.begin(next_key(self._generator))
-        (self._view,) = _own(seen.fetched())
+        (self._view,) = seen.fetched()
 
     def _fly(self, actions: Int[np.ndarray, " slots"]) -> Any:
         """Instruct the flights, then fly one cycle; returns its `Outcome` in numpy."""
         self._state, seen = self.programs.fly(started(self._state), jnp.asarray(actions))
-        self._view, outcome = _own(seen.fetched())
+        self._view, outcome = seen.fetched()
         return outcome
-
-
-def _own(values: Any) -> Any:
-    """A pytree of arrays, copied, so that they may be changed."""
-    return jax.tree.map(np.array, values)
 
 
 class SectorVectorEnvironment(RunningSector, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):

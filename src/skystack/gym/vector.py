@@ -121,7 +121,7 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
         chosen = checked_actions(actions, self.num_envs, len(self.task.action_names))
         self._state, seen = self._programs.step(self._state, chosen)
         observation, outcome = seen.fetched()
-        observation = observation.T
+        observation = np.ascontiguousarray(observation.T)
         # In NEXT_STEP mode the step after the end only restarts a scenario.
         restarting = self._ended & (self._mode is AutoresetMode.NEXT_STEP)
         self._steps += 1
@@ -230,7 +230,7 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
         else:
             self._state, seen = self._programs.restart(self._state, restarts, seeds)
         self._steps[restarts] = 0
-        return seen.fetched()[0].T
+        return np.ascontiguousarray(seen.fetched()[0].T)
 
     def _sweep(self, restarts: Flags) -> None:
         """Add a radar position to the trail of each scenario; restarted ones get a new trail."""
@@ -269,7 +269,7 @@ class VectorPrograms(TaskPrograms):
         restarts: Bool[Array, " scenarios"],
         seeds: UInt32[Array, " scenarios"],
     ) -> tuple[Packed, Packed]:
-        """New scenarios where `restarts` is true; the others continue. As `begin`."""
+        """New scenarios where `restarts` is true; the others continue. Returns as `begin` does."""
         return self._seen(choose(restarts, self._reset(seeds), state.unpacked()))
 
     def _reset(self, seeds: UInt32[Array, " scenarios"]) -> TaskState:

@@ -90,6 +90,7 @@ class LiveControl:
     def restore(self, entries: Iterable[Entry]) -> None:
         """Fly the entries of a journal again.
 
+        Without an adviser, flights that were handed over are taken back.
         Raises InputError if a clearance does not fit this traffic.
         """
         journal, self._journal = self._journal, None
@@ -105,6 +106,10 @@ class LiveControl:
             else:
                 self._transmit(self._transmission(entry), entry.by)
         self._journal = journal
+        if self._delegate is None and (self.hands_all or self.handed):
+            taken = HandedOver([], to_adviser=False)
+            self._write(taken)
+            self._hand_over(taken)
 
     def step(self) -> None:
         """Fly one cycle, after the adviser has instructed its flights."""
@@ -223,8 +228,6 @@ class LiveControl:
         self._hand_over(entry)
 
     def _hand_over(self, entry: HandedOver) -> None:
-        if self._delegate is None:  # a restored session may have no adviser
-            return
         self._begun = False
         if not entry.callsigns:
             self.hands_all, self.handed = entry.to_adviser, set()

@@ -1,4 +1,4 @@
-"""The journal of a session: every transmission, cycle and hand-over, written as they happen.
+"""The journal of a session: all that happens in it, written as it happens.
 
 A session that was killed is restored by flying its journal again. The file has one JSON object per
 line: a header, then entries. It is read as untrusted: unknown fields, and values out of range, are

@@ -117,7 +117,7 @@ def _towards(
 ) -> Float[Array, "aircraft 2 *batch"]:
     """The initial direction of the geodesic to a target.
 
-    A subroutine, or else it would be computed for each of its components, wherever one is used.
+    This is a subroutine; otherwise XLA would compute it again for each use of each component.
     """
     return subroutine(sector.plane.geodesic_direction, traffic.position_nm, target)
 

@@ -95,7 +95,7 @@ class PlainTask(TaskPrograms):
 
     def state_of(self, state: PlainState) -> TaskState:
         """The task's state of a scenario."""
-        return self._unpacked(state.packed)
+        return self.unpacked(state.packed)
 
     def observe(self, state: PlainState) -> Any:
         """The observation: a numpy array, or a pytree of numpy arrays."""
@@ -114,11 +114,11 @@ class PlainTask(TaskPrograms):
         return self._instruct(state.packed, np.int32(self.checked_action(action)))
 
     def advance(self, state: PlainState) -> tuple[PlainState, Outcome]:
-        """One radar cycle; its outcome in numpy."""
+        """Fly one radar cycle. The outcome has numpy arrays."""
         return _fetched(*self._advance(state.packed))
 
     def step(self, state: PlainState, action: Any) -> tuple[PlainState, Outcome]:
-        """The MDP step of the task; its outcome in numpy."""
+        """The MDP step of the task. The outcome has numpy arrays."""
         return _fetched(*self._step(state.packed, np.int32(self.checked_action(action))))
 
     @compiled
@@ -128,10 +128,6 @@ class PlainTask(TaskPrograms):
     @compiled
     def _begin(self, state: TaskState) -> PlainState:
         return self._plain_state(state)
-
-    @compiled
-    def _unpacked(self, state: Packed) -> TaskState:
-        return state.unpacked()
 
     @compiled
     def _instruct(self, state: Packed, action: Int[Array, ""]) -> PlainState:

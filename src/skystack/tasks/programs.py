@@ -9,8 +9,9 @@ from functools import wraps
 from typing import Any, TypeVar
 
 from skystack.compilation.forks import refuse_forked
+from skystack.compilation.packing import Packed
 from skystack.compilation.shared import PROGRAMS
-from skystack.tasks.contract import Task
+from skystack.tasks.contract import Task, TaskState
 
 Result = TypeVar("Result")
 
@@ -31,6 +32,10 @@ class TaskPrograms:
     def _constants(self) -> tuple[type, Task]:
         """What the programs depend on."""
         return type(self), self._task
+
+    def unpacked(self, state: Packed) -> TaskState:
+        """A state of the task that was packed."""
+        return _unpacked(self, state)
 
     def __copy__(self) -> "TaskPrograms":
         return self
@@ -59,3 +64,8 @@ def compiled(method: Callable[..., Result]) -> Callable[..., Result]:
         return program(*arguments)
 
     return run
+
+
+@compiled
+def _unpacked(_self: TaskPrograms, state: Packed) -> TaskState:
+    return state.unpacked()

@@ -76,8 +76,8 @@ def pair_distance_squared(
     def true_offset(position_nm: ArrayLike) -> Components:
         at = jnp.asarray(position_nm)
         # The mean of 1 / scale at both ends replaces that at the midpoint. For aircraft 20 NM apart
-        # at 75 N the error is at most one part in ten thousand. A subroutine, or else the scale
-        # would be computed for every pair.
+        # at 75 N the error is at most one part in ten thousand. The scale is computed in a
+        # subroutine; otherwise XLA would compute it for every pair.
         first_half, second_half = first_and_second(
             subroutine(partial(half_length, plane), at[:, 1])
         )

@@ -66,7 +66,7 @@ def most_urgent(
 ) -> tuple[Int[Array, "neighbours chosen"], Float[Array, "neighbours chosen"]]:
     """For each flight, the slots of the most urgent others, and their urgency.
 
-    `traffic`, `exit_level_ticks` and `column` are those of some flights, `cleared` that of all.
+    `traffic`, `exit_level_ticks` and `column` describe the chosen flights, `cleared` all flights.
     """
     batch, slots = scenarios.active.shape
     scenario = column % batch

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from tests.waiting import TIMEOUT_S
@@ -40,7 +41,6 @@ _CHANGED = """
 }
 """
 _PLAY = """
-() => new Promise(done => {{
     const real = requestAnimationFrame;
     let frame = null, seen = [];
     window.requestAnimationFrame = next => frame = next;
@@ -58,7 +58,6 @@ _PLAY = """
         done(seen);
     }};
     play();
-}})
 """
 """Calls the page's own frame callback at given times."""
 TIMEOUT_MS = 1000 * TIMEOUT_S
@@ -115,16 +114,19 @@ class Viewer:
         Returns the value of a JavaScript expression after each frame.
         """
         script = _PLAY.format(frames=frames, frame_ms=frame_ms, expression=expression)
-        return self.page.evaluate(script)
+        return self._finish(script)
 
     def settle(self) -> None:
         """Wait until the radar has been drawn."""
         self._finish("requestAnimationFrame(() => setTimeout(done))")
 
-    def _finish(self, script: str) -> None:
-        """Run JavaScript until it calls `done`. Playwright has no time limit for promises."""
-        limit = f"setTimeout(() => fail(new Error('it hangs')), {TIMEOUT_MS})"
-        self.page.evaluate(f"() => new Promise((done, fail) => {{ {limit}; {script} }})")
+    def _finish(self, script: str) -> Any:
+        """Run JavaScript until it calls `done`; returns what it is called with.
+
+        Playwright has no time limit for promises.
+        """
+        limit = f"setTimeout(() => fail(new Error('timed out')), {TIMEOUT_MS})"
+        return self.page.evaluate(f"() => new Promise((done, fail) => {{ {limit}; {script} }})")
 
     def pixels(self, name: str) -> int:
         """The number of the first radar's pixels that have a colour of the theme."""

@@ -16,8 +16,8 @@ class LivePlayer extends Player {
 
   get words() {
     return {
-      toggle: "run or pause the session, or replay the past",
-      forward: "pause the session and fly one cycle, or one cycle forward in the past",
+      toggle: "run or pause the session; in the past, play or pause",
+      forward: "pause the session and fly one cycle; in the past, one cycle forward",
       end: "return to the present",
     };
   }
