@@ -40,7 +40,8 @@ def prepare(*extras: str) -> None:
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in wanted)).hexdigest()
     version = f"{sys.version_info.major}.{sys.version_info.minor}"
     stamp = ENVIRONMENT / "requirements.txt"
-    python, before, *installed = stamp.read_text().split() if stamp.exists() else ["", ""]
+    written = stamp.read_text().split() if stamp.exists() else []
+    python, before, *installed = [*written, "", ""]  # at least two
     usable = PYTHON.exists() and python == version
     if usable and before == digest and set(extras) <= set(installed):
         return
