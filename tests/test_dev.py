@@ -1,4 +1,4 @@
-"""The developer's commands create their environment once, and update it when it must change."""
+"""`dev.py` creates its environment once, and updates it only when that is needed."""
 
 import importlib.util
 from pathlib import Path
@@ -49,7 +49,7 @@ def test_an_environment_is_created_once(prepared):
         (lambda stamp: f"{stamp.split()[0]} 0123", ["install"]),  # other requirements
     ],
 )
-def test_what_has_changed_decides_what_is_done(prepared, tmp_path, change, expected):
+def test_only_what_a_change_requires_is_done(prepared, tmp_path, change, expected):
     prepared()
     stamp = tmp_path / "requirements.txt"
     stamp.write_text(change(stamp.read_text()))

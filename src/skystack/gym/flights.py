@@ -69,7 +69,7 @@ class FlightsEnvironment(RunningSector, ParallelEnv):  # type: ignore[misc]
         Raises InputError for an unknown agent or action. Actions of flights that are not in the
         sector, or do not hear the controller yet, are ignored.
         """
-        started(self._state)
+        started(self._state)  # raises before the first reset
         chosen, slots = self._task_actions(actions), self._flights()
         outcome = self._fly(chosen)
         before, ended = self.agents, bool(outcome.ended)

@@ -146,7 +146,7 @@ class MultiAgentEnvironment(ParallelEnv):  # type: ignore[misc]
 
         Raises ResetNeeded before the first reset.
         """
-        started(self._state)
+        started(self._state)  # raises before the first reset
         return np.array(self._views[0])
 
     def render(self) -> UInt8[np.ndarray, "height width 3"] | None:

@@ -109,7 +109,7 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
         observation = self._restart(restarts)
         self._ended[restarts] = False
         self._sweep(restarts)
-        return np.array(observation), {}
+        return observation, {}
 
     def step(self, actions: Any) -> tuple[Observations, Rewards, Flags, Flags, Infos]:
         """One step of every scenario; ended ones restart according to the autoreset mode.
@@ -129,13 +129,13 @@ class VectorTaskEnvironment(VectorEnv[Observations, Int[np.ndarray, " scenarios"
         cut_off = (outcome.ended & ~all_terminated) | (self._steps >= self._step_limit)
         terminated, truncated = all_terminated & ~restarting, cut_off & ~restarting
         self._ended = np.asarray(terminated | truncated)
-        infos = self._infos(np.array(observation), outcome)
+        infos = self._infos(observation, outcome)
         restarts = self._ended if self._mode is AutoresetMode.SAME_STEP else restarting
         if restarts.any():
             observation = self._restart(restarts)
         self._sweep(restarts)
         rewards = np.where(restarting, 0.0, outcome.reward.sum(axis=0)).astype(np.float64)
-        return np.array(observation), rewards, np.asarray(terminated), np.asarray(truncated), infos
+        return observation, rewards, np.asarray(terminated), np.asarray(truncated), infos
 
     def render(self) -> tuple[Picture, ...] | None:
         """The radar picture of each scenario; None without a render mode."""

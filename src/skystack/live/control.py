@@ -90,8 +90,8 @@ class LiveControl:
     def restore(self, entries: Iterable[Entry]) -> None:
         """Fly the entries of a journal again.
 
-        Without an adviser, flights that were handed over are taken back.
-        Raises InputError if a clearance does not fit this traffic.
+        Without an adviser, flights that were handed over are taken back. Raises InputError if a
+        clearance does not fit this traffic.
         """
         journal, self._journal = self._journal, None
         for entry in entries:
@@ -107,9 +107,7 @@ class LiveControl:
                 self._transmit(self._transmission(entry), entry.by)
         self._journal = journal
         if self._delegate is None and (self.hands_all or self.handed):
-            taken = HandedOver([], to_adviser=False)
-            self._write(taken)
-            self._hand_over(taken)
+            self._hand_over(HandedOver([], to_adviser=False))
 
     def step(self) -> None:
         """Fly one cycle, after the adviser has instructed its flights."""
@@ -223,11 +221,10 @@ class LiveControl:
         for each in callsigns:
             if each not in self.hour.slots:
                 raise unknown_name("callsign", each, sorted(self.hour.slots))
-        entry = HandedOver(callsigns, to_adviser)
-        self._write(entry)
-        self._hand_over(entry)
+        self._hand_over(HandedOver(callsigns, to_adviser))
 
     def _hand_over(self, entry: HandedOver) -> None:
+        self._write(entry)
         self._begun = False
         if not entry.callsigns:
             self.hands_all, self.handed = entry.to_adviser, set()

@@ -210,7 +210,6 @@ def _segments(
     last, exit_fix = (value_of(each, traffic.route) for each in (table.last_fix, table.exit_fix))
     speed = _speed(sector, traffic)
     begin = traffic.position_nm
-    corner = partial(subroutine, partial(_corner, sector))
     pieces, heading = _first_turn(sector, traffic, fix, continues, fix < last)
     for vector, _ in pieces:
         begin = begin + vector
@@ -227,7 +226,8 @@ def _segments(
         )
         after = fix_leg(table, traffic.route, jnp.minimum(fix + number, last))
         turns = fix + number < last
-        (entry, middle, leave), lead, arc = corner(unit, after, turns, traffic)
+        points, lead, arc = subroutine(partial(_corner, sector), unit, after, turns, traffic)
+        entry, middle, leave = points
         straight = jnp.maximum(distance - flying.lead - lead, 0.0)
         # Beyond the last fix the flight holds its heading.
         endless = fix + number == last

@@ -16,37 +16,6 @@ from skystack.tasks.contract import Task, TaskState
 Result = TypeVar("Result")
 
 
-class TaskPrograms:
-    """Base of classes whose methods are compiled, see `compiled`, and whose only state is a task.
-
-    Objects of equal tasks share their programs, also after unpickling, if the tasks are values
-    (`skystack.compilation.shared.is_value`). Copying returns the object itself. Subclasses take the
-    task as their only argument.
-    """
-
-    def __init__(self, task: Task) -> None:
-        self._task = task
-        self._programs: dict[str, Callable[..., Any]] = {}
-
-    @property
-    def _constants(self) -> tuple[type, Task]:
-        """What the programs depend on."""
-        return type(self), self._task
-
-    def unpacked(self, state: Packed) -> TaskState:
-        """A state of the task that was packed."""
-        return _unpacked(self, state)
-
-    def __copy__(self) -> "TaskPrograms":
-        return self
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> "TaskPrograms":
-        return self
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self._task,)
-
-
 def compiled(method: Callable[..., Result]) -> Callable[..., Result]:
     """Make a method of `TaskPrograms` a compiled program. Takes positional JAX or numpy arguments.
 
@@ -66,6 +35,33 @@ def compiled(method: Callable[..., Result]) -> Callable[..., Result]:
     return run
 
 
-@compiled
-def _unpacked(_self: TaskPrograms, state: Packed) -> TaskState:
-    return state.unpacked()
+class TaskPrograms:
+    """Base of classes whose methods are compiled, see `compiled`, and whose only state is a task.
+
+    Objects of equal tasks share their programs, also after unpickling, if the tasks are values
+    (`skystack.compilation.shared.is_value`). Copying returns the object itself. Subclasses take the
+    task as their only argument.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self._task = task
+        self._programs: dict[str, Callable[..., Any]] = {}
+
+    @property
+    def _constants(self) -> tuple[type, Task]:
+        """What the programs depend on."""
+        return type(self), self._task
+
+    @compiled
+    def unpacked(self, state: Packed) -> TaskState:
+        """A state of the task that was packed."""
+        return state.unpacked()
+
+    def __copy__(self) -> "TaskPrograms":
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "TaskPrograms":
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self._task,)

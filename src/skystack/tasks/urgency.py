@@ -15,8 +15,8 @@ NEIGHBOURS = 12
 """The number of other flights that are compared with each flight."""
 FAR = 1e6
 """The urgency of a free slot."""
-COMPARED_S = TIMES_S[::2]
-"""The times at which distances are compared."""
+COMPARED = slice(None, None, 2)
+"""The predicted times at which distances are compared: every other one."""
 LATE_NM_S = 1.0 / 60.0
 """Later approaches count as more distant: 1 NM a minute."""
 LEVEL_MARGIN_TICKS = ticks(20.0)
@@ -48,8 +48,8 @@ def by_scenario(traffic: Traffic, cleared: Cleared, batch: int) -> ScenarioFligh
 
     lowest, highest = _level_range(traffic)
     return ScenarioFlights(
-        arranged(cleared.path.east_nm[::2]),
-        arranged(cleared.path.north_nm[::2]),
+        arranged(cleared.path.east_nm[COMPARED]),
+        arranged(cleared.path.north_nm[COMPARED]),
         arranged(lowest),
         arranged(highest),
         arranged(traffic.active),
@@ -71,11 +71,12 @@ def most_urgent(
     batch, slots = scenarios.active.shape
     scenario = column % batch
     scale = sector.plane.scale(traffic.position_nm[:, 1])[:, None]
-    own = columns_of((cleared.path.east_nm[::2], cleared.path.north_nm[::2]), column)
+    path = cleared.path
+    own_east, own_north = columns_of((path.east_nm[COMPARED], path.north_nm[COMPARED]), column)
     nearest = jnp.full((), jnp.inf)
-    for number, time_s in enumerate(COMPARED_S):
-        east = scenarios.east_nm[number][scenario] - own[0][number][:, None]
-        north = scenarios.north_nm[number][scenario] - own[1][number][:, None]
+    for number, time_s in enumerate(TIMES_S[COMPARED]):
+        east = scenarios.east_nm[number][scenario] - own_east[number][:, None]
+        north = scenarios.north_nm[number][scenario] - own_north[number][:, None]
         distance = jnp.sqrt(east**2 + north**2) / scale
         nearest = jnp.minimum(nearest, distance + time_s * LATE_NM_S)
     lowest, highest = _level_range(traffic)
