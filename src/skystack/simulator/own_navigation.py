@@ -41,12 +41,12 @@ def steer(
     turn rate [deg/s]: the rate of the arc during a fly-by turn, otherwise `turn_rate_deg_s`.
     `route_turn_deg_s` is the rate of turns to fixes; None for coordinated turns.
     """
+    inbound = _to_next_fix(sector, traffic)
     if traffic.cleared_fix is not None:
-        traffic = _begin_direct(traffic, sector, route_turn_deg_s)
-    traffic = _sequence(traffic, sector, route_end_nm, route_turn_deg_s)
+        traffic = _begin_direct(traffic, bearing(inbound), route_turn_deg_s)
+    traffic = _sequence(traffic, sector, inbound, route_end_nm, route_turn_deg_s)
     own = traffic.own_navigation
-    target = fix_of(sector.route_table, traffic.route, traffic.next_fix)
-    course = wrap_360(bearing(_towards(sector, traffic, target)))
+    course = wrap_360(bearing(_to_next_fix(sector, traffic)))
     turn = wrap_180(course - traffic.heading_deg)
     on_track = own & (jnp.abs(turn) < ON_TRACK_DEG)
     radius = jnp.where(on_track, 0.0, traffic.turn_radius_nm)
@@ -61,28 +61,37 @@ def steer(
     return traffic, jnp.where(fly_by, arc, turn_rate_deg_s)
 
 
-def _begin_direct(traffic: Traffic, sector: Sector, rate_deg_s: float | None) -> Traffic:
+def _begin_direct(
+    traffic: Traffic, course_deg: Float[Array, "aircraft *batch"], rate_deg_s: float | None
+) -> Traffic:
     """Begin the turns to the fixes that aircraft have just been cleared direct to.
+
+    `course_deg` is that to the next fix.
 
     If an aircraft has flown past the last fix, its own navigation ends at once, but it still makes
     the turn, as in BluebirdDT.
     """
     begins = traffic.own_navigation & (traffic.turn_radius_nm == RADIUS_UNKNOWN)
-    target = fix_of(sector.route_table, traffic.route, traffic.next_fix)
-    course = bearing(_towards(sector, traffic, target))
-    turn = wrap_180(course - traffic.heading_deg)
+    turn = wrap_180(course_deg - traffic.heading_deg)
     radius = turn_radius_nm(jnp.abs(turn), traffic.ground_speed_kt, rate_deg_s)
     return traffic._replace(
-        flown_heading_deg=jnp.where(begins, wrap_360(course), traffic.flown_heading_deg),
+        flown_heading_deg=jnp.where(begins, wrap_360(course_deg), traffic.flown_heading_deg),
         turn_deg=jnp.where(begins, turn, traffic.turn_deg),
         turn_radius_nm=jnp.where(begins, radius, traffic.turn_radius_nm),
     )
 
 
 def _sequence(
-    traffic: Traffic, sector: Sector, route_end_nm: float, rate_deg_s: float | None
+    traffic: Traffic,
+    sector: Sector,
+    inbound: Float[Array, "aircraft 2 *batch"],
+    route_end_nm: float,
+    rate_deg_s: float | None,
 ) -> Traffic:
-    """Start the turn to the next leg when it is due, and end own navigation at the last fix."""
+    """Start the turn to the next leg when it is due, and end own navigation at the last fix.
+
+    `inbound` is the direction to the next fix.
+    """
     own, routes = traffic.own_navigation, sector.route_table
     last = value_of(routes.last_fix, traffic.route)
     target = fix_of(routes, traffic.route, traffic.next_fix)
@@ -92,7 +101,6 @@ def _sequence(
     distance = length(offset)
     at_last = traffic.next_fix >= last
 
-    inbound = _towards(sector, traffic, target)
     turn = jnp.abs(wrap_180(bearing(outbound) - bearing(inbound)))
     radius = turn_radius_nm(turn, traffic.ground_speed_kt, rate_deg_s)
     lead = jnp.minimum(
@@ -112,13 +120,12 @@ def _sequence(
     )
 
 
-def _towards(
-    sector: Sector, traffic: Traffic, target: Float[Array, "aircraft 2 *batch"]
-) -> Float[Array, "aircraft 2 *batch"]:
-    """The initial direction of the geodesic to a target.
+def _to_next_fix(sector: Sector, traffic: Traffic) -> Float[Array, "aircraft 2 *batch"]:
+    """The initial direction of the geodesic to the next fix.
 
     This is a subroutine; otherwise XLA would compute it again for each use of each component.
     """
+    target = fix_of(sector.route_table, traffic.route, traffic.next_fix)
     return subroutine(sector.plane.geodesic_direction, traffic.position_nm, target)
 
 
