@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from skystack.errors import InputError
     from skystack.evaluation.evaluate import Conditions, evaluate
     from skystack.learning.experiment import load_experiment
-    from skystack.learning.run import TrainingProgress, train_experiment
+    from skystack.learning.progress import TrainingProgress
+    from skystack.learning.run import train_experiment
     from skystack.policies.shipped import find_policy
     from skystack.stacking import Stack, TwoPhase, stack
     from skystack.tasks.plain import PlainTask
@@ -59,7 +60,7 @@ _MODULES = {
     "InputError": "errors",
     "PlainTask": "tasks.plain",
     "Stack": "stacking",
-    "TrainingProgress": "learning.run",
+    "TrainingProgress": "learning.progress",
     "TwoPhase": "stacking",
     "build_task": "tasks.registry",
     "find_agent": "agents.find",

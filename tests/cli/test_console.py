@@ -7,7 +7,7 @@ import sys
 from rich.table import Table
 
 from skystack.cli.console import STARTING, count_scenarios, output, prose, show_progress
-from skystack.learning.run import TrainingProgress
+from skystack.learning.progress import TrainingProgress
 
 HOSTILE = "[/b][red]\x1b[31m\x9b\u202e[link=http://x]:smile:\r"
 ESCAPED = "[/b][red]\\x1b[31m\\x9b\\u202e[link=http://x]:smile:\\r"

@@ -7,7 +7,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from skystack.evaluation.statistics import MEASURES, Estimate
+from skystack.evaluation.estimate import Estimate
+from skystack.evaluation.statistics import MEASURES
 from skystack.reporting.claims import (
     CHANGED,
     MISSED,

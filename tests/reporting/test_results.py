@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from skystack.errors import InputError
-from skystack.evaluation.statistics import Estimate
+from skystack.evaluation.estimate import Estimate
 from skystack.learning.experiment import experiment_names
 from skystack.reporting.results import (
     READABLE_NAMES,

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from skystack.evaluation.statistics import Estimate
+from skystack.evaluation.estimate import Estimate
 from skystack.reporting.results import (
     READABLE_NAMES,
     Bound,

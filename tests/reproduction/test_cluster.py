@@ -17,7 +17,7 @@ import pytest
 
 from skystack.errors import InputError, TrainingError
 from skystack.learning.experiment import load_experiment
-from skystack.learning.run import TrainingProgress
+from skystack.learning.progress import TrainingProgress
 from skystack.reproduction import cluster
 from skystack.reproduction.jobs import Job, train_or_load
 from skystack.reproduction.plan import Plan

@@ -26,7 +26,7 @@ from rich.text import Text
 
 from skystack.errors import printable
 from skystack.io.streams import StandardError, StandardOutput
-from skystack.learning.run import TrainingProgress
+from skystack.learning.progress import TrainingProgress
 
 PLAIN_EVERY_S = 10.0
 """The interval of progress lines, printed instead of a bar when there is no terminal."""

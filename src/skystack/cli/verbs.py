@@ -51,12 +51,8 @@ def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
     from skystack.cli.console import show_progress
     from skystack.compilation.programs import compile_for_one_core, program_cache
     from skystack.learning.event_files import event_files
-    from skystack.learning.run import (
-        CHECKPOINT_EVERY_S,
-        TrainingProgress,
-        preflight,
-        train_experiment,
-    )
+    from skystack.learning.progress import TrainingProgress
+    from skystack.learning.run import CHECKPOINT_EVERY_S, preflight, train_experiment
     from skystack.policies.shipped import SECTOR_CONTROL
 
     name, every_s = f"{experiment.name}-s{options.seed}", options.checkpoint_every

@@ -10,12 +10,13 @@ Precipice" (2021).
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
 from jaxtyping import Float, UInt8
 from scipy.stats import trim_mean
+
+from skystack.evaluation.estimate import Estimate
 
 MEASURES = (
     "clearances",
@@ -37,14 +38,6 @@ QUARTER = 0.25
 Trainings = Float[np.ndarray, "*draws trainings"]
 Others = Float[np.ndarray, "*draws others"]
 Statistic = Float[np.ndarray, "*draws"] | np.float64
-
-
-class Estimate(NamedTuple):
-    """A value and its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
 
 
 def scores(episodes: Sequence[pa.Table], measure: str) -> Float[np.ndarray, "trainings scenarios"]:

@@ -30,6 +30,7 @@ from skystack.learning.policy import (
     package_versions,
     save_policy,
 )
+from skystack.learning.progress import TrainingProgress
 from skystack.learning.seeds import training_key
 from skystack.learning.settings import PPOSettings
 from skystack.tasks.contract import ManyAgents, Task
@@ -37,27 +38,6 @@ from skystack.tasks.registry import build_task, build_training_task, check_cycle
 
 CHECKPOINT_EVERY_S = 60.0
 CHECKPOINT = "learner.safetensors"
-
-
-class TrainingProgress(NamedTuple):
-    """The progress of a run after an update, as `on_update` receives it.
-
-    Example:
-
-        >>> from skystack import TrainingProgress
-        >>> progress = TrainingProgress(8192, 2_000_000, 80_000.0, {"success": 0.25})
-        >>> f"{progress.steps / progress.total_steps:.1%}"
-        '0.4%'
-    """
-
-    steps: int
-    """The steps so far, including those of earlier runs that this one resumes."""
-    total_steps: int
-    steps_per_s: float
-    """The rate after the first update, which is excluded because it includes compilation."""
-    measured: dict[str, float | None]
-    """The values of the update's line in `metrics.jsonl`, such as `success` and `entropy`. Metrics
-    of scenarios are None if no scenario ended."""
 
 
 class Trained(NamedTuple):

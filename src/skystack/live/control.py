@@ -12,6 +12,7 @@ from typing import Any
 from skystack.agents.probe import Probe
 from skystack.agents.search import Search
 from skystack.agents.transmission import Transmission
+from skystack.compilation.memory import return_freed_memory
 from skystack.errors import InputError, unknown_name
 from skystack.live.advice import Advice, Adviser, Alternative, kind_of
 from skystack.live.advice_log import AdviceAnswered, AdviceLog, AdviceShown, Shown
@@ -84,8 +85,11 @@ class LiveControl:
 
         Those of the adviser are compiled on first use.
         """
+        return_freed_memory()  # opening the session compiles some, too
         self.hour.compile()
+        return_freed_memory()
         self._what_if.compile(self.hour.state)
+        return_freed_memory()
 
     def restore(self, entries: Iterable[Entry]) -> None:
         """Fly the entries of a journal again.

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import ttest_ind_from_stats
 
+from skystack.evaluation.estimate import Estimate
 from skystack.evaluation.paper import PAPER, SCENARIOS
-from skystack.evaluation.statistics import Estimate
 from skystack.evaluation.stored import read_table
 from skystack.reporting.learning_curves import LEARNED, at_the_end, steps_until
 from skystack.reporting.results import Row, RowName, Run, Update

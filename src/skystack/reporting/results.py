@@ -9,7 +9,7 @@ from typing import Annotated
 import msgspec
 
 from skystack.errors import InputError, error_context
-from skystack.evaluation.statistics import Estimate
+from skystack.evaluation.estimate import Estimate
 from skystack.evaluation.summary import evaluation_folder, is_no_op, no_op_name, trained_name
 from skystack.io.files import MOST_BYTES, read_whole
 from skystack.io.json_file import decode

@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from skystack.evaluation.statistics import Estimate
+from skystack.evaluation.estimate import Estimate
 from skystack.reporting.results import SIMULATORS, Bound, Number, Results, Row
 from skystack.reporting.table import Table
 

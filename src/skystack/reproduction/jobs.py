@@ -30,7 +30,8 @@ from skystack.evaluation.summary import (
 from skystack.evaluation.tabulate import TABLES
 from skystack.learning.experiment import Experiment, to_toml
 from skystack.learning.policy import Policy, load_policy
-from skystack.learning.run import TrainingProgress, train_experiment
+from skystack.learning.progress import TrainingProgress
+from skystack.learning.run import train_experiment
 from skystack.policies.shipped import find_policy
 from skystack.reproduction.pieces import once
 from skystack.reproduction.plan import Plan
