@@ -9,7 +9,7 @@ arrays.
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 MAX_UNROLLED = 64
 """Areas with at most this many edges are unrolled in compiled programs. Larger areas use a loop,
 with the same result."""
+AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 
 
 class Components(NamedTuple):
@@ -48,13 +49,14 @@ class Components(NamedTuple):
         return Components(self.east + time * velocity.east, self.north + time * velocity.north)
 
 
-def wrap_180(angle_deg: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """The same angle in [-180, 180).
+def wrap_180(angle_deg: Float[AnyArray, "*n"]) -> Float[AnyArray, "*n"]:
+    """The same angle in [-180, 180), in JAX or numpy.
 
     In float32 an angle just below -180 wraps to exactly 180, which is returned as -180.
     """
-    wrapped = angle_deg - 360.0 * jnp.floor((angle_deg + 180.0) / 360.0)
-    return jnp.where(wrapped >= 180.0, -180.0, jnp.maximum(wrapped, -180.0))
+    library: Any = angle_deg.__array_namespace__()
+    wrapped = angle_deg - 360.0 * library.floor((angle_deg + 180.0) / 360.0)
+    return library.where(wrapped >= 180.0, -180.0, library.maximum(wrapped, -180.0))
 
 
 def wrap_360(angle_deg: Float[Array, "*n"]) -> Float[Array, "*n"]:

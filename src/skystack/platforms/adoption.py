@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -22,9 +21,6 @@ TurnRule = Callable[
     Float[np.ndarray, " n"],
 ]
 """The turn [deg], positive to the right, from actual headings to cleared ones in [0, 360)."""
-
-MIN_LENGTH = 1024
-"""The shortest array of headings in compiled programs; all lengths are powers of two."""
 
 
 @dataclass(frozen=True)
@@ -43,14 +39,8 @@ def _turn_in_float32(
     actual_deg: Float[np.ndarray, " n"], cleared_deg: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
     """The simulator's own rule in its own precision, so that both round alike."""
-    count = len(cleared_deg)
-    # Each new length is compiled and stays in memory, so arrays are padded to a few lengths.
-    missing = (1 << max(count - 1, MIN_LENGTH - 1).bit_length()) - count
-    headings = (
-        jnp.asarray(np.pad(each, (0, missing)), dtype=jnp.float32)
-        for each in (actual_deg, cleared_deg)
-    )
-    return np.asarray(turn_to_deg(*headings), dtype=np.float64)[:count]
+    headings = (np.asarray(each, dtype=np.float32) for each in (actual_deg, cleared_deg))
+    return turn_to_deg(*headings).astype(np.float64)
 
 
 def _half_turns_avoid_north(

@@ -23,8 +23,10 @@ def traffic_of(report: Report, before: Traffic, plane: MercatorPlane) -> Traffic
     radius of a turn is internal to the platform, and set to 0. Levels are rounded to whole ticks.
     """
     cleared_level_ticks = np.rint(report.cleared_fl * TICKS_PER_FL)
-    headings = map(jnp.asarray, (report.heading_deg, report.cleared_heading_deg))
-    turn_deg = np.asarray(turn_to_deg(*headings))
+    # In the simulator's precision.
+    headings = (
+        each.astype(np.float32) for each in (report.heading_deg, report.cleared_heading_deg)
+    )
     zero = np.zeros_like(cleared_level_ticks)
     reported = {
         "position_nm": plane.to_plane(report.lat, report.lon),
@@ -33,7 +35,7 @@ def traffic_of(report: Report, before: Traffic, plane: MercatorPlane) -> Traffic
         "ground_speed_kt": report.ground_speed_kt,
         "vertical_speed_ft_min": report.vertical_speed_ft_min,
         "flown_heading_deg": report.cleared_heading_deg,
-        "turn_deg": turn_deg,
+        "turn_deg": turn_to_deg(*headings),
         "flown_level_ticks": cleared_level_ticks,
         "cleared_heading_deg": report.cleared_heading_deg,
         "cleared_level_ticks": cleared_level_ticks,

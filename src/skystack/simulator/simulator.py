@@ -12,7 +12,7 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from skystack.airspace.geometry import direction, wrap_180, wrap_360
+from skystack.airspace.geometry import AnyArray, direction, wrap_180, wrap_360
 from skystack.airspace.projection import LocalScale
 from skystack.airspace.sector import Sector
 from skystack.compilation.loops import repeated
@@ -211,11 +211,12 @@ def _adopt_direct(
 
 
 def turn_to_deg(
-    heading_deg: Float[Array, "*n"], target_deg: Float[Array, "*n"]
-) -> Float[Array, "*n"]:
-    """The shorter turn to a heading, positive to the right.
+    heading_deg: Float[AnyArray, "*n"], target_deg: Float[AnyArray, "*n"]
+) -> Float[AnyArray, "*n"]:
+    """The shorter turn to a heading, positive to the right, in JAX or numpy.
 
     A turn of exactly 180 degrees takes the direction that does not pass through north.
     """
     turn = wrap_180(target_deg - heading_deg)
-    return jnp.where((turn == -180.0) & (target_deg > heading_deg), 180.0, turn)
+    library: Any = turn.__array_namespace__()
+    return library.where((turn == -180.0) & (target_deg > heading_deg), 180.0, turn)
