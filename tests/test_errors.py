@@ -20,6 +20,11 @@ def test_suggests_no_name_among_very_many():
     assert "did you mean" not in str(unknown_name("fix", "FIX200000", names))
 
 
+def test_names_are_listed_in_the_order_of_their_numbers():
+    error = unknown_name("callsign", "x", {"AC10", "AC2", "AC1", "BAW2A", "BAW"})
+    assert "(allowed: AC1, AC2, AC10, BAW, BAW2A)" in str(error)
+
+
 def test_names_the_first_unknown_name():
     check_known("fix", [], {})
     check_known("fix", ["EGL", "ALB"], {"EGL": 1, "ALB": 2})

@@ -2,6 +2,7 @@
 
 import difflib
 import operator
+import re
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -96,9 +97,15 @@ def unknown_name(
 
     `also` states what is allowed in addition to the names. `paths` are as in `suggestion`.
     """
-    names = sorted(allowed)
+    names = sorted(allowed, key=_in_order)
     hint = suggestion(name, names, paths)
     return InputError(f"unknown {kind} {name!r}{hint} (allowed: {also}{', '.join(names)})")
+
+
+def _in_order(name: str) -> list[tuple[str, int]]:
+    """A key that sorts AC2 before AC10."""
+    parts = re.findall(r"(\D*)(\d*)", name)
+    return [(text, int(number[:20] or -1)) for text, number in parts]
 
 
 def suggestion(name: str, allowed: Collection[str], paths: Iterable[str] = ()) -> str:

@@ -8,10 +8,11 @@ import pytest
 
 from skystack.agents.transmission import Transmission
 from skystack.errors import InputError
+from skystack.evaluation.hour_row import read_row
 from skystack.evaluation.stored import read_table
 from skystack.live.advice import Adviser, most_urgent
 from skystack.live.control import VALID_CYCLES, YOU, LiveControl
-from skystack.live.journal import CycleFlown, open_journal
+from skystack.live.journal import ClearanceIssued, CycleFlown, WentBack, open_journal
 from skystack.live.server import LiveServer
 from skystack.live.serving import header_of
 from skystack.reporting.replay.recording import read_replay
@@ -222,6 +223,22 @@ def test_going_back_keeps_the_history_that_is_left(tmp_path):
     assert [each.scenarios[0].cycles for each in both] == [41, 51]
 
 
+def test_a_clearance_that_is_pending_is_neither_recorded_nor_in_the_way(tmp_path):
+    with journaled(tmp_path / "session", 50, tmp_path) as control:
+        name = on_frequency(control.hour)[0]
+        control.clear(f"{name} left 20 degrees")
+        control.step()
+        control.clear(f"{name} left 30 degrees")
+        folder, row = control.opened.write(tmp_path)
+        control.rewind(40)
+    assert row["agent"] == "session"
+    assert read_table(folder / "clearances.parquet", ("cycle",)).to_pylist() == [{"cycle": 50}]
+    (branch,) = control.branches
+    assert branch.name.endswith("-branch-1")
+    assert read_table(branch / "clearances.parquet", ("cycle",)).to_pylist() == [{"cycle": 50}]
+    assert read_row(branch).agent == "session-branch-1"
+
+
 def test_a_session_is_restored_from_its_journal(tmp_path):
     with journaled(tmp_path, 40) as control:
         control.hand_over([], to_adviser=True)
@@ -268,6 +285,24 @@ def test_a_journal_of_other_traffic_is_refused(tmp_path):
         fewer = [each for each in entries if not isinstance(each, CycleFlown) or each.number < 5]
     with pytest.raises(InputError, match=r"the journal has .*--new"):
         LiveControl(other, 200, ADVISER).restore(fewer)
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        (CycleFlown(7), r"cycle 7 after cycle 40 \(allowed: 41; --new"),
+        (CycleFlown(40), r"cycle 40 after cycle 40 \(allowed: 41; --new"),
+        (ClearanceIssued("AC1", "you", level_ticks=9e8), r"the journal has FL.* for AC1 \(allowed"),
+        (WentBack(5000), r"cycle 5000 \(allowed: 0 to 40"),
+    ],
+)
+def test_a_journal_with_an_impossible_entry_is_refused(tmp_path, entry, message):
+    with journaled(tmp_path, 40) as control:
+        pass
+    with open_journal(tmp_path, header_of(control.opened)) as (_, entries):
+        pass
+    with pytest.raises(InputError, match=message):
+        LiveControl(opened(seed=3), 200, ADVISER).restore([*entries, entry])
 
 
 def test_a_session_ends_after_its_cycles():

@@ -51,6 +51,30 @@ def test_every_flight_is_born_once_and_then_has_a_row_in_every_cycle(flown):
         assert np.diff(np.flatnonzero(present)).tolist() == [1] * (sum(present) - 1)
 
 
+def test_flights_that_are_there_at_the_start_have_a_row_before_the_first_cycle():
+    hour = begun_hour(seed=3, flights=3)
+    history = History(WORLD.simulator)
+    history.add_start(hour.state, hour.slots)
+    (start,) = history.updates
+    assert start["cycle"] == 0
+    assert {each["callsign"] for each in start["born"]} == hour.slots.keys()
+    assert (start["gone"], start["losses"]) == ([], [])
+    rows = {row[0]: row for row in start["flights"]}
+    for slot in hour.slots.values():
+        row = rows[int(hour.state.arrivals.flight[slot])]
+        np.testing.assert_allclose(row[1:3], hour.state.traffic.position_nm[slot], atol=1e-4)
+    history.add_cycle(1, hour.advance(), hour.slots)
+    assert not {each["callsign"] for each in history.updates[1]["born"]} & {
+        each["callsign"] for each in start["born"]
+    }
+
+
+def test_nothing_is_shown_of_the_start_if_nobody_is_there():
+    hour, history = begun_hour(flights=0), History(WORLD.simulator)
+    history.add_start(hour.state, hour.slots)
+    assert history.updates == []
+
+
 def test_the_last_rows_are_the_state(flown):
     hour, history = flown
     traffic = hour.state.traffic

@@ -66,8 +66,12 @@ def test_every_prefix_of_the_file_is_a_journal(written):
     "change",
     [{"seed": 1}, {"sector": "b"}, {"start": "c"}, {"platform": "bluesky"}, {"version": "0"}],
 )
-def test_a_journal_of_another_session_is_begun_again(written, change):
-    with open_journal(written, msgspec.structs.replace(HEADER, **change)) as (_, entries):
+def test_a_journal_of_another_session_is_kept(written, change):
+    data, other = path_of(written).read_bytes(), msgspec.structs.replace(HEADER, **change)
+    with pytest.raises(InputError, match=r"session\.jsonl is of a session with .*--new"):
+        open_journal(written, other).__enter__()
+    assert path_of(written).read_bytes() == data
+    with open_journal(written, other, fresh=True) as (_, entries):
         assert entries == []
 
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from skystack.errors import InputError
 from skystack.live.recorded import LiveSession
 from skystack.reporting.replay.page import write_replay
 
@@ -117,6 +118,9 @@ def test_a_whole_session(session, page, tmp_path, browser):
 def test_a_heading_is_dragged_and_a_level_is_picked(session, page):
     name = on_frequency(session.control.hour)[0]
     page.page.locator(".strip", has_text=name).first.click()
+    page.keys("Enter")  # the strip that was clicked does not keep the focus
+    assert page.page.evaluate("document.activeElement.id") == "clearance"
+    page.keys("Escape")
     page.wait_for("#ladder", "300")
     assert page.page.locator("#ladder .exit").count() == 1
     assert page.page.locator("#ladder [aria-current]").count() == 1
@@ -170,6 +174,20 @@ def test_looking_back_changes_nothing_until_the_session_continues_there(session,
     assert session.control.cycle == 40
     assert clearances(session) == []
     page.wait_until("document.querySelectorAll('.log .text').length === 0")
+
+
+def test_the_past_stays_on_screen_if_going_back_is_refused(session, page, monkeypatch):
+    def refuse(cycle):
+        raise InputError("the disk is full")
+
+    monkeypatch.setattr(session.control, "rewind", refuse)
+    page.scrub_to(40)
+    page.page.locator("[data-do=rewind]").click()
+    page.wait_for("body", "the disk is full")
+    assert page.row == 40
+    assert page.page.locator("[data-do=rewind]").is_visible()
+    page.keys("End", "ArrowRight")  # the session goes on
+    page.wait_until("Number(document.querySelector('#scrubber').value) === 61")
 
 
 def test_a_page_that_is_opened_again_finds_the_session_as_it_was(session, page, browser):

@@ -12,7 +12,7 @@ from skystack.errors import InputError
 from skystack.evaluation.stored import read_table
 from skystack.live.hour import LiveHour
 from skystack.live.situation import Conflict, Situation
-from skystack.live.text_session import TextSession, aligned
+from skystack.live.text_session import HELP, TextSession, aligned
 from skystack.reporting.replay.recording import read_replay
 from skystack.simulator.performance import TICKS_PER_FL
 
@@ -58,22 +58,22 @@ def test_an_empty_line_flies_a_cycle_and_says_the_time(session):
 def test_advice_is_shown_and_only_then_transmitted(session):
     with pytest.raises(InputError, match=r"nothing to accept"):
         session.answer("accept")
-    sent = len(session.hour.recorded().sent)
+    sent = len(session.hour._recorder.sent)
     proposed = session.answer("advise")
     assert all("resume own navigation direct" in each for each in proposed)
-    assert len(session.hour.recorded().sent) == sent
+    assert len(session.hour._recorder.sent) == sent
     read_back = session.answer("accept")
     assert [each.strip('"').rpartition(", ")[2] for each in read_back] == [
         each.split()[0] for each in proposed
     ]
-    assert len(session.hour.recorded().sent) == sent + len(proposed) > sent
+    assert len(session.hour._recorder.sent) == sent + len(proposed) > sent
 
 
 @pytest.mark.parametrize(
     ("line", "message"),
     [
         ("0", r"0 cycles \(allowed: 1 to \d+, the rest of the session\)"),
-        ("999999999999", r"999999999 cycles \(allowed: 1 to"),
+        ("999999999999", r"999999999999 cycles \(allowed: 1 to"),
         ("fly", "unknown callsign 'fly'"),
     ],
 )
@@ -147,6 +147,35 @@ def test_the_verb_flies_what_is_typed_and_records_it(tmp_path, capsys, monkeypat
     replay = read_replay(folder)
     assert replay.scenarios[0].cycles == 35
     assert replay.title.startswith("session, 600 flights/h")
+
+
+def test_a_clearance_after_the_last_cycle_is_not_in_the_recording(tmp_path, monkeypatch):
+    lines = b"30\nAC1 fly heading 270\n1\nAC1 fly heading 280\nquit\n"
+    monkeypatch.setattr(sys, "stdin", Input(lines))
+    out = tmp_path / "recordings"
+    assert main(["session", "--text", "600", "--seed", "5", "--out", str(out)]) == 0
+    (folder,) = out.iterdir()
+    issued = read_table(folder / "clearances.parquet", ("value",)).to_pylist()
+    assert issued == [{"value": 270}]
+
+
+def test_the_verb_says_at_once_that_nothing_can_be_written(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "stdin", Input(b"1\nquit\n"))
+    (tmp_path / "file").touch()
+    assert main(["session", "--text", "--out", str(tmp_path / "file")]) == 2
+    found = capsys.readouterr()
+    assert "0:06" not in found.out
+    assert "file" in found.err
+
+
+def test_the_verb_refuses_a_seed_for_a_scenario_file(capsys, monkeypatch):
+    monkeypatch.setattr(sys, "stdin", Input(b""))
+    assert main(["session", "--text", "examples/head-on.json", "--seed", "4"]) == 2
+    assert "head-on.json with seed 4 (allowed: no seed" in capsys.readouterr().err
+
+
+def test_lines_of_the_help_fit_a_terminal():
+    assert max(map(len, HELP)) < 80
 
 
 def test_the_verb_refuses_an_unknown_adviser(capsys, monkeypatch):

@@ -114,8 +114,10 @@ def _on_page(opened: Any, options: argparse.Namespace) -> bool:
 
 def _in_text(opened: Any, options: argparse.Namespace) -> None:
     """Hold the dialogue, and write the recording."""
+    from skystack.io.files import make_folder
     from skystack.live.text_session import TextSession
 
+    make_folder(options.out)  # now, so that nothing is flown that cannot be written
     say("`help` lists what can be typed; an empty line flies a cycle")
     try:
         _converse(TextSession(opened.hour, opened.adviser, opened.conditions.cycles), options.json)

@@ -200,7 +200,10 @@ class HourRecorder:
             del recorded[cycles:]
 
     def hour(self) -> Hour:
-        """What has been flown so far; at least one cycle."""
+        """What has been flown so far; at least one cycle.
+
+        Transmissions that were issued after the last cycle are not included.
+        """
         stacked: Any = jax.tree.map(lambda *values: np.stack(values), *self._cycles)
         return Hour(
             number=self.number,
@@ -216,6 +219,6 @@ class HourRecorder:
             excursion=stacked.excursion,
             waiting=stacked.waiting,
             fail_safe=np.array(self._fail_safe),
-            sent=list(self.sent),
+            sent=[each for each in self.sent if each.cycle < len(self._cycles)],
             decision_ms=np.array(self._decision_ms),
         )

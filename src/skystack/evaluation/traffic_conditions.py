@@ -103,6 +103,11 @@ def check_conditions(conditions: TrafficConditions) -> None:
 def _check_scenario(conditions: TrafficConditions) -> None:
     if is_scenario_file(conditions.traffic):
         _check_one_hour(conditions)
+        if conditions.seed:
+            raise InputError(
+                f"traffic {conditions.traffic} with seed {conditions.seed} (allowed: no seed; it "
+                "is always the same)"
+            )
     _refuse_options(conditions, f"traffic {conditions.traffic}")
 
 

@@ -25,6 +25,7 @@ from skystack.live.views import Views, rounded
 from skystack.live.what_if import Planned, WhatIf
 from skystack.platforms.instruction import Instruction
 from skystack.platforms.phraseology import read_back, written
+from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import ticks
 
 YOU = "you"
@@ -64,6 +65,7 @@ class LiveControl:
         self._journal, self._out = journal, out
         world = self.hour.world
         self.history = History(world.simulator)
+        self.history.add_start(self.hour.state, self.hour.slots)
         agent = opened.adviser
         self._what_if = WhatIf(agent.probe if isinstance(agent, Search) else Probe(world))
         self._adviser = Adviser(world, self._what_if, agent, adviser or "")
@@ -81,14 +83,17 @@ class LiveControl:
         return self.cycle >= self.cycles
 
     def compile(self) -> None:
-        """Compile the programs of cycles and trials now instead of during the session.
+        """Compile the programs of cycles, trials and the adviser now, not during the session.
 
-        Those of the adviser are compiled on first use.
+        An adviser may compile more when there are flights.
         """
         return_freed_memory()  # opening the session compiles some, too
         self.hour.compile()
         return_freed_memory()
         self._what_if.compile(self.hour.state)
+        if self._delegate is not None:
+            self._delegate.begin(self.hour.state)
+            self._delegate.transmit(self.hour.state)
         return_freed_memory()
 
     def restore(self, entries: Iterable[Entry]) -> None:
@@ -102,6 +107,7 @@ class LiveControl:
             if isinstance(entry, WentBack):
                 self.rewind(entry.cycle)
             elif isinstance(entry, CycleFlown):
+                self._check_number(entry)
                 self._advance()
             elif isinstance(entry, HandedOver):
                 self._hand_over(entry)
@@ -112,6 +118,13 @@ class LiveControl:
         self._journal = journal
         if self._delegate is None and (self.hands_all or self.handed):
             self._hand_over(HandedOver([], to_adviser=False))
+
+    def _check_number(self, entry: CycleFlown) -> None:
+        if entry.number != self.cycle + 1:
+            raise InputError(
+                f"the journal has cycle {entry.number} after cycle {self.cycle} (allowed: "
+                f"{self.cycle + 1}; --new begins another session)"
+            )
 
     def step(self) -> None:
         """Fly one cycle, after the adviser has instructed its flights."""
@@ -242,9 +255,10 @@ class LiveControl:
     def rewind(self, cycle: int) -> None:
         """Go back to the end of a cycle. Raises InputError if it has not been flown."""
         if cycle < self.cycle:
-            self._left += 1
+            left = self._left + 1
             if self._out is not None and self._journal is not None:
-                self.branches.append(self.opened.write(self._out, self._left)[0])
+                self.branches.append(self.opened.write(self._out, left)[0])
+            self._left = left
         self.hour.rewind(cycle)
         self.history.rewind(cycle)
         self.playing, self._begun, self.advice = False, False, None
@@ -318,10 +332,20 @@ class LiveControl:
                 f"the journal has fix {entry.fix} for {entry.callsign} (allowed: 0 to "
                 f"{len(route) - 1})"
             )
+        self._check_level(entry)
         turn: Any = entry.turn
         return Transmission(
             slot, entry.heading_deg, entry.fix, entry.level_ticks, entry.instructions, turn
         )
+
+    def _check_level(self, entry: ClearanceIssued) -> None:
+        lowest, highest = self.hour.world.sector.levels_fl
+        ticks = entry.level_ticks
+        if ticks is not None and not lowest <= ticks / TICKS_PER_FL <= highest:
+            raise InputError(
+                f"the journal has FL{ticks / TICKS_PER_FL:.0f} for {entry.callsign} (allowed: "
+                f"FL{lowest} to FL{highest}; --new begins another session)"
+            )
 
     def _write(self, entry: Entry) -> None:
         if self._journal is not None:

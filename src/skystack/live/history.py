@@ -40,8 +40,37 @@ class History:
     def sector(self) -> Sector:
         return self._simulator.sector
 
+    def add_start(self, state: WorldState, slots: Mapping[str, int]) -> None:
+        """Add the flights that are there before the first cycle, if any."""
+        traffic = state.traffic
+        none: Any = np.zeros(len(state.arrivals.flight), dtype=bool)
+        start = WorldCycle(
+            flight=state.arrivals.flight,
+            before_nm=traffic.position_nm,
+            before_level_ticks=traffic.level_ticks,
+            traffic=traffic,
+            born=none,
+            entered=state.progress.entered,
+            exited=none,
+            exited_correctly=none,
+            excursion=none,
+            exit_level_ticks=state.arrivals.exit_level_ticks,
+            waiting=state.arrivals.waiting,
+        )
+        if slots:
+            self._add(0, start, slots, losses=[])
+
     def add_cycle(self, number: int, cycle: WorldCycle, slots: Mapping[str, int]) -> None:
         """Add a cycle that was flown, and the slots of all flights by callsign."""
+        self._add(number, cycle, slots, self._losses(cycle))
+
+    def _add(
+        self,
+        number: int,
+        cycle: WorldCycle,
+        slots: Mapping[str, int],
+        losses: list[list[float]],
+    ) -> None:
         callsign = {slot: name for name, slot in slots.items()}
         flying = np.flatnonzero(cycle.flight != FREE)
         flying = flying[np.argsort(cycle.flight[flying])]
@@ -53,7 +82,7 @@ class History:
                 "born": [self._begun(cycle, slot, callsign[slot]) for slot in newborn],
                 "flights": _rows(cycle, flying),
                 "gone": _gone(cycle, flying),
-                "losses": self._losses(cycle),
+                "losses": losses,
             }
         )
 

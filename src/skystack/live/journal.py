@@ -94,8 +94,8 @@ def open_journal(
 ) -> Iterator[tuple[Journal, list[Entry]]]:
     """The journal in a session's folder, and its entries so far.
 
-    They are empty if there is no journal, with `fresh`, or if it is of another session. Raises
-    InputError for a damaged journal, and if another process uses it.
+    They are empty if there is no journal, or with `fresh`. Raises InputError for a journal of
+    another session, for a damaged one, and if another process uses it.
     """
     folder = session / FOLDER
     path = folder / FILE
@@ -113,14 +113,22 @@ def open_journal(
 
 
 def _entries(path: Path, header: Header) -> tuple[list[Entry], int]:
-    """The entries of a journal with this header and their length in bytes; otherwise nothing."""
+    """The entries of a journal and the length in bytes of its intact lines.
+
+    Raises InputError if it has another header.
+    """
     if not exists(path):
         return [], 0
     lines = read_whole(path).splitlines(keepends=True)
     if lines and not lines[-1].endswith(b"\n"):
         del lines[-1]  # the process was killed while it wrote
-    if not lines or _decoded(path, 1, lines[0], Header) != header:
+    if not lines:
         return [], 0
+    if _decoded(path, 1, lines[0], Header) != header:
+        raise InputError(
+            f"{path} is of a session with other flights, another sector or performance model, or "
+            "another version of skystack (allowed: --new to replace it, or another --out)"
+        )
     entries = [_decoded(path, number, line, Entry) for number, line in enumerate(lines[1:], 2)]
     return entries, sum(map(len, lines))
 

@@ -48,16 +48,17 @@ class LiveSession(NamedTuple):
         folder, which is in `out`, and the row of results.
         """
         conditions = self.conditions._replace(cycles=self.hour.cycle)
-        folder, found = hours_folder(out, SESSION, conditions), self.controlled
+        folder, found, name = hours_folder(out, SESSION, conditions), self.controlled, SESSION
         if branch is not None:
             folder = folder.with_name(f"{folder.name}-branch-{branch}")
+            name = f"{SESSION}-branch-{branch}"
         hour, world = self.hour.recorded(), found.world
         scores = score(world.sector, hour)
         record = replace(record_of(found, conditions), agent=SESSION, safety_net=None)
         with growing_hours(folder, world, found.performance, record) as append:
             append(hour, scores)
             forget_row(folder)
-        row = summary([scores], SESSION, conditions.recorded_traffic)
+        row = summary([scores], name, conditions.recorded_traffic)
         row |= conditions_row(found, conditions) | {"safety_net": None, "per_cycle": None}
         write_row(folder, row)
         return folder, row

@@ -343,6 +343,7 @@ class _Browser:
                 await server.notify()
             case _:
                 await server.change(lambda: _set(control, message))
+                reply = {} if message.id else None
         return reply
 
     def _advise(self, conforms: bool) -> bool:
@@ -355,7 +356,7 @@ def _in_one_line(error: Exception) -> str:
 
 
 def _set(control: LiveControl, message: Message) -> None:
-    """Do what needs no reply."""
+    """Do what needs no answer but that it is done."""
     match message:
         case Play(on=on):
             control.playing = on and not control.ended

@@ -92,8 +92,8 @@ def serve(
 def _title(conditions: TrafficConditions) -> str:
     if conditions.is_the_same_for_every_seed:
         return conditions.recorded_traffic
-    traffic = "" if is_scenario(conditions.traffic) else " traffic"
-    return f"{conditions.recorded_traffic}{traffic}, seed {conditions.seed}"
+    traffic = "" if is_scenario(conditions.traffic) else "traffic "
+    return f"{traffic}{conditions.recorded_traffic}, seed {conditions.seed}"
 
 
 @contextmanager

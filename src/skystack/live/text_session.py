@@ -18,7 +18,8 @@ from skystack.simulator.simulator import CYCLE_S
 
 HELP = (
     "CALLSIGN CLEARANCE   such as: AC1 turn left heading 240, climb FL340",
-    "                     or: AC1 direct FIRE; AC1 resume own navigation; AC1 left 20 degrees",
+    "                     or: AC1 direct FIRE; AC1 left 20 degrees",
+    "                     or: AC1 resume own navigation",
     "empty line, or N     fly one radar cycle (6 s), or N",
     "flights              the flights, and conflicts predicted within ten minutes",
     "advise, accept       what the adviser would transmit now; transmit it",
@@ -47,7 +48,7 @@ class TextSession:
         if len(words) == 1:
             word = words[0].casefold()
             if word.isascii() and word.isdigit():
-                return self._fly(int(word[:9]))
+                return self._fly(int(word[:20]))
             if word in ("flights", "advise", "accept", "help", "quit"):
                 answer: list[str] = getattr(self, f"_{word}")()
                 return answer

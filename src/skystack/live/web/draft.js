@@ -113,7 +113,8 @@ class Draft {
     const text = this.input.value.trim();
     if (!text) return;
     clearTimeout(this.timer);
-    const isModified = this.modifies?.callsign === text.split(/\s+/)[0].toUpperCase();
+    const begins = `${this.modifies?.callsign} `.toUpperCase();
+    const isModified = this.modifies !== null && text.toUpperCase().startsWith(begins);
     const modifies = isModified ? { modifies: this.modifies.of } : {};
     const reply = await this.ask({ do: "clear", text, ...modifies });
     if (reply.kind === "refused") {

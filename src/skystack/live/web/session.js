@@ -141,10 +141,12 @@ const actions = {
     connection.send({ do: "hand_over", callsigns: [], to_adviser: !isHanded });
   },
   advise: () => advice.request(),
-  rewind: () => {
+  rewind: async () => {
     if (player.isFollowing) return;
-    connection.send({ do: "rewind", cycle: player.row });
-    player.isFollowing = true;
+    notify("Saving the later history …");
+    const reply = await ask({ do: "rewind", cycle: player.row });
+    notify(reply.reason ?? "");
+    if (reply.kind !== "refused") player.goTo(player.lastRow);
   },
   sound: () => {
     monitor.sound = monitor.sound ? null : new AudioContext();

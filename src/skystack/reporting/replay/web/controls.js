@@ -64,17 +64,18 @@ function listenToKeys(keys) {
   });
 }
 
+// After a pointer click, buttons drop the focus, so that space plays and Enter does what its key does.
+document.addEventListener("click", (event) => {
+  if (event.detail) event.target.closest("button")?.blur();
+});
+
 /** Connects each button to its key, which the tooltip names. */
 function wireButtons(keys) {
   for (const button of document.querySelectorAll("button[data-key]")) {
     const { shown, does, run } = keys.find((each) => each.keys.includes(button.dataset.key));
     button.title = `${does} (${shown})`;
     button.setAttribute("aria-label", does);
-    button.addEventListener("click", (event) => {
-      run(button.dataset.key);
-      // After a pointer click the button drops the focus, so that space plays.
-      if (event.detail) button.blur();
-    });
+    button.addEventListener("click", () => run(button.dataset.key));
   }
 }
 
