@@ -172,3 +172,16 @@ def test_flights_that_are_born_close_are_kept_separated():
     scores = score(sector, hour)
     assert all(flight.correct for flight in scores.flights)
     assert not scores.losses
+
+
+def test_two_flights_do_not_change_levels_through_each_other():
+    """One 1,000 ft above the other: the upper one is to leave below it, the lower one above."""
+    sector = x_plus()
+    route = sector.routes[0]
+    upper = at_first_fix(sector, route, "UPPER", level_fl=300.0)._replace(exit_fl=260.0)
+    lower = at_first_fix(sector, route, "LOWER", level_fl=290.0)._replace(exit_fl=340.0)
+    world = listed_world(sector, [upper, lower])
+    hour = HourFlyer(world, 250).fly(Search(world), 0, 0)
+    scores = score(sector, hour)
+    assert not scores.losses
+    assert all(flight.correct for flight in scores.flights)

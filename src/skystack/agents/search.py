@@ -103,8 +103,15 @@ class Search:
     def _plan(self, state: WorldState, slot: int) -> None:
         """Give a flight a plan; if none is clear, give other plans to flights in its way."""
         found = self._best(state, slot)
+        if withdrawn := [other for other in found.lost if self._is_due(other)]:
+            # Their next transmissions, not their present clearances, lead to the loss.
+            for other in withdrawn:
+                self._keep(state, other, self._as_cleared(state, other))
+            found = self._best(state, slot)
         self._keep(state, slot, found)
         self._unsafe.discard(slot)
+        for other in withdrawn:
+            self._plan_again(state, other)
         if found.is_clear:
             return
         for other in found.blockers[:MOVED]:
@@ -114,6 +121,26 @@ class Search:
                 if len(found.blockers) == 1:
                     return
         self._unsafe.add(slot)
+
+    def _plan_again(self, state: WorldState, slot: int) -> None:
+        """Give a flight whose plan was withdrawn another one, now or in the next cycle."""
+        found = self._best(state, slot)
+        if found.is_clear:
+            self._keep(state, slot, found)
+        else:
+            self._unsafe.add(slot)
+
+    def _is_due(self, slot: int) -> bool:
+        """Whether a transmission to a flight is due before a conflict counts as avoidable."""
+        soon = range(self._cycle, self._cycle + UNAVOIDABLE + 1)
+        return any(each.slot == slot for cycle in soon for _, each in self._due.get(cycle, []))
+
+    def _as_cleared(self, state: WorldState, slot: int) -> "_Found":
+        """A plan without transmissions."""
+        events = no_events(PLANS)
+        flown = jax.device_get(self.probe.fly(*flights_in(state, np.full(PLANS, slot)), events))
+        none = np.zeros((1, 0), dtype=np.int32)
+        return _better(None, events, flown, none, none, none[0])
 
     def _best(self, state: WorldState, slot: int) -> "_Found":
         """The best plan for a flight: without conflicts if possible."""
@@ -139,8 +166,8 @@ class Search:
                 unavoidable = np.all(loss <= UNAVOIDABLE, axis=0)
             first = np.where(close, loss, first)
             first[:, unavoidable] = NEVER
-            loss_cycles = np.sum(cycles, axis=1, where=unavoidable)
-            best = _better(best, events, flown, first, loss_cycles, numbers)
+            lost = np.where(unavoidable, cycles, 0)
+            best = _better(best, events, flown, first, lost, numbers)
             if best.cost < NOT_CLEAR and best.loss_cycles <= SHORT:
                 break
         assert best is not None
@@ -202,6 +229,8 @@ class _Found(NamedTuple):
     """Without the axis of plans."""
     loss_cycles: int
     """The number of cycles of unavoidable loss of separation, summed over the other flights."""
+    lost: list[int]
+    """The slots of these flights."""
 
     @property
     def is_clear(self) -> bool:
@@ -230,14 +259,14 @@ def _better(
     events: Events,
     flown: FlownPlans,
     first: Int[np.ndarray, "plans others"],
-    loss_cycles: Int[np.ndarray, " plans"],
+    lost: Int[np.ndarray, "plans others"],
     numbers: Int[np.ndarray, " others"],
 ) -> _Found:
     """The best of the plans flown and the best so far.
 
-    `first` excludes unavoidable conflicts; `loss_cycles` is the number of cycles in them.
+    `first` excludes unavoidable conflicts; `lost` is the number of cycles in them.
     """
-    count = len(first)
+    count, loss_cycles = len(first), lost.sum(axis=1)
     conflicts = (first < NEVER).sum(axis=1)
     soonest = first.min(axis=1, initial=NEVER)
     wrong = ~flown.correct[:count]
@@ -264,4 +293,5 @@ def _better(
         flown.ahead.present[:, number],
         Events(*(values[number] for values in events)),
         int(loss_cycles[number]),
+        numbers[lost[number] > 0].tolist(),
     )
