@@ -114,6 +114,7 @@ READINGS: tuple[tuple[str, ...], ...] = (
     ("small-updates", "entered"),
     ("small-updates", "in-full", "entered"),
     ("small-updates", "shared-counter", "entered"),
+    ("raw-advantages", "full-time"),
 )
 """Each reading as the names of its factors; the first is ours."""
 WAYS = tuple(Way(stacking, greedy) for stacking in (False, True) for greedy in (True, False))

@@ -185,3 +185,16 @@ def test_two_flights_do_not_change_levels_through_each_other():
     scores = score(sector, hour)
     assert not scores.losses
     assert all(flight.correct for flight in scores.flights)
+
+
+def test_a_flight_that_does_not_hear_yet_is_not_flown_into():
+    """A flight is to descend past another one, 1,000 ft below it, that hears a minute later."""
+    sector = x_plus()
+    route = sector.routes[0]
+    upper = at_first_fix(sector, route, "UPPER", level_fl=300.0)._replace(exit_fl=260.0)
+    lower = at_first_fix(sector, route, "LOWER", level_fl=290.0)._replace(contact_s=60.0)
+    world = listed_world(sector, [upper, lower])
+    hour = HourFlyer(world, 250).fly(Search(world), 0, 0)
+    scores = score(sector, hour)
+    assert not scores.losses
+    assert all(flight.correct for flight in scores.flights)

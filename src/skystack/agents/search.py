@@ -49,6 +49,9 @@ UNAVOIDABLE = 2
 is treated as unavoidable: a clearance takes effect after one cycle, and hardly moves the aircraft
 in the next. From a flight that is within the margin that early under all plans, but not closer than
 the standard, plans keep the standard without the margin."""
+EXPECTED_CYCLES = 10
+"""Flights without a plan are expected to fly as cleared for this number of cycles. They get a plan
+as soon as they hear clearances."""
 SHORT = 10
 """The search ends when a plan has at most this many cycles of unavoidable loss of separation."""
 LOSS_CYCLE_COST, MAX_LOSS_CYCLES = 20, 200
@@ -89,8 +92,12 @@ class Search:
         self._present[:, gone] = False
         self._unsafe -= set(np.flatnonzero(gone).tolist())
         self._planned[gone] = FREE
-        ready = state.hears & (self._planned == FREE)
-        for slot in [*np.flatnonzero(ready).tolist(), *sorted(self._unsafe)]:
+        unplanned = np.flatnonzero((flight != FREE) & (self._planned == FREE))
+        ready = unplanned[state.hears[unplanned]].tolist()
+        slots = [*ready, *sorted(self._unsafe)]
+        if slots and unplanned.tolist() != slots[:1]:
+            self._expect(state, unplanned)
+        for slot in slots:
             self._plan(state, slot)
         return [each for number, each in self._due.pop(cycle, []) if flight[each.slot] == number]
 
@@ -100,13 +107,26 @@ class Search:
         self._present[-1] = False
         self._cycle += 1
 
+    def _expect(self, state: WorldState, slots: Int[np.ndarray, " slots"]) -> None:
+        """Expect flights without a plan to fly on as cleared for a while."""
+        for begin in range(0, len(slots), PLANS):
+            some = slots[begin : begin + PLANS]
+            ahead = self._as_cleared(state, some).ahead
+            for known, flown in (
+                (self._position, ahead.position_nm),
+                (self._level, ahead.level_ticks),
+                (self._present, ahead.present),
+            ):
+                known[:, some] = flown[:, : len(some)]
+            self._present[EXPECTED_CYCLES:, some] = False
+
     def _plan(self, state: WorldState, slot: int) -> None:
         """Give a flight a plan; if none is clear, give other plans to flights in its way."""
         found = self._best(state, slot)
         if withdrawn := [other for other in found.lost if self._is_due(other)]:
             # Their next transmissions, not their present clearances, lead to the loss.
             for other in withdrawn:
-                self._keep(state, other, self._as_cleared(state, other))
+                self._withdraw(state, other)
             found = self._best(state, slot)
         self._keep(state, slot, found)
         self._unsafe.discard(slot)
@@ -114,7 +134,7 @@ class Search:
             self._plan_again(state, other)
         if found.is_clear:
             return
-        for other in found.blockers[:MOVED]:
+        for other in [each for each in found.blockers if self._planned[each] != FREE][:MOVED]:
             moved = self._best(state, other)
             if moved.is_clear:
                 self._keep(state, other, moved)
@@ -135,12 +155,16 @@ class Search:
         soon = range(self._cycle, self._cycle + UNAVOIDABLE + 1)
         return any(each.slot == slot for cycle in soon for _, each in self._due.get(cycle, []))
 
-    def _as_cleared(self, state: WorldState, slot: int) -> "_Found":
-        """A plan without transmissions."""
-        events = no_events(PLANS)
-        flown = jax.device_get(self.probe.fly(*flights_in(state, np.full(PLANS, slot)), events))
-        none = np.zeros((1, 0), dtype=np.int32)
-        return _better(None, events, flown, none, none, none[0])
+    def _withdraw(self, state: WorldState, slot: int) -> None:
+        """Replace a flight's plan by one without transmissions."""
+        flown, none = self._as_cleared(state, np.array([slot])), np.zeros((1, 0), dtype=np.int32)
+        self._keep(state, slot, _better(None, no_events(PLANS), flown, none, none, none[0]))
+
+    def _as_cleared(self, state: WorldState, slots: Int[np.ndarray, " slots"]) -> FlownPlans:
+        """At most `PLANS` flights flown ahead as they are cleared; the columns are repeated."""
+        rows = flights_in(state, np.resize(slots, PLANS))
+        flown: FlownPlans = jax.device_get(self.probe.fly(*rows, no_events(PLANS)))
+        return flown
 
     def _best(self, state: WorldState, slot: int) -> "_Found":
         """The best plan for a flight: without conflicts if possible."""
