@@ -4,7 +4,9 @@ Trial plans over fixes, headings and levels are flown ahead with the simulator i
 with few transmissions first. A new flight gets the cheapest plan of the first batch in which one is
 clear of all other plans; the cost is flying time and transmissions. If no batch has one, flights in
 its way are given other plans. If a conflict cannot be avoided, a plan that ends it soon is
-accepted. The plans are carried out as they fall due. (The idea of trial plans is that of
+accepted. The plans are carried out as they fall due. A planned transmission that would cause a loss
+before others can react is withdrawn. Flights that do not hear clearances yet have no plan: for a
+minute, they are expected to fly as cleared. (The idea of trial plans is that of
 AutoResolver: Erzberger, ICAS 2008.)
 """
 
@@ -50,8 +52,8 @@ is treated as unavoidable: a clearance takes effect after one cycle, and hardly 
 in the next. From a flight that is within the margin that early under all plans, but not closer than
 the standard, plans keep the standard without the margin."""
 EXPECTED_CYCLES = 10
-"""Flights without a plan are expected to fly as cleared for this number of cycles. They get a plan
-as soon as they hear clearances."""
+"""Flights without a plan are expected to fly as cleared for this number of cycles, the present one
+included. They get a plan as soon as they hear clearances."""
 SHORT = 10
 """The search ends when a plan has at most this many cycles of unavoidable loss of separation."""
 LOSS_CYCLE_COST, MAX_LOSS_CYCLES = 20, 200
@@ -121,10 +123,14 @@ class Search:
             self._present[EXPECTED_CYCLES:, some] = False
 
     def _plan(self, state: WorldState, slot: int) -> None:
-        """Give a flight a plan; if none is clear, give other plans to flights in its way."""
+        """Give a flight a plan.
+
+        Transmissions to others that would soon lead to a loss are withdrawn. If no plan is clear,
+        flights in its way get other plans.
+        """
         found = self._best(state, slot)
         if withdrawn := [other for other in found.lost if self._is_due(other)]:
-            # Their next transmissions, not their present clearances, lead to the loss.
+            # Their next transmissions may cause the loss, and can still be withdrawn.
             for other in withdrawn:
                 self._withdraw(state, other)
             found = self._best(state, slot)
@@ -147,13 +153,19 @@ class Search:
         found = self._best(state, slot)
         if found.is_clear:
             self._keep(state, slot, found)
+            self._unsafe.discard(slot)
         else:
             self._unsafe.add(slot)
 
     def _is_due(self, slot: int) -> bool:
-        """Whether a transmission to a flight is due before a conflict counts as avoidable."""
+        """Whether a transmission to a flight is planned for the next cycles.
+
+        These are the cycles in which a loss counts as unavoidable.
+        """
         soon = range(self._cycle, self._cycle + UNAVOIDABLE + 1)
-        return any(each.slot == slot for cycle in soon for _, each in self._due.get(cycle, []))
+        return self._planned[slot] != FREE and any(
+            each.slot == slot for cycle in soon for _, each in self._due.get(cycle, [])
+        )
 
     def _withdraw(self, state: WorldState, slot: int) -> None:
         """Replace a flight's plan by one without transmissions."""
@@ -254,7 +266,7 @@ class _Found(NamedTuple):
     loss_cycles: int
     """The number of cycles of unavoidable loss of separation, summed over the other flights."""
     lost: list[int]
-    """The slots of these flights."""
+    """The slots of the flights with which this loss occurs."""
 
     @property
     def is_clear(self) -> bool:
@@ -288,7 +300,8 @@ def _better(
 ) -> _Found:
     """The best of the plans flown and the best so far.
 
-    `first` excludes unavoidable conflicts; `lost` is the number of cycles in them.
+    `first` excludes unavoidable conflicts; `lost` has the number of cycles of unavoidable loss with
+    each other flight.
     """
     count, loss_cycles = len(first), lost.sum(axis=1)
     conflicts = (first < NEVER).sum(axis=1)
