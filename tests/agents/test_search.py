@@ -175,7 +175,7 @@ def test_flights_that_are_born_close_are_kept_separated():
 
 
 def test_two_flights_do_not_change_levels_through_each_other():
-    """One 1,000 ft above the other: the upper one is to leave below it, the lower one above."""
+    """They are 1,000 ft apart; the upper one must descend, and the lower one must climb."""
     sector = x_plus()
     route = sector.routes[0]
     upper = at_first_fix(sector, route, "UPPER", level_fl=300.0)._replace(exit_fl=260.0)
@@ -187,8 +187,8 @@ def test_two_flights_do_not_change_levels_through_each_other():
     assert all(flight.correct for flight in scores.flights)
 
 
-def test_a_flight_that_does_not_hear_yet_is_not_flown_into():
-    """A flight is to descend past another one, 1,000 ft below it, that hears a minute later."""
+def test_a_flight_not_yet_on_frequency_is_avoided():
+    """A flight must descend through the level of another, on frequency a minute later."""
     sector = x_plus()
     route = sector.routes[0]
     upper = at_first_fix(sector, route, "UPPER", level_fl=300.0)._replace(exit_fl=260.0)

@@ -15,7 +15,7 @@ from skystack.compilation.memory import return_freed_memory
 def resident_mb():
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
 
-blocks = [bytes(64_000) for _ in range(2_000)]  # each of them in the heap
+blocks = [bytes(64_000) for _ in range(2_000)]  # small enough to be allocated on the heap
 del blocks[:-1]  # the last one keeps the heap from shrinking by itself
 before = resident_mb()
 return_freed_memory()

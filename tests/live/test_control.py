@@ -223,7 +223,7 @@ def test_going_back_keeps_the_history_that_is_left(tmp_path):
     assert [each.scenarios[0].cycles for each in both] == [41, 51]
 
 
-def test_a_clearance_that_is_pending_is_neither_recorded_nor_in_the_way(tmp_path):
+def test_a_pending_clearance_is_not_recorded_and_does_not_prevent_going_back(tmp_path):
     with journaled(tmp_path / "session", 50, tmp_path) as control:
         name = on_frequency(control.hour)[0]
         control.clear(f"{name} left 20 degrees")

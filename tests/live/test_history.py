@@ -69,7 +69,7 @@ def test_flights_that_are_there_at_the_start_have_a_row_before_the_first_cycle()
     }
 
 
-def test_nothing_is_shown_of_the_start_if_nobody_is_there():
+def test_no_update_is_added_before_the_first_cycle_without_flights():
     hour, history = begun_hour(flights=0), History(WORLD.simulator)
     history.add_start(hour.state, hour.slots)
     assert history.updates == []

@@ -68,7 +68,7 @@ def test_every_prefix_of_the_file_is_a_journal(written):
 )
 def test_a_journal_of_another_session_is_kept(written, change):
     data, other = path_of(written).read_bytes(), msgspec.structs.replace(HEADER, **change)
-    with pytest.raises(InputError, match=r"session\.jsonl is of a session with .*--new"):
+    with pytest.raises(InputError, match=r"session\.jsonl belongs to a session with .*--new"):
         open_journal(written, other).__enter__()
     assert path_of(written).read_bytes() == data
     with open_journal(written, other, fresh=True) as (_, entries):

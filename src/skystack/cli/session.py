@@ -48,7 +48,11 @@ def session_arguments(sub: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder for recordings (default runs/session)",
     )
-    sub.add_argument("--new", action="store_true", help="do not continue an earlier session")
+    sub.add_argument(
+        "--new",
+        action="store_true",
+        help="begin another session; the journal of an earlier one is replaced",
+    )
     sub.add_argument(
         "--port", type=natural, default=PORT, metavar="N", help=f"default {PORT}; 0: any free port"
     )
@@ -117,7 +121,7 @@ def _in_text(opened: Any, options: argparse.Namespace) -> None:
     from skystack.io.files import make_folder
     from skystack.live.text_session import TextSession
 
-    make_folder(options.out)  # now, so that nothing is flown that cannot be written
+    make_folder(options.out)  # fail now if the recording cannot be written
     say("`help` lists what can be typed; an empty line flies a cycle")
     try:
         _converse(TextSession(opened.hour, opened.adviser, opened.conditions.cycles), options.json)

@@ -105,8 +105,8 @@ def _check_scenario(conditions: TrafficConditions) -> None:
         _check_one_hour(conditions)
         if conditions.seed:
             raise InputError(
-                f"traffic {conditions.traffic} with seed {conditions.seed} (allowed: no seed; it "
-                "is always the same)"
+                f"traffic {conditions.traffic} with seed {conditions.seed} (allowed: no seed; this "
+                "traffic is always the same)"
             )
     _refuse_options(conditions, f"traffic {conditions.traffic}")
 

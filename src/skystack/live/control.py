@@ -87,7 +87,7 @@ class LiveControl:
 
         An adviser may compile more when there are flights.
         """
-        return_freed_memory()  # opening the session compiles some, too
+        return_freed_memory()  # opening the session has already compiled programs
         self.hour.compile()
         return_freed_memory()
         self._what_if.compile(self.hour.state)
@@ -99,8 +99,8 @@ class LiveControl:
     def restore(self, entries: Iterable[Entry]) -> None:
         """Fly the entries of a journal again.
 
-        Without an adviser, flights that were handed over are taken back. Raises InputError if a
-        clearance does not fit this traffic.
+        Without an adviser, flights that were handed over are taken back. Raises InputError if an
+        entry does not fit this session.
         """
         journal, self._journal = self._journal, None
         for entry in entries:

@@ -126,8 +126,8 @@ def _entries(path: Path, header: Header) -> tuple[list[Entry], int]:
         return [], 0
     if _decoded(path, 1, lines[0], Header) != header:
         raise InputError(
-            f"{path} is of a session with other flights, another sector or performance model, or "
-            "another version of skystack (allowed: --new to replace it, or another --out)"
+            f"{path} belongs to a session with other flights, another sector or performance model, "
+            "or another version of skystack (allowed: --new to replace it, or another --out)"
         )
     entries = [_decoded(path, number, line, Entry) for number, line in enumerate(lines[1:], 2)]
     return entries, sum(map(len, lines))

@@ -356,7 +356,7 @@ def _in_one_line(error: Exception) -> str:
 
 
 def _set(control: LiveControl, message: Message) -> None:
-    """Do what needs no answer but that it is done."""
+    """Handle a message that only needs an acknowledgement."""
     match message:
         case Play(on=on):
             control.playing = on and not control.ended

@@ -56,7 +56,7 @@ def serve(
     """Serve a session until SIGINT or SIGTERM; `announce` is called with lines for the user.
 
     Returns the session as it was left, and whether its thread hangs. Raises InputError if the port
-    is in use, or for a damaged journal.
+    is in use, or if the journal is damaged or belongs to another session.
     """
     conditions = opened.conditions
     folder = hours_folder(serving.out, SESSION, conditions)

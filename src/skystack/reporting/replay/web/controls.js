@@ -64,7 +64,7 @@ function listenToKeys(keys) {
   });
 }
 
-// After a pointer click, buttons drop the focus, so that space plays and Enter does what its key does.
+// After a click, buttons lose the focus, so that Space and Enter work as shortcuts again.
 document.addEventListener("click", (event) => {
   if (event.detail) event.target.closest("button")?.blur();
 });
