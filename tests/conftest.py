@@ -21,6 +21,8 @@ from hypothesis import HealthCheck, settings  # noqa: E402
 from jax._src import compiler  # noqa: E402  (there is no public way to set XLA options per test)
 from jax._src.lru_cache import _CACHE_SUFFIX, LRUCache  # noqa: E402  (nor to write atomically)
 
+from skystack.compilation.memory import return_freed_memory  # noqa: E402
+
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
@@ -123,6 +125,7 @@ def compiler_optimisations(request):
     fast = _within(request.path, FAST_COMPILE)
     if _compiling != {"fast": fast, "folder": request.path.parent}:
         jax.clear_caches()
+        return_freed_memory()
         jax.config.update("jax_disable_most_optimizations", fast)
         _compiling.update(fast=fast, folder=request.path.parent)
     with pytest.MonkeyPatch.context() as patch:

@@ -163,7 +163,7 @@ class Search:
         These are the cycles in which a loss counts as unavoidable.
         """
         soon = range(self._cycle, self._cycle + UNAVOIDABLE + 1)
-        return self._planned[slot] != FREE and any(
+        return bool(self._planned[slot] != FREE) and any(
             each.slot == slot for cycle in soon for _, each in self._due.get(cycle, [])
         )
 
