@@ -25,6 +25,10 @@ def test_names_are_listed_in_the_order_of_their_numbers():
     assert "(allowed: AC1, AC2, AC10, BAW, BAW2A)" in str(error)
 
 
+def test_says_if_no_name_is_allowed():
+    assert str(unknown_name("callsign", "AC1", [])) == "unknown callsign 'AC1' (allowed: none)"
+
+
 def test_names_the_first_unknown_name():
     check_known("fix", [], {})
     check_known("fix", ["EGL", "ALB"], {"EGL": 1, "ALB": 2})

@@ -98,8 +98,8 @@ def unknown_name(
     `also` states what is allowed in addition to the names. `paths` are as in `suggestion`.
     """
     names = sorted(allowed, key=_in_order)
-    hint = suggestion(name, names, paths)
-    return InputError(f"unknown {kind} {name!r}{hint} (allowed: {also}{', '.join(names)})")
+    hint, listed = suggestion(name, names, paths), also + ", ".join(names) or "none"
+    return InputError(f"unknown {kind} {name!r}{hint} (allowed: {listed})")
 
 
 def _in_order(name: str) -> list[tuple[str, int]]:

@@ -174,25 +174,19 @@ def test_flights_that_are_born_close_are_kept_separated():
     assert not scores.losses
 
 
-def test_two_flights_do_not_change_levels_through_each_other():
-    """They are 1,000 ft apart; the upper one must descend, and the lower one must climb."""
+@pytest.mark.parametrize(
+    "lower_flight",
+    [
+        pytest.param({"exit_fl": 340.0}, id="that must climb"),
+        pytest.param({"contact_s": 60.0}, id="that is on frequency a minute later"),
+    ],
+)
+def test_a_flight_does_not_descend_through_the_level_of_one_below(lower_flight):
+    """The other flight is 1,000 ft below, at the same position."""
     sector = x_plus()
     route = sector.routes[0]
     upper = at_first_fix(sector, route, "UPPER", level_fl=300.0)._replace(exit_fl=260.0)
-    lower = at_first_fix(sector, route, "LOWER", level_fl=290.0)._replace(exit_fl=340.0)
-    world = listed_world(sector, [upper, lower])
-    hour = HourFlyer(world, 250).fly(Search(world), 0, 0)
-    scores = score(sector, hour)
-    assert not scores.losses
-    assert all(flight.correct for flight in scores.flights)
-
-
-def test_a_flight_not_yet_on_frequency_is_avoided():
-    """A flight must descend through the level of another, on frequency a minute later."""
-    sector = x_plus()
-    route = sector.routes[0]
-    upper = at_first_fix(sector, route, "UPPER", level_fl=300.0)._replace(exit_fl=260.0)
-    lower = at_first_fix(sector, route, "LOWER", level_fl=290.0)._replace(contact_s=60.0)
+    lower = at_first_fix(sector, route, "LOWER", level_fl=290.0)._replace(**lower_flight)
     world = listed_world(sector, [upper, lower])
     hour = HourFlyer(world, 250).fly(Search(world), 0, 0)
     scores = score(sector, hour)

@@ -6,8 +6,8 @@ clear of all other plans; the cost is flying time and transmissions. If no batch
 its way are given other plans. If a conflict cannot be avoided, a plan that ends it soon is
 accepted. The plans are carried out as they fall due. A planned transmission that would cause a loss
 before others can react is withdrawn. Flights that do not hear clearances yet have no plan: for a
-minute, they are expected to fly as cleared. (The idea of trial plans is that of
-AutoResolver: Erzberger, ICAS 2008.)
+minute, they are expected to fly as cleared. (The idea of trial plans is that of AutoResolver:
+Erzberger, ICAS 2008.)
 """
 
 from collections.abc import Iterator
@@ -97,7 +97,7 @@ class Search:
         unplanned = np.flatnonzero((flight != FREE) & (self._planned == FREE))
         ready = unplanned[state.hears[unplanned]].tolist()
         slots = [*ready, *sorted(self._unsafe)]
-        if slots and unplanned.tolist() != slots[:1]:
+        if slots and unplanned.tolist() != slots[:1]:  # not if the only one gets its plan first
             self._expect(state, unplanned)
         for slot in slots:
             self._plan(state, slot)
@@ -137,25 +137,23 @@ class Search:
         self._keep(state, slot, found)
         self._unsafe.discard(slot)
         for other in withdrawn:
-            self._plan_again(state, other)
+            if self._plan_again(state, other):
+                self._unsafe.discard(other)
+            else:
+                self._unsafe.add(other)
         if found.is_clear:
             return
         for other in [each for each in found.blockers if self._planned[each] != FREE][:MOVED]:
-            moved = self._best(state, other)
-            if moved.is_clear:
-                self._keep(state, other, moved)
-                if len(found.blockers) == 1:
-                    return
+            if self._plan_again(state, other) and len(found.blockers) == 1:
+                return
         self._unsafe.add(slot)
 
-    def _plan_again(self, state: WorldState, slot: int) -> None:
-        """Give a flight whose plan was withdrawn another one, now or in the next cycle."""
+    def _plan_again(self, state: WorldState, slot: int) -> bool:
+        """Give a flight another plan if one is clear. Returns whether one is."""
         found = self._best(state, slot)
         if found.is_clear:
             self._keep(state, slot, found)
-            self._unsafe.discard(slot)
-        else:
-            self._unsafe.add(slot)
+        return found.is_clear
 
     def _is_due(self, slot: int) -> bool:
         """Whether a transmission to a flight is planned for the next cycles.

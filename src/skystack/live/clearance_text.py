@@ -74,8 +74,6 @@ def _flight(words: list[str], callsigns: Collection[str]) -> str:
     longest = [each for each in begun if len(_words(each)) == most]
     exact = [each for each in longest if _begins(words, _words(each))]
     if len(exact or longest) != 1:
-        if not callsigns:
-            raise InputError(f"unknown callsign {words[0]!r} (there are no flights)")
         raise unknown_name("callsign", words[0], callsigns)
     return (exact or longest)[0]
 

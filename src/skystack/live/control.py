@@ -121,10 +121,8 @@ class LiveControl:
 
     def _check_number(self, entry: CycleFlown) -> None:
         if entry.number != self.cycle + 1:
-            raise InputError(
-                f"the journal has cycle {entry.number} after cycle {self.cycle} (allowed: "
-                f"{self.cycle + 1}; --new begins another session)"
-            )
+            found = f"cycle {entry.number} after cycle {self.cycle}"
+            raise _does_not_fit(found, str(self.cycle + 1))
 
     def step(self) -> None:
         """Fly one cycle, after the adviser has instructed its flights."""
@@ -168,7 +166,7 @@ class LiveControl:
         Raises InputError for an unknown callsign.
         """
         if callsign not in self.hour.slots:
-            raise unknown_name("callsign", callsign, sorted(self.hour.slots))
+            raise unknown_name("callsign", callsign, self.hour.slots)
         slot = self.hour.slots[callsign]
         lowest, highest = self.hour.world.sector.levels_fl
         levels_fl = range(lowest, highest + 1, LEVEL_STEP_FL)
@@ -237,7 +235,7 @@ class LiveControl:
             raise InputError("there is no adviser (allowed: start the session with --adviser)")
         for each in callsigns:
             if each not in self.hour.slots:
-                raise unknown_name("callsign", each, sorted(self.hour.slots))
+                raise unknown_name("callsign", each, self.hour.slots)
         self._hand_over(HandedOver(callsigns, to_adviser))
 
     def _hand_over(self, entry: HandedOver) -> None:
@@ -321,17 +319,12 @@ class LiveControl:
 
     def _transmission(self, entry: ClearanceIssued) -> Transmission:
         if entry.callsign not in self.hour.slots:
-            raise InputError(
-                f"the journal has a clearance to {entry.callsign} in cycle {self.cycle}, but "
-                "there is no such flight (allowed: the same traffic; --new begins another session)"
-            )
+            found = f"a clearance to {entry.callsign} in cycle {self.cycle}"
+            raise _does_not_fit(f"{found}, but there is no such flight", "the same traffic")
         slot = self.hour.slots[entry.callsign]
         route = self.hour.world.sector.routes[int(self.hour.state.traffic.route[slot])]
         if entry.fix is not None and entry.fix >= len(route):
-            raise InputError(
-                f"the journal has fix {entry.fix} for {entry.callsign} (allowed: 0 to "
-                f"{len(route) - 1})"
-            )
+            raise _does_not_fit(f"fix {entry.fix} for {entry.callsign}", f"0 to {len(route) - 1}")
         self._check_level(entry)
         turn: Any = entry.turn
         return Transmission(
@@ -339,17 +332,21 @@ class LiveControl:
         )
 
     def _check_level(self, entry: ClearanceIssued) -> None:
+        if entry.level_ticks is None:
+            return
+        level_fl = entry.level_ticks / TICKS_PER_FL
         lowest, highest = self.hour.world.sector.levels_fl
-        ticks = entry.level_ticks
-        if ticks is not None and not lowest <= ticks / TICKS_PER_FL <= highest:
-            raise InputError(
-                f"the journal has FL{ticks / TICKS_PER_FL:.0f} for {entry.callsign} (allowed: "
-                f"FL{lowest} to FL{highest}; --new begins another session)"
-            )
+        if not lowest <= level_fl <= highest:
+            found = f"FL{level_fl:.0f} for {entry.callsign}"
+            raise _does_not_fit(found, f"FL{lowest} to FL{highest}")
 
     def _write(self, entry: Entry) -> None:
         if self._journal is not None:
             self._journal.add(entry)
+
+
+def _does_not_fit(found: str, allowed: str) -> InputError:
+    return InputError(f"the journal has {found} (allowed: {allowed}; --new begins another session)")
 
 
 def _logged(advice: Advice, shown: dict[str, Any]) -> AdviceShown:

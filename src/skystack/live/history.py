@@ -42,6 +42,8 @@ class History:
 
     def add_start(self, state: WorldState, slots: Mapping[str, int]) -> None:
         """Add the flights that are there before the first cycle, if any."""
+        if not slots:
+            return
         traffic = state.traffic
         none: Any = np.zeros(len(state.arrivals.flight), dtype=bool)
         start = WorldCycle(
@@ -57,8 +59,7 @@ class History:
             exit_level_ticks=state.arrivals.exit_level_ticks,
             waiting=state.arrivals.waiting,
         )
-        if slots:
-            self._add(0, start, slots, losses=[])
+        self._add(0, start, slots, losses=[])
 
     def add_cycle(self, number: int, cycle: WorldCycle, slots: Mapping[str, int]) -> None:
         """Add a cycle that was flown, and the slots of all flights by callsign."""

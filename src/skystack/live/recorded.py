@@ -48,17 +48,16 @@ class LiveSession(NamedTuple):
         folder, which is in `out`, and the row of results.
         """
         conditions = self.conditions._replace(cycles=self.hour.cycle)
-        folder, found, name = hours_folder(out, SESSION, conditions), self.controlled, SESSION
-        if branch is not None:
-            folder = folder.with_name(f"{folder.name}-branch-{branch}")
-            name = f"{SESSION}-branch-{branch}"
+        folder, found = hours_folder(out, SESSION, conditions), self.controlled
+        ending = "" if branch is None else f"-branch-{branch}"
+        folder = folder.with_name(folder.name + ending)
         hour, world = self.hour.recorded(), found.world
         scores = score(world.sector, hour)
         record = replace(record_of(found, conditions), agent=SESSION, safety_net=None)
         with growing_hours(folder, world, found.performance, record) as append:
             append(hour, scores)
             forget_row(folder)
-        row = summary([scores], name, conditions.recorded_traffic)
+        row = summary([scores], SESSION + ending, conditions.recorded_traffic)
         row |= conditions_row(found, conditions) | {"safety_net": None, "per_cycle": None}
         write_row(folder, row)
         return folder, row

@@ -8,11 +8,12 @@ from jaxtyping import Array
 from numpy.typing import ArrayLike
 
 from skystack.airspace.projection import MercatorPlane
+from skystack.platforms.adoption import SKYSTACK
 from skystack.platforms.protocol import Report
 from skystack.simulator.fleet import Fleet
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.scenario_file import Aircraft, Scenario
-from skystack.simulator.simulator import Simulator, turn_to_deg
+from skystack.simulator.simulator import Simulator
 from skystack.simulator.traffic import NO_TURN, Traffic
 
 
@@ -23,10 +24,6 @@ def traffic_of(report: Report, before: Traffic, plane: MercatorPlane) -> Traffic
     radius of a turn is internal to the platform, and set to 0. Levels are rounded to whole ticks.
     """
     cleared_level_ticks = np.rint(report.cleared_fl * TICKS_PER_FL)
-    # In the simulator's precision.
-    headings = (
-        each.astype(np.float32) for each in (report.heading_deg, report.cleared_heading_deg)
-    )
     zero = np.zeros_like(cleared_level_ticks)
     reported = {
         "position_nm": plane.to_plane(report.lat, report.lon),
@@ -35,7 +32,7 @@ def traffic_of(report: Report, before: Traffic, plane: MercatorPlane) -> Traffic
         "ground_speed_kt": report.ground_speed_kt,
         "vertical_speed_ft_min": report.vertical_speed_ft_min,
         "flown_heading_deg": report.cleared_heading_deg,
-        "turn_deg": turn_to_deg(*headings),
+        "turn_deg": SKYSTACK.shorter_turn_deg(report.heading_deg, report.cleared_heading_deg),
         "flown_level_ticks": cleared_level_ticks,
         "cleared_heading_deg": report.cleared_heading_deg,
         "cleared_level_ticks": cleared_level_ticks,

@@ -146,7 +146,7 @@ const actions = {
     notify("Saving the later history …");
     const reply = await ask({ do: "rewind", cycle: player.row });
     notify(reply.reason ?? "");
-    if (reply.kind !== "refused") player.goTo(player.lastRow);
+    if (reply.kind !== "refused") player.isFollowing = true;
   },
   sound: () => {
     monitor.sound = monitor.sound ? null : new AudioContext();
