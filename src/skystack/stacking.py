@@ -144,7 +144,7 @@ def stack(
     def query(state: State, _number: Any, _mask: Any) -> Any:
         return checked(owned(policy(environment.observe(state))))
 
-    burst = _Burst(environment, query, _both, _while, limit)
+    burst = _Burst(environment, query, _both, _while, _most(limit))
     instructed_state, issued = burst.compile(state, zero=0, asking=True)
     if limit is None and issued.instructions >= ENDLESS:
         raise InputError(
@@ -160,13 +160,14 @@ def stack_traced(
     policy: Callable[[Any, Any], Any],
     state: State,
     key: Any,
-    limit: int | None = None,
+    limit: Any = None,
 ) -> tuple[State, Stack]:
     """`stack` for compiled programs: `policy` maps an observation and a random key to an action.
 
     Every query gets its own key, so a stochastic policy draws a new sample each time. A compiled
-    program cannot raise: without a limit, a stack ends at `ENDLESS` instructions. Under `jax.vmap`
-    a query is computed for every scenario, even if its action is not used.
+    program cannot raise: without a limit, a stack ends at `ENDLESS` instructions, and a limit that
+    is an argument of the program is not checked. Under `jax.vmap` a query is computed for every
+    scenario, even if its action is not used.
     """
     import jax  # noqa: PLC0415  (`stack` does not need JAX)
     import jax.numpy as jnp  # noqa: PLC0415
@@ -177,7 +178,8 @@ def stack_traced(
     def both(first: Any, second: Callable[[Any], Any]) -> Any:
         return jax.lax.cond(first, second, lambda first: first, first)
 
-    burst = _Burst(environment, query, both, jax.lax.while_loop, limit)
+    most = limit if isinstance(limit, jax.core.Tracer) else _most(limit)
+    burst = _Burst(environment, query, both, jax.lax.while_loop, most)
     return burst.compile(state, jnp.zeros((), dtype=jnp.int32), jnp.ones((), dtype=bool))
 
 
@@ -216,8 +218,13 @@ def stack_many(
             carry = environment.choose(continues, body(carry), carry)
         return carry
 
-    burst = _Burst(environment, query, both, while_any, limit)
+    burst = _Burst(environment, query, both, while_any, _most(limit))
     return burst.compile(state, asking * 0, asking)
+
+
+def _most(limit: Any) -> int:
+    """The maximum number of instructions with a limit or without one."""
+    return ENDLESS if limit is None else checked_limit(limit)
 
 
 def _both(first: Any, second: Callable[[Any], Any]) -> bool:
@@ -249,10 +256,10 @@ class _Burst(NamedTuple):
     """Maps a state, the index of the query and a mask of scenarios to an action."""
     both: Both
     while_loop: Callable[[Callable[[Any], Any], Callable[[Any], Any], Any], Any]
-    limit: int | None
+    most: Any
+    """The maximum number of instructions."""
 
     def compile(self, state: Any, zero: Any, asking: Any) -> tuple[Any, Stack]:
-        most = ENDLESS if self.limit is None else checked_limit(self.limit)
         action = self.query(state, zero, asking)
 
         def allowed(state: Any, condition: Any) -> Any:
@@ -260,7 +267,7 @@ class _Burst(NamedTuple):
 
         def issue(loop: _LoopState) -> _LoopState:
             state, count = self.environment.instruct(loop.state, action), loop.instructions + 1
-            repeatable = allowed(state, loop.continues & (count < most))
+            repeatable = allowed(state, loop.continues & (count < self.most))
             stack = Stack(action, count)
             continues = self.both(
                 repeatable, lambda mask: belongs(self.query(state, count, mask), stack)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from skystack.agents.agent import Agent
+from skystack.compilation.shared import shared_program
 from skystack.errors import InputError
 from skystack.evaluation import rollout
 from skystack.evaluation.hosted import AgentController, fly_with_agent
@@ -14,6 +15,7 @@ from skystack.evaluation.rollout import (
     Controller,
     Recording,
     concatenate,
+    fly,
     prepare,
     recording_of,
 )
@@ -118,8 +120,8 @@ def test_blocks_are_filled_up_to_a_few_sizes(scenarios, sizes, monkeypatch):
     monkeypatch.setattr(rollout, "SCENARIOS_AT_ONCE", 1000)
     flown = []
 
-    def program(function, task, decide, limit):
-        def fly_block(weights, keys, numbers):
+    def program(function, task, decide):
+        def fly_block(limit, weights, keys, numbers):
             flown.append(len(numbers))
             assert len(keys) == len(numbers)
             return Recording(numbers, *[numbers * 0] * (len(Recording._fields) - 1))
@@ -130,6 +132,17 @@ def test_blocks_are_filled_up_to_a_few_sizes(scenarios, sizes, monkeypatch):
     recorded = concatenate(list(prepare(TASK, random_action, True)((), SEED, scenarios)))
     assert flown == sizes
     assert recorded.number.tolist() == list(range(scenarios))
+
+
+def test_stacked_and_unstacked_flights_share_a_program():
+    shared = shared_program(rollout._fly_many, TASK, random_action)
+    shared.clear_cache()
+    recordings = [
+        fly(TASK, Controller(random_action), SEED, 4, stacking) for stacking in (True, False)
+    ]
+    assert shared._cache_size() == 1
+    most = [recording.instructions.max() for recording in recordings]
+    assert most[0] > most[1] == 1
 
 
 def test_reports_the_scenario_of_an_invalid_action():

@@ -109,6 +109,41 @@ def test_every_method_agrees_with_the_task():
         plain.step(plain_state, 2)
 
 
+@pytest.mark.parametrize("task", [HalvingTask(), build_task(NavigationSettings())])
+def test_every_instruction_of_a_burst_is_that_of_the_task(task):
+    """The instruction may change, and a state may be used again."""
+    plain, key = PlainTask(task), jax.random.key(4)
+    instruct, view = jax.jit(task.instruct), jax.jit(jax.vmap(task.may_stack, (None, 0)))
+    plain_state, state = plain.reset(key), jax.jit(task.reset)(key)
+    numbers = range(len(task.action_names))
+    for action in (1, 1, 1, 0, 1, 0, 0, 1):
+        again, plain_state = plain_state, plain.instruct(plain_state, action)
+        state = instruct(state, jnp.int32(action))
+        for found in (plain_state, plain.instruct(again, action)):
+            jax.tree.map(_assert_equal, plain.state_of(found), state)
+            np.testing.assert_allclose(plain.observe(found), task.observe(state), rtol=1e-6)
+            allowed = [plain.may_stack(found, number) for number in numbers]
+            assert allowed == view(state, jnp.asarray(numbers)).tolist()
+
+
+def _assert_equal(found, expected):
+    numbers = (
+        jax.random.key_data if jnp.issubdtype(found.dtype, jax.dtypes.prng_key) else np.asarray
+    )
+    np.testing.assert_array_equal(numbers(found), numbers(expected))
+
+
+def test_a_changed_observation_changes_no_state():
+    """A policy may work in the array that it gets."""
+    plain = PlainTask(HalvingTask())
+    plain_state = plain.reset(jax.random.key(4))
+    for found in (plain_state, plain.instruct(plain_state, 1)):
+        first = plain.observe(found)
+        expected = first.copy()
+        first[:] = 7.0
+        np.testing.assert_array_equal(plain.observe(found), expected)
+
+
 def test_unpacks_states_of_mixed_shapes_and_types():
     """States are packed into one vector. Tasks with random steps keep a key in their state."""
     first = (
@@ -130,9 +165,7 @@ def test_unpacks_states_of_mixed_shapes_and_types():
     unpacked = plain.state_of(plain.begin(first))
     for found, expected in zip(unpacked, first, strict=True):
         assert found.dtype == expected.dtype
-        keys = jnp.issubdtype(expected.dtype, jax.dtypes.prng_key)
-        numbers = jax.random.key_data if keys else np.asarray
-        np.testing.assert_array_equal(numbers(found), numbers(expected))
+        _assert_equal(found, expected)
 
 
 def test_copies_are_the_original_and_pickles_have_programs_of_their_own():

@@ -16,7 +16,7 @@ from skystack.learning.choices import most_probable, sampled
 from skystack.learning.inference import Layers, Normaliser
 from skystack.learning.seeds import scenario_keys
 from skystack.simulator.traffic import Traffic
-from skystack.stacking import NO_OP, Stack, stack_traced
+from skystack.stacking import ENDLESS, NO_OP, Stack, stack_traced
 from skystack.tasks.batch import choose
 from skystack.tasks.contract import AircraftStatus, Outcome, TaskState, TrafficTask
 
@@ -105,15 +105,19 @@ def fly(
 
 
 def prepare(task: TrafficTask, decide: TracedPolicy, stacking: bool) -> Fly:
-    """A function that flies blocks of scenarios with any weights; compiled once, on first use."""
-    fly_block = shared_program(_fly_many, task, decide, None if stacking else 1)
+    """A function that flies blocks of scenarios with any weights.
+
+    The program is compiled on first use, once for stacked and unstacked flights.
+    """
+    fly_block = shared_program(_fly_many, task, decide)
+    limit = np.int32(ENDLESS if stacking else 1)
     most = _scenarios_in_block(task)
 
     def fly(weights: Any, seed: int, scenarios: int) -> Iterator[Recording]:
         for numbers in blocks(task, scenarios):
             filled = _filled_up(numbers, most)
             # No variable may keep a block alive while the next one is flown.
-            flown = jax.device_get(fly_block(weights, scenario_keys(seed, filled), filled))
+            flown = jax.device_get(fly_block(limit, weights, scenario_keys(seed, filled), filled))
             yield _checked(next(parts_of(flown, len(numbers))), len(task.action_names))
             del flown
 
@@ -243,7 +247,7 @@ def keep(
 def _fly_many(
     task: TrafficTask,
     decide: TracedPolicy,
-    limit: int | None,
+    limit: Int[Array, ""],
     weights: Any,
     keys: Key[Array, " scenarios"],
     numbers: Int[Array, " scenarios"],

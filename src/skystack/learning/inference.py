@@ -49,5 +49,7 @@ def normalise(normaliser: Normaliser, observation: Any, columns: bool = False) -
 
 def _broadcast(values: Any, axes: int, columns: bool) -> Any:
     """A vector reshaped to `axes` axes, along the last axis or, with `columns`, the first."""
+    if axes == 1:
+        return values
     others = (1,) * (axes - 1)
     return values.reshape((*values.shape, *others) if columns else (*others, *values.shape))

@@ -6,6 +6,8 @@ After each instruction a caller needs the new state, its observation and the act
 stacked. One program computes all three.
 """
 
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import jax
@@ -28,13 +30,21 @@ class View(NamedTuple):
     """`may_stack` of every action."""
 
 
-class PlainState(NamedTuple):
+@partial(jax.tree_util.register_dataclass, data_fields=["packed", "packed_view"], meta_fields=[])
+@dataclass(frozen=True)
+class PlainState:
     """The state of a scenario and its view."""
 
     packed: Packed
     """The task's state."""
-    view: Packed
+    packed_view: Packed
     """Its `View`."""
+
+    @cached_property
+    def view(self) -> View:
+        """The view as numpy arrays, which must not be changed."""
+        view: View = self.packed_view.fetched()
+        return view
 
 
 def checked_action(action: Any, actions: int) -> int:
@@ -100,7 +110,7 @@ class PlainTask(TaskPrograms):
     def observe(self, state: PlainState) -> Any:
         """The observation: a numpy array, or a pytree of numpy arrays."""
         refuse_forked()  # the conversion may wait for one of JAX's threads
-        return state.view.fetched().observation
+        return jax.tree.map(np.array, state.view.observation)
 
     def checked_action(self, action: Any) -> int:
         """The action as an int. Raises InputError if it is not in the action table."""
@@ -108,7 +118,7 @@ class PlainTask(TaskPrograms):
 
     def may_stack(self, state: PlainState, action: Any) -> bool:
         refuse_forked()
-        return bool(state.view.fetched().allowed[self.checked_action(action)])
+        return bool(state.view.allowed[self.checked_action(action)])
 
     def instruct(self, state: PlainState, action: Any) -> PlainState:
         return self._instruct(state.packed, np.int32(self.checked_action(action)))
