@@ -20,6 +20,8 @@ from copy import deepcopy
 from operator import eq
 from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
+import numpy as np
+
 from skystack.errors import InputError, checked_integer
 
 State = TypeVar("State")
@@ -96,8 +98,8 @@ def belongs(
     return (empty & starts) | ((empty ^ True) & continues)
 
 
-Both = Callable[[Any, Callable[[Any], Any]], Any]
-"""Logical and. The second operand is a function of the first, called only if the first is true."""
+When = Callable[[Any, Callable[[Any], Any], Any], Any]
+"""`function(value)` if a condition is true, otherwise `value`: (condition, function, value)."""
 
 
 def owned(answer: Any) -> Any:
@@ -144,8 +146,8 @@ def stack(
     def query(state: State, _number: Any, _mask: Any) -> Any:
         return checked(owned(policy(environment.observe(state))))
 
-    burst = _Burst(environment, query, _both, _while, _most(limit))
-    instructed_state, issued = burst.compile(state, zero=0, asking=True)
+    burst = _Burst(environment, query, _when, _while, _most(limit))
+    instructed_state, issued = burst.compile(state, Stack(None, 0), asking=True)
     if limit is None and issued.instructions >= ENDLESS:
         raise InputError(
             f"endless stack: the policy returned action {issued.action} {ENDLESS} times in one "
@@ -172,15 +174,19 @@ def stack_traced(
     import jax  # noqa: PLC0415  (`stack` does not need JAX)
     import jax.numpy as jnp  # noqa: PLC0415
 
+    @jax.jit  # traced only once, although its result's shape is needed first
     def query(state: State, number: Any, _mask: Any) -> Any:
         return policy(environment.observe(state), jax.random.fold_in(key, number))
 
-    def both(first: Any, second: Callable[[Any], Any]) -> Any:
-        return jax.lax.cond(first, second, lambda first: first, first)
+    def when(condition: Any, function: Callable[[Any], Any], value: Any) -> Any:
+        return jax.lax.cond(condition, function, lambda value: value, value)
 
     most = limit if isinstance(limit, jax.core.Tracer) else _most(limit)
-    burst = _Burst(environment, query, both, jax.lax.while_loop, most)
-    return burst.compile(state, jnp.zeros((), dtype=jnp.int32), jnp.ones((), dtype=bool))
+    burst = _Burst(environment, query, when, jax.lax.while_loop, most)
+    none, asking = jnp.zeros((), dtype=jnp.int32), jnp.ones((), dtype=bool)
+    shapes = jax.eval_shape(query, state, none, asking)
+    no_action = jax.tree.map(lambda shape: jnp.zeros(shape.shape, shape.dtype), shapes)
+    return burst.compile(state, Stack(no_action, none), asking)
 
 
 class ManyTwoPhase(TwoPhase[State], Protocol[State]):
@@ -208,18 +214,23 @@ def stack_many(
     def query(state: State, number: Any, mask: Any) -> Any:
         return owned(policy(environment.observe(state), mask, number))
 
-    def both(first: Any, second: Callable[[Any], Any]) -> Any:
-        return first & second(first) if first.any() else first
+    def when(condition: Any, function: Callable[[Any], Any], value: Any) -> Any:
+        if not condition.any():
+            return value
+        if condition.all():
+            return function(value)
+        choose = np.where if isinstance(value, np.ndarray) else environment.choose
+        return choose(condition, function(value), value)
 
     def while_any(
         condition: Callable[[Carry], Any], body: Callable[[Carry], Carry], carry: Carry
     ) -> Carry:
-        while (continues := condition(carry)).any():
-            carry = environment.choose(continues, body(carry), carry)
+        while condition(carry).any():
+            carry = body(carry)
         return carry
 
-    burst = _Burst(environment, query, both, while_any, _most(limit))
-    return burst.compile(state, asking * 0, asking)
+    burst = _Burst(environment, query, when, while_any, _most(limit))
+    return burst.compile(state, Stack(asking * NO_OP, asking * 0), asking)
 
 
 def _most(limit: Any) -> int:
@@ -227,8 +238,8 @@ def _most(limit: Any) -> int:
     return ENDLESS if limit is None else checked_limit(limit)
 
 
-def _both(first: Any, second: Callable[[Any], Any]) -> bool:
-    return bool(first) and bool(second(first))
+def _when(condition: Any, function: Callable[[Any], Any], value: Any) -> Any:
+    return function(value) if condition else value
 
 
 def _while(
@@ -240,12 +251,12 @@ def _while(
 
 
 class _LoopState(NamedTuple):
-    """The variables of the loop over the instructions of a burst."""
+    """The variables of the loop over the queries of a burst."""
 
     state: Any
-    instructions: Any
-    continues: Any
-    """Whether there is another instruction."""
+    stack: Stack
+    asking: Any
+    """Whether the policy is queried again."""
 
 
 class _Burst(NamedTuple):
@@ -254,26 +265,38 @@ class _Burst(NamedTuple):
     environment: Any
     query: Callable[[Any, Any, Any], Any]
     """Maps a state, the index of the query and a mask of scenarios to an action."""
-    both: Both
+    when: When
     while_loop: Callable[[Callable[[Any], Any], Callable[[Any], Any], Any], Any]
     most: Any
     """The maximum number of instructions."""
 
-    def compile(self, state: Any, zero: Any, asking: Any) -> tuple[Any, Stack]:
-        action = self.query(state, zero, asking)
+    def compile(self, state: Any, stack: Stack, asking: Any) -> tuple[Any, Stack]:
+        """The instructed state and its stack. `stack` is empty; `asking` is the initial mask."""
+        start = _LoopState(state, stack, asking)
+        end = self.while_loop(lambda loop: loop.asking, self._ask, start)
+        return end.state, end.stack
+
+    def _ask(self, loop: _LoopState) -> _LoopState:
+        """Query the policy, and issue its instruction if it belongs to the stack.
+
+        The query is in one place only: in a compiled program it is the largest part.
+        """
+        count = loop.stack.instructions
+        answer = self.query(loop.state, count, loop.asking)
+        first = loop.asking & (count == 0)
+        action = self.when(first, lambda _: answer, loop.stack.action)
 
         def allowed(state: Any, condition: Any) -> Any:
-            return self.both(condition, lambda _: self.environment.may_stack(state, action))
-
-        def issue(loop: _LoopState) -> _LoopState:
-            state, count = self.environment.instruct(loop.state, action), loop.instructions + 1
-            repeatable = allowed(state, loop.continues & (count < self.most))
-            stack = Stack(action, count)
-            continues = self.both(
-                repeatable, lambda mask: belongs(self.query(state, count, mask), stack)
+            return self.when(
+                condition, lambda _: self.environment.may_stack(state, action), condition
             )
-            return _LoopState(state, count, continues)
 
-        starts = allowed(state, asking & belongs(action, Stack(action, zero)))
-        last = self.while_loop(lambda loop: loop.continues, issue, _LoopState(state, zero, starts))
-        return last.state, Stack(action, last.instructions)
+        fits = loop.asking & belongs(answer, Stack(action, count))
+        # Whether a repetition is allowed has been checked before the query.
+        issues = (fits & (count > 0)) | allowed(loop.state, fits & first)
+        state = self.when(
+            issues, lambda state: self.environment.instruct(state, action), loop.state
+        )
+        count = self.when(issues, lambda count: count + 1, count)
+        repeatable = allowed(state, issues & (count < self.most))
+        return _LoopState(state, Stack(action, count), repeatable)
