@@ -9,6 +9,8 @@ from typing import Any
 import jax
 import msgspec
 
+import skystack.compilation.random_bits  # noqa: F401  (how all programs draw random numbers)
+
 Function = Callable[..., Any]
 
 _MOST_PROGRAMS = 64
