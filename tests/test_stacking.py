@@ -20,6 +20,7 @@ from skystack.stacking import (
     checked_limit,
     stack,
     stack_many,
+    stack_many_traced,
     stack_traced,
 )
 from skystack.tasks.registry import build_task
@@ -184,6 +185,7 @@ def test_rejects_a_limit_below_one_before_any_query(limit):
         lambda: stack(Counter(), policy, (), limit),
         lambda: stack_traced(Counter(), lambda observation, key: policy(0), 0, key, limit),
         lambda: stack_many(Counters(), lambda *seen: policy(0), zeros, zeros == 0, limit),
+        lambda: stack_many_traced(Counters(), lambda *seen: policy(0), zeros, zeros == 0, limit),
     ):
         with pytest.raises(InputError, match=r"^limit is .* \(allowed: whole numbers from 1\)$"):
             attempt()
@@ -215,6 +217,21 @@ class Counters:
         return jax.tree.map(lambda a, b: np.where(condition, a, b), yes, no)
 
 
+class TracedCounters(Counters):
+    def choose(self, condition, yes, no):
+        return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
+
+
+@jax.jit
+def traced_stacks(table, asking, limit):
+    scenarios = jnp.arange(len(table))
+
+    def policy(observation, mask, query):
+        return table[scenarios, query]
+
+    return stack_many_traced(TracedCounters(), policy, jnp.zeros_like(scenarios), asking, limit)
+
+
 @given(
     st.lists(st.lists(st.integers(0, 2), min_size=9, max_size=9), min_size=1, max_size=5),
     st.integers(1, 9),
@@ -235,6 +252,10 @@ def test_stack_many_equals_stacking_each_scenario(answers, limit, data):
         return buffer
 
     state, issued = stack_many(Counters(), policy, np.zeros(count, dtype=int), asking, limit)
+    traced_state, traced = traced_stacks(jnp.asarray(table, dtype=jnp.int32), asking, limit)
+    assert traced_state.tolist() == state.tolist()
+    assert traced.instructions.tolist() == issued.instructions.tolist()
+    assert traced.action.tolist() == np.where(asking, issued.action, 0).tolist()
     for number, actions in enumerate(answers):
         if not asking[number]:
             assert (state[number], issued.instructions[number], queried[number]) == (0, 0, 0)

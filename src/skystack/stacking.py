@@ -12,7 +12,7 @@ stacking.
 
 This module depends on policies and two-phase environments only. `stack` runs in plain Python, with
 any array library; `stack_traced` runs inside `jax.jit`; `stack_many` handles many scenarios with a
-policy that runs outside `jax.jit`.
+policy that runs outside `jax.jit`, and `stack_many_traced` many scenarios inside it.
 """
 
 from collections.abc import Callable
@@ -181,8 +181,7 @@ def stack_traced(
     def when(condition: Any, function: Callable[[Any], Any], value: Any) -> Any:
         return jax.lax.cond(condition, function, lambda value: value, value)
 
-    most = limit if isinstance(limit, jax.core.Tracer) else _most(limit)
-    burst = _Burst(environment, query, when, jax.lax.while_loop, most)
+    burst = _Burst(environment, query, when, jax.lax.while_loop, _traced_most(limit))
     none, asking = jnp.zeros((), dtype=jnp.int32), jnp.ones((), dtype=bool)
     shapes = jax.eval_shape(query, state, none, asking)
     no_action = jax.tree.map(lambda shape: jnp.zeros(shape.shape, shape.dtype), shapes)
@@ -233,6 +232,44 @@ def stack_many(
     return burst.compile(state, Stack(asking * NO_OP, asking * 0), asking)
 
 
+def stack_many_traced(
+    environment: ManyTwoPhase[State],
+    policy: Callable[[Any, Any, Any], Any],
+    state: State,
+    asking: Any,
+    limit: Any = None,
+) -> tuple[State, Stack]:
+    """`stack_many` for compiled programs: `policy` returns an action for every scenario, in int32.
+
+    Actions outside the mask are not used. The limit is treated as by `stack_traced`.
+    """
+    import jax  # noqa: PLC0415  (`stack` does not need JAX)
+    import jax.numpy as jnp  # noqa: PLC0415
+
+    def query(state: State, number: Any, mask: Any) -> Any:
+        return policy(environment.observe(state), mask, number)
+
+    def when(condition: Any, function: Callable[[Any], Any], value: Any) -> Any:
+        return environment.choose(condition, function(value), value)
+
+    def while_any(
+        condition: Callable[[Carry], Any], body: Callable[[Carry], Carry], carry: Carry
+    ) -> Carry:
+        last: Carry = jax.lax.while_loop(lambda carry: jnp.any(condition(carry)), body, carry)
+        return last
+
+    burst = _Burst(environment, query, when, while_any, _traced_most(limit))
+    none = jnp.zeros(asking.shape, dtype=jnp.int32)
+    return burst.compile(state, Stack(none + NO_OP, none), asking)
+
+
+def _traced_most(limit: Any) -> Any:
+    """`_most` in a compiled program. A limit that is an argument of the program is not checked."""
+    import jax  # noqa: PLC0415  (`stack` does not need JAX)
+
+    return limit if isinstance(limit, jax.core.Tracer) else _most(limit)
+
+
 def _most(limit: Any) -> int:
     """The maximum number of instructions with a limit or without one."""
     return ENDLESS if limit is None else checked_limit(limit)
@@ -260,7 +297,7 @@ class _LoopState(NamedTuple):
 
 
 class _Burst(NamedTuple):
-    """The algorithm, shared by the plain loop, the traced loop and the loop over many scenarios."""
+    """The algorithm, shared by plain and traced loops, over one scenario or many."""
 
     environment: Any
     query: Callable[[Any, Any, Any], Any]

@@ -10,7 +10,6 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key
 
@@ -24,6 +23,7 @@ from skystack.evaluation.rollout import (
     keep,
     query_keys,
     recording_of,
+    scenarios_first,
 )
 from skystack.learning.seeds import scenario_keys
 from skystack.stacking import NO_OP, Stack, stack_many
@@ -151,7 +151,7 @@ class _Rollout:
         """Fly scenarios until all have ended; a scenario that has ended does not change."""
         keys = scenario_keys(seed, numbers)
         state, query_keys = self._begin(keys)
-        start = jax.device_get(_scenarios_first(initial_fields(self._task, state)))
+        start = jax.device_get(scenarios_first(initial_fields(self._task, state)))
         over, rows = np.zeros(len(numbers), dtype=bool), list[Any]()
         while not over.all():
             moment = QueryContext(numbers, len(rows), query_keys[:, len(rows)])
@@ -175,9 +175,4 @@ def _advance(
     advanced, outcome = task.advance(instructed)
     state = choose(over, instructed, advanced)
     row = keep(task, stack, state, outcome, over)
-    return state, over | outcome.ended, _scenarios_first(row)
-
-
-def _scenarios_first(tree: Any) -> Any:
-    """The arrays with the scenario axis first instead of last."""
-    return jax.tree.map(lambda values: jnp.moveaxis(values, -1, 0), tree)
+    return state, over | outcome.ended, scenarios_first(row)

@@ -16,7 +16,7 @@ from skystack.learning.choices import most_probable, sampled
 from skystack.learning.inference import Layers, Normaliser
 from skystack.learning.seeds import scenario_keys
 from skystack.simulator.traffic import Traffic
-from skystack.stacking import ENDLESS, NO_OP, Stack, stack_traced
+from skystack.stacking import ENDLESS, NO_OP, Stack, stack_many_traced
 from skystack.tasks.batch import choose
 from skystack.tasks.contract import AircraftStatus, Outcome, TaskState, TrafficTask
 
@@ -252,30 +252,29 @@ def _fly_many(
     keys: Key[Array, " scenarios"],
     numbers: Int[Array, " scenarios"],
 ) -> Recording:
-    """Fly scenarios for all cycles of the task; a scenario that has ended does not change.
+    """Fly scenarios for all cycles of the task; a scenario that has ended does not change."""
+    scenarios = _Scenarios(task)
+    one_policy = partial(decide, weights)
 
-    The cycle of one scenario is vectorised, not the loop: JAX would trace a vectorised loop several
-    times.
-    """
-    policy = partial(decide, weights)
+    def cycle(
+        carry: tuple[TaskState, Bool[Array, " scenarios"]], keys: Key[Array, " scenarios"]
+    ) -> tuple[tuple[TaskState, Bool[Array, " scenarios"]], tuple[Any, ...]]:
+        def policy(observations: Any, _mask: Any, query: Int[Array, " scenarios"]) -> Array:
+            query_keys = jax.vmap(jax.random.fold_in)(keys, query)
+            actions: Array = jax.vmap(one_policy, (-1, 0))(observations, query_keys)
+            return actions
 
-    def fly(
-        state: TaskState, over: Bool[Array, ""], key: PRNGKeyArray
-    ) -> tuple[tuple[TaskState, Bool[Array, ""]], tuple[Any, ...]]:
-        instructed, stack = stack_traced(task, policy, state, key, limit)
+        state, over = carry
+        instructed, stack = stack_many_traced(scenarios, policy, state, ~over, limit)
         advanced, outcome = task.advance(instructed)
         flown = choose(over, state, advanced)
         return (flown, over | outcome.ended), keep(task, stack, flown, outcome, over)
 
-    def cycle(carry: tuple[Any, Any], keys: Any) -> tuple[tuple[Any, Any], tuple[Any, ...]]:
-        return jax.vmap(fly)(*carry, keys)
-
-    start: TaskState = jax.vmap(task.reset)(keys)
+    start: TaskState = jax.vmap(task.reset, out_axes=-1)(keys)
     over = jnp.zeros(len(numbers), dtype=bool)
     cycle_keys = jax.vmap(partial(query_keys, task), out_axes=1)(keys)
     _, rows = jax.lax.scan(cycle, (start, over), cycle_keys)
-    columns = jax.tree.map(lambda values: jnp.swapaxes(values, 0, 1), rows)
-    fields = (numbers, *jax.vmap(partial(initial_fields, task))(start), *columns)
+    fields: Any = (numbers, *scenarios_first((*initial_fields(task, start), *rows)))
     recording = Recording(*fields)
     last = jnp.sum(recording.ran, axis=1) - 1
     return recording._replace(
@@ -283,3 +282,16 @@ def _fly_many(
             lambda values: values[jnp.arange(len(numbers)), last], recording.metrics
         )
     )
+
+
+class _Scenarios:
+    """Many scenarios of a task. Implements `skystack.stacking.ManyTwoPhase`."""
+
+    def __init__(self, task: TrafficTask) -> None:
+        self.observe, self.instruct, self.may_stack = task.observe, task.instruct, task.may_stack
+        self.choose = choose
+
+
+def scenarios_first(fields: Any) -> Any:
+    """A tree of arrays with the axis of scenarios moved from last to first."""
+    return jax.tree.map(lambda values: jnp.moveaxis(values, -1, 0), fields)
