@@ -20,8 +20,6 @@ from copy import deepcopy
 from operator import eq
 from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
-import numpy as np
-
 from skystack.errors import InputError, checked_integer
 
 State = TypeVar("State")
@@ -209,6 +207,8 @@ def stack_many(
     `NO_OP` outside the mask. `asking` is the initial mask. Without a limit, a stack ends at
     `ENDLESS` instructions.
     """
+
+    import numpy as np  # noqa: PLC0415  (importing skystack loads no heavy library)
 
     def query(state: State, number: Any, mask: Any) -> Any:
         return owned(policy(environment.observe(state), mask, number))

@@ -253,7 +253,7 @@ def _fly_many(
     numbers: Int[Array, " scenarios"],
 ) -> Recording:
     """Fly scenarios for all cycles of the task; a scenario that has ended does not change."""
-    scenarios = _Scenarios(task)
+    scenarios = _ManyScenarios(task)
     one_policy = partial(decide, weights)
 
     def cycle(
@@ -284,7 +284,7 @@ def _fly_many(
     )
 
 
-class _Scenarios:
+class _ManyScenarios:
     """Many scenarios of a task. Implements `skystack.stacking.ManyTwoPhase`."""
 
     def __init__(self, task: TrafficTask) -> None:
