@@ -259,6 +259,7 @@ def test_stack_many_equals_stacking_each_scenario(answers, limit, data):
     for number, actions in enumerate(answers):
         if not asking[number]:
             assert (state[number], issued.instructions[number], queried[number]) == (0, 0, 0)
+            assert issued.action[number] == 0
             continue
         instructions, queries = expected_counts(actions, min(limit, 7))
         assert state[number] == issued.instructions[number] == instructions
