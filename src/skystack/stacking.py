@@ -207,7 +207,6 @@ def stack_many(
     `NO_OP` outside the mask. `asking` is the initial mask. Without a limit, a stack ends at
     `ENDLESS` instructions.
     """
-
     import numpy as np  # noqa: PLC0415  (importing skystack loads no heavy library)
 
     def query(state: State, number: Any, mask: Any) -> Any:
@@ -224,9 +223,7 @@ def stack_many(
     def while_any(
         condition: Callable[[Carry], Any], body: Callable[[Carry], Carry], carry: Carry
     ) -> Carry:
-        while condition(carry).any():
-            carry = body(carry)
-        return carry
+        return _while(lambda carry: condition(carry).any(), body, carry)
 
     burst = _Burst(environment, query, when, while_any, _most(limit))
     return burst.compile(state, Stack(asking * NO_OP, asking * 0), asking)

@@ -6,7 +6,6 @@ cannot include such an agent.
 """
 
 from collections.abc import Iterator
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -18,10 +17,10 @@ from skystack.agents.queries import QueryNames, query_actions, query_scores
 from skystack.compilation.shared import shared_program
 from skystack.evaluation.rollout import (
     Recording,
+    begin,
     blocks,
+    fly_cycle,
     initial_fields,
-    keep,
-    query_keys,
     recording_of,
     scenarios_first,
 )
@@ -142,7 +141,7 @@ class _Rollout:
 
     def __init__(self, task: TrafficTask) -> None:
         self._task = task
-        self._begin = shared_program(_begin, task)
+        self._begin = shared_program(begin, task)
         self._advance = shared_program(_advance, task)
 
     def fly(
@@ -154,7 +153,7 @@ class _Rollout:
         start = jax.device_get(scenarios_first(initial_fields(self._task, state)))
         over, rows = np.zeros(len(numbers), dtype=bool), list[Any]()
         while not over.all():
-            moment = QueryContext(numbers, len(rows), query_keys[:, len(rows)])
+            moment = QueryContext(numbers, len(rows), query_keys[len(rows)])
             instructed, stack = decisions.decide(state, ~over, moment)
             state, ended, row = self._advance(instructed, stack, over)
             over = np.asarray(ended)
@@ -162,17 +161,8 @@ class _Rollout:
         return recording_of(numbers, start, rows, self._task.cycles)
 
 
-def _begin(
-    task: TrafficTask, keys: Key[Array, " scenarios"]
-) -> tuple[TaskState, Key[Array, "scenarios cycles"]]:
-    """The states at cycle 0, and the keys of the queries."""
-    return jax.vmap(task.reset, out_axes=-1)(keys), jax.vmap(partial(query_keys, task))(keys)
-
-
 def _advance(
     task: TrafficTask, instructed: TaskState, stack: Stack, over: Bool[Array, " scenarios"]
 ) -> tuple[TaskState, Bool[Array, " scenarios"], tuple[Any, ...]]:
-    advanced, outcome = task.advance(instructed)
-    state = choose(over, instructed, advanced)
-    row = keep(task, stack, state, outcome, over)
-    return state, over | outcome.ended, scenarios_first(row)
+    state, over, row = fly_cycle(task, instructed, stack, over)
+    return state, over, scenarios_first(row)

@@ -244,6 +244,27 @@ def keep(
     )
 
 
+def begin(
+    task: TrafficTask, keys: Key[Array, " scenarios"]
+) -> tuple[TaskState, Key[Array, "cycles scenarios"]]:
+    """The states of scenarios at cycle 0, batch axis last, and the keys of their queries."""
+    state: TaskState = jax.vmap(task.reset, out_axes=-1)(keys)
+    return state, jax.vmap(partial(query_keys, task), out_axes=1)(keys)
+
+
+def fly_cycle(
+    task: TrafficTask, instructed: TaskState, stack: Stack, over: Bool[Array, " scenarios"]
+) -> tuple[TaskState, Bool[Array, " scenarios"], tuple[Any, ...]]:
+    """Fly a cycle of the scenarios that are not over; the others do not change.
+
+    Returns the states, which scenarios are over now, and the cycle's fields of a `Recording`, all
+    with the batch axis last.
+    """
+    advanced, outcome = task.advance(instructed)
+    state = choose(over, instructed, advanced)
+    return state, over | outcome.ended, keep(task, stack, state, outcome, over)
+
+
 def _fly_many(
     task: TrafficTask,
     decide: TracedPolicy,
@@ -266,13 +287,11 @@ def _fly_many(
 
         state, over = carry
         instructed, stack = stack_many_traced(scenarios, policy, state, ~over, limit)
-        advanced, outcome = task.advance(instructed)
-        flown = choose(over, state, advanced)
-        return (flown, over | outcome.ended), keep(task, stack, flown, outcome, over)
+        state, over, row = fly_cycle(task, instructed, stack, over)
+        return (state, over), row
 
-    start: TaskState = jax.vmap(task.reset, out_axes=-1)(keys)
+    start, cycle_keys = begin(task, keys)
     over = jnp.zeros(len(numbers), dtype=bool)
-    cycle_keys = jax.vmap(partial(query_keys, task), out_axes=1)(keys)
     _, rows = jax.lax.scan(cycle, (start, over), cycle_keys)
     fields: Any = (numbers, *scenarios_first((*initial_fields(task, start), *rows)))
     recording = Recording(*fields)
