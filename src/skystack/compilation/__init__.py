@@ -1,1 +1,1 @@
-"""Compilation of JAX programs: sharing, cache on disk, loops, subroutines, random bits, cores, forks."""
+"""Compiling JAX programs: sharing, cache on disk, loops, subroutines, random bits, cores, forks."""
