@@ -13,7 +13,7 @@ from pathlib import Path
 
 import msgspec
 
-from skystack.compilation.programs import compile_for_one_core
+from skystack.compilation.programs import compile_for_cores
 from skystack.errors import InputError, unknown_name
 from skystack.learning.experiment import Experiment, load_experiment
 from skystack.reproduction.jobs import Way, evaluate_or_load, train_or_load
@@ -85,7 +85,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("runs/ablations"))
     options = parser.parse_args()
-    compile_for_one_core()
+    compile_for_cores(1)
     try:
         ablate(options.experiment, options.seed, options.out)
     except InputError as error:

@@ -226,7 +226,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for simulator in (in_bluebird, in_skystack)
             for first in range(0, options.hours, HOURS_A_PIECE)
         ]
-        found = run_pieces(_arrived, pieces, "pieces")
+        found = run_pieces(_arrived, pieces, "pieces", stored=False)
         half = len(found) // 2
         tests = compare(_together(found[half:]), _together(found[:half]))
         rows = [(each.what, each.test, each.ours, each.bluebird, f"{each.p:.3f}") for each in tests]

@@ -9,7 +9,7 @@ from multiprocessing import get_context
 from typing import TypeVar
 
 from skystack.compilation.cores import cores
-from skystack.compilation.programs import compile_for_one_core
+from skystack.compilation.programs import compile_for_cores
 from skystack.io.parents import end_with_parent
 from skystack.reproduction.processes import stop_workers
 
@@ -19,12 +19,16 @@ INTERRUPTED = 130
 
 
 def run_pieces(
-    work: Callable[..., Result], pieces: Sequence[tuple[object, ...]], what: str
+    work: Callable[..., Result],
+    pieces: Sequence[tuple[object, ...]],
+    what: str,
+    stored: bool = True,
 ) -> list[Result]:
     """The results of all pieces, in order. `work` gets the elements of a piece as arguments.
 
     Pieces start in order. If one fails, the others are stopped. Raises SystemExit after Ctrl-C.
-    `what` names the pieces in the progress messages on standard error.
+    `what` names the pieces in the progress messages on standard error. `stored` says whether the
+    results of finished pieces are stored, so that an interrupted study can be resumed.
     """
     started = time.monotonic()
     pool = ProcessPoolExecutor(len(cores()), get_context("spawn"), _start)
@@ -37,7 +41,7 @@ def run_pieces(
         return [future.result() for future in futures]
     except KeyboardInterrupt:
         stop_workers()
-        sys.stderr.write("interrupted: run the same command again to resume\n")
+        sys.stderr.write(f"interrupted{': run the same command again to resume' * stored}\n")
         raise SystemExit(INTERRUPTED) from None
     except BaseException:
         stop_workers()
@@ -50,4 +54,4 @@ def _start() -> None:
     """Prepare a process of the pool. Only the parent handles Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent()
-    compile_for_one_core()
+    compile_for_cores(1)

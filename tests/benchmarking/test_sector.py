@@ -34,7 +34,11 @@ def test_counts_the_flights_of_the_cycles_that_are_timed():
 def test_names_what_is_timed():
     """Training and decisions are not timed here: their programs take a minute to compile."""
     figures = sector.traffic_figures(2)
-    assert [each.name for each in figures] == ["sector traffic", "sector control, observed"]
+    assert [each.name for each in figures] == [
+        "sector traffic",
+        "sector outlook",
+        "sector control, observed",
+    ]
     assert all(each.unit == "aircraft-steps/s" and len(each.values) == 2 for each in figures)
     assert all(value > 0.0 for each in figures for value in each.values)
     assert f"on {SLOTS} slots" in figures[0].configuration

@@ -206,9 +206,9 @@ def test_compiling_for_one_core_leaves_threads_unpinned():
 import math
 import os
 from pathlib import Path
-from skystack.compilation.programs import compile_for_one_core
+from skystack.compilation.programs import compile_for_cores
 before = os.sched_getaffinity(0)
-compile_for_one_core()
+compile_for_cores(1)
 threads = [int(path.name) for path in Path("/proc/self/task").iterdir()]
 bound = [thread for thread in threads if os.sched_getaffinity(thread) != before]
 print(len(bound), int(len(threads) > 1))
@@ -217,3 +217,25 @@ print(len(bound), int(len(threads) > 1))
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
     assert completed.stdout.split() == ["0", "1"]
+
+
+@pytest.mark.parametrize("in_calling_threads", [False, True])
+def test_programs_run_in_the_threads_that_call_them(in_calling_threads):
+    """The processor time that a long program takes is that of the calling thread, or of another."""
+    program = f"""
+import time
+import jax
+from skystack.compilation.programs import compile_for_cores, run_in_calling_threads
+if {in_calling_threads}:
+    run_in_calling_threads()
+compile_for_cores(1)
+multiply = jax.jit(lambda x: jax.lax.fori_loop(0, 300, lambda _, y: jax.numpy.sin(y) @ y, x))
+one = jax.block_until_ready(multiply(jax.numpy.ones((200, 200))))
+before = time.thread_time(), time.process_time()
+jax.block_until_ready(multiply(one))
+print((time.thread_time() - before[0]) / (time.process_time() - before[1]))
+"""
+    completed = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert (float(completed.stdout) > 0.5) == in_calling_threads

@@ -79,7 +79,7 @@ def slow_functions_replaced(monkeypatch, tmp_path):
     monkeypatch.setattr("skystack.evaluation.summary.aggregate", returning(ROW))
     monkeypatch.setattr("skystack.learning.run.train_experiment", returning(trained))
     monkeypatch.setattr("skystack.learning.run.preflight", returning([HOSTILE]))
-    monkeypatch.setattr("skystack.compilation.programs.compile_for_one_core", returning(None))
+    monkeypatch.setattr("skystack.compilation.programs.compile_for_cores", returning(None))
     monkeypatch.setattr(reproduction, "run_plan", returning({**RESULTS, "kept": [HOSTILE]}))
     stored = msgspec.convert(RESULTS, Results)
     monkeypatch.setattr(results, "read_run", returning(Run(tmp_path, stored, None)))

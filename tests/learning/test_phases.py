@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from skystack.learning import ppo
+from skystack.learning.collection import TrainState
 from skystack.learning.experiment import load_experiment
 from skystack.learning.phases import compiled_updates, phases, run_updates
 from skystack.learning.seeds import training_key
@@ -57,7 +58,7 @@ def test_each_update_runs_the_program_of_its_phase():
     """Of four updates one is done; the phases start after the first and after the third."""
     settings = experiment_with().ppo
     assert settings.updates == 4
-    learner = ppo.TrainState(*[None] * len(ppo.TrainState._fields))._replace(updates=1, key=())
+    learner = TrainState(*[None] * len(TrainState._fields))._replace(updates=1, key=())
     trained = list(
         run_updates(
             {1: recording_program("before"), 3: recording_program("later")}, settings, learner

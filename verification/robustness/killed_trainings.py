@@ -40,14 +40,14 @@ import sys
 from pathlib import Path
 from skystack.io.locks import locked_folder
 from skystack.learning.experiment import load_experiment
-from skystack.compilation.programs import compile_for_one_core
+from skystack.compilation.programs import compile_for_cores
 from skystack.reproduction.plan import OWN_FOLDERS, Plan
 from skystack.reproduction.run import run_plan
 
 if __name__ == "__main__":
     out, name, seeds, *settings = sys.argv[1:]
     out = Path(out)
-    compile_for_one_core()
+    compile_for_cores(1)
     with locked_folder(out, OWN_FOLDERS):
         experiments = (load_experiment(name, settings),)
         plan = Plan(experiments, int(seeds), 3, out, False, "", checkpoint_every_s=0.0)

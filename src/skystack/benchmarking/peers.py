@@ -14,7 +14,7 @@ import jax
 from skystack.benchmarking import plain_ppo
 from skystack.benchmarking.figures import Figure, rates
 from skystack.benchmarking.run import Effort, alone
-from skystack.compilation.programs import compile_for_one_core
+from skystack.compilation.programs import compile_for_cores
 from skystack.errors import InputError, PlatformError
 from skystack.learning.experiment import load_experiment
 from skystack.learning.seeds import scenario_key
@@ -71,7 +71,7 @@ def ratios(figures: list[Figure]) -> dict[str, float]:
 
 
 def pure_jax(repetitions: int) -> tuple[float, ...]:
-    compile_for_one_core()
+    compile_for_cores(1)
     experiment = load_experiment("lateral")
     task, settings = build_task(experiment.task), experiment.ppo
     carry = jax.jit(partial(plain_ppo.start, task, settings))(jax.random.key(0))

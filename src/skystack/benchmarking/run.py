@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from skystack.benchmarking.decisions import decision_figures
 from skystack.benchmarking.figures import Figure
-from skystack.benchmarking.sector import sector_figures
+from skystack.benchmarking.sector import sector_figures, sector_training_figures
 from skystack.benchmarking.simulator import simulator_figures
 from skystack.benchmarking.starting import starting_figures
 from skystack.benchmarking.training import (
@@ -26,6 +26,8 @@ from skystack.learning.policy import package_versions
 
 FASTEST_EXPERIMENT = "lateral-best"
 """The experiment that learns lateral navigation in the shortest time."""
+
+SECTOR = {"traffic and decisions": sector_figures, "training": sector_training_figures}
 
 Result = TypeVar("Result")
 
@@ -63,7 +65,11 @@ def measure_skystack(effort: Effort, on_group: Callable[[str], None]) -> list[Fi
             for name in effort.trainings
         ),
         *[("time to success", partial(success_figures, effort.seeds))] * (effort.seeds > 0),
-        *[("sector control", partial(alone, sector_figures, effort.repetitions))] * effort.sector,
+        *[
+            (f"sector control, {what}", partial(alone, measure, effort.repetitions))
+            for what, measure in SECTOR.items()
+            if effort.sector
+        ],
         ("decisions", partial(alone, decision_figures, FASTEST_EXPERIMENT, effort.scenarios)),
     ]
     figures: list[Figure] = []

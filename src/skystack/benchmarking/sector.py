@@ -12,12 +12,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from skystack.benchmarking.figures import Figure, rates
-from skystack.compilation.programs import compile_for_one_core
+from skystack.compilation.programs import compile_for_cores, run_in_calling_threads
 from skystack.evaluation.controllers import find_controller
 from skystack.evaluation.hours import HourFlyer
 from skystack.evaluation.traffic_conditions import TrafficConditions
 from skystack.learning import ppo
 from skystack.learning.experiment import load_experiment
+from skystack.learning.parts import compile_update, cores_for
 from skystack.learning.seeds import training_key
 from skystack.simulator.arrival_flows import Flow, constant_rate
 from skystack.tasks.contract import ManyAgents
@@ -38,19 +39,18 @@ FLIGHTS, DECISIONS = (50, 70), 40
 
 
 def sector_figures(repetitions: int) -> list[Figure]:
-    """The traffic without and with observations, training, and decisions."""
-    compile_for_one_core()
+    """The traffic without and with observations, and decisions."""
+    compile_for_cores(1)
     return [
         *traffic_figures(repetitions),
-        training_figure(repetitions),
         *decision_figures(WARM_UP + DECISIONS * repetitions),
     ]
 
 
 def traffic_figures(repetitions: int) -> list[Figure]:
-    """Aircraft-steps per second of the traffic alone, and with rewards and observations.
+    """Aircraft-steps per second of the traffic alone, of outlooks alone, and of all together.
 
-    The second includes the outlook: every flight is predicted on all paths, with all others.
+    The last includes rewards and observations, and is also measured on all cores at once.
     """
     task = build_task(load_experiment(EXPERIMENT).task)
     assert isinstance(task, SectorControl)
@@ -60,20 +60,22 @@ def traffic_figures(repetitions: int) -> list[Figure]:
     start, flights = _filled(task.world)
     setup = (
         f"{RATE:g} flights per hour on {SLOTS} slots, {flights / SCENARIOS / CYCLES:.0f} flights "
-        f"on average, {SCENARIOS} scenarios at once, {CYCLES} cycles per call, one process"
+        f"on average, {SCENARIOS} scenarios at once, one process"
     )
-    flown: list[tuple[str, Any, Any]] = [
-        ("sector traffic", jax.jit(partial(_fly, task.world)), start),
-        ("sector control, observed", jax.jit(partial(_control, task)), task.begin(start)),
+    present = int(np.sum(start.traffic.active))
+    timed: list[tuple[str, Any, Any, int]] = [
+        ("sector traffic", jax.jit(partial(_fly, task.world)), start, flights),
+        ("sector outlook", jax.jit(task.world.look_ahead), start, present),
+        ("sector control, observed", jax.jit(partial(_control, task)), task.begin(start), flights),
     ]
     return [
-        Figure(name, "aircraft-steps/s", _rates(fly, state, flights, repetitions), setup)
-        for name, fly, state in flown
+        Figure(name, "aircraft-steps/s", _rates(run, state, steps, repetitions), setup)
+        for name, run, state, steps in timed
     ]
 
 
-def _rates(fly: Any, state: Any, flights: int, repetitions: int) -> tuple[float, ...]:
-    return rates(lambda: jax.device_get(fly(state)), flights, repetitions)
+def _rates(run: Any, state: Any, steps: int, repetitions: int) -> tuple[float, ...]:
+    return rates(lambda: jax.device_get(run(state)), steps, repetitions)
 
 
 def _filled(world: World) -> tuple[WorldState, int]:
@@ -113,8 +115,8 @@ def _control(task: SectorControl, state: ControlState) -> Any:
     return jax.lax.scan(step, state, actions)
 
 
-def training_figure(repetitions: int) -> Figure:
-    """Samples per second of training: the decisions of single flights.
+def sector_training_figures(repetitions: int) -> list[Figure]:
+    """Samples per second of training: the decisions of single flights. For a new process.
 
     Their number is estimated from the flights that decide after each update. Flights that wait
     while another one is instructed, with time frozen, contribute no samples.
@@ -122,8 +124,10 @@ def training_figure(repetitions: int) -> Figure:
     chosen = load_experiment(EXPERIMENT)
     settings, task = chosen.ppo, build_training_task(chosen.task)
     assert isinstance(task, ManyAgents)
+    run_in_calling_threads()
+    compile_for_cores(cores_for(task))
     learner = jax.jit(partial(ppo.init, task, settings))(training_key(0))
-    update: Any = jax.jit(partial(ppo.update, task, settings))
+    update: Any = compile_update(task, settings, learner)
     count: Any = jax.jit(lambda scenarios: jnp.sum(task.active(scenarios)))
     speeds = []
     for number in range(FIRST_UPDATES + repetitions):
@@ -136,9 +140,9 @@ def training_figure(repetitions: int) -> Figure:
     setup = (
         f"settings of `{EXPERIMENT}`: {settings.environments} environments, {settings.steps} steps,"
         f" {settings.epochs} epochs, minibatches of {settings.minibatch}; after {FIRST_UPDATES} "
-        "updates; one process"
+        f"updates; one process with {cores_for(task)} threads"
     )
-    return Figure(f"training, {EXPERIMENT}", "samples/s", tuple(speeds), setup)
+    return [Figure(f"training, {EXPERIMENT}", "samples/s", tuple(speeds), setup)]
 
 
 def decision_figures(cycles: int) -> list[Figure]:

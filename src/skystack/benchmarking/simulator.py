@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
 from skystack.benchmarking.figures import Figure, rates
-from skystack.compilation.programs import compile_for_one_core
+from skystack.compilation.programs import compile_for_cores
 from skystack.simulator.crowd import Crowd
 from skystack.tasks.actions import small_turns
 from skystack.tasks.batch import choose, reset_many
@@ -27,7 +27,7 @@ STEPS = 64
 
 def simulator_figures(numbers: Sequence[int], repetitions: int) -> list[Figure]:
     """Steps per second for each number of aircraft, and the time of one aircraft-step."""
-    compile_for_one_core()
+    compile_for_cores(1)
     figures = []
     for aircraft in numbers:
         scenarios = max(AIRCRAFT_AT_ONCE // aircraft, 16)

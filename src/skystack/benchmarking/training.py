@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from skystack.benchmarking.figures import Figure, rates
-from skystack.compilation.programs import compile_for_one_core
+from skystack.compilation.programs import compile_for_cores
 from skystack.evaluation.rollout import concatenate, prepare
 from skystack.learning import ppo
 from skystack.learning.choices import most_probable
@@ -32,7 +32,7 @@ def training_figures(experiment: str, repetitions: int, seeds: int = 1) -> list[
 
     Several seeds are trained at once by one program, and their steps are added up.
     """
-    compile_for_one_core()
+    compile_for_cores(1)
     chosen = load_experiment(experiment)
     settings, task = chosen.ppo, build_training_task(chosen.task)
     init = jax.jit(partial(ppo.init, task, settings))
@@ -74,7 +74,7 @@ def accelerator_figures(experiment: str, repetitions: int) -> list[Figure]:
 
 def reaches_success(experiment: str, seed: int) -> bool:
     """Train until the stacked success on held-out scenarios is `SUCCESS`; False if it never is."""
-    compile_for_one_core()
+    compile_for_cores(1)
     chosen = load_experiment(experiment)
     settings, task = chosen.ppo, build_training_task(chosen.task)
     init, key = jax.jit(partial(ppo.init, task, settings)), training_key(seed)

@@ -52,7 +52,7 @@ def _plan(options: argparse.Namespace) -> Any:
 
 def _reproduce(plan: Any, engine: Any, as_json: bool) -> int:
     from skystack.cli.console import count_scenarios, show_progress
-    from skystack.compilation.programs import compile_for_one_core, program_cache
+    from skystack.compilation.programs import compile_for_cores, program_cache
     from skystack.platforms.registry import platform_notes
     from skystack.reporting.report import write_report
     from skystack.reproduction.jobs import jobs_of
@@ -61,7 +61,7 @@ def _reproduce(plan: Any, engine: Any, as_json: bool) -> int:
 
     for line in describe_plan(plan):
         say(line)
-    compile_for_one_core()
+    compile_for_cores(1)
     with program_cache(), show_progress(len(jobs_of(plan))) as report:
         results = run_plan(plan, report, engine)
     if results["kept"]:

@@ -49,17 +49,24 @@ def train(options: argparse.Namespace) -> int:
 
 def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
     from skystack.cli.console import show_progress
-    from skystack.compilation.programs import compile_for_one_core, program_cache
+    from skystack.compilation.programs import (
+        compile_for_cores,
+        program_cache,
+        run_in_calling_threads,
+    )
     from skystack.learning.event_files import event_files
+    from skystack.learning.parts import cores_for
     from skystack.learning.progress import TrainingProgress
     from skystack.learning.run import CHECKPOINT_EVERY_S, preflight, train_experiment
     from skystack.policies.shipped import SECTOR_CONTROL
+    from skystack.tasks.registry import build_training_task
 
     name, every_s = f"{experiment.name}-s{options.seed}", options.checkpoint_every
     events = event_files(out) if options.tensorboard else nullcontext(lambda: None)
     for line in preflight(experiment, out, options.resume):
         say(line)
-    compile_for_one_core()
+    run_in_calling_threads()  # the parts of an update run at the same time
+    compile_for_cores(cores_for(build_training_task(experiment.task)))
     try:
         with program_cache(), events as follow, show_progress() as report:
 
@@ -92,7 +99,7 @@ def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
 def evaluate(options: argparse.Namespace) -> int:
     from skystack.agents.find import find_agent
     from skystack.cli.console import count_scenarios, output
-    from skystack.compilation.programs import compile_for_one_core, program_cache
+    from skystack.compilation.programs import compile_for_cores, program_cache
     from skystack.evaluation.evaluate import Conditions, evaluate
     from skystack.evaluation.summary import aggregate, evaluation_folder
     from skystack.reporting.tables import one_row
@@ -115,7 +122,7 @@ def evaluate(options: argparse.Namespace) -> int:
     )
     policy = find_agent(options.policy)
     check_scenarios(options.policy, policy)
-    compile_for_one_core()
+    compile_for_cores(1)
     way = "stacked" if options.stacking else "unstacked"
     counting = count_scenarios(f"{options.policy}, {way}", episodes)
     with program_cache(), counting as on_scenario:

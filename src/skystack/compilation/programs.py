@@ -1,4 +1,4 @@
-"""JAX programs are compiled for one core and cached on disk, so that each is compiled once."""
+"""JAX programs are compiled for a fixed number of cores, and cached on disk."""
 
 import hashlib
 import os
@@ -14,13 +14,15 @@ import jax
 from jax._src.compilation_cache import decompress_executable  # there is no public equivalent
 from jax.experimental.compilation_cache import compilation_cache
 
-from skystack.compilation.cores import processor_lines
+from skystack.compilation.cores import cores, processor_lines
 from skystack.errors import InputError
 from skystack.io.files import scratch_folder
 from skystack.io.locks import LOCK, is_abandoned, locked_folder
 
 CACHE_VARIABLE = "SKYSTACK_CACHE"
 """The environment variable for the folder of compiled programs; `off` disables the cache."""
+DETECTED = "NPROC"
+"""The environment variable for the number of cores that JAX detects."""
 IDLE_S = 60.0
 """An unlocked folder that has been idle for longer belongs to a killed process."""
 RUNNING = "running-"
@@ -29,20 +31,38 @@ MOST_BYTES = 512 * 1024**2
 """The maximum size of the cache; the oldest programs are deleted beyond it."""
 
 
-def compile_for_one_core() -> None:
-    """Compile JAX programs as on a machine with one core. Call this before JAX is used.
+class _Compiled:
+    """What this process compiles programs for."""
+
+    cores: int | None = None
+    """None: for the cores that JAX detects."""
+
+
+def compile_for_cores(count: int) -> None:
+    """Compile JAX programs as on a machine with some number of cores. Call this before JAX is used.
 
     JAX splits sums among the cores that it detects. Their number affects the rounding, and so the
-    course of a training. Afterwards its threads may run on all cores again.
+    course of a training. It also is the number of threads in which programs run.
     """
-    if not hasattr(os, "sched_setaffinity"):
-        return
-    all_cores = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {min(all_cores)})
-    jax.devices()
-    for thread in Path("/proc/self/task").iterdir():
-        with suppress(OSError):  # the thread has ended
-            os.sched_setaffinity(int(thread.name), all_cores)
+    _Compiled.cores = count
+    # JAX's client for CPUs reads this variable when it starts.
+    before = os.environ.get(DETECTED)
+    os.environ[DETECTED] = str(count)
+    try:
+        jax.devices()
+    finally:
+        if before is None:
+            del os.environ[DETECTED]
+        else:
+            os.environ[DETECTED] = before
+
+
+def run_in_calling_threads() -> None:
+    """Let threads run JAX programs at the same time. Call this before JAX is used.
+
+    By default, JAX runs programs one after another, in a thread of its own.
+    """
+    jax.config.update("jax_cpu_enable_async_dispatch", False)  # type: ignore[no-untyped-call]
 
 
 @contextmanager
@@ -109,8 +129,8 @@ def _work_folder(folder: Path, stack: ExitStack) -> Path | None:
 
 def _fingerprint() -> str:
     """A digest of what a program depends on: the processor's instructions and the versions."""
-    cores = 1 if hasattr(os, "sched_setaffinity") else os.cpu_count()
-    parts = [version("jax"), version("jaxlib"), platform.platform(), _instructions(), str(cores)]
+    count = _Compiled.cores or len(cores())
+    parts = [version("jax"), version("jaxlib"), platform.platform(), _instructions(), str(count)]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
 
 

@@ -17,7 +17,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any, NamedTuple
 
 from skystack.compilation.cores import cores
-from skystack.compilation.programs import compile_for_one_core, program_cache
+from skystack.compilation.programs import compile_for_cores, program_cache
 from skystack.errors import InputError, PlatformError
 from skystack.io.parents import end_with_parent
 from skystack.io.signals import POLL_S, check, starting_processes
@@ -164,7 +164,7 @@ def _serve(connection: Connection, make: Make, core: int | None) -> None:
     if core is not None:
         os.sched_setaffinity(0, {core})
     os.dup2(2, 1)  # standard output belongs to the command
-    compile_for_one_core()
+    compile_for_cores(1)
     with program_cache():
         _run_items(connection, make)
     sys.stderr.flush()

@@ -11,8 +11,8 @@ from safetensors.numpy import save
 
 from skystack.errors import CheckpointError, InputError
 from skystack.io.files import atomic_write
+from skystack.learning.collection import TrainState
 from skystack.learning.monitor import part_not_finite
-from skystack.learning.ppo import TrainState
 
 Leaf = jax.Array | jax.ShapeDtypeStruct
 

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from skystack.errors import TrainingError
-from skystack.learning.ppo import TrainState
+from skystack.learning.collection import TrainState
 
 MAX_LOSS = 1e6
 """A larger loss counts as exploded. Rewards are scaled to about 1, so with a discount of 0.99 a

@@ -1,22 +1,19 @@
 """The phases of a training run. The next phase is compiled while the current one trains."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from functools import partial
 
 import jax
 import msgspec
 
 from skystack.io.signals import wait_for
-from skystack.learning import ppo
+from skystack.learning.collection import TrainState
 from skystack.learning.experiment import Experiment
+from skystack.learning.parts import Update, compile_update
 from skystack.learning.settings import PPOSettings
 from skystack.tasks.contract import Task
 from skystack.tasks.registry import build_training_task
-
-CompiledUpdate = Callable[[ppo.TrainState], tuple[ppo.TrainState, dict[str, jax.Array]]]
-"""The compiled `ppo.update` of a phase."""
 
 
 def phases(experiment: Experiment, task: Task, first: int) -> dict[int, Task]:
@@ -37,8 +34,8 @@ def phases(experiment: Experiment, task: Task, first: int) -> dict[int, Task]:
 
 @contextmanager
 def compiled_updates(
-    tasks: Mapping[int, Task], settings: PPOSettings, like: ppo.TrainState
-) -> Iterator[Mapping[int, Future[CompiledUpdate]]]:
+    tasks: Mapping[int, Task], settings: PPOSettings, like: TrainState
+) -> Iterator[Mapping[int, Future[Update]]]:
     """The program of each phase, compiled in a background thread in the order of the phases.
 
     `like` has the shapes and types of the train state; its values are not used. When the context
@@ -47,26 +44,21 @@ def compiled_updates(
     executor = ThreadPoolExecutor(1, thread_name_prefix="compile")
     try:
         yield {
-            first: executor.submit(_compile, task, settings, like) for first, task in tasks.items()
+            first: executor.submit(compile_update, task, settings, like)
+            for first, task in tasks.items()
         }
     finally:
         executor.shutdown(cancel_futures=True)
 
 
 def run_updates(
-    updates: Mapping[int, Future[CompiledUpdate]],
+    updates: Mapping[int, Future[Update]],
     settings: PPOSettings,
-    train_state: ppo.TrainState,
-) -> Iterator[tuple[int, ppo.TrainState, dict[str, jax.Array]]]:
+    train_state: TrainState,
+) -> Iterator[tuple[int, TrainState, dict[str, jax.Array]]]:
     """Train to the end. Yields the number of updates, the train state and the measured values."""
     for number in range(int(train_state.updates), settings.updates):
         if number in updates:
             update = wait_for(updates[number])
         train_state, measured = update(train_state)
         yield number + 1, train_state, measured
-
-
-def _compile(task: Task, settings: PPOSettings, like: ppo.TrainState) -> CompiledUpdate:
-    # No buffer donation: the previous train state stays valid if the run is interrupted.
-    compiled: CompiledUpdate = jax.jit(partial(ppo.update, task, settings)).lower(like).compile()
-    return compiled

@@ -4,55 +4,53 @@
 advantages, and makes `epochs` passes of minibatch gradient steps. The loop around it is in Python.
 
 A column is one agent of one environment: all agents share the networks. Tasks with several agents
-report which are active; samples of inactive agents are ignored.
+report which are active; samples of inactive agents are ignored. `skystack.learning.collection`
+collects.
 """
 
-from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import optax
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, Shaped
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from skystack.compilation.chunks import in_chunks, wanted_first
+from skystack.compilation.chunks import wanted_first
 from skystack.learning import network
 from skystack.learning.advantages import Transitions, compute_gae
-from skystack.learning.inference import Normaliser, forward, normalise
+from skystack.learning.collection import (
+    Collected,
+    Episodes,
+    TrainState,
+    collect,
+    draw,
+    keys_of,
+    log_probabilities_of,
+    observe_columns,
+    of_active,
+    select,
+)
+from skystack.learning.inference import forward, normalise
 from skystack.learning.network import Head, Parameters
 from skystack.learning.settings import PPOSettings
-from skystack.tasks.batch import choose, reset_many
-from skystack.tasks.contract import ManyAgents, Metrics, Outcome, Task, TaskState
-from skystack.tasks.observations import flatten_observation
+from skystack.tasks.batch import reset_many
+from skystack.tasks.contract import Task
 
 CHUNK = 1024
-"""Observations of active agents are evaluated in chunks of this size."""
+"""Observations of active agents are evaluated in chunks of this size when values are computed."""
 
 
-class TrainState(NamedTuple):
-    """All state that changes during training."""
+class Samples(NamedTuple):
+    """What an update learns from, and the train state after the collection."""
 
-    parameters: Parameters
-    optimiser: optax.OptState
-    """The state for all parameters in one vector: Adam is faster on it than on a dozen arrays."""
-    normaliser: Normaliser
-    scenarios: TaskState
-    """The states of all environments, batch axis last."""
-    observations: Float[Array, "observation columns"]
-    returns: Float[Array, " environments"]
-    """The undiscounted, unscaled returns so far of the current scenarios, of all agents."""
-    key: PRNGKeyArray
-    updates: Int[Array, ""]
-
-
-class Episodes(NamedTuple):
-    """Sums over the scenarios that ended. Divided by `ended` for reporting."""
-
-    ended: Float[Array, ""]
-    episode_return: Float[Array, ""]
-    metrics: Metrics
+    train_state: TrainState
+    raw_observation: Float[Array, "observation samples"]
+    batch: Float[Array, "rows samples"]
+    """Normalised observations, and what else the loss needs of each sample."""
+    active: Bool[Array, " samples"] | None
+    """Whether the agent took a decision; None means always."""
+    episodes: Episodes
 
 
 def optimiser(settings: PPOSettings, agents: int = 1) -> optax.GradientTransformation:
@@ -85,7 +83,7 @@ def init(
         if settings.normalise_observations
         else network.no_normaliser(size),
         scenarios=scenarios,
-        observations=_observe(task, scenarios),
+        observations=observe_columns(task, scenarios),
         returns=jnp.zeros(settings.environments),
         key=key,
         updates=jnp.zeros((), dtype=jnp.int32),
@@ -100,91 +98,39 @@ def update(
     Without a `head`, the policy network has one output per action. Returns the train state, and the
     update's metrics by name.
     """
-    key, collect_key, learn_key = jax.random.split(train_state.key, 3)
-    train_state = train_state._replace(key=key)
-    train_state, transitions, episodes = collect(task, settings, train_state, collect_key, head)
+    draws = draw(task, settings, train_state)
+    collected = collect(task, settings, train_state, draws, head)
+    return improve(task, settings, samples_of(settings, collected), head)
+
+
+def samples_of(settings: PPOSettings, collected: Collected) -> Samples:
+    """What can be learnt from what has been collected."""
+    train_state, transitions, episodes = collected
     raw_observation = _columns(transitions.observation)
     observation = normalise(train_state.normaliser, raw_observation, columns=True)
     values, next_values = compute_values(train_state, transitions)
     advantages = compute_gae(transitions, values, next_values, settings)
     batch = _pack(observation, transitions, values, advantages)
     active = None if transitions.active is None else transitions.active.reshape(-1)
+    return Samples(train_state, raw_observation, batch, active, episodes)
+
+
+def improve(
+    task: Task, settings: PPOSettings, samples: Samples, head: Head | None = None
+) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
+    """The last part of an update: learn from samples."""
+    train_state, raw_observation, batch, active, episodes = samples
+    keys = keys_of(train_state)
     train_state, losses = learn(
-        settings, train_state, batch, learn_key, head, active=active, agents=task.agents
+        settings, train_state, batch, keys.learn, head, active=active, agents=task.agents
     )
     normaliser = train_state.normaliser
     if settings.normalise_observations:
         normaliser = network.update_normaliser(normaliser, raw_observation, active)
-    train_state = train_state._replace(normaliser=normaliser, updates=train_state.updates + 1)
+    train_state = train_state._replace(
+        normaliser=normaliser, key=keys.later, updates=train_state.updates + 1
+    )
     return train_state, {**_report(episodes), **losses}
-
-
-def collect(
-    task: Task,
-    settings: PPOSettings,
-    train_state: TrainState,
-    key: PRNGKeyArray,
-    head: Head | None = None,
-) -> tuple[TrainState, Transitions, Episodes]:
-    """Collect `steps` steps of each environment with the current policy.
-
-    Each environment has one new scenario in reserve, which starts when the current scenario ends.
-    If it also ends during the collection, the same scenario starts again.
-    """
-    fresh_key, action_key = jax.random.split(key)
-    # Drawn all at once: drawing random numbers at each step costs more than the policy.
-    columns = task.agents * settings.environments
-    uniforms = jax.random.uniform(action_key, (settings.steps, columns))
-    fresh = reset_many(task, fresh_key, settings.environments)
-    fresh_observations = _observe(task, fresh)
-
-    def step(
-        train_state: TrainState, uniforms: Float[Array, " columns"]
-    ) -> tuple[TrainState, tuple[Transitions, Episodes]]:
-        observation = train_state.observations
-        active, waiting = _deciding(task, train_state.scenarios)
-        log_probabilities = _of_active(
-            partial(_policy, train_state, head), len(task.action_names), observation, active
-        )
-        action = sample_actions(log_probabilities, uniforms)
-        scenarios, outcome = task.step(train_state.scenarios, _by_agent(task, action))
-        final_observation = _observe(task, scenarios)
-        reward, ended = outcome.reward.reshape(-1), outcome.ended
-        returns = train_state.returns + jnp.sum(outcome.reward, axis=0)
-        transition = Transitions(
-            observation=observation,
-            final_observation=final_observation,
-            action=action,
-            log_probability=_select(log_probabilities, action),
-            reward=reward * settings.reward_scale,
-            terminated=outcome.terminated.reshape(-1),
-            truncated=outcome.truncated.reshape(-1),
-            time_steps=None if outcome.steps is None else _columns_of(task, outcome.steps),
-            active=active,
-            waiting=waiting,
-        )
-        train_state = train_state._replace(
-            scenarios=choose(ended, fresh, scenarios),
-            observations=choose(_columns_of(task, ended), fresh_observations, final_observation),
-            returns=jnp.where(ended, 0.0, returns),
-        )
-        return train_state, (transition, _sum_ended(ended, returns, outcome))
-
-    train_state, (transitions, episodes) = jax.lax.scan(step, train_state, uniforms)
-    return train_state, transitions, jax.tree.map(jnp.sum, episodes)
-
-
-def sample_actions(
-    log_probabilities: Float[Array, "actions n"], uniforms: Float[Array, " n"]
-) -> Int[Array, " n"]:
-    """Sample one action per column by inverse transform sampling.
-
-    `uniforms` are uniform on [0, 1).
-    """
-    actions = log_probabilities.shape[0]
-    cumulative = jnp.tril(jnp.ones((actions, actions))) @ jnp.exp(log_probabilities)
-    beyond = uniforms[None, :] >= cumulative[:-1]
-    return jnp.sum(beyond.astype(jnp.int32), axis=0)
 
 
 def compute_values(
@@ -202,16 +148,21 @@ def compute_values(
         columns = normalise(train_state.normaliser, raw, columns=True)
         return forward(train_state.parameters.critic, columns, columns=True)
 
+    def values_of(
+        steps: Float[Array, "steps observation columns"], active: Bool[Array, " samples"] | None
+    ) -> Float[Array, "steps columns"]:
+        return of_active(value, 1, _columns(steps), active, CHUNK).reshape(shape)
+
     present = truncated = None
     if transitions.active is not None and transitions.waiting is not None:
         present = (transitions.active | transitions.waiting).reshape(-1)
         truncated = transitions.truncated.reshape(-1)
-    values = _of_active(value, 1, _columns(transitions.observation), present).reshape(shape)
+    values = values_of(transitions.observation, present)
     following = jnp.concatenate([values[1:], value(train_state.observations)])
 
     def with_final_observations() -> Float[Array, "steps columns"]:
-        final = _of_active(value, 1, _columns(transitions.final_observation), truncated)
-        return jnp.where(transitions.truncated, final.reshape(shape), following)
+        final = values_of(transitions.final_observation, truncated)
+        return jnp.where(transitions.truncated, final, following)
 
     next_values = jax.lax.cond(
         jnp.any(transitions.truncated), with_final_observations, lambda: following
@@ -305,54 +256,6 @@ def shuffled(key: PRNGKeyArray, count: int) -> Int[Array, " count"]:
     return (jnp.sort((uniforms & ~low) | number) & low).astype(jnp.int32)
 
 
-def _policy(
-    train_state: TrainState, head: Head | None, observation: Float[Array, "observation n"]
-) -> Float[Array, "actions n"]:
-    """The logarithms of the probabilities of the actions."""
-    normalised = normalise(train_state.normaliser, observation, columns=True)
-    return _log_probabilities(train_state.parameters, normalised, head)
-
-
-def _of_active(
-    function: Callable[[Float[Array, "observation n"]], Float[Array, "outputs n"]],
-    outputs: int,
-    columns: Float[Array, "observation columns"],
-    active: Bool[Array, " columns"] | None,
-) -> Float[Array, "outputs columns"]:
-    """The function of the active columns, and zero for the others; None: all are active."""
-    if active is None:
-        return function(columns)
-    nothing = jnp.zeros((outputs, columns.shape[1]))
-    return in_chunks(active, lambda column: function(columns[:, column]), nothing, CHUNK)
-
-
-def _observe(task: Task, scenarios: TaskState) -> Float[Array, "observation columns"]:
-    """The observations of all agents of all environments, agent by agent."""
-    if task.agents == 1:
-        return flatten_observation(task.observe(scenarios), batch_axes=1)
-    observation = flatten_observation(task.observe(scenarios), batch_axes=2)
-    return observation.reshape(observation.shape[0], -1)
-
-
-def _by_agent(task: Task, action: Int[Array, " columns"]) -> Int[Array, "*agents environments"]:
-    """The actions as a task takes them: with an axis of agents if there are several."""
-    return action if task.agents == 1 else action.reshape(task.agents, -1)
-
-
-def _deciding(
-    task: Task, scenarios: TaskState
-) -> tuple[Bool[Array, " columns"] | None, Bool[Array, " columns"] | None]:
-    """Which agents decide, and which others wait; None and None if there is one agent."""
-    if not isinstance(task, ManyAgents):
-        return None, None
-    return task.active(scenarios).reshape(-1), task.waiting(scenarios).reshape(-1)
-
-
-def _columns_of(task: Task, values: Shaped[Array, " environments"]) -> Shaped[Array, " columns"]:
-    """The values of environments, for each of their agents."""
-    return jnp.tile(values, task.agents)
-
-
 _EXTRA_ROWS = 4
 LOSSES = ("policy_loss", "value_loss", "entropy", "kl", "clip_fraction")
 """The measured values of a gradient step."""
@@ -393,9 +296,9 @@ def loss(
     """
     observation = minibatch[:-_EXTRA_ROWS]
     action, old_log_probability, advantage, value_target = minibatch[-_EXTRA_ROWS:]
-    log_probabilities = _log_probabilities(parameters, observation, head)
+    log_probabilities = log_probabilities_of(parameters, observation, head)
     entropy = -jnp.mean(jnp.sum(jnp.exp(log_probabilities) * log_probabilities, axis=0))
-    change = _select(log_probabilities, action.astype(jnp.int32)) - old_log_probability
+    change = select(log_probabilities, action.astype(jnp.int32)) - old_log_probability
     ratio = jnp.exp(change)
     if settings.normalise_advantages:
         advantage = (advantage - jnp.mean(advantage)) / (jnp.std(advantage) + 1e-8)
@@ -410,34 +313,8 @@ def loss(
     return total, dict(zip(LOSSES, measured, strict=True))
 
 
-def _log_probabilities(
-    parameters: Parameters, observation: Float[Array, "observation n"], head: Head | None
-) -> Float[Array, "actions n"]:
-    outputs = forward(parameters.actor, observation, columns=True)
-    return jax.nn.log_softmax(outputs if head is None else head.logits(outputs), axis=0)
-
-
-def _select(
-    log_probabilities: Float[Array, "actions n"], action: Int[Array, " n"]
-) -> Float[Array, " n"]:
-    taken = jnp.arange(log_probabilities.shape[0])[:, None] == action[None, :]
-    return jnp.sum(jnp.where(taken, log_probabilities, 0.0), axis=0)
-
-
-def _sum_ended(
-    ended: Bool[Array, " environments"], returns: Float[Array, " environments"], outcome: Outcome
-) -> Episodes:
-    def total(values: Array) -> Array:
-        return jnp.sum(jnp.where(ended, values.astype(jnp.float32), 0.0))
-
-    return Episodes(
-        jnp.sum(ended.astype(jnp.float32)), total(returns), jax.tree.map(total, outcome.metrics)
-    )
-
-
 def _report(episodes: Episodes) -> dict[str, Float[Array, ""]]:
     """Means over the scenarios that ended; NaN if none ended."""
-    sums = {"return": episodes.episode_return, **episodes.metrics}
-    return {"episodes": episodes.ended} | {
-        name: value / episodes.ended for name, value in sums.items()
-    }
+    ended, episode_return, metrics = jax.tree.map(jnp.sum, episodes)
+    sums = {"return": episode_return, **metrics}
+    return {"episodes": ended} | {name: value / ended for name, value in sums.items()}

@@ -19,6 +19,7 @@ from skystack.io.locks import check_unlocked, locked_folder
 from skystack.io.signals import check
 from skystack.learning import ppo
 from skystack.learning.checkpoint import load_checkpoint, save_checkpoint
+from skystack.learning.collection import TrainState
 from skystack.learning.experiment import Experiment, resolved, to_toml
 from skystack.learning.metrics_file import MetricsFile
 from skystack.learning.monitor import TrainingMonitor, finite
@@ -116,7 +117,7 @@ def _train(
     metrics = MetricsFile(folder / "metrics.jsonl", first, started)
     monitor = TrainingMonitor(experiment.name, seed, checkpoint, first * settings.samples)
 
-    def save(train_state: ppo.TrainState) -> None:
+    def save(train_state: TrainState) -> None:
         metrics.sync()  # a checkpoint without its lines cannot be resumed
         save_checkpoint(checkpoint, train_state, fingerprint)
         monitor.saved_steps = int(train_state.updates) * settings.samples
@@ -208,7 +209,7 @@ class _Pace:
         return TrainingProgress(number * settings.samples, total, rate, values)
 
 
-def _policy(experiment: Experiment, seed: int, task: Task, train_state: ppo.TrainState) -> Policy:
+def _policy(experiment: Experiment, seed: int, task: Task, train_state: TrainState) -> Policy:
     actor, normaliser = jax.device_get((train_state.parameters.actor, train_state.normaliser))
     description = PolicyDescription(
         format=FORMAT,

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import skystack
-from skystack.compilation.programs import compile_for_one_core
+from skystack.compilation.programs import compile_for_cores
 from skystack.errors import InputError, TrainingError, missing_extra
 from skystack.io.files import atomic_write, make_folder
 from skystack.io.locks import is_scratch
@@ -139,7 +139,7 @@ def _run(job: Job, files: Files, messages: Any, version: str) -> tuple[JobResult
         raise InputError(
             f"a node of the cluster has skystack {skystack.__version__} (allowed: {version})"
         )
-    compile_for_one_core()
+    compile_for_cores(1)
     with tempfile.TemporaryDirectory(prefix="skystack-") as folder:
         local = job._replace(plan=replace(job.plan, out=Path(folder)))
         _unpack(local.plan, files)

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Int, Key, PRNGKeyArray
 
 from skystack.tasks.contract import Observation, Outcome, Task, TaskState
 from skystack.tasks.wrapper import TaskWrapper
@@ -31,7 +31,12 @@ def choose(condition: Bool[Array, "*batch"], yes: Tree, no: Tree) -> Tree:
 
 def reset_many(task: Task, key: PRNGKeyArray, scenarios: int) -> TaskState:
     """A batch of random scenarios, batch axis last."""
-    return jax.vmap(task.reset, out_axes=-1)(jax.random.split(key, scenarios))
+    return reset_each(task, jax.random.split(key, scenarios))
+
+
+def reset_each(task: Task, keys: Key[Array, " scenarios"]) -> TaskState:
+    """A random scenario for each of some keys, batch axis last."""
+    return jax.vmap(task.reset, out_axes=-1)(keys)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,116 @@
+"""Updates in parts that run at the same time.
+
+Environments do not influence each other before the gradient steps, so each part collects with some
+of them, and computes values and advantages. The result is the same, bit by bit, as that of
+`ppo.update` if each part has as many agents as are computed at once.
+"""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from skystack.io.signals import wait_for
+from skystack.learning import ppo
+from skystack.learning.collection import Draws, TrainState, collect, draw
+from skystack.learning.settings import PPOSettings
+from skystack.tasks.contract import ManyAgents, Task
+
+CORES = 2
+"""Trainings of tasks with several agents are compiled for this many cores, whatever the machine
+has, so that the result does not depend on it."""
+
+Update = Callable[[TrainState], tuple[TrainState, dict[str, Float[Array, ""]]]]
+
+
+def cores_for(task: Task) -> int:
+    """The number of cores that a training is compiled for.
+
+    One for tasks with one agent: their gradient steps are too small to be shared by several.
+    """
+    return CORES if isinstance(task, ManyAgents) else 1
+
+
+def compile_update(
+    task: Task, settings: PPOSettings, like: TrainState, parts: int | None = None
+) -> Update:
+    """Compile `ppo.update`, on CPUs in parts.
+
+    `like` has the shapes and types of the train state; its values are not used. The number of parts
+    must divide that of the environments; None: `cores_for` if it does.
+    """
+    if parts is None:
+        cores = cores_for(task)
+        divides = settings.environments % cores == 0 and jax.default_backend() == "cpu"
+        parts = cores if divides else 1
+    # No buffer donation: the previous train state stays valid if the run is interrupted.
+    if parts == 1:
+        whole: Update = jax.jit(partial(ppo.update, task, settings)).lower(like).compile()
+        return whole
+    number = jnp.int32(0)
+    samples_of_part = partial(_samples_of_part, task, settings, parts)
+    samples = jax.eval_shape(samples_of_part, like, number)
+    part = jax.jit(samples_of_part).lower(like, number).compile()
+    rest = jax.jit(partial(_improve, task, settings)).lower([samples] * parts).compile()
+
+    def update(train_state: TrainState) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
+        with ThreadPoolExecutor(parts, thread_name_prefix="collect") as threads:
+            started = [
+                threads.submit(part, train_state, jnp.int32(number)) for number in range(parts)
+            ]
+            improved: tuple[TrainState, dict[str, Float[Array, ""]]] = rest(
+                [wait_for(each) for each in started]
+            )
+            return improved
+
+    return update
+
+
+def _samples_of_part(
+    task: Task,
+    settings: PPOSettings,
+    count: int,
+    train_state: TrainState,
+    number: Int[Array, ""],
+) -> ppo.Samples:
+    """The samples of one of `count` parts of the environments."""
+    size = settings.environments // count
+
+    def of_part(values: Array) -> Array:
+        """Those of the last axis: environments, or for each agent, environments."""
+        by_agent = values.reshape(*values.shape[:-1], -1, settings.environments)
+        chosen = jax.lax.dynamic_slice_in_dim(by_agent, number * size, size, axis=-1)
+        return chosen.reshape(*values.shape[:-1], -1)
+
+    state = train_state._replace(
+        scenarios=jax.tree.map(of_part, train_state.scenarios),
+        observations=of_part(train_state.observations),
+        returns=of_part(train_state.returns),
+    )
+    draws: Draws = jax.tree.map(of_part, draw(task, settings, train_state))
+    return ppo.samples_of(settings, collect(task, settings, state, draws))
+
+
+def _improve(
+    task: Task, settings: PPOSettings, parts: Sequence[ppo.Samples]
+) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
+    """`ppo.improve`, with the samples of all parts."""
+    size = settings.environments // len(parts)
+
+    def joined(*values: Array) -> Array:
+        by_environment = (each.reshape(*each.shape[:-1], -1, size) for each in values)
+        whole = jnp.concatenate(list(by_environment), axis=-1)
+        return whole.reshape(*whole.shape[:-2], -1)
+
+    first, states = parts[0], [each.train_state for each in parts]
+    train_state = first.train_state._replace(
+        scenarios=jax.tree.map(joined, *(each.scenarios for each in states)),
+        observations=joined(*(each.observations for each in states)),
+        returns=joined(*(each.returns for each in states)),
+    )
+    # All fields but the train state, which also has values that are common to all parts.
+    samples = ppo.Samples(train_state, *jax.tree.map(joined, *(each[1:] for each in parts)))
+    return ppo.improve(task, settings, samples)
