@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from skystack.evaluation.rollout import TracedPolicy
 from skystack.learning import ppo
+from skystack.learning.collection import TrainState
 from skystack.learning.experiment import Experiment
 from skystack.learning.inference import forward, normalise
 from skystack.learning.seeds import training_key
@@ -100,9 +101,7 @@ def train(method: Method, experiment: Experiment, cycles: int, seed: int) -> Tra
     return Trained(greedy, sampled, weights, budget.good_after, budget.train_s)
 
 
-def compiled_update(
-    phase: Build, experiment: Experiment, state: ppo.TrainState
-) -> Callable[..., Any]:
+def compiled_update(phase: Build, experiment: Experiment, state: TrainState) -> Callable[..., Any]:
     """The compiled `ppo.update` of a phase."""
     update = partial(ppo.update, phase.trained, experiment.ppo, head=phase.head)
     compiled: Callable[..., Any] = jax.jit(update).lower(state).compile()
