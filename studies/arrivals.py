@@ -1,11 +1,12 @@
 """Flight School traffic in skystack and in BluebirdDT, compared by distribution.
 
-    python -m studies.arrivals [category|notebook|environment ...] [--hours 200]
+    python -m studies.arrivals [category|notebook|environment ...] [--hours 200] [--out DIR]
 
 Flies hours without instructions in both simulators and prints a Markdown table with the two-sample
 tests of what arrives: the numbers of births and of flights present, times of birth, gaps, twins,
 routes, levels, speeds and positions. A small p-value suggests a difference. There are 16 tests per
-kind of traffic, so about one p-value below 0.05 is expected by chance. Needs the extra
+kind of traffic, so about one p-value below 0.05 is expected by chance. Every five finished hours
+are stored in DIR and reused, so the command can be interrupted and repeated. Needs the extra
 `[bluebird]`.
 """
 
@@ -16,9 +17,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from functools import partial
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
+import msgspec
 import numpy as np
 from scipy.stats import chi2_contingency, ks_2samp, mannwhitneyu
 
@@ -26,6 +29,7 @@ from skystack.airspace.sector import Sector
 from skystack.errors import InputError, checked_integer
 from skystack.evaluation.controllers import find_controller
 from skystack.evaluation.traffic_conditions import TrafficConditions
+from skystack.io.files import atomic_write, make_folder
 from skystack.learning.seeds import scenario_key
 from skystack.platforms.bluebird_traffic import FlightSchoolTraffic
 from skystack.platforms.registry import check_platform
@@ -210,6 +214,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("traffic", nargs="*", metavar="TRAFFIC", default=list(FLIGHT_SCHOOL))
     parser.add_argument("--hours", type=int, default=200)
+    parser.add_argument("--out", type=Path, default=Path("runs/arrivals"))
     options = parser.parse_args(arguments)
     try:
         checked_integer("--hours", options.hours, 2)
@@ -217,16 +222,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for traffic in options.traffic:
             if traffic not in FLIGHT_SCHOOL:
                 raise InputError(f"traffic {traffic!r} (allowed: {', '.join(FLIGHT_SCHOOL)})")
+        make_folder(options.out)
     except InputError as error:
         sys.stderr.write(f"{error}\n")
         return 2
     for traffic in options.traffic:
         pieces = [
-            (simulator, traffic, first, min(HOURS_A_PIECE, options.hours - first))
+            (simulator, traffic, first, min(HOURS_A_PIECE, options.hours - first), options.out)
             for simulator in (in_bluebird, in_skystack)
             for first in range(0, options.hours, HOURS_A_PIECE)
         ]
-        found = run_pieces(_arrived, pieces, "pieces", stored=False)
+        found = run_pieces(_arrived, pieces, "pieces")
         half = len(found) // 2
         tests = compare(_together(found[half:]), _together(found[:half]))
         rows = [(each.what, each.test, each.ours, each.bluebird, f"{each.p:.3f}") for each in tests]
@@ -236,9 +242,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _arrived(
-    simulator: Callable[[str, int, int], Arrived], traffic: str, first: int, hours: int
+    simulator: Callable[[str, int, int], Arrived], traffic: str, first: int, hours: int, out: Path
 ) -> Arrived:
-    return simulator(traffic, first, hours)
+    """What arrived in some hours, from its file if they have been flown before."""
+    path = out / f"{simulator.__name__}-{traffic}-{first}-{hours}.json"
+    if path.exists():
+        return msgspec.json.decode(path.read_bytes(), type=Arrived)
+    arrived = simulator(traffic, first, hours)
+    atomic_write(path, msgspec.json.encode(arrived))
+    return arrived
 
 
 def _together(parts: Sequence[Arrived]) -> Arrived:

@@ -19,16 +19,13 @@ INTERRUPTED = 130
 
 
 def run_pieces(
-    work: Callable[..., Result],
-    pieces: Sequence[tuple[object, ...]],
-    what: str,
-    stored: bool = True,
+    work: Callable[..., Result], pieces: Sequence[tuple[object, ...]], what: str
 ) -> list[Result]:
     """The results of all pieces, in order. `work` gets the elements of a piece as arguments.
 
     Pieces start in order. If one fails, the others are stopped. Raises SystemExit after Ctrl-C.
-    `what` names the pieces in the progress messages on standard error. `stored` says whether the
-    results of finished pieces are stored, so that an interrupted study can be resumed.
+    `what` names the pieces in the progress messages on standard error.
+    `work` stores its results, so that an interrupted study can be resumed.
     """
     started = time.monotonic()
     pool = ProcessPoolExecutor(len(cores()), get_context("spawn"), _start)
@@ -41,7 +38,7 @@ def run_pieces(
         return [future.result() for future in futures]
     except KeyboardInterrupt:
         stop_workers()
-        sys.stderr.write(f"interrupted{': run the same command again to resume' * stored}\n")
+        sys.stderr.write("interrupted: run the same command again to resume\n")
         raise SystemExit(INTERRUPTED) from None
     except BaseException:
         stop_workers()

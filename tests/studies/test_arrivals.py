@@ -58,3 +58,17 @@ def test_mistakes_are_refused(capsys, arguments):
     pytest.importorskip("bluebird_dt")
     assert arrivals.main(arguments) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_hours_are_flown_once(tmp_path):
+    flown = []
+
+    def simulator(traffic, first, hours):
+        flown.append((traffic, first, hours))
+        return arrived(first)
+
+    for _ in range(2):
+        assert arrivals._arrived(simulator, "category", 5, 5, tmp_path) == arrived(5)
+    assert flown == [("category", 5, 5)]
+    arrivals._arrived(simulator, "notebook", 5, 5, tmp_path)
+    assert len(flown) == 2
