@@ -7,6 +7,7 @@ import sys
 import tempfile
 import time
 from contextlib import ExitStack
+from pathlib import Path
 
 import pytest
 
@@ -199,29 +200,31 @@ def test_deletes_the_oldest_programs_beyond_the_limit(monkeypatch, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b", "running-new"]
 
 
-@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="Linux")
-def test_compiling_for_one_core_leaves_threads_unpinned():
-    """Otherwise, two trainings in parallel would wait for the same core."""
-    program = """
-import math
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="Linux")
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_programs_run_in_a_thread_for_each_core_that_they_are_compiled_for(count):
+    """On any machine. The threads may run on all cores, and the environment stays as it is."""
+    program = f"""
 import os
 from pathlib import Path
 from skystack.compilation.programs import compile_for_cores
-before = os.sched_getaffinity(0)
-compile_for_cores(1)
-threads = [int(path.name) for path in Path("/proc/self/task").iterdir()]
-bound = [thread for thread in threads if os.sched_getaffinity(thread) != before]
-print(len(bound), int(len(threads) > 1))
+before = os.sched_getaffinity(0), dict(os.environ)
+compile_for_cores({count})
+tasks = list(Path("/proc/self/task").iterdir())
+threads = [int(task.name) for task in tasks if "XLAEigen" in (task / "comm").read_text()]
+assert all(os.sched_getaffinity(thread) == before[0] for thread in threads)
+assert dict(os.environ) == before[1]
+print(len(threads))
 """
     completed = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
-    assert completed.stdout.split() == ["0", "1"]
+    assert int(completed.stdout) == count
 
 
 @pytest.mark.parametrize("in_calling_threads", [False, True])
-def test_programs_run_in_the_threads_that_call_them(in_calling_threads):
-    """The processor time that a long program takes is that of the calling thread, or of another."""
+def test_which_thread_runs_a_program(in_calling_threads):
+    """The processor time that a program takes is that of the calling thread, or of another."""
     program = f"""
 import time
 import jax

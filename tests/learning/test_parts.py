@@ -13,11 +13,11 @@ from tests.learning.test_ppo import SignTask
 from tests.learning.test_ppo_many import TellSigns
 
 SETTINGS = PPOSettings(environments=512, steps=4, epochs=2, minibatch=256, hidden=(8,))
-"""Every part has more columns than are computed at once."""
+"""Every part has more agents than are computed at once."""
 
 
 @pytest.mark.parametrize("count", [2, 4])
-def test_update_in_parts_is_the_same_bit_by_bit(count):
+def test_update_in_parts_is_bit_identical(count):
     task, key = TellSigns(), jax.random.key(0)
     whole = together = jax.jit(partial(ppo.init, task, SETTINGS))(key)
     update = jax.jit(partial(ppo.update, task, SETTINGS))

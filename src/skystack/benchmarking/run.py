@@ -28,6 +28,7 @@ FASTEST_EXPERIMENT = "lateral-best"
 """The experiment that learns lateral navigation in the shortest time."""
 
 SECTOR = {"traffic and decisions": sector_figures, "training": sector_training_figures}
+"""The groups of sector control, and the functions that measure them."""
 
 Result = TypeVar("Result")
 

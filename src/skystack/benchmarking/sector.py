@@ -1,6 +1,7 @@
 """The speed of sector control: the traffic, training, and the decisions of the shipped policy.
 
-An aircraft-step is one radar cycle of one flight. Free slots do not count.
+An aircraft-step is one radar cycle of one flight, or its outlook in one cycle. Free slots do not
+count.
 """
 
 import time
@@ -39,7 +40,7 @@ FLIGHTS, DECISIONS = (50, 70), 40
 
 
 def sector_figures(repetitions: int) -> list[Figure]:
-    """The traffic without and with observations, and decisions."""
+    """The figures of traffic, outlooks, sector control and decisions."""
     compile_for_cores(1)
     return [
         *traffic_figures(repetitions),
@@ -48,9 +49,9 @@ def sector_figures(repetitions: int) -> list[Figure]:
 
 
 def traffic_figures(repetitions: int) -> list[Figure]:
-    """Aircraft-steps per second of the traffic alone, of outlooks alone, and of all together.
+    """Aircraft-steps per second of the traffic alone, of outlooks alone, and of sector control.
 
-    The last includes rewards and observations, and is also measured on all cores at once.
+    Sector control includes the traffic, the outlooks, the rewards and the observations.
     """
     task = build_task(load_experiment(EXPERIMENT).task)
     assert isinstance(task, SectorControl)
@@ -116,7 +117,7 @@ def _control(task: SectorControl, state: ControlState) -> Any:
 
 
 def sector_training_figures(repetitions: int) -> list[Figure]:
-    """Samples per second of training: the decisions of single flights. For a new process.
+    """Samples per second of training: the decisions of single flights. Call this in a new process.
 
     Their number is estimated from the flights that decide after each update. Flights that wait
     while another one is instructed, with time frozen, contribute no samples.

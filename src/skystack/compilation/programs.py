@@ -21,7 +21,7 @@ from skystack.io.locks import LOCK, is_abandoned, locked_folder
 
 CACHE_VARIABLE = "SKYSTACK_CACHE"
 """The environment variable for the folder of compiled programs; `off` disables the cache."""
-DETECTED = "NPROC"
+CORES_VARIABLE = "NPROC"
 """The environment variable for the number of cores that JAX detects."""
 IDLE_S = 60.0
 """An unlocked folder that has been idle for longer belongs to a killed process."""
@@ -31,36 +31,37 @@ MOST_BYTES = 512 * 1024**2
 """The maximum size of the cache; the oldest programs are deleted beyond it."""
 
 
-class _Compiled:
+class _Target:
     """What this process compiles programs for."""
 
     cores: int | None = None
-    """None: for the cores that JAX detects."""
+    """None: the cores that JAX detects."""
 
 
 def compile_for_cores(count: int) -> None:
-    """Compile JAX programs as on a machine with some number of cores. Call this before JAX is used.
+    """Compile JAX programs as on a machine with `count` cores. Call this before JAX is used.
 
     JAX splits sums among the cores that it detects. Their number affects the rounding, and so the
-    course of a training. It also is the number of threads in which programs run.
+    course of a training. It is also the number of threads in which programs run.
     """
-    _Compiled.cores = count
+    _Target.cores = count
     # JAX's client for CPUs reads this variable when it starts.
-    before = os.environ.get(DETECTED)
-    os.environ[DETECTED] = str(count)
+    before = os.environ.get(CORES_VARIABLE)
+    os.environ[CORES_VARIABLE] = str(count)
     try:
         jax.devices()
     finally:
         if before is None:
-            del os.environ[DETECTED]
+            del os.environ[CORES_VARIABLE]
         else:
-            os.environ[DETECTED] = before
+            os.environ[CORES_VARIABLE] = before
 
 
 def run_in_calling_threads() -> None:
-    """Let threads run JAX programs at the same time. Call this before JAX is used.
+    """Run each JAX program in the thread that calls it. Call this before JAX is used.
 
-    By default, JAX runs programs one after another, in a thread of its own.
+    Several threads can then run programs at the same time. By default, JAX runs them one after
+    another in a thread of its own.
     """
     jax.config.update("jax_cpu_enable_async_dispatch", False)  # type: ignore[no-untyped-call]
 
@@ -128,8 +129,9 @@ def _work_folder(folder: Path, stack: ExitStack) -> Path | None:
 
 
 def _fingerprint() -> str:
-    """A digest of what a program depends on: the processor's instructions and the versions."""
-    count = _Compiled.cores or len(cores())
+    """A digest of what a program depends on: the versions, the platform, the processor's
+    instructions and the number of cores."""
+    count = _Target.cores or len(cores())
     parts = [version("jax"), version("jaxlib"), platform.platform(), _instructions(), str(count)]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
 

@@ -17,7 +17,7 @@ from skystack.learning.inference import Layers, Normaliser
 from skystack.learning.seeds import scenario_keys
 from skystack.simulator.traffic import Traffic
 from skystack.stacking import ENDLESS, NO_OP, Stack, stack_many_traced
-from skystack.tasks.batch import choose
+from skystack.tasks.batch import choose, reset_each
 from skystack.tasks.contract import AircraftStatus, Outcome, TaskState, TrafficTask
 
 SCENARIOS_AT_ONCE = 1000
@@ -248,7 +248,7 @@ def begin(
     task: TrafficTask, keys: Key[Array, " scenarios"]
 ) -> tuple[TaskState, Key[Array, "cycles scenarios"]]:
     """The states of scenarios at cycle 0, batch axis last, and the keys of their queries."""
-    state: TaskState = jax.vmap(task.reset, out_axes=-1)(keys)
+    state: TaskState = reset_each(task, keys)
     return state, jax.vmap(partial(query_keys, task), out_axes=1)(keys)
 
 

@@ -24,7 +24,7 @@ from skystack.gym.environment import (
     radar_of,
 )
 from skystack.gym.radar import Radar
-from skystack.tasks.batch import choose
+from skystack.tasks.batch import choose, reset_each
 from skystack.tasks.contract import Outcome, Task, TaskState
 from skystack.tasks.observations import flatten_observation
 from skystack.tasks.plain import checked_actions
@@ -273,7 +273,7 @@ class VectorPrograms(TaskPrograms):
         return self._seen(choose(restarts, self._reset(seeds), state.unpacked()))
 
     def _reset(self, seeds: UInt32[Array, " scenarios"]) -> TaskState:
-        return jax.vmap(self._task.reset, out_axes=-1)(jax.vmap(jax.random.key)(seeds))
+        return reset_each(self._task, jax.vmap(jax.random.key)(seeds))
 
     def _seen(self, state: TaskState, *outcome: Outcome) -> tuple[Packed, Packed]:
         observation = flatten_observation(self._task.observe(state), batch_axes=1)

@@ -22,8 +22,8 @@ from skystack.tasks.batch import choose, reset_each
 from skystack.tasks.contract import ManyAgents, Metrics, Outcome, Task, TaskState
 from skystack.tasks.observations import flatten_observation
 
-CHUNK = 256
-"""Observations of active agents are evaluated in chunks of this size when actions are chosen."""
+ACTIONS_CHUNK = 256
+"""If a task has several agents, the policy evaluates this many observations at once."""
 
 
 class TrainState(NamedTuple):
@@ -52,7 +52,7 @@ class Draws(NamedTuple):
 
 
 class Episodes(NamedTuple):
-    """Sums over the scenarios of each environment that ended. Divided by `ended` for reporting."""
+    """Sums for each environment over its scenarios that ended. Reports divide them by `ended`."""
 
     ended: Float[Array, " environments"]
     episode_return: Float[Array, " environments"]
@@ -68,7 +68,7 @@ class Collected(NamedTuple):
 
 
 class Keys(NamedTuple):
-    """The keys of the next update, and that for all later updates."""
+    """The keys of the next update, and the one from which all later keys are split."""
 
     later: PRNGKeyArray
     collect: PRNGKeyArray
@@ -76,7 +76,7 @@ class Keys(NamedTuple):
 
 
 def keys_of(train_state: TrainState) -> Keys:
-    """The keys that follow from that of the train state."""
+    """Split the key of the train state."""
     return Keys(*jax.random.split(train_state.key, 3))
 
 
@@ -111,8 +111,12 @@ def collect(
     ) -> tuple[TrainState, tuple[Transitions, Episodes]]:
         observation = train_state.observations
         active, waiting = _deciding(task, train_state.scenarios)
-        log_probabilities = of_active(
-            partial(_policy, train_state, head), len(task.action_names), observation, active, CHUNK
+        log_probabilities = of_wanted(
+            partial(_policy, train_state, head),
+            len(task.action_names),
+            observation,
+            active,
+            ACTIONS_CHUNK,
         )
         action = sample_actions(log_probabilities, uniforms)
         scenarios, outcome = task.step(train_state.scenarios, _by_agent(task, action))
@@ -163,18 +167,18 @@ def _policy(
     return log_probabilities_of(train_state.parameters, normalised, head)
 
 
-def of_active(
+def of_wanted(
     function: Callable[[Float[Array, "observation n"]], Float[Array, "outputs n"]],
     outputs: int,
     columns: Float[Array, "observation columns"],
-    active: Bool[Array, " columns"] | None,
+    wanted: Bool[Array, " columns"] | None,
     chunk: int,
 ) -> Float[Array, "outputs columns"]:
-    """The function of the active columns, and zero for the others; None: all are active."""
-    if active is None:
+    """The function of the wanted columns, and zero for the others. None: all are wanted."""
+    if wanted is None:
         return function(columns)
     nothing = jnp.zeros((outputs, columns.shape[1]))
-    return in_chunks(active, lambda column: function(columns[:, column]), nothing, chunk)
+    return in_chunks(wanted, lambda column: function(columns[:, column]), nothing, chunk)
 
 
 def observe_columns(task: Task, scenarios: TaskState) -> Float[Array, "observation columns"]:

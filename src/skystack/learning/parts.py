@@ -1,8 +1,8 @@
 """Updates in parts that run at the same time.
 
 Environments do not influence each other before the gradient steps, so each part collects with some
-of them, and computes values and advantages. The result is the same, bit by bit, as that of
-`ppo.update` if each part has as many agents as are computed at once.
+of them, and computes values and advantages. The result is bit-identical to that of `ppo.update` if
+each part has at least as many agents as are computed at once.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,15 +21,16 @@ from skystack.tasks.contract import ManyAgents, Task
 
 CORES = 2
 """Trainings of tasks with several agents are compiled for this many cores, whatever the machine
-has, so that the result does not depend on it."""
+has, so that the result does not depend on the machine."""
 
 Update = Callable[[TrainState], tuple[TrainState, dict[str, Float[Array, ""]]]]
+"""A compiled `ppo.update`. Returns the train state, and the update's metrics by name."""
 
 
 def cores_for(task: Task) -> int:
     """The number of cores that a training is compiled for.
 
-    One for tasks with one agent: their gradient steps are too small to be shared by several.
+    One for tasks with one agent: their gradient steps are too small to gain from several cores.
     """
     return CORES if isinstance(task, ManyAgents) else 1
 
@@ -37,10 +38,11 @@ def cores_for(task: Task) -> int:
 def compile_update(
     task: Task, settings: PPOSettings, like: TrainState, parts: int | None = None
 ) -> Update:
-    """Compile `ppo.update`, on CPUs in parts.
+    """Compile `ppo.update` in parts, which run at the same time after `run_in_calling_threads`.
 
-    `like` has the shapes and types of the train state; its values are not used. The number of parts
-    must divide that of the environments; None: `cores_for` if it does.
+    By default, there are as many parts as `cores_for`, but only one on a GPU, or if the
+    environments cannot be divided equally. The number of `parts` must divide that of the
+    environments. `like` has the shapes and types of the train state; its values are not used.
     """
     if parts is None:
         cores = cores_for(task)
@@ -54,14 +56,14 @@ def compile_update(
     samples_of_part = partial(_samples_of_part, task, settings, parts)
     samples = jax.eval_shape(samples_of_part, like, number)
     part = jax.jit(samples_of_part).lower(like, number).compile()
-    rest = jax.jit(partial(_improve, task, settings)).lower([samples] * parts).compile()
+    improve = jax.jit(partial(_improve, task, settings)).lower([samples] * parts).compile()
 
     def update(train_state: TrainState) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
         with ThreadPoolExecutor(parts, thread_name_prefix="collect") as threads:
             started = [
-                threads.submit(part, train_state, jnp.int32(number)) for number in range(parts)
+                threads.submit(part, train_state, jnp.int32(index)) for index in range(parts)
             ]
-            improved: tuple[TrainState, dict[str, Float[Array, ""]]] = rest(
+            improved: tuple[TrainState, dict[str, Float[Array, ""]]] = improve(
                 [wait_for(each) for each in started]
             )
             return improved
@@ -72,15 +74,15 @@ def compile_update(
 def _samples_of_part(
     task: Task,
     settings: PPOSettings,
-    count: int,
+    parts: int,
     train_state: TrainState,
     number: Int[Array, ""],
 ) -> ppo.Samples:
-    """The samples of one of `count` parts of the environments."""
-    size = settings.environments // count
+    """The samples of part `number`."""
+    size = settings.environments // parts
 
     def of_part(values: Array) -> Array:
-        """Those of the last axis: environments, or for each agent, environments."""
+        """The last axis has the environments, or the environments of each agent in turn."""
         by_agent = values.reshape(*values.shape[:-1], -1, settings.environments)
         chosen = jax.lax.dynamic_slice_in_dim(by_agent, number * size, size, axis=-1)
         return chosen.reshape(*values.shape[:-1], -1)
@@ -95,22 +97,22 @@ def _samples_of_part(
 
 
 def _improve(
-    task: Task, settings: PPOSettings, parts: Sequence[ppo.Samples]
+    task: Task, settings: PPOSettings, samples: Sequence[ppo.Samples]
 ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
     """`ppo.improve`, with the samples of all parts."""
-    size = settings.environments // len(parts)
+    size = settings.environments // len(samples)
 
     def joined(*values: Array) -> Array:
         by_environment = (each.reshape(*each.shape[:-1], -1, size) for each in values)
         whole = jnp.concatenate(list(by_environment), axis=-1)
         return whole.reshape(*whole.shape[:-2], -1)
 
-    first, states = parts[0], [each.train_state for each in parts]
-    train_state = first.train_state._replace(
+    states = [each.train_state for each in samples]
+    train_state = states[0]._replace(
         scenarios=jax.tree.map(joined, *(each.scenarios for each in states)),
         observations=joined(*(each.observations for each in states)),
         returns=joined(*(each.returns for each in states)),
     )
-    # All fields but the train state, which also has values that are common to all parts.
-    samples = ppo.Samples(train_state, *jax.tree.map(joined, *(each[1:] for each in parts)))
-    return ppo.improve(task, settings, samples)
+    # The train state is joined above: some of its values are the same in all parts.
+    others = jax.tree.map(joined, *(each[1:] for each in samples))
+    return ppo.improve(task, settings, ppo.Samples(train_state, *others))

@@ -1,11 +1,11 @@
-"""Proximal Policy Optimisation (Schulman et al. 2017): the whole algorithm, top to bottom.
+"""Proximal Policy Optimisation (Schulman et al. 2017).
 
-`update` is one compiled program: it collects `steps` steps of each environment, computes
-advantages, and makes `epochs` passes of minibatch gradient steps. The loop around it is in Python.
+`update` is the whole algorithm: it collects `steps` steps of each environment
+(`skystack.learning.collection`), computes advantages, and makes `epochs` passes of minibatch
+gradient steps. `skystack.learning.parts` compiles it. The loop around it is in Python.
 
 A column is one agent of one environment: all agents share the networks. Tasks with several agents
-report which are active; samples of inactive agents are ignored. `skystack.learning.collection`
-collects.
+report which are active; samples of inactive agents are ignored.
 """
 
 from typing import NamedTuple
@@ -28,7 +28,7 @@ from skystack.learning.collection import (
     keys_of,
     log_probabilities_of,
     observe_columns,
-    of_active,
+    of_wanted,
     select,
 )
 from skystack.learning.inference import forward, normalise
@@ -37,8 +37,8 @@ from skystack.learning.settings import PPOSettings
 from skystack.tasks.batch import reset_many
 from skystack.tasks.contract import Task
 
-CHUNK = 1024
-"""Observations of active agents are evaluated in chunks of this size when values are computed."""
+VALUES_CHUNK = 1024
+"""If a task has several agents, the critic evaluates this many observations at once."""
 
 
 class Samples(NamedTuple):
@@ -104,7 +104,7 @@ def update(
 
 
 def samples_of(settings: PPOSettings, collected: Collected) -> Samples:
-    """What can be learnt from what has been collected."""
+    """The samples of a collection, with values and advantages."""
     train_state, transitions, episodes = collected
     raw_observation = _columns(transitions.observation)
     observation = normalise(train_state.normaliser, raw_observation, columns=True)
@@ -118,7 +118,7 @@ def samples_of(settings: PPOSettings, collected: Collected) -> Samples:
 def improve(
     task: Task, settings: PPOSettings, samples: Samples, head: Head | None = None
 ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
-    """The last part of an update: learn from samples."""
+    """The second half of an update: take gradient steps, then update the normaliser."""
     train_state, raw_observation, batch, active, episodes = samples
     keys = keys_of(train_state)
     train_state, losses = learn(
@@ -149,9 +149,9 @@ def compute_values(
         return forward(train_state.parameters.critic, columns, columns=True)
 
     def values_of(
-        steps: Float[Array, "steps observation columns"], active: Bool[Array, " samples"] | None
+        steps: Float[Array, "steps observation columns"], wanted: Bool[Array, " samples"] | None
     ) -> Float[Array, "steps columns"]:
-        return of_active(value, 1, _columns(steps), active, CHUNK).reshape(shape)
+        return of_wanted(value, 1, _columns(steps), wanted, VALUES_CHUNK).reshape(shape)
 
     present = truncated = None
     if transitions.active is not None and transitions.waiting is not None:

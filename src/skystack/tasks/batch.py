@@ -35,7 +35,7 @@ def reset_many(task: Task, key: PRNGKeyArray, scenarios: int) -> TaskState:
 
 
 def reset_each(task: Task, keys: Key[Array, " scenarios"]) -> TaskState:
-    """A random scenario for each of some keys, batch axis last."""
+    """One random scenario per key, batch axis last."""
     return jax.vmap(task.reset, out_axes=-1)(keys)
 
 
