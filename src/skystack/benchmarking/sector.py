@@ -4,6 +4,7 @@ An aircraft-step is one radar cycle of one flight, or its outlook in one cycle. 
 count.
 """
 
+import statistics
 import time
 from functools import partial
 from typing import Any
@@ -33,7 +34,7 @@ RATE, SLOTS = 250.0, 128
 WARM_UP, CYCLES = 300, 16
 """The cycles flown untimed while the sector fills, and the cycles per timed call."""
 SCENARIOS = 16
-FIRST_UPDATES = 10
+FIRST_UPDATES = 60
 """The updates of training that are not timed, in which the sector fills."""
 FLIGHTS, DECISIONS = (50, 70), 40
 """The number of flights with which decisions are timed, and the decisions per repetition."""
@@ -119,7 +120,7 @@ def _control(task: SectorControl, state: ControlState) -> Any:
 def sector_training_figures(repetitions: int) -> list[Figure]:
     """Samples per second of training: the decisions of single flights. Call this in a new process.
 
-    Their number is estimated from the flights that decide after each update. Flights that wait
+    Their mean number is estimated from the flights that decide after an update. Flights that wait
     while another one is instructed, with time frozen, contribute no samples.
     """
     chosen = load_experiment(EXPERIMENT)
@@ -130,20 +131,22 @@ def sector_training_figures(repetitions: int) -> list[Figure]:
     learner = jax.jit(partial(ppo.init, task, settings))(training_key(0))
     update: Any = compile_update(task, settings, learner)
     count: Any = jax.jit(lambda scenarios: jnp.sum(task.active(scenarios)))
-    speeds = []
+    deciding, elapsed_s = [], []
     for number in range(FIRST_UPDATES + repetitions):
         started = time.perf_counter()
         learner, measured = update(learner)
         jax.device_get(measured)
-        elapsed_s = time.perf_counter() - started
         if number >= FIRST_UPDATES:
-            speeds.append(settings.steps * int(count(learner.scenarios)) / elapsed_s)
+            elapsed_s.append(time.perf_counter() - started)
+            deciding.append(int(count(learner.scenarios)))
+    samples = settings.steps * statistics.mean(deciding)
+    speeds = tuple(samples / each for each in elapsed_s)
     setup = (
         f"settings of `{EXPERIMENT}`: {settings.environments} environments, {settings.steps} steps,"
         f" {settings.epochs} epochs, minibatches of {settings.minibatch}; after {FIRST_UPDATES} "
         f"updates; one process with {cores_for(task)} threads"
     )
-    return [Figure(f"training, {EXPERIMENT}", "samples/s", tuple(speeds), setup)]
+    return [Figure(f"training, {EXPERIMENT}", "samples/s", speeds, setup)]
 
 
 def decision_figures(cycles: int) -> list[Figure]:
