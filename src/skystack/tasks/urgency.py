@@ -87,8 +87,26 @@ def most_urgent(
     score = nearest + jnp.maximum(jnp.maximum(above, below), 0.0) / APART_TICKS
     itself = jnp.arange(slots, dtype=jnp.int32)[None] == (column // batch)[:, None]
     score = jnp.where(scenarios.active[scenario] & ~itself, score, FAR)
-    urgency, slot = jax.lax.top_k(-score, min(NEIGHBOURS, slots - 1))
-    return slot.T, -urgency.T
+    return _smallest(score.T, min(NEIGHBOURS, slots - 1))
+
+
+def _smallest(
+    score: Float[Array, "slots chosen"], count: int
+) -> tuple[Int[Array, "{count} chosen"], Float[Array, "{count} chosen"]]:
+    """The slots of the smallest entries of each column, in order, and these entries.
+
+    `jax.lax.top_k` finds the same, but takes twice as long on CPUs.
+    """
+    slots = score.shape[0]
+    number = jnp.arange(slots, dtype=jnp.int32)[:, None]
+
+    def find(score: Array, _: None) -> tuple[Array, tuple[Array, Array]]:
+        smallest = jnp.min(score, axis=0)
+        slot = jnp.min(jnp.where(score == smallest[None], number, slots), axis=0)
+        return jnp.where(number == slot[None], jnp.inf, score), (slot, smallest)
+
+    _, (slot, smallest) = jax.lax.scan(find, score, length=count)
+    return slot, smallest
 
 
 def _level_range(
