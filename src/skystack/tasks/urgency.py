@@ -95,7 +95,7 @@ def _smallest(
 ) -> tuple[Int[Array, "{count} chosen"], Float[Array, "{count} chosen"]]:
     """The slots of the smallest entries of each column, in order, and these entries.
 
-    `jax.lax.top_k` finds the same, but takes twice as long on CPUs.
+    `jax.lax.top_k` finds the same, but takes longer on CPUs.
     """
     slots = score.shape[0]
     number = jnp.arange(slots, dtype=jnp.int32)[:, None]
