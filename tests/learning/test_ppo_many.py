@@ -9,6 +9,7 @@ import pytest
 
 from skystack.learning import network, ppo
 from skystack.learning.advantages import Transitions, compute_gae
+from skystack.learning.collection import collect, draw
 from skystack.learning.settings import PPOSettings
 from skystack.tasks.contract import Metric, Outcome
 
@@ -70,8 +71,8 @@ class TellSigns:
 def test_every_agent_of_every_environment_is_a_column():
     learner = ppo.init(TellSigns(), SETTINGS, jax.random.key(0))
     assert learner.observations.shape == (1, AGENTS * ENVIRONMENTS)
-    _, transitions, _ = ppo.collect(
-        TellSigns(), SETTINGS, learner, ppo.draw(TellSigns(), SETTINGS, learner)
+    _, transitions, _ = collect(
+        TellSigns(), SETTINGS, learner, draw(TellSigns(), SETTINGS, learner)
     )
     assert transitions.action.shape == (STEPS, AGENTS * ENVIRONMENTS)
     active = np.asarray(transitions.active).reshape(STEPS, AGENTS, ENVIRONMENTS)
@@ -214,7 +215,7 @@ def test_values_are_those_of_the_agents_that_are_there():
     """Values of present agents before each step, and of the final observation if truncated."""
     task, settings = TellSigns(), SETTINGS
     learner = ppo.init(task, settings, jax.random.key(0))
-    _, steps, _ = ppo.collect(task, settings, learner, ppo.draw(task, settings, learner))
+    _, steps, _ = collect(task, settings, learner, draw(task, settings, learner))
     truncated = jnp.zeros_like(steps.truncated).at[2, 5].set(True)
     steps = steps._replace(
         truncated=truncated, final_observation=steps.final_observation.at[2, :, 5].set(0.9)
