@@ -5,9 +5,9 @@
 Flies hours without instructions in both simulators and prints a Markdown table with the two-sample
 tests of what arrives: the numbers of births and of flights present, times of birth, gaps, twins,
 routes, levels, speeds and positions. A small p-value suggests a difference. There are 16 tests per
-kind of traffic, so about one p-value below 0.05 is expected by chance. Every five finished hours
-are stored in DIR and reused, so the command can be interrupted and repeated. Needs the extra
-`[bluebird]`.
+kind of traffic, so about one p-value below 0.05 is expected by chance. After every five hours, the
+births are stored in DIR, from which they are reused: the command can be interrupted and repeated.
+Needs the extra `[bluebird]`.
 """
 
 import argparse

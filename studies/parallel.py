@@ -24,8 +24,8 @@ def run_pieces(
     """The results of all pieces, in order. `work` gets the elements of a piece as arguments.
 
     Pieces start in order. If one fails, the others are stopped. Raises SystemExit after Ctrl-C.
-    `what` names the pieces in the progress messages on standard error.
-    `work` stores its results, so that an interrupted study can be resumed.
+    `what` names the pieces in the progress messages on standard error. `work` must store its
+    results, so that an interrupted study can be resumed.
     """
     started = time.monotonic()
     pool = ProcessPoolExecutor(len(cores()), get_context("spawn"), _start)

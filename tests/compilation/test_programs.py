@@ -202,7 +202,7 @@ def test_deletes_the_oldest_programs_beyond_the_limit(monkeypatch, tmp_path):
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="Linux")
 @pytest.mark.parametrize("count", [1, 2, 5])
-def test_programs_run_in_a_thread_for_each_core_that_they_are_compiled_for(count):
+def test_there_is_a_thread_for_each_core_compiled_for(count):
     """On any machine. The threads may run on all cores, and the environment stays as it is."""
     program = f"""
 import os
@@ -224,7 +224,7 @@ print(len(threads))
 
 @pytest.mark.parametrize("in_calling_threads", [False, True])
 def test_which_thread_runs_a_program(in_calling_threads):
-    """The processor time that a program takes is that of the calling thread, or of another."""
+    """By default, a program's processor time is spent in another thread than the caller's."""
     program = f"""
 import time
 import jax

@@ -33,7 +33,7 @@ def test_update_in_parts_is_bit_identical(count):
         np.testing.assert_array_equal(ours, theirs)
 
 
-def test_only_trainings_of_several_agents_use_several_cores():
+def test_only_tasks_with_several_agents_are_trained_on_several_cores():
     assert (cores_for(TellSigns()), cores_for(SignTask())) == (2, 1)
 
 

@@ -58,10 +58,10 @@ def compile_for_cores(count: int) -> None:
 
 
 def run_in_calling_threads() -> None:
-    """Run each JAX program in the thread that calls it. Call this before JAX is used.
+    """Start each JAX program in the thread that calls it. Call this before JAX is used.
 
-    Several threads can then run programs at the same time. By default, JAX runs them one after
-    another in a thread of its own.
+    If programs are compiled for several cores, several threads can then run programs at the same
+    time. By default, JAX runs programs one after another in a thread of its own.
     """
     jax.config.update("jax_cpu_enable_async_dispatch", False)  # type: ignore[no-untyped-call]
 
@@ -129,8 +129,7 @@ def _work_folder(folder: Path, stack: ExitStack) -> Path | None:
 
 
 def _fingerprint() -> str:
-    """A digest of what a program depends on: the versions, the platform, the processor's
-    instructions and the number of cores."""
+    """A digest of what a program depends on: versions, platform, processor, number of cores."""
     count = _Target.cores or len(cores())
     parts = [version("jax"), version("jaxlib"), platform.platform(), _instructions(), str(count)]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]

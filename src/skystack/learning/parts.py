@@ -20,15 +20,15 @@ from skystack.learning.settings import PPOSettings
 from skystack.tasks.contract import ManyAgents, Task
 
 CORES = 2
-"""Trainings of tasks with several agents are compiled for this many cores, whatever the machine
-has, so that the result does not depend on the machine."""
+"""Training of tasks with several agents is compiled for this many cores, whatever the machine has,
+so that the result does not depend on the machine."""
 
 Update = Callable[[TrainState], tuple[TrainState, dict[str, Float[Array, ""]]]]
 """A compiled `ppo.update`. Returns the train state, and the update's metrics by name."""
 
 
 def cores_for(task: Task) -> int:
-    """The number of cores that a training is compiled for.
+    """The number of cores that training on a task is compiled for.
 
     One for tasks with one agent: their gradient steps are too small to gain from several cores.
     """
