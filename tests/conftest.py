@@ -19,6 +19,7 @@ import jaxtyping  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import HealthCheck, settings  # noqa: E402
 from jax._src import compiler  # noqa: E402  (there is no public way to set XLA options per test)
+from jax._src.lib.mlir import ir  # noqa: E402  (nor to see what is compiled)
 from jax._src.lru_cache import _CACHE_SUFFIX, LRUCache  # noqa: E402  (nor to write atomically)
 
 from skystack.compilation.memory import return_freed_memory  # noqa: E402
@@ -107,6 +108,9 @@ FAST_COMPILE = (
 )
 """Tests of output rather than of computed values. Their programs are compiled without most
 optimisations, in a third of the time. All other tests compile with the default options."""
+SMALL = 20
+"""The most operations of a program that is always compiled like that. Tests run thousands
+of them, most of a single operation, for which optimising takes longer than running."""
 _EMITTERS = "xla_cpu_use_fusion_emitters"
 FAST_COMPILE_ENVIRONMENT = {
     "JAX_DISABLE_MOST_OPTIMIZATIONS": "1",
@@ -194,9 +198,34 @@ def _within(path, parts):
 
 
 _compiling = {"fast": False, "folder": None}
-_default_options = compiler.get_compile_options
+_default_options, _compile = compiler.get_compile_options, compiler.compile_or_get_cached
 
 
 def _fast_options(*arguments, env_options_overrides=None, **keywords):
     overrides = (env_options_overrides or {}) | {_EMITTERS: False}
     return _default_options(*arguments, env_options_overrides=overrides, **keywords)
+
+
+def _compile_small_fast(backend, module, devices, options, *rest, **keywords):
+    """Compile a program of a few operations without most optimisations."""
+    if _is_small(module):
+        options.env_option_overrides = [(_EMITTERS, False)]
+        debugging = options.executable_build_options.debug_options
+        debugging.xla_backend_optimization_level = 0
+        debugging.xla_llvm_disable_expensive_passes = True
+    return _compile(backend, module, devices, options, *rest, **keywords)
+
+
+def _is_small(module):
+    operations = []
+
+    def count(operation):
+        operations.append(operation)
+        few = len(operations) <= SMALL
+        return ir.WalkResult.ADVANCE if few else ir.WalkResult.INTERRUPT
+
+    module.operation.walk(count)
+    return len(operations) <= SMALL
+
+
+compiler.compile_or_get_cached = _compile_small_fast
