@@ -124,6 +124,12 @@ def test_every_link_resolves(page):
         assert not anchor or anchor in anchors(file), target
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_to_a_decision_lead_to_its_section(page):
+    links = re.findall(r"\[decision\s+(\d+)\]\((?:docs/)?decisions\.md(\S*)\)", page.read_text())
+    assert [link for link in links if not link[1].startswith(f"#{link[0]}-")] == []
+
+
 def test_documents_every_check_study_and_tool():
     text = "\n".join(page.read_text() for page in PAGES)
     commands = {
