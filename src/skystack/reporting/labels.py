@@ -100,8 +100,10 @@ def _overlapping(
 def _inside(
     points: Float[np.ndarray, "m 2"], boxes: Float[np.ndarray, "n 2 2"]
 ) -> Bool[np.ndarray, "n m"]:
-    within = (points > boxes[:, None, 0]) & (points < boxes[:, None, 1])
-    return np.all(within, axis=-1)
+    east, north = points.T
+    west_of, south_of = (boxes[:, 0, axis, None] for axis in range(2))
+    east_of, north_of = (boxes[:, 1, axis, None] for axis in range(2))
+    return (east > west_of) & (east < east_of) & (north > south_of) & (north < north_of)
 
 
 def _crossed(
@@ -112,8 +114,8 @@ def _crossed(
     """The number of texts between the point and each candidate position."""
     along = np.linspace(0.0, 1.0, 9)[:, None, None]
     line = anchor + along * (centres - anchor)
-    hit = np.stack([_inside(points, taken) for points in line])
-    return hit.any(axis=0).sum(axis=0).astype(float)
+    hit = _inside(line.reshape(-1, 2), taken).reshape(len(taken), *line.shape[:2])
+    return hit.any(axis=1).sum(axis=0).astype(float)
 
 
 def _leader(

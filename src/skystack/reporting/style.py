@@ -10,6 +10,7 @@ from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from skystack.io.files import atomic_write
@@ -84,6 +85,7 @@ def grid_of_axes(
 ) -> tuple[Figure, list[Axes]]:
     """A figure with a grid of axes, listed row by row, in a layout without overlaps."""
     figure = Figure(figsize=size_in, layout="constrained")
+    FigureCanvasAgg(figure)  # without it, each measurement of a text makes a renderer
     grid = figure.subplots(rows, columns, squeeze=False, **shared)
     return figure, list(grid.flat)
 
@@ -92,7 +94,7 @@ def freeze_layout(figure: Figure) -> None:
     """Fix the layout, so that texts can be placed and saving does not lay out again."""
     if figure.get_layout_engine() is not None:
         figure.draw_without_rendering()
-        figure.set_layout_engine("none")
+        figure.set_layout_engine(None)
 
 
 def save(figure: Figure, stem: Path) -> list[Path]:
@@ -121,8 +123,10 @@ def _rendered(figure: Figure, kind: str) -> bytes:
         "svg": {"metadata": {"Date": None, "Creator": None}},
     }
     data = io.BytesIO()
-    # Cropped to what is drawn, since titles may extend beyond the layout.
-    figure.savefig(data, format=kind, bbox_inches="tight", pad_inches=0.12, **plain[kind])
+    # Cropped to what is drawn, since titles may extend beyond the layout. With bbox_inches="tight",
+    # everything would be drawn twice.
+    box = figure.get_tightbbox().padded(0.12)
+    figure.savefig(data, format=kind, bbox_inches=box, **plain[kind])
     return data.getvalue()
 
 
