@@ -17,7 +17,7 @@ from skystack.simulator.arrivals import FREE
 from skystack.simulator.simulator import instruct
 from skystack.simulator.traffic import ticks
 
-CYCLES = 200
+CYCLES = 150
 WORLD = find_controller("no-op", TrafficConditions("category")).world
 SLOTS = WORLD.flow.slots
 

@@ -23,13 +23,13 @@ def platforms():
 @pytest.mark.parametrize(
     ("sector", "model", "rollouts"),
     [
-        ("x-plus", "table", 4),
-        ("x-plus", "constant", 4),
-        ("crossing", "table", 2),
-        ("north", "table", 2),
-        ("arctic", "constant", 2),
-        ("south", "table", 2),
-        ("dateline", "constant", 2),
+        ("x-plus", "table", 2),
+        ("x-plus", "constant", 2),
+        ("crossing", "table", 1),
+        ("north", "table", 1),
+        ("arctic", "constant", 1),
+        ("south", "table", 1),
+        ("dateline", "constant", 1),
     ],
 )
 @pytest.mark.parametrize("kind", agreement.KINDS)

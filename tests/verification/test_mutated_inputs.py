@@ -12,7 +12,7 @@ from verification.inputs.isolation import Share, try_in_process
 from verification.inputs.trials import Choices, source, try_inputs
 from verification.inputs.untrusted_files import FORMATS, Format
 
-COUNT = 500
+COUNT = 150
 EXTRAS = {"onnx": ["onnx", "onnxruntime"], "sb3": ["stable_baselines3"]}
 
 
