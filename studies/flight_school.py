@@ -1,33 +1,40 @@
 """Flight School: every controller on every kind of traffic, in our simulator and in others.
 
-    python -m studies.flight_school [--seeds 100] [--others 20] [--out DIR]
+    python -m studies.flight_school [NAME ...] [--seeds 100] [--others 20] [--out DIR]
     python -m studies.flight_school --read [--out DIR]
 
 Flies an hour per seed, from seed 1 on: `--seeds` of them in skystack, `--others` in BluebirdDT and,
-of `category` traffic, in BlueSky. Prints Markdown tables and draws the survival curves of
-`docs/flight-school.md` into DIR. Finished seeds are reused, so the command can be interrupted and
-repeated; with `--read`, nothing is flown: the tables show the results already in DIR. Failed seeds
-are left out. Needs the extras `[bluebird]` and `[bluesky]`.
+of `category` traffic, in BlueSky. Each NAME is a controller, a kind of traffic or a simulator: only
+what matches all of them is flown, for instance `search notebook`.
+
+Results are stored in `docs/results/flight-school.jsonl` (`--results FILE`), and what is there with
+the same number of seeds is not flown again. To fly something again, delete its line. Finished seeds
+in DIR are reused too, so the command can be interrupted and repeated. Prints all stored results as
+Markdown tables and draws the survival curves of `docs/flight-school.md` into DIR; with `--read`,
+nothing is flown. Failed seeds are left out. Needs the extras `[bluebird]` and `[bluesky]`.
 """
 
 import argparse
 import sys
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
 from skystack.agents.sector_agents import BLUESKY_AGENTS, SECTOR_AGENTS
-from skystack.errors import InputError, checked_integer
+from skystack.errors import InputError, check_known, checked_integer
 from skystack.evaluation.flight_school import fly_flight_school
 from skystack.evaluation.hour_row import HourRow
 from skystack.evaluation.traffic_conditions import BLUEBIRD, BLUESKY, TrafficConditions
+from skystack.io.files import make_folder
 from skystack.platforms.registry import OWN
 from skystack.reporting.flight_school_table import comparison
 from skystack.reporting.hour_figures import survival
-from skystack.reporting.hours_report import label, read_hours
+from skystack.reporting.hours_report import label
 from skystack.reporting.style import house_style
 from skystack.simulator.arrival_flows import FLIGHT_SCHOOL
 from skystack.tasks.sector_control import SectorControl
+from studies.hour_results import RESULTS, Result, read_results, spoken_in, write_results
 
 FIRST_SEED = 1
 FIGURE = "flight-school.png"
@@ -53,21 +60,51 @@ def plan() -> list[Case]:
     return flown + [Case(agent, "category", BLUESKY) for agent in (*agents, *BLUESKY_AGENTS)]
 
 
-def fly(out: Path, seeds: int, others: int) -> None:
-    """Fly everything that is not finished yet. Raises InputError as `fly_flight_school` does."""
-    for each in plan():
-        count = seeds if each.platform == OWN else others
-        conditions = TrafficConditions(each.traffic, platform=each.platform)
-        result = fly_flight_school(
-            each.agent, conditions, range(FIRST_SEED, FIRST_SEED + count), out
-        )
-        sys.stderr.write(f"{each}: lax score {result.row['lax_s_mean']:.0f} s\n")
+def named(names: Sequence[str]) -> list[Case]:
+    """What is flown, if only what matches all names. Raises InputError for an unknown name."""
+    check_known("name", names, {name for case in plan() for name in case})
+    found = [case for case in plan() if set(names) <= set(case)]
+    if not found:
+        raise InputError(f"nothing is flown that is all of {', '.join(names)}")
+    return found
 
 
-def draw(rows: Sequence[HourRow], path: Path) -> None:
-    """Draw the survival curves."""
+def case_of(row: HourRow) -> Case:
+    return Case(row.agent, row.traffic, row.platform)
+
+
+def fly(case: Case, seeds: int, out: Path) -> Result:
+    """Fly the seeds that are not finished. Raises InputError as `fly_flight_school` does."""
+    conditions = TrafficConditions(case.traffic, platform=case.platform)
+    numbers = range(FIRST_SEED, FIRST_SEED + seeds)
+    flown = fly_flight_school(case.agent, conditions, numbers, out)
+    today = datetime.now(UTC).date().isoformat()
+    return Result(today, flown.row, spoken_in(flown.folder))
+
+
+def fly_all(cases: Sequence[Case], options: argparse.Namespace) -> None:
+    """Fly what has no results yet, and store the results of each case when it is finished."""
+    for case in cases:
+        seeds = options.seeds if case.platform == OWN else options.others
+        stored = {case_of(each.hour_row): each for each in read_results(options.results)}
+        if case in stored and len(stored[case].hour_row.seeds) == seeds:
+            continue
+        stored[case] = fly(case, seeds, options.out)
+        write_results(options.results, [stored[each] for each in plan() if each in stored])
+        sys.stderr.write(f"{' '.join(case)}: lax score {stored[case].row['lax_s_mean']:.0f} s\n")
+
+
+def show(rows: Sequence[HourRow], out: Path) -> None:
+    """Print the tables, and draw the survival curves."""
+    make_folder(out)
     with house_style():
-        survival([(label(row), row) for row in rows]).savefig(path, dpi=120)
+        survival([(label(row), row) for row in rows]).savefig(out / FIGURE, dpi=120)
+    for platform in (OWN, BLUEBIRD, BLUESKY):
+        for traffic in FLIGHT_SCHOOL:
+            found = [row for row in rows if (row.platform, row.traffic) == (platform, traffic)]
+            if found:
+                sys.stdout.write(f"\n### `{traffic}` in {platform}\n\n")
+                sys.stdout.write(comparison(found).as_markdown())
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -75,27 +112,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m studies.flight_school", description=(__doc__ or "").partition("\n")[0]
     )
+    parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--others", type=int, default=20)
     parser.add_argument("--read", action="store_true")
     parser.add_argument("--out", type=Path, default=Path("runs/flight-school"))
+    parser.add_argument("--results", type=Path, default=RESULTS)
     options = parser.parse_args(arguments)
     try:
         for name in ("seeds", "others"):
             checked_integer(f"--{name}", getattr(options, name), 1)
+        cases = named(options.names)
         if not options.read:
-            fly(options.out, options.seeds, options.others)
-        rows = read_hours([options.out])
+            fly_all(cases, options)
+        rows = [each.hour_row for each in read_results(options.results)]
+        rows = [row for row in rows if case_of(row) in cases]
+        if not rows:
+            raise InputError(f"{options.results}: no results of these hours")
+        show(rows, options.out)
     except InputError as error:
         sys.stderr.write(f"{error}\n")
         return 2
-    draw(rows, options.out / FIGURE)
-    for platform in (OWN, BLUEBIRD, BLUESKY):
-        for traffic in FLIGHT_SCHOOL:
-            found = [row for row in rows if (row.platform, row.traffic) == (platform, traffic)]
-            if found:
-                sys.stdout.write(f"\n### `{traffic}` in {platform}\n\n")
-                sys.stdout.write(comparison(found).as_markdown())
     return 0
 
 

@@ -1,83 +1,34 @@
 """What flown hours show of the training objectives of controllers.
 
-    python -m studies.training_objectives FOLDER ...
+    python -m studies.training_objectives [FOLDER ...]
 
-Reads folders of `skystack flight-school` and prints the Markdown table of
-`docs/training-objectives.md`: one column per controller, one line per measure.
+Reads folders of `skystack flight-school` or, if none is given, the stored results of Flight School
+on `category` traffic, and prints the Markdown table of `docs/training-objectives.md`: one column
+per controller and simulator, one line per measure.
 """
 
 import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
-
-import pyarrow as pa
 
 from skystack.errors import InputError
-from skystack.evaluation.hour_row import FILE
-from skystack.evaluation.stored import read_table
-from skystack.io.json_file import read_json
-from skystack.reporting.hours_report import label, read_hours
+from skystack.reporting.hours_report import label
 from skystack.reporting.table import Table
 from skystack.reporting.tables import percent
-from skystack.simulator.simulator import CYCLE_S
-
-SOON_S = 60
-"""A further transmission to a flight within this time could have been part of the one before."""
-KINDS = ("level", "heading", "direct")
-COLUMNS = ("scenario", "cycle", "transmission", "callsign", "kind")
+from studies.hour_results import RESULTS, SOON_S, Result, read_results, result_in
 
 
-class Spoken(NamedTuple):
-    """Shares of the transmissions."""
-
-    again_soon: float
-    """Within `SOON_S` of another transmission to the same flight."""
-    level: float
-    """With a level."""
-    heading: float
-    direct: float
-    combined: float
-    """With a level, and a heading or a fix."""
-
-
-def spoken(clearances: pa.Table) -> Spoken | None:
-    """What was transmitted; None if nothing was."""
-    if not clearances.num_rows:
-        return None
-    keys = ["scenario", "transmission", "callsign", "cycle"]
-    kinds = clearances.group_by(keys).aggregate([("kind", "list")]).sort_by(
-        [("scenario", "ascending"), ("callsign", "ascending"), ("cycle", "ascending")]
-    )  # fmt: skip
-    total, parts = kinds.num_rows, kinds["kind_list"].to_pylist()
-    flights = list(zip(kinds["scenario"].to_pylist(), kinds["callsign"].to_pylist(), strict=True))
-    cycles = kinds["cycle"].to_pylist()
-    again = sum(
-        flights[at] == flights[at - 1] and (cycles[at] - cycles[at - 1]) * CYCLE_S <= SOON_S
-        for at in range(1, total)
-    )
-
-    def share(kind: str) -> float:
-        return sum(kind in each for each in parts) / total
-
-    combined = sum(len(each) > 1 for each in parts) / total
-    return Spoken(again / total, share("level"), share("heading"), share("direct"), combined)
-
-
-def table_of(folders: Sequence[Path]) -> Table:
-    """The measures of all controllers. Raises InputError for folders that cannot be read."""
+def table_of(results: Sequence[Result]) -> Table:
+    """The measures of all controllers."""
     columns: list[tuple[str, ...]] = []
-    names = []
-    for folder in folders:
-        (row,), values = read_hours([folder]), read_json(folder / FILE)
-        found = spoken(_clearances(folder))
+    for result in results:
+        values, found = result.row, result.spoken
         losses, rate = values["losses_of_separation"], values["losses_per_flight_hour"]
         avoidable = losses - values["losses_at_birth"]
-        names.append(label(row))
         columns.append(
             (
-                percent(found and found.again_soon),
+                percent(None if found is None else found.again_soon),
                 "1.00" if found is None else f"{1.0 + found.combined:.2f}",
                 f"{rate * avoidable / losses:.4f}" if avoidable else "0",
                 f"{values['close_pairs'] / max(values['flights'], 1):.3f}",
@@ -87,7 +38,7 @@ def table_of(folders: Sequence[Path]) -> Table:
                 percent(values["fail_safe_rate"]),
                 f"{values['transmissions_worst_minute']}",
                 *(
-                    percent(found and getattr(found, kind))
+                    percent(None if found is None else getattr(found, kind))
                     for kind in ("level", "heading", "direct")
                 ),
                 f"{values['level_offs_per_flight'] or 0.0:.2f}",
@@ -95,7 +46,7 @@ def table_of(folders: Sequence[Path]) -> Table:
             )
         )
     lines = tuple((*measure, *values) for measure, *values in zip(MEASURES, *columns, strict=True))
-    return Table(("objective", "measure", *names), lines)
+    return Table(("objective", "measure", *(label(each.hour_row) for each in results)), lines)
 
 
 MEASURES = (
@@ -117,12 +68,12 @@ MEASURES = (
 """The objective and the measure of each line."""
 
 
-def _clearances(folder: Path) -> pa.Table:
-    table = read_table(folder / "clearances.parquet", COLUMNS)
-    texts = {name: table[name].cast(pa.string()) for name in ("callsign", "kind")}
-    for name, column in texts.items():
-        table = table.set_column(table.column_names.index(name), name, column)
-    return table
+def _stored() -> list[Result]:
+    """The stored results on `category` traffic."""
+    found = [each for each in read_results(RESULTS) if each.hour_row.traffic == "category"]
+    if not found:
+        raise InputError(f"{RESULTS}: no results on category traffic")
+    return found
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -130,9 +81,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m studies.training_objectives", description=(__doc__ or "").partition("\n")[0]
     )
-    parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER")
+    parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER")
+    folders = parser.parse_args(arguments).folders
     try:
-        table = table_of(parser.parse_args(arguments).folders)
+        results = [result_in(each) for each in folders] if folders else _stored()
+        table = table_of(results)
     except InputError as error:
         sys.stderr.write(f"{error}\n")
         return 2

@@ -2,14 +2,14 @@
 
 from functools import partial
 
-import msgspec
 import pytest
 
-from skystack.evaluation.hour_row import write_row
 from skystack.evaluation.traffic_conditions import TrafficConditions
+from skystack.reporting.flight_school_table import comparison
 from studies import flight_school
 from studies.flight_school import Case
-from tests.reporting.rows import hour_row
+from studies.hour_results import RESULTS, read_results, write_results
+from tests.studies.test_hour_results import result
 
 
 def test_flies_every_controller_on_every_traffic():
@@ -19,31 +19,62 @@ def test_flies_every_controller_on_every_traffic():
     assert not [each for each in plan if each.agent == "mvp" and each.platform != "bluesky"]
 
 
-def test_flies_prints_and_draws(tmp_path, capsys, monkeypatch):
-    """With short hours of one controller."""
+def test_flies_what_matches_all_names():
+    assert flight_school.named([]) == flight_school.plan()
+    found = flight_school.named(["bluebird", "search"])
+    assert {each.traffic for each in found} == {"category", "notebook", "environment"}
+    assert {(each.agent, each.platform) for each in found} == {("search", "bluebird")}
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Short hours of one controller."""
     monkeypatch.setattr(flight_school, "plan", lambda: [Case("no-op", "category", "skystack")])
     monkeypatch.setattr(flight_school, "TrafficConditions", partial(TrafficConditions, cycles=20))
-    arguments = ["--seeds", "2", "--others", "1", "--out", str(tmp_path)]
-    assert flight_school.main(arguments) == 0
+
+
+@pytest.mark.usefixtures("short")
+def test_flies_prints_and_draws(tmp_path, capsys, monkeypatch):
+    where = ["--out", str(tmp_path), "--results", str(tmp_path / "results.jsonl")]
+    assert flight_school.main(["--seeds", "2", *where]) == 0
     assert "### `category` in skystack" in (out := capsys.readouterr().out)
     assert "| no-op" in out
     assert (tmp_path / "flight-school.png").exists()
-    assert flight_school.main(["--read", "--out", str(tmp_path)]) == 0
+    # What is stored is not flown again, unless another number of seeds is asked for.
+    monkeypatch.setattr(flight_school, "fly", lambda *_: pytest.fail("flies again"))
+    assert flight_school.main(["--seeds", "2", *where]) == 0
     assert capsys.readouterr().out == out
+    assert flight_school.main(["--read", *where]) == 0
+    assert capsys.readouterr().out == out
+    with pytest.raises(pytest.fail.Exception):
+        flight_school.main(["--seeds", "3", *where])
 
 
 def test_the_best_controller_comes_first(tmp_path, capsys):
-    for agent, score in (("rules", 900.0), ("search", 3100.0)):
-        row = hour_row(agent, "category", lax_s_mean=score, losses_per_flight_hour=0.5)
-        (tmp_path / agent).mkdir()
-        write_row(tmp_path / agent, msgspec.to_builtins(row))
-    assert flight_school.main(["--read", "--out", str(tmp_path)]) == 0
+    results = [
+        result(agent, "category", "skystack", lax_s_mean=score)
+        for agent, score in (("rules", 900.0), ("search", 3100.0))
+    ]
+    write_results(tmp_path / "results", results)
+    where = ["--results", str(tmp_path / "results"), "--out", str(tmp_path)]
+    assert flight_school.main(["--read", *where]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[1] for line in lines if line.startswith("| ")][1:] == ["search", "rules"]
 
 
-@pytest.mark.parametrize("arguments", [["--read"], ["--seeds", "0"], ["--others", "0"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [["--read"], ["--seeds", "0"], ["--others", "0"], ["serch"], ["search", "rules"]],
+)
 def test_mistakes_are_one_line(tmp_path, capsys, arguments):
-    assert flight_school.main([*arguments, "--out", str(tmp_path / "out")]) == 2
+    where = ["--results", str(tmp_path / "results"), "--out", str(tmp_path / "out")]
+    assert flight_school.main([*arguments, *where]) == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_the_documentation_shows_all_stored_results():
+    page = (RESULTS.parent.parent / "flight-school.md").read_text()
+    shown = {tuple(map(str.strip, line.split("|")[1:-1])) for line in page.splitlines()}
+    lines = [comparison([each.hour_row]).rows[0] for each in read_results(RESULTS)]
+    assert [line for line in lines if line not in shown] == []

@@ -1,0 +1,103 @@
+"""Results of hours of traffic that are kept in the repository: a JSON object per line."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pyarrow as pa
+
+from skystack.errors import error_context, exists
+from skystack.evaluation.hour_row import FILE, HourRow
+from skystack.evaluation.stored import read_table
+from skystack.io.files import atomic_write, read_whole
+from skystack.io.json_file import decode, read_json
+from skystack.io.validation import convert
+from skystack.simulator.simulator import CYCLE_S
+
+RESULTS = Path(__file__).parent.parent / "docs" / "results" / "flight-school.jsonl"
+MAX_BYTES = 10_000_000
+SOON_S = 60
+"""A further transmission to a flight within this time could have been part of the one before."""
+COLUMNS = ("scenario", "cycle", "transmission", "callsign", "kind")
+
+
+class Spoken(msgspec.Struct, frozen=True):
+    """Shares of the transmissions."""
+
+    again_soon: float
+    """Within `SOON_S` of another transmission to the same flight."""
+    level: float
+    """With a level."""
+    heading: float
+    direct: float
+    combined: float
+    """With a level, and a heading or a fix."""
+
+
+def spoken(clearances: pa.Table) -> Spoken | None:
+    """What was transmitted; None if nothing was."""
+    if not clearances.num_rows:
+        return None
+    keys = ["scenario", "transmission", "callsign", "cycle"]
+    kinds = clearances.group_by(keys).aggregate([("kind", "list")]).sort_by(
+        [("scenario", "ascending"), ("callsign", "ascending"), ("cycle", "ascending")]
+    )  # fmt: skip
+    total, parts = kinds.num_rows, kinds["kind_list"].to_pylist()
+    flights = list(zip(kinds["scenario"].to_pylist(), kinds["callsign"].to_pylist(), strict=True))
+    cycles = kinds["cycle"].to_pylist()
+    again = sum(
+        flights[at] == flights[at - 1] and (cycles[at] - cycles[at - 1]) * CYCLE_S <= SOON_S
+        for at in range(1, total)
+    )
+
+    def share(kind: str) -> float:
+        return sum(kind in each for each in parts) / total
+
+    combined = sum(len(each) > 1 for each in parts) / total
+    return Spoken(again / total, share("level"), share("heading"), share("direct"), combined)
+
+
+class Result(msgspec.Struct, frozen=True):
+    """The results of a controller on some traffic in a simulator."""
+
+    flown: str
+    """The date, as in 2026-11-29."""
+    row: dict[str, Any]
+    """What `skystack.evaluation.flight_school` returns."""
+    spoken: Spoken | None
+
+    @property
+    def hour_row(self) -> HourRow:
+        found: HourRow = convert(self.row, HourRow)
+        return found
+
+
+def read_results(path: Path) -> list[Result]:
+    """All results in a file; none if there is no file. Raises InputError for a damaged line."""
+    if not exists(path):
+        return []
+    with error_context(str(path)):
+        lines = read_whole(path, MAX_BYTES).splitlines()
+        return [decode(line, Result, f"line {at}") for at, line in enumerate(lines, start=1)]
+
+
+def write_results(path: Path, results: Sequence[Result]) -> None:
+    """Raises InputError if the file cannot be written."""
+    atomic_write(path, b"".join(msgspec.json.encode(each) + b"\n" for each in results))
+
+
+def result_in(folder: Path) -> Result:
+    """The results in a folder of `skystack flight-school`, without their date."""
+    with error_context(str(folder / FILE)):
+        row = read_json(folder / FILE)
+    return Result("", row, spoken_in(folder))
+
+
+def spoken_in(folder: Path) -> Spoken | None:
+    """What was transmitted in the hours of a folder."""
+    table = read_table(folder / "clearances.parquet", COLUMNS)
+    texts = {name: table[name].cast(pa.string()) for name in ("callsign", "kind")}
+    for name, column in texts.items():
+        table = table.set_column(table.column_names.index(name), name, column)
+    return spoken(table)
