@@ -123,15 +123,15 @@ FAST_COMPILE_ENVIRONMENT = {
 def compiler_optimisations(request):
     """Compile with or without most optimisations.
 
-    JAX's caches are cleared between the two, and between folders: they would fill the memory. The
-    programs are then read from the cache on disk.
+    JAX's caches are cleared between the two, and if they fill the memory. The programs are then
+    traced again and read from the cache on disk.
     """
     fast = _within(request.path, FAST_COMPILE)
-    if _compiling != {"fast": fast, "folder": request.path.parent}:
+    if _compiling["fast"] != fast or _is_large():
         jax.clear_caches()
         return_freed_memory()
         jax.config.update("jax_disable_most_optimizations", fast)
-        _compiling.update(fast=fast, folder=request.path.parent)
+        _compiling["fast"] = fast
     with pytest.MonkeyPatch.context() as patch:
         if fast:
             patch.setattr(compiler, "get_compile_options", _fast_options)
@@ -197,7 +197,17 @@ def _within(path, parts):
     return any(path.is_relative_to(TESTS / each) for each in parts)
 
 
-_compiling = {"fast": False, "folder": None}
+def _is_large():
+    """Whether this process uses more than its share of a third of the memory."""
+    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    try:
+        used = int(Path("/proc/self/statm").read_text().split()[1])
+    except OSError:  # not Linux
+        return True
+    return used > os.sysconf("SC_PHYS_PAGES") / 3 / workers
+
+
+_compiling = {"fast": False}
 _default_options, _compile = compiler.get_compile_options, compiler.compile_or_get_cached
 
 
