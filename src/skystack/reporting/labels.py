@@ -100,10 +100,10 @@ def _overlapping(
 def _inside(
     points: Float[np.ndarray, "m 2"], boxes: Float[np.ndarray, "n 2 2"]
 ) -> Bool[np.ndarray, "n m"]:
-    east, north = points.T
-    west_of, south_of = (boxes[:, 0, axis, None] for axis in range(2))
-    east_of, north_of = (boxes[:, 1, axis, None] for axis in range(2))
-    return (east > west_of) & (east < east_of) & (north > south_of) & (north < north_of)
+    x, y = points.T
+    left, bottom = (boxes[:, 0, axis, None] for axis in range(2))
+    right, top = (boxes[:, 1, axis, None] for axis in range(2))
+    return (x > left) & (x < right) & (y > bottom) & (y < top)
 
 
 def _crossed(
