@@ -47,9 +47,7 @@ def prepare(*extras: str) -> None:
         return
     if not usable:
         venv.create(ENVIRONMENT, with_pip=True, clear=True)
-    # Python compiles the modules that are used when they are first imported; pip would compile all.
-    options = ["--quiet", "--disable-pip-version-check", "--no-compile"]
-    install = [str(PYTHON), "-m", "pip", "install", *options]
+    install = [str(PYTHON), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     package = f".[{','.join(extras)}]" if extras else "."
     requirements = ["--constraint", "constraints.txt", "--editable", package]
     subprocess.run([*install, *requirements], cwd=ROOT, check=True)
