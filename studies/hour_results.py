@@ -10,7 +10,7 @@ import pyarrow as pa
 from skystack.errors import error_context, exists
 from skystack.evaluation.hour_row import FILE, HourRow
 from skystack.evaluation.stored import read_table
-from skystack.io.files import atomic_write, read_whole
+from skystack.io.files import atomic_write, make_folder, read_whole
 from skystack.io.json_file import decode, read_json
 from skystack.io.validation import convert
 from skystack.simulator.simulator import CYCLE_S
@@ -84,6 +84,7 @@ def read_results(path: Path) -> list[Result]:
 
 def write_results(path: Path, results: Sequence[Result]) -> None:
     """Raises InputError if the file cannot be written."""
+    make_folder(path.parent)
     atomic_write(path, b"".join(msgspec.json.encode(each) + b"\n" for each in results))
 
 

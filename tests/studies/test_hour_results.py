@@ -42,7 +42,7 @@ def result(agent, traffic, platform, **changed):
 
 
 def test_reads_what_was_written(tmp_path):
-    path = tmp_path / "results.jsonl"
+    path = tmp_path / "new" / "results.jsonl"
     assert read_results(path) == []
     results = [result("search", "category", "skystack"), result("rules", "60", "bluebird")]
     write_results(path, results)
