@@ -470,7 +470,7 @@ def clearances(recording, number):
     return [(int(c), int(actions[c]), int(counts[c])) for c in np.nonzero(counts)[0]]
 
 
-SCENARIOS = 40
+SCENARIOS = 100
 
 
 def test_python_and_jit_stack_alike_with_a_table_policy(lateral, phases):

@@ -185,7 +185,7 @@ def changed_texts(part, data, parent, tried):
             # subfolders of a run folder are also tested as formats of their own.
             few = part.endswith(".zip") or part.startswith(("train/", "evaluation/"))
             offset = len(tried) % len(texts)  # all texts are tried, but not at every location
-            texts = (texts[offset:] + texts[:offset])[: 1 if few else 2]
+            texts = (texts[offset:] + texts[:offset])[: 1 if few else 3]
         for text in texts:
             try:
                 yield (part, location, text), with_text(part, data, location, text)
