@@ -109,8 +109,8 @@ FAST_COMPILE = (
 """Tests of output rather than of computed values. Their programs are compiled without most
 optimisations, in a third of the time. All other tests compile with the default options."""
 SMALL = 20
-"""The most operations of a program that is always compiled like that. Tests run thousands
-of them, most of a single operation, for which optimising takes longer than running."""
+"""Programs with at most this number of operations are always compiled like that. Tests run
+thousands of them, most with a single operation, and optimising them takes longer than running."""
 _EMITTERS = "xla_cpu_use_fusion_emitters"
 FAST_COMPILE_ENVIRONMENT = {
     "JAX_DISABLE_MOST_OPTIMIZATIONS": "1",
@@ -123,18 +123,16 @@ FAST_COMPILE_ENVIRONMENT = {
 def compiler_optimisations(request):
     """Compile with or without most optimisations.
 
-    JAX's caches are cleared between the two, and if they fill the memory. The programs are then
-    traced again and read from the cache on disk.
+    JAX's caches are cleared between the two, and when they take too much memory. The programs are
+    then traced again and read from the cache on disk.
     """
     fast = _within(request.path, FAST_COMPILE)
     if _compiling["fast"] != fast or _is_large():
         jax.clear_caches()
         return_freed_memory()
-        jax.config.update("jax_disable_most_optimizations", fast)
         _compiling["fast"] = fast
     with pytest.MonkeyPatch.context() as patch:
         if fast:
-            patch.setattr(compiler, "get_compile_options", _fast_options)
             for variable, value in FAST_COMPILE_ENVIRONMENT.items():
                 patch.setenv(variable, value)
         yield
@@ -198,7 +196,7 @@ def _within(path, parts):
 
 
 def _is_large():
-    """Whether this process uses more than its share of a third of the memory."""
+    """Whether this process uses much memory: all workers together may use a third of it."""
     workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
     try:
         used = int(Path("/proc/self/statm").read_text().split()[1])
@@ -208,34 +206,29 @@ def _is_large():
 
 
 _compiling = {"fast": False}
-_default_options, _compile = compiler.get_compile_options, compiler.compile_or_get_cached
+_default_compile = compiler.compile_or_get_cached
 
 
-def _fast_options(*arguments, env_options_overrides=None, **keywords):
-    overrides = (env_options_overrides or {}) | {_EMITTERS: False}
-    return _default_options(*arguments, env_options_overrides=overrides, **keywords)
-
-
-def _compile_small_fast(backend, module, devices, options, *rest, **keywords):
-    """Compile a program of a few operations without most optimisations."""
-    if _is_small(module):
-        options.env_option_overrides = [(_EMITTERS, False)]
+def _compile(backend, module, devices, options, *rest, **keywords):
+    """Compile without most optimisations where the values do not matter or are simple."""
+    if _compiling["fast"] or _is_small(module):
+        options.env_option_overrides = [*options.env_option_overrides, (_EMITTERS, False)]
         debugging = options.executable_build_options.debug_options
         debugging.xla_backend_optimization_level = 0
         debugging.xla_llvm_disable_expensive_passes = True
-    return _compile(backend, module, devices, options, *rest, **keywords)
+    return _default_compile(backend, module, devices, options, *rest, **keywords)
 
 
 def _is_small(module):
-    operations = []
+    operations = 0
 
-    def count(operation):
-        operations.append(operation)
-        few = len(operations) <= SMALL
-        return ir.WalkResult.ADVANCE if few else ir.WalkResult.INTERRUPT
+    def count(_operation):
+        nonlocal operations
+        operations += 1
+        return ir.WalkResult.ADVANCE if operations <= SMALL else ir.WalkResult.INTERRUPT
 
     module.operation.walk(count)
-    return len(operations) <= SMALL
+    return operations <= SMALL
 
 
-compiler.compile_or_get_cached = _compile_small_fast
+compiler.compile_or_get_cached = _compile
