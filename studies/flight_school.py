@@ -4,14 +4,16 @@
     python -m studies.flight_school --read [--out DIR]
 
 Flies an hour per seed, from seed 1 on: `--seeds` of them in skystack, `--others` in BluebirdDT and,
-of `category` traffic, in BlueSky. Each NAME is a controller, a kind of traffic or a simulator: only
-what matches all of them is flown, for instance `search notebook`.
+of `category` traffic, in BlueSky. A case is a controller on one kind of traffic in one simulator.
+With names of these, such as `search notebook`, only the cases that match all of them are flown and
+shown.
 
-Results are stored in `docs/results/flight-school.jsonl` (`--results FILE`), and what is there with
-the same number of seeds is not flown again. To fly something again, delete its line. Finished seeds
-in DIR are reused too, so the command can be interrupted and repeated. Prints all stored results as
-Markdown tables and draws the survival curves of `docs/flight-school.md` into DIR; with `--read`,
-nothing is flown. Failed seeds are left out. Needs the extras `[bluebird]` and `[bluesky]`.
+The results of each case are stored as a line of `docs/results/flight-school.jsonl` (`--results
+FILE`). A case with stored results for the same number of seeds is not flown again, unless its line
+is deleted. Finished seeds in DIR are reused too, so the command can be interrupted and repeated.
+Prints the stored results as Markdown tables and draws the survival curves of
+`docs/flight-school.md` into DIR; with `--read`, nothing is flown. Failed seeds are left out. Needs
+the extras `[bluebird]` and `[bluesky]`.
 """
 
 import argparse
@@ -61,11 +63,14 @@ def plan() -> list[Case]:
 
 
 def named(names: Sequence[str]) -> list[Case]:
-    """What is flown, if only what matches all names. Raises InputError for an unknown name."""
+    """The cases that match all names. Raises InputError for an unknown name, or if none match."""
     check_known("name", names, {name for case in plan() for name in case})
     found = [case for case in plan() if set(names) <= set(case)]
     if not found:
-        raise InputError(f"nothing is flown that is all of {', '.join(names)}")
+        raise InputError(
+            f"no case matches {', '.join(names)} (allowed: one controller, one kind of traffic and "
+            "one simulator that are flown together)"
+        )
     return found
 
 
@@ -83,10 +88,10 @@ def fly(case: Case, seeds: int, out: Path) -> Result:
 
 
 def fly_all(cases: Sequence[Case], options: argparse.Namespace) -> None:
-    """Fly what has no results yet, and store the results of each case when it is finished."""
+    """Fly the cases without results, and store the results of each case when it is finished."""
+    stored = {case_of(each.hour_row): each for each in read_results(options.results)}
     for case in cases:
         seeds = options.seeds if case.platform == OWN else options.others
-        stored = {case_of(each.hour_row): each for each in read_results(options.results)}
         if case in stored and len(stored[case].hour_row.seeds) == seeds:
             continue
         stored[case] = fly(case, seeds, options.out)
@@ -128,7 +133,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         rows = [each.hour_row for each in read_results(options.results)]
         rows = [row for row in rows if case_of(row) in cases]
         if not rows:
-            raise InputError(f"{options.results}: no results of these hours")
+            raise InputError(f"{options.results}: contains no results for these cases")
         show(rows, options.out)
     except InputError as error:
         sys.stderr.write(f"{error}\n")

@@ -1,4 +1,4 @@
-"""Results of hours of traffic that are kept in the repository: a JSON object per line."""
+"""Results of hours of traffic, kept in the repository with a JSON object on each line."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -64,7 +64,7 @@ class Result(msgspec.Struct, frozen=True):
     flown: str
     """The date, as in 2026-11-29."""
     row: dict[str, Any]
-    """What `skystack.evaluation.flight_school` returns."""
+    """The row that `skystack flight-school` writes."""
     spoken: Spoken | None
 
     @property
@@ -83,13 +83,13 @@ def read_results(path: Path) -> list[Result]:
 
 
 def write_results(path: Path, results: Sequence[Result]) -> None:
-    """Raises InputError if the file cannot be written."""
+    """Replace the results in a file. Raises InputError if it cannot be written."""
     make_folder(path.parent)
     atomic_write(path, b"".join(msgspec.json.encode(each) + b"\n" for each in results))
 
 
 def result_in(folder: Path) -> Result:
-    """The results in a folder of `skystack flight-school`, without their date."""
+    """The results in a folder of `skystack flight-school`; their date is empty."""
     with error_context(str(folder / FILE)):
         row = read_json(folder / FILE)
     return Result("", row, spoken_in(folder))

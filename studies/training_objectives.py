@@ -2,9 +2,9 @@
 
     python -m studies.training_objectives [FOLDER ...]
 
-Reads folders of `skystack flight-school` or, if none is given, the stored results of Flight School
-on `category` traffic, and prints the Markdown table of `docs/training-objectives.md`: one column
-per controller and simulator, one line per measure.
+Reads folders of `skystack flight-school` or, if none is given, the stored results of
+`studies.flight_school` on `category` traffic. Prints the Markdown table of
+`docs/training-objectives.md`: one column per controller and simulator, one line per measure.
 """
 
 import argparse
@@ -72,7 +72,10 @@ def _stored() -> list[Result]:
     """The stored results on `category` traffic."""
     found = [each for each in read_results(RESULTS) if each.hour_row.traffic == "category"]
     if not found:
-        raise InputError(f"{RESULTS}: no results on category traffic")
+        raise InputError(
+            f"{RESULTS}: contains no results for category traffic (allowed: folders that "
+            "flight-school wrote)"
+        )
     return found
 
 

@@ -19,7 +19,7 @@ def test_flies_every_controller_on_every_traffic():
     assert not [each for each in plan if each.agent == "mvp" and each.platform != "bluesky"]
 
 
-def test_flies_what_matches_all_names():
+def test_names_select_the_cases_that_match_all_of_them():
     assert flight_school.named([]) == flight_school.plan()
     found = flight_school.named(["bluebird", "search"])
     assert {each.traffic for each in found} == {"category", "notebook", "environment"}

@@ -1,4 +1,4 @@
-"""Results that are kept in the repository, and what was transmitted, on made clearances."""
+"""Results that are kept in the repository, and the shares of transmissions in made-up hours."""
 
 import msgspec
 import pyarrow as pa

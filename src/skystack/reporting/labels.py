@@ -101,8 +101,8 @@ def _inside(
     points: Float[np.ndarray, "m 2"], boxes: Float[np.ndarray, "n 2 2"]
 ) -> Bool[np.ndarray, "n m"]:
     x, y = points.T
-    left, bottom = (boxes[:, 0, axis, None] for axis in range(2))
-    right, top = (boxes[:, 1, axis, None] for axis in range(2))
+    left, bottom = boxes[:, 0].T[:, :, None]
+    right, top = boxes[:, 1].T[:, :, None]
     return (x > left) & (x < right) & (y > bottom) & (y < top)
 
 

@@ -85,7 +85,7 @@ def grid_of_axes(
 ) -> tuple[Figure, list[Axes]]:
     """A figure with a grid of axes, listed row by row, in a layout without overlaps."""
     figure = Figure(figsize=size_in, layout="constrained")
-    FigureCanvasAgg(figure)  # without it, each measurement of a text makes a renderer
+    FigureCanvasAgg(figure)  # without it, every measurement of a text creates a renderer
     grid = figure.subplots(rows, columns, squeeze=False, **shared)
     return figure, list(grid.flat)
 
@@ -94,7 +94,7 @@ def freeze_layout(figure: Figure) -> None:
     """Fix the layout, so that texts can be placed and saving does not lay out again."""
     if figure.get_layout_engine() is not None:
         figure.draw_without_rendering()
-        figure.set_layout_engine(None)
+        figure.set_layout_engine(None)  # "none" leaves a placeholder: saving would draw twice
 
 
 def save(figure: Figure, stem: Path) -> list[Path]:
@@ -123,8 +123,8 @@ def _rendered(figure: Figure, kind: str) -> bytes:
         "svg": {"metadata": {"Date": None, "Creator": None}},
     }
     data = io.BytesIO()
-    # Cropped to what is drawn, since titles may extend beyond the layout. With bbox_inches="tight",
-    # everything would be drawn twice.
+    # Cropped to what is drawn, since titles may extend beyond the layout. bbox_inches="tight" would
+    # draw everything twice.
     box = figure.get_tightbbox().padded(0.12)
     figure.savefig(data, format=kind, bbox_inches=box, **plain[kind])
     return data.getvalue()
