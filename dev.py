@@ -1,8 +1,9 @@
 """The commands of a developer, on a machine with Python 3.11 or newer; see README.md.
 
     python3 dev.py reproduce [ARGUMENT ...]   run `skystack reproduce` (default: a first look)
-    python3 dev.py test [ARGUMENT ...]        run all tests and check their coverage
-                                              (with arguments for pytest: only run pytest)
+    python3 dev.py test                       run the tests, except slow ones
+    python3 dev.py test --all                 run all tests and check their coverage
+    python3 dev.py test ARGUMENT ...          run pytest with these arguments
     python3 dev.py check                      check lint, format and types
     python3 dev.py docs                       build the documentation, docs/_build/index.html
 
@@ -86,9 +87,9 @@ def main(arguments: list[str]) -> int:
         return run("skystack", "reproduce", *rest)
     if verb == "test":
         keep_programs()
-        if rest:
-            return run("pytest", *rest)
-        return run("pytest", "--cov", "--cov-report=") or max(map(covered, COVERED))
+        if rest == ["--all"]:
+            return run("pytest", "--cov", "--cov-report=") or max(map(covered, COVERED))
+        return run("pytest", *(rest or ("-m", "not slow")))
     if verb == "docs":
         code = run("sphinx", "-W", "--keep-going", "-q", "docs", "docs/_build", *rest)
         if code == 0:

@@ -167,8 +167,12 @@ def browser():
         chromium.close()
 
 
-def pytest_terminal_summary(terminalreporter):
-    """If tests in a browser were skipped, print how to install Chromium."""
+def pytest_terminal_summary(terminalreporter, config):
+    """Print which tests were left out, and how to run them."""
+    if config.option.markexpr == "not slow":
+        terminalreporter.write_line(
+            "slow tests were left out: `python3 dev.py test --all` runs all tests"
+        )
     skipped = terminalreporter.stats.get("skipped", [])
     count = sum(NO_BROWSER in str(report.longrepr) for report in skipped)
     if count:

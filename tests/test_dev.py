@@ -1,4 +1,4 @@
-"""`dev.py` creates its environment once, and updates it only when that is needed."""
+"""`dev.py` prepares its environment only when that is needed, and runs the tests asked for."""
 
 import importlib.util
 from pathlib import Path
@@ -9,11 +9,16 @@ ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture
-def prepared(monkeypatch, tmp_path):
-    """Runs `prepare` in an empty folder; returns what it does, without doing it."""
+def dev():
     spec = importlib.util.spec_from_file_location("dev", ROOT / "dev.py")
-    dev = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(dev)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def prepared(dev, monkeypatch, tmp_path):
+    """Runs `prepare` in an empty folder; returns what it does, without doing it."""
     done = []
 
     def create(environment, **_):
@@ -61,3 +66,30 @@ def test_an_environment_without_python_is_created_again(prepared, tmp_path):
     prepared()
     (tmp_path / "bin" / "python").unlink()
     assert prepared() == ["create", "install"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ([], ["pytest -m not slow"]),
+        (["tests/tasks", "-x"], ["pytest tests/tasks -x"]),
+        (["--all"], ["pytest --cov --cov-report=", *["coverage report"] * 4]),
+    ],
+)
+def test_slow_tests_and_coverage_are_run_on_request(dev, monkeypatch, arguments, expected):
+    ran = []
+    monkeypatch.setattr(dev, "prepare", lambda *_: None)
+    monkeypatch.setattr(dev, "keep_programs", lambda: None)
+    monkeypatch.setattr(dev, "run", lambda *command: ran.append(" ".join(command)) or 0)
+    assert dev.main(["test", *arguments]) == 0
+    assert len(ran) == len(expected)
+    assert all(command.startswith(start) for command, start in zip(ran, expected, strict=True))
+
+
+@pytest.mark.parametrize(("pytest_code", "coverage_code"), [(1, 0), (0, 2), (1, 2)])
+def test_failed_tests_or_low_coverage_are_a_failure(dev, monkeypatch, pytest_code, coverage_code):
+    monkeypatch.setattr(dev, "prepare", lambda *_: None)
+    monkeypatch.setattr(dev, "keep_programs", lambda: None)
+    codes = {"pytest": pytest_code, "coverage": coverage_code}
+    monkeypatch.setattr(dev, "run", lambda module, *_: codes[module])
+    assert dev.main(["test", "--all"]) == (pytest_code or coverage_code)

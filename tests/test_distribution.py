@@ -84,6 +84,7 @@ def test_environment_has_the_wheel_but_no_network(wheel_python, tmp_path):
             run_clean([wheel_python, "-c", f"import socket; socket.{call}"], tmp_path)
 
 
+@pytest.mark.slow
 def test_wheel_and_checkout_reproduce_identical_results(wheel_python, tmp_path):
     """Bit for bit: offline on all cores, then on one core with cached programs."""
     variables = {

@@ -15,6 +15,7 @@ def test_truncates_a_long_message():
     assert str(InputError("x" * 1_000_000)) == "x" * LONGEST_LINE + "..."
 
 
+@pytest.mark.slow
 def test_suggests_no_name_among_very_many():
     names = [f"FIX{number}" for number in range(200_000)]
     assert "did you mean" not in str(unknown_name("fix", "FIX200000", names))

@@ -55,6 +55,7 @@ def test_evaluated_rule_reaches_all_exits(run, tmp_path):
     }
 
 
+@pytest.mark.slow
 def test_stacks_a_stable_baselines3_policy(run):
     """Actions are drawn, because after so short a training the most probable one may be none."""
     pytest.importorskip("stable_baselines3")
@@ -84,6 +85,7 @@ def recording(calls):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tracker", "begin", "end"),
     [

@@ -383,6 +383,7 @@ def row(states, index):
 PHYSICAL = ("position_nm", "heading_deg", "level_ticks", "ground_speed_kt", "vertical_speed_ft_min")
 
 
+@pytest.mark.slow
 def test_stack_changes_no_physical_state(lateral):
     """Bit for bit: positions, headings, speeds, levels, time, and the clearances being flown."""
     before = states_after(lateral, 500, 60)
@@ -473,6 +474,7 @@ def clearances(recording, number):
 SCENARIOS = 100
 
 
+@pytest.mark.slow
 def test_python_and_jit_stack_alike_with_a_table_policy(lateral, phases):
     recording = fly(
         lateral, Controller(lambda _, seen, key: traced_lookup(seen, key)), 0, SCENARIOS, True
@@ -483,6 +485,7 @@ def test_python_and_jit_stack_alike_with_a_table_policy(lateral, phases):
         assert in_python == clearances(recording, number), number
 
 
+@pytest.mark.slow
 def test_python_and_jit_stack_alike_with_the_network(lateral, phases):
     """NumPy and XLA add in different orders, so they may decide near-ties of logits differently."""
     policy = find_policy("lateral")

@@ -33,6 +33,7 @@ def onnx_file(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stacking", ["--stacking", "--no-stacking"])
 def test_an_onnx_file_gives_the_row_and_tables_of_the_policy(stacking, onnx_file, capsys, tmp_path):
     words = ["--episodes", 6, stacking, "--out", tmp_path]
@@ -67,6 +68,7 @@ def test_an_onnx_file_samples_the_same_as_the_policy(onnx_file, capsys):
     assert not rows[0]["greedy"]
 
 
+@pytest.mark.slow
 def test_evaluates_a_zip_on_the_given_experiment(capsys, tmp_path):
     stable_baselines3 = pytest.importorskip("stable_baselines3")
     import gymnasium
@@ -114,6 +116,7 @@ def turning(settings, until_deg):
     return turn
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stacking", [True, False])
 def test_a_function_flies_in_bluebird(stacking, tmp_path):
     """The same clearances as in our simulator: left turns of AC1, in bursts."""
@@ -142,6 +145,7 @@ def test_a_function_flies_in_bluebird(stacking, tmp_path):
         assert max(here.clearances["instructions"].to_pylist()) > 1
 
 
+@pytest.mark.slow
 def test_an_onnx_file_flies_in_bluebird(onnx_file):
     pytest.importorskip("bluebird_dt")
     agent = skystack.find_agent(str(onnx_file))
@@ -153,6 +157,7 @@ def test_an_onnx_file_flies_in_bluebird(onnx_file):
     assert there.row["success_rate"] == 1.0
 
 
+@pytest.mark.slow
 def test_reports_a_function_that_fails_in_bluebird():
     pytest.importorskip("bluebird_dt")
     calls = []

@@ -101,6 +101,7 @@ def hearing(world):
     return np.flatnonzero(world.traffic.active & (world.arrivals.held == 0))
 
 
+@pytest.mark.slow
 def test_a_burst_becomes_one_transmission_with_a_fix_and_the_level(world):
     agent = controller()
     agent.begin(world)
@@ -177,6 +178,7 @@ def test_a_burst_that_repeats_keeps_the_clearance_that_loses_separation_last():
     assert not bool(visited.is_kept(jnp.full(5, 3, dtype=jnp.float32)))
 
 
+@pytest.mark.slow
 def test_a_long_burst_is_cut_off(world):
     queries = Queries(TASK, scripted_logits, most_instructions=5)
     agent = Learned(queries, number_of("turns_for_ever"), per_cycle=1)

@@ -82,6 +82,7 @@ def test_gives_the_answers_of_the_matrix(outputs, batch, tmp_path):
     np.testing.assert_array_equal(answers(pickle.loads(pickle.dumps(agent))), expected)
 
 
+@pytest.mark.slow
 def test_our_own_export_names_its_experiment(tmp_path):
     policy = find_policy("lateral-best")
     export_onnx(policy, tmp_path / "mine.onnx")

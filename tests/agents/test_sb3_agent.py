@@ -69,6 +69,7 @@ def path(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "settings"),
     [
@@ -119,6 +120,7 @@ def test_a_model_in_memory_uses_its_normaliser():
     assert not np.array_equal(model.predict(observations, deterministic=True)[0], expected)
 
 
+@pytest.mark.slow
 def test_evaluates_a_model_and_its_file(tmp_path):
     model = with_large_weights(make_model(PPO))
     model.save(tmp_path / "my model.zip")

@@ -16,6 +16,7 @@ from skystack.simulator.performance import TICKS_PER_FL
 CYCLES, SEED, SCENARIOS = 70, 1, 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["lateral-best", "vertical"])
 def test_it_issues_the_clearances_of_an_evaluation(name):
     policy = find_policy(name)

@@ -38,6 +38,7 @@ def row(name):
     return summary([score(WORLD.sector, FLYER.fly(AGENTS[name](), 0, 3))], name, "90")
 
 
+@pytest.mark.slow
 def test_the_search_keeps_everybody_separated_and_delivers_every_flight():
     found = row("search")
     assert found["flights_gone"] > 30
@@ -48,6 +49,7 @@ def test_the_search_keeps_everybody_separated_and_delivers_every_flight():
     assert found["lax_s_mean"] == found["strict_s_mean"] == 6 * 450
 
 
+@pytest.mark.slow
 def test_the_same_traffic_without_a_controller_that_looks_ahead_loses_separation():
     assert row("own navigation")["losses_of_separation"] > 5
     assert row("own navigation")["correct_exit_rate"] == 1.0
@@ -69,6 +71,7 @@ def test_own_navigation_transmits_once_to_each_flight():
     assert np.bincount([each.cycle for each in hour.sent]).max() == 1
 
 
+@pytest.mark.slow
 def test_the_search_finds_the_same_plans_again():
     first, second = (FLYER.fly(Search(WORLD, per_cycle=1), 0, 3).sent for _ in range(2))
     assert first == second
@@ -109,6 +112,7 @@ def at_first_fix(sector, route, callsign, ahead_nm=0.0, level_fl=300.0):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_plans_reach_the_end_of_the_longest_route():
     """At 400 kt, an aircraft flies 0.667 NM in a cycle."""
     highland = sector_named("highland")
@@ -128,6 +132,7 @@ def test_plans_reach_the_end_of_the_longest_route():
     assert Probe(x_plus_world).ahead == AHEAD
 
 
+@pytest.mark.slow
 def test_conflicts_that_cannot_be_avoided_are_left_quickly():
     """Two flights of one route, 2 NM apart at one level, lose separation at once."""
     sector = x_plus()
@@ -174,6 +179,7 @@ def test_flights_that_are_born_close_are_kept_separated():
     assert not scores.losses
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "lower_flight",
     [

@@ -49,6 +49,7 @@ def given(world):
     return seen
 
 
+@pytest.mark.slow
 def test_it_is_given_the_flights_that_hear_it(world):
     env, observation, info = given(world)
     slots = Callsigns().follow(world)

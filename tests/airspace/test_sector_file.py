@@ -342,6 +342,7 @@ def test_shipped_sectors_are_valid(name):
         assert len(set(route)) == len(route) >= 3
 
 
+@pytest.mark.slow
 @given(
     lat=st.floats(-70.0, 70.0),
     lon=st.floats(-170.0, 170.0),

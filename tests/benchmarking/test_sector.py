@@ -31,6 +31,7 @@ def test_counts_the_flights_of_the_cycles_that_are_timed():
     assert flights == counted > 0
 
 
+@pytest.mark.slow
 def test_names_what_is_timed():
     """Training and decisions are not timed here: their programs take a minute to compile."""
     figures = sector.traffic_figures(2)

@@ -8,6 +8,7 @@ from skystack.airspace.geometry import distance_right_of_route, points_of
 from skystack.benchmarking.simulator import Stepper, task_of
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("aircraft", [2, 10, 50])
 def test_every_aircraft_is_observed_and_moves(aircraft):
     task = task_of(aircraft)

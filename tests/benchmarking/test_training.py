@@ -24,6 +24,7 @@ def small(monkeypatch):
     return experiment
 
 
+@pytest.mark.slow
 def test_seeds_trained_together_learn_the_same_as_alone(small):
     task, settings = build_training_task(small.task), small.ppo
     init, update = jax.jit(partial(ppo.init, task, settings)), partial(ppo.update, task, settings)

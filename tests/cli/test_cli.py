@@ -52,6 +52,7 @@ def test_list_names_everything(capsys):
     assert "lateral-undamped" in out
 
 
+@pytest.mark.slow
 def test_evaluates_a_shipped_policy(capsys, tmp_path):
     code, out, _ = run(
         capsys, "evaluate", "lateral", "--episodes", "5", "--json", "--out", str(tmp_path / "e")
@@ -85,6 +86,7 @@ def test_trains_then_evaluates_the_run(capsys, tmp_path):
     assert json.loads(out)["rows"][0]["experiment"] == "lateral-large"
 
 
+@pytest.mark.slow
 def test_own_sector_works_in_every_command(capsys, tmp_path):
     """Train and evaluate in it, read it from the tables, simulate in it; a typo is an error."""
     folder = EXAMPLES / "own-sector"
@@ -104,6 +106,7 @@ def test_own_sector_works_in_every_command(capsys, tmp_path):
     assert (code, err.count("\n")) == (2, 1)
 
 
+@pytest.mark.slow
 def test_trains_in_a_shipped_sector(capsys, tmp_path):
     """With a small budget; then evaluate in another sector, where the observations are the same."""
     out = str(tmp_path / "run")
@@ -129,6 +132,7 @@ def test_writes_event_files_also_of_a_finished_training(capsys, tmp_path):
         file.unlink()
 
 
+@pytest.mark.slow
 def test_report_rewrites_the_report_of_a_run(capsys, tmp_path):
     folder = write_run(tmp_path / "run", rows=[("lateral", True)], seeds=(0,), scenarios=2)
     results = json.loads((folder / "results.json").read_text())
@@ -154,6 +158,7 @@ def test_report_of_one_training_is_a_comparison(capsys, tmp_path, monkeypatch):
     assert "Learning curves of run" in (tmp_path / "comparison.html").read_text()
 
 
+@pytest.mark.slow
 def test_train_prints_notices_and_never_overwrites(capsys, tmp_path):
     """The notices are about a phase that is left out and a missing checkpoint; policies and
     unfinished runs are kept."""
@@ -207,6 +212,7 @@ def test_describes_and_draws_a_sector(capsys, tmp_path):
         assert (code, err.count("\n")) == (2, 1)
 
 
+@pytest.mark.slow
 def test_routes_longer_than_a_scenario_need_more_cycles(capsys, tmp_path):
     """The exit is 270 NM away (347 cycles at 466 kt); aircraft may start up to 4 NM closer."""
     file = tmp_path / "long.json"
@@ -255,6 +261,7 @@ def test_routes_longer_than_a_scenario_need_more_cycles(capsys, tmp_path):
         assert (code, err.count("\n")) == (2, 1)
 
 
+@pytest.mark.slow
 def test_simulates_the_examples(capsys, tmp_path):
     for example in sorted(EXAMPLES.glob("*.json")) + sorted(EXAMPLES.glob("*/meeting.json")):
         target = tmp_path / "trajectories.parquet"
@@ -266,6 +273,7 @@ def test_simulates_the_examples(capsys, tmp_path):
     assert "AC1" in out
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_process")
 @pytest.mark.parametrize(
     ("platform", "module", "types"),
@@ -386,6 +394,7 @@ def test_exports_a_policy(capsys, tmp_path, kind):
     assert list(tmp_path.iterdir()) == [target]
 
 
+@pytest.mark.slow
 def test_reproduces_end_to_end(capsys, tmp_path, monkeypatch):
     """Small trainings of three of the experiments, in real worker processes; all output files."""
     from skystack.reproduction import plan
@@ -543,6 +552,7 @@ def test_unwritable_folders_are_errors(capsys, tmp_path):
     assert list(tmp_path.iterdir()) == [file]
 
 
+@pytest.mark.slow
 def test_interrupted_evaluation_on_bluebird_leaves_nothing(tmp_path):
     pytest.importorskip("bluebird_dt")
     out, scratch = tmp_path / "out", tmp_path / "scratch"
@@ -577,6 +587,7 @@ def group_exists(group):
     return True
 
 
+@pytest.mark.slow
 def test_interrupted_training_ends_cleanly_and_can_be_resumed(tmp_path):
     out_folder = tmp_path / "run"
     # Background processes ignore SIGINT, so set the handler that Python has in a terminal.
@@ -598,6 +609,7 @@ def test_interrupted_training_ends_cleanly_and_can_be_resumed(tmp_path):
     assert not (out_folder / "policy.json").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [[], ["--peers"]])
 def test_bench_measures_skystack_and_names_missing_peers(capsys, monkeypatch, options):
     fast = Figure("fast", "steps/s", (3.0, 5.0, 4.0), "sitting")

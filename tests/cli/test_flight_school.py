@@ -20,6 +20,7 @@ def fly(capsys, out, *options):
     return run(capsys, "flight-school", *few, *options)
 
 
+@pytest.mark.slow
 def test_prints_a_table_and_writes_the_hours(capsys, tmp_path):
     code, out, err = fly(capsys, tmp_path / "out", "noop", "--strict")
     assert code == 0
@@ -39,6 +40,7 @@ def test_prints_a_table_and_writes_the_hours(capsys, tmp_path):
     assert "no-op" in out
 
 
+@pytest.mark.slow
 def test_the_row_has_what_is_promised(capsys, tmp_path):
     options = ("own-navigation", "--first-seed", "7", "--json")
     code, out, _ = fly(capsys, tmp_path, *options)
@@ -52,6 +54,7 @@ def test_the_row_has_what_is_promised(capsys, tmp_path):
     assert "already flown: 2 of 2 seeds" in err
 
 
+@pytest.mark.slow
 def test_failed_seeds_are_named(capsys, tmp_path):
     code, out, err = fly(capsys, tmp_path, "tests/agents/user_controllers.py:NoSuchFlight")
     assert (code, out) == (2, "")
@@ -59,6 +62,7 @@ def test_failed_seeds_are_named(capsys, tmp_path):
     assert last.endswith("all seeds failed: seed 0, cycle 0, BAW12: unknown callsign")
 
 
+@pytest.mark.slow
 def test_the_example_in_the_documentation_flies(capsys, tmp_path):
     """It changes levels at once, so it delivers flights, and loses separation."""
     options = ("--traffic", "30", "--json", "--seeds", "1", "--cycles", "200")

@@ -17,6 +17,7 @@ def trained(tmp_path_factory):
     return tmp_path_factory.mktemp("control") / "run"
 
 
+@pytest.mark.slow
 def test_trains_a_policy_and_flies_an_hour_with_it(capsys, trained):
     code, _, err = run(capsys, "train", "sector-control", "--out", str(trained), *SMALL)
     assert code == 0
@@ -42,6 +43,7 @@ def test_a_policy_of_sector_control_needs_traffic(capsys, trained):
     assert "controls a whole sector (allowed: with --traffic, such as" in err
 
 
+@pytest.mark.slow
 def test_prints_a_table_for_other_agents(capsys):
     options = ["--traffic", "category", "--cycles", "10", "--uncertainty", "--per-cycle", "3"]
     code, out, _ = run(capsys, "evaluate", "own-navigation", *options)
@@ -98,6 +100,7 @@ def test_impossible_settings_are_refused(capsys, tmp_path, change, message):
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_hours_are_evaluated_replayed_and_reported(tmp_path, capsys):
     out, page, report = tmp_path / "hours", tmp_path / "replay.html", tmp_path / "hours.html"
     options = ["--traffic", "60.0", "--cycles", "40", "--out", str(out)]
@@ -111,6 +114,7 @@ def test_hours_are_evaluated_replayed_and_reported(tmp_path, capsys):
     assert report.exists()
 
 
+@pytest.mark.slow
 def test_hours_are_flown_in_bluebird(tmp_path, capsys):
     pytest.importorskip("bluebird_dt")
     out, page = tmp_path / "hours", tmp_path / "replay.html"

@@ -21,6 +21,7 @@ def train_on(cores_to_use, folder):
     return (folder / "policy.safetensors").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(len(cores()) < 2, reason="needs two cores")
 def test_one_core_and_several_train_the_same_policy(tmp_path):
     one_core = train_on(cores()[:1], tmp_path / "alone")

@@ -9,6 +9,7 @@ import skystack
 NAMES = [name for name in skystack.__all__ if not name.startswith("_")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_example_runs_as_shown(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -88,6 +88,7 @@ def check_inline_command(text):
         assert options <= set(parser._option_string_actions), text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 @pytest.mark.usefixtures("one_process")
 def test_every_block_of_code_runs(page, folder, capsys):

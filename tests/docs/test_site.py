@@ -43,6 +43,7 @@ def pages(site):
     }
 
 
+@pytest.mark.slow
 def test_pages_load_nothing_from_the_network(pages):
     for name, page in pages.items():
         loaded = [each.get("src") or each.get("href") for each in page(["script", "link", "img"])]

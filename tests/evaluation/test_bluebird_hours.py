@@ -45,6 +45,7 @@ def flown():
     return Flown(SECTOR_AGENTS["rules"](WORLD, 5))
 
 
+@pytest.mark.slow
 def test_every_cycle_is_flown_as_in_our_simulator(flown):
     """From what an agent sees of BluebirdDT, with the agent's clearances."""
     fly = jax.jit(lambda traffic, clearance: WORLD.simulator.advance(instruct(traffic, clearance)))
@@ -132,6 +133,7 @@ def test_newborns_hear_as_soon_as_clearances_are_kept():
     assert min(waits) == 1  # as in our simulator
 
 
+@pytest.mark.slow
 def test_flights_that_bluebird_removes_are_excursions():
     """Newborns that are turned back before they enter."""
 

@@ -30,6 +30,7 @@ def flown(request):
         ]
 
 
+@pytest.mark.slow
 def test_the_same_flights_are_born_in_the_same_cycles(flown):
     births = []
     for hour in flown:
@@ -66,6 +67,7 @@ def test_exits_are_the_same(flown):
     assert ours == theirs
 
 
+@pytest.mark.slow
 def test_flight_school_newborns_are_held_as_in_our_simulator():
     """They move two cycles or more after they are born."""
     row = [
@@ -84,6 +86,7 @@ def test_mvp_flies_in_bluesky_only():
     assert (row["agent"], row["platform"]) == ("mvp", "bluesky")
 
 
+@pytest.mark.slow
 def test_uncertainty_and_other_sectors_are_flown():
     few = TrafficConditions("60", cycles=60, platform="bluesky", uncertainty=True)
     row = evaluate_traffic("own-navigation", few._replace(sector="highland"))

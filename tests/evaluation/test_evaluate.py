@@ -193,6 +193,7 @@ def test_rejects_conditions_of_a_wrong_type(name, value, allowed):
         evaluate(lambda _: 0, Conditions(**{"episodes": 1, name: value}), experiment="vertical")
 
 
+@pytest.mark.slow
 def test_paths_may_be_str_or_path(tmp_path):
     """Experiments, sectors and output folders."""
     example = Path(__file__).parents[2] / "examples" / "own-sector"
@@ -215,6 +216,7 @@ def test_conditions_may_be_numpy_scalars():
     assert (result.row["stacking"], result.episodes.num_rows) == (False, 1)
 
 
+@pytest.mark.slow
 def test_the_papers_numbers_are_only_for_its_sector_and_task():
     policy = find_policy("lateral")
     plain = Conditions(episodes=2, stacking=False)

@@ -24,6 +24,7 @@ def crossing(sector, rows, route):
     return (lon, lat), flown.intersection(LineString([*area, area[0]]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("policy", "sector"), [("lateral-best", "x-plus"), ("lateral", "merge"), ("vertical", "x-plus")]
 )
@@ -49,6 +50,7 @@ def test_offset_is_the_distance_from_the_exit_fix_at_the_crossing(policy, sector
     assert flown.episodes["exits"].to_numpy().sum() == len(offsets)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("before_nm", [0.0, 5.0])
 def test_no_offset_exceeds_half_the_width_of_the_exit(before_nm):
     """The offset is measured from the middle of the exit, wherever it lies."""

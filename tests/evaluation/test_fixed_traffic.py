@@ -53,6 +53,7 @@ def both():
     return [Flown("search", platform) for platform in ("skystack", "bluebird")]
 
 
+@pytest.mark.slow
 def test_both_simulators_fly_the_same_tracks(both):
     """Turns at 3 degrees a second, speeds, climbs, births, contact and landing."""
     ours, theirs = both
@@ -108,6 +109,7 @@ def test_the_same_scenario_is_not_flown_for_several_seeds(tmp_path):
         fly_flight_school("no-op", TrafficConditions(NAME), range(2), tmp_path)
 
 
+@pytest.mark.slow
 def test_rows_and_folders_have_the_name_of_the_scenario(tmp_path):
     conditions = TrafficConditions(NAME, cycles=60)
     result = fly_flight_school("no-op", conditions, range(1), tmp_path)

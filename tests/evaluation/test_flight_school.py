@@ -29,6 +29,7 @@ def flown(tmp_path_factory):
     return result, out, cycles
 
 
+@pytest.mark.slow
 def test_each_seed_is_the_first_hour_of_that_evaluation_seed(flown):
     result, _, _ = flown
     rows = [
@@ -60,6 +61,7 @@ def test_progress_counts_the_cycles_of_all_seeds(flown):
     assert cycles[-1] == (180, 180)
 
 
+@pytest.mark.slow
 def test_finished_seeds_are_not_flown_again(flown):
     result, out, _ = flown
     cycles = []
@@ -74,6 +76,7 @@ def test_finished_seeds_are_not_flown_again(flown):
     assert more.row["lax_s_by_seed"][:3] == result.row["lax_s_by_seed"]
 
 
+@pytest.mark.slow
 def test_one_seed_that_fails_does_not_end_the_others(tmp_path):
     """With about five births in expectation, some seeds have five flights at once."""
     some = TrafficConditions("30", cycles=100)
@@ -85,6 +88,7 @@ def test_one_seed_that_fails_does_not_end_the_others(tmp_path):
     assert result.row["seed_numbers"] == [each for each in range(6) if each not in result.failed]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("controller", "message"),
     [
@@ -99,6 +103,7 @@ def test_if_all_seeds_fail_nothing_is_left_behind(tmp_path, controller, message)
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_decision_that_takes_too_long_fails(tmp_path):
     """It takes ten minutes, and the limit is twenty seconds."""
     few = CONDITIONS._replace(cycles=5)

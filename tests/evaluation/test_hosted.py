@@ -41,6 +41,7 @@ def fly_policy(function, scenarios=3, stacking=True, experiment=SHORT):
     return fly_agent(task, AgentController(agent_of(function)), 0, scenarios, stacking)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "stacking", "greedy"),
     [
@@ -75,6 +76,7 @@ def test_our_policies_fly_as_in_the_compiled_program(name, stacking, greedy):
                 assert other[column].equals(table[column]), column
 
 
+@pytest.mark.slow
 def test_stacks_equal_those_of_the_plain_loop():
     """`skystack.stack` with a plain task, one scenario and one query at a time."""
     task, scenarios = build_task(AIMED.task), 3
@@ -113,6 +115,7 @@ def test_a_no_op_function_equals_the_no_op_evaluation():
     )
 
 
+@pytest.mark.slow
 def test_queries_again_only_where_a_stack_may_continue():
     """A no-op ends the queries of a cycle; only scenarios with an instruction are queried again."""
     query_sizes = []
@@ -137,6 +140,7 @@ def test_queries_again_only_where_a_stack_may_continue():
     assert recording.instructions.sum(axis=1).tolist() == [cycles, 0, 0, 0, 0, 0]
 
 
+@pytest.mark.slow
 def test_answers_are_copied_and_observations_may_be_modified():
     kept, buffer = [], np.zeros(1000, dtype=np.int64)
 

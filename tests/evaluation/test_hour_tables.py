@@ -39,6 +39,7 @@ def tables(flown):
     return {name: table.to_pylist() for name, table in tables_of(flown).items()}
 
 
+@pytest.mark.slow
 def test_every_flight_has_a_row_for_each_cycle_from_its_birth_to_its_end(flown, tables):
     hour = flown.hour
     assert len(tables["trajectories"]) == int((hour.flight != FREE).sum())
@@ -139,6 +140,7 @@ def test_tables_appear_together_or_not_at_all(flown, tmp_path):
     assert pq.read_table(folder / "aircraft.parquet").num_rows == len(flown.scores.flights)
 
 
+@pytest.mark.slow
 def test_hours_without_flights_are_written_with_others(tmp_path):
     """One flight an hour: most short hours are empty."""
     conditions = TrafficConditions("3", cycles=60, hours=4)
@@ -151,6 +153,7 @@ def test_hours_without_flights_are_written_with_others(tmp_path):
     assert [len(each.aircraft) for each in replay.scenarios] == flights
 
 
+@pytest.mark.slow
 def test_a_callsign_is_the_same_flight_under_every_agent():
     found = {}
     for agent in ("no-op", "own-navigation-exit-level"):

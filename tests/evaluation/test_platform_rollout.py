@@ -39,6 +39,7 @@ def no_op():
 SHORT = build_task(NavigationSettings(cycles=12))
 
 
+@pytest.mark.slow
 def test_our_simulator_flies_the_same_through_the_protocol(tmp_path):
     """In another loop, in other processes: the same clearances, cycles and metrics."""
     policy = find_policy("lateral-tuned")
@@ -63,6 +64,7 @@ def test_our_simulator_flies_the_same_through_the_protocol(tmp_path):
         np.testing.assert_allclose(ours.trajectories[name], theirs.trajectories[name], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_reports_failed_scenarios_and_finishes_the_others(tmp_path):
     failed = {}
     flown = concatenate(
@@ -80,6 +82,7 @@ def test_reports_failed_scenarios_and_finishes_the_others(tmp_path):
     assert numbers.to_pylist() == [0, 2, 3, 8]
 
 
+@pytest.mark.slow
 def test_abandons_a_simulator_that_hangs(tmp_path):
     """All scenarios hang: a healthy one might exceed a short time limit on a busy machine."""
     with pytest.raises(PlatformError, match="no scenario was finished: scenario 0 took more than"):
@@ -97,6 +100,7 @@ def starting_latitudes(count):
     return plane.to_degrees(np.asarray(here.position_nm, dtype=np.float64))[..., 0].round(6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("opener", "message"),
     [
@@ -110,6 +114,7 @@ def test_a_platform_that_does_not_start_is_an_error(tmp_path, opener, message):
         list(fly_on_platform(PlatformRollout(SHORT, no_op, False, 0, opener), 2, tmp_path, {}))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("platform", ["bluebird", "bluesky"])
 def test_other_simulators_give_the_same_tables(platform, tmp_path):
     pytest.importorskip({"bluebird": "bluebird_dt", "bluesky": "bluesky"}[platform])
@@ -129,6 +134,7 @@ def test_other_simulators_give_the_same_tables(platform, tmp_path):
         assert all(same_clearances(ours.clearances, theirs.clearances, range(episodes)))
 
 
+@pytest.mark.slow
 def test_vertical_control_is_the_same_in_bluebird(tmp_path):
     """Own navigation and level clearances, through the same protocol."""
     pytest.importorskip("bluebird_dt")

@@ -32,6 +32,7 @@ LEVEL = {5: [Transmission(0, level_ticks=ticks(200.0))]}
 DIRECT = {2: [Transmission(0, heading_deg=200)], 20: [Transmission(0, fix=3)]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("traffic", "platform", "sent", "below_nm"),
     [

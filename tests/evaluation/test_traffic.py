@@ -34,6 +34,7 @@ def evaluated(tmp_path_factory):
     return row, folder, counted
 
 
+@pytest.mark.slow
 def test_the_row_has_what_is_promised(evaluated):
     row, _, counted = evaluated
     assert set(row) >= KEYS

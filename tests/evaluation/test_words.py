@@ -47,6 +47,7 @@ def count_directions(folder, column, delay):
     return checked, reversed_since_issue
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("policy", "column"), [("lateral-undamped", "heading_deg"), ("vertical", "fl")]
 )
@@ -58,6 +59,7 @@ def test_directions_in_our_tables_match_the_flight(policy, column, tmp_path):
     assert reversed_since_issue > 0 or column == "fl"  # this policy reverses no climb
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_process")
 def test_directions_in_bluesky_tables_match_the_flight(tmp_path):
     pytest.importorskip("bluesky")

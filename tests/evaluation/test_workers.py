@@ -22,6 +22,7 @@ def two_cores(monkeypatch):
     monkeypatch.setattr(workers, "cores", lambda: [None, None])
 
 
+@pytest.mark.slow
 def test_each_item_has_a_result_or_its_own_failure(capfd):
     reports = []
     items = ["a", "wrong", "dies", "b", "bug", "c"]
@@ -67,6 +68,7 @@ def is_running(pid):
         return False
 
 
+@pytest.mark.slow
 def test_items_fail_if_workers_die_while_starting():
     finished = list(run_in_workers(make_and_die, ["a", "b", "c"], NO_LIMIT_S))
     assert sorted(each.item for each in finished) == ["a", "b", "c"]

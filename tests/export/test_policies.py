@@ -121,6 +121,7 @@ def test_missing_onnx_names_its_extra(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_the_onnx_example_issues_the_evaluated_clearances(folder):
     pytest.importorskip("onnxruntime")
     command = [sys.executable, "-W", "error", str(EXAMPLES / "onnx_session.py")]

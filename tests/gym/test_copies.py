@@ -100,6 +100,7 @@ def started(make):
     return environment
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", [by_pickle, copy.deepcopy])
 @pytest.mark.parametrize("make", KINDS)
 def test_copy_in_mid_scenario_continues_identically(make, by):

@@ -34,6 +34,7 @@ class Arriving(FlightsEnvironment):
         return observations, infos
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:No agents present")
 def test_passes_the_checks_of_pettingzoo(environment):
     parallel_api_test(Arriving(environment.task, environment.programs), num_cycles=150)

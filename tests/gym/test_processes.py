@@ -44,6 +44,7 @@ def run(tmp_path_factory):
     return case
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ["async_forked", "async_spawned", "async_forkserver"])
 def test_asynchronous_environments_agree_with_synchronous_ones(run, case):
     """`async_forked` uses the default context, in a process that has not used JAX yet."""
@@ -57,6 +58,7 @@ def test_late_fork_of_asynchronous_workers_raises_in_the_parent(run):
     assert "\n" not in message
 
 
+@pytest.mark.slow
 def test_late_fork_of_stable_baselines3_workers_prints_the_error(run):
     pytest.importorskip("stable_baselines3")
     assert run("sb3_forked")[0] is True
@@ -66,6 +68,7 @@ def test_late_fork_of_stable_baselines3_workers_prints_the_error(run):
     assert 'SubprocVecEnv(..., start_method="spawn")' in stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ["every_kind_used_before_a_fork", "every_kind_made_in_a_fork"])
 def test_every_use_of_every_environment_fails_after_a_late_fork(run, case):
     pytest.importorskip("stable_baselines3")
@@ -76,6 +79,7 @@ def test_every_use_of_every_environment_fails_after_a_late_fork(run, case):
         assert all(each.startswith(FORK_ERROR) for each in outcomes), (kind, outcomes)
 
 
+@pytest.mark.slow
 def test_every_environment_works_after_a_fork_before_jax(run):
     pytest.importorskip("stable_baselines3")
     pytest.importorskip("pettingzoo")

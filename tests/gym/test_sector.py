@@ -27,6 +27,7 @@ def run(environment, seed, steps, action=TO_FIX):
     return results
 
 
+@pytest.mark.slow
 def test_it_agrees_with_the_task(environment):
     observation, infos = environment.reset(seed=3)
     task, state = environment.task, environment.task_state

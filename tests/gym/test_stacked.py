@@ -235,6 +235,7 @@ def environment(policy):
     return TaskEnvironment(policy_task(policy))
 
 
+@pytest.mark.slow
 def test_shipped_policy_issues_the_same_clearances_as_stack(policy, environment):
     """Over whole scenarios, with rewards and ends; stacking changes no physical state."""
     assert isinstance(environment, TwoPhaseEnvironment)
@@ -273,6 +274,7 @@ def test_shipped_policy_issues_the_same_clearances_as_stack(policy, environment)
     assert stacks >= 4
 
 
+@pytest.mark.slow
 def test_steps_as_the_training_task_with_stacked_steps():
     """Wrapping such an environment does not change its steps, including the burst penalties."""
     settings = NavigationSettings(timing="stack", reward=RewardSettings(burst=1.0))

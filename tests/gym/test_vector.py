@@ -69,6 +69,7 @@ def check_same_flights(ours, theirs, seed, steps):
     return ended
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 @pytest.mark.parametrize("seed", [7, [3, 1, 4]])
 def test_agrees_with_the_synchronous_vector_environment(vector, mode, seed):
@@ -272,6 +273,7 @@ def test_ended_scenarios_must_be_reset_without_autoreset(vector):
     assert environment.step(no_ops)[3].tolist() == [False, True, False]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_renders_the_pictures_of_single_environments(vector, mode):
     """Trails grow, and start again if a scenario is restarted at its end or by a mask."""

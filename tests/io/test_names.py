@@ -61,6 +61,7 @@ def test_derives_a_valid_name_from_any_text(text, name):
     assert as_name(text) == name
 
 
+@pytest.mark.slow
 @given(st.text(max_size=200))
 def test_derived_names_are_valid(text):
     name = as_name(text)
@@ -139,6 +140,7 @@ def commands(monkeypatch, tmp_path):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [each for each in FORMATS if each != "checkpoint"])
 def test_no_text_in_a_file_leads_out_of_its_folder(name, commands, tmp_path, monkeypatch, capsys):
     if name in ("onnx", "sb3"):

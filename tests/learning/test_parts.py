@@ -16,6 +16,7 @@ SETTINGS = PPOSettings(environments=512, steps=4, epochs=2, minibatch=256, hidde
 """Every part has more agents than are computed at once."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [2, 4])
 def test_update_in_parts_is_bit_identical(count):
     task, key = TellSigns(), jax.random.key(0)

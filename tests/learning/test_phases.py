@@ -69,6 +69,7 @@ def test_each_update_runs_the_program_of_its_phase():
     assert trained[-1][1].key == ("before", "before", "later")
 
 
+@pytest.mark.slow
 def test_program_compiled_in_a_thread_is_the_same():
     """The programs compiled in a thread give the results of those compiled by the caller."""
     experiment = experiment_with("ppo.total_steps=512")

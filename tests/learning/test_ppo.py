@@ -98,6 +98,7 @@ def test_a_step_of_several_time_steps_is_worth_as_much_as_the_steps_in_it():
     np.testing.assert_allclose(found[:-2], np.delete(expected, [1, 2]), rtol=1e-5)
 
 
+@pytest.mark.slow
 @given(st.lists(st.integers(1, 40), min_size=1, max_size=5), st.integers(0, 1000))
 def test_normaliser_tracks_mean_and_variance_of_all_batches(sizes, seed):
     rng = np.random.default_rng(seed)
@@ -160,6 +161,7 @@ def test_shuffling_is_a_uniform_permutation(count):
         assert np.abs(orders.mean(axis=0) / 999 - 0.5).max() < 5 * 0.037
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("truncated", [False, True])
 def test_next_values_belong_to_the_same_scenario(truncated):
     """The value of the next observation, or of the final one if the scenario was truncated."""
@@ -249,6 +251,7 @@ def learn_sign(seed, head=None):
     return learner, measured
 
 
+@pytest.mark.slow
 def test_learns_a_task_with_a_known_solution():
     """Guessing returns 2.5, always being correct 5."""
     _, returns = learn_sign(seed=0)
@@ -273,6 +276,7 @@ def test_equal_seeds_train_bit_identical_policies():
     assert not np.array_equal(first.parameters.actor[0][0], other.parameters.actor[0][0])
 
 
+@pytest.mark.slow
 def test_update_is_compiled_once():
     """Output types equal input types, including weak types; otherwise JAX would compile again."""
     settings, task = (

@@ -87,6 +87,7 @@ def test_every_agent_of_every_environment_is_a_column():
     )
 
 
+@pytest.mark.slow
 def test_the_shared_policy_learns_from_the_active_agents_only():
     settings = PPOSettings(
         environments=16, steps=32, epochs=4, minibatch=64, hidden=(16,), learning_rate=3e-3,

@@ -119,6 +119,7 @@ def test_non_finite_weights_are_not_saved(tmp_path, monkeypatch):
         assert all(np.isfinite(file.get_tensor(f"{index:03d}")).all() for index in range(8))
 
 
+@pytest.mark.slow
 def test_saves_checkpoints_as_often_as_requested(tmp_path):
     checkpoint, seen = tmp_path / "checkpoint" / "learner.safetensors", []
 
@@ -169,6 +170,7 @@ def test_rejects_a_seed_out_of_range(tmp_path):
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_pretraining_rewards_change_the_policy(trained, tmp_path):
     """Pre-training with the same rewards changes nothing; with other rewards it does."""
     same = small("pretraining.steps=512")

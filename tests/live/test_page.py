@@ -59,6 +59,7 @@ def clearances(session):
     ]
 
 
+@pytest.mark.slow
 def test_a_whole_session(session, page, tmp_path, browser):
     control = session.control
     assert page.row == 60

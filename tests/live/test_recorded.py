@@ -17,6 +17,7 @@ def test_an_agent_that_another_simulator_flies_cannot_advise():
         open_session(TrafficConditions("60", platform="bluesky"), "mvp")
 
 
+@pytest.mark.slow
 def test_says_what_another_simulator_flies_differently():
     pytest.importorskip("bluesky")
     opened = open_session(TrafficConditions(FILE, platform="bluesky"))

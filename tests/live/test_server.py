@@ -115,6 +115,7 @@ def test_runs_and_pauses_at_the_chosen_speed(session):
         assert flown == list(range(1, cycle + 1))  # none is missing
 
 
+@pytest.mark.slow
 def test_a_change_of_the_speed_takes_effect_at_once(monkeypatch):
     """Here a cycle takes longer in real time than any test waits, and a sixtieth of that at 60x."""
     monkeypatch.setattr(server, "CYCLE_S", 1.1 * TIMEOUT_S)

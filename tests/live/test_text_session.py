@@ -128,6 +128,7 @@ class Input:
         return False
 
 
+@pytest.mark.slow
 def test_the_verb_flies_what_is_typed_and_records_it(tmp_path, capsys, monkeypatch):
     lines = b"30\n\xff\xff heading\nAC1 fly heading 270\n5\nquit\nAC1 not read any more\n"
     monkeypatch.setattr(sys, "stdin", Input(lines))

@@ -101,6 +101,7 @@ def check_wording(scenario, flight, delay):
     return counts
 
 
+@pytest.mark.slow
 def test_skystack_wording_matches_2000_random_flights():
     platform, total = Skystack(), {}
     for seed in range(10):
@@ -112,6 +113,7 @@ def test_skystack_wording_matches_2000_random_flights():
     assert total["reversed since issue"] > 500
 
 
+@pytest.mark.slow
 def test_bluebird_wording_matches_its_flights():
     bluebird = pytest.importorskip("skystack.platforms.bluebird", exc_type=ImportError)
     scenario = random_scenario(99, 60)

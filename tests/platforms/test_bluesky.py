@@ -227,6 +227,7 @@ def test_flies_direct_to_a_fix_and_then_along_the_route(platform):
     np.testing.assert_array_equal(cleared[13:], heading[13:])
 
 
+@pytest.mark.slow
 def test_flights_do_not_depend_on_earlier_ones(platform):
     first = {id(flown): fly(platform, flown) for flown in (INSTRUCTED, NAVIGATING)}
     for flown in (INSTRUCTED, NAVIGATING):
@@ -263,6 +264,7 @@ platform.close()
 """
 
 
+@pytest.mark.slow
 def test_new_process_flies_the_same_and_leaves_no_files(platform, tmp_path):
     home, work, folder = (tmp_path / name for name in ("home", "work", "folder"))
     for made in (home, work, folder):
@@ -311,6 +313,7 @@ np.savez(result, rows=rows, ended_s=[ended_s, bluesky.sim.simt])
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flown", [INSTRUCTED, NAVIGATING], ids=["instructed", "own navigation"])
 def test_plain_bluesky_flies_the_scenario_file_the_same(platform, tmp_path, flown):
     file = tmp_path / "flown.scn"
@@ -329,6 +332,7 @@ def replay(file, cycles, folder):
         return replayed["rows"], replayed["ended_s"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_process")
 def test_plain_bluesky_reproduces_an_evaluation(tmp_path):
     """A policy's clearances, exported from the stored tables and flown by BlueSky alone."""

@@ -46,6 +46,7 @@ def test_flights_enter_and_leave(traffic):
     assert fly(traffic, 1) == {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("airspeed_kt", [350.0, 430.0])
 @pytest.mark.parametrize("fl", [210.0, 300.0, 400.0])
 def test_flights_keep_their_airspeed_at_all_levels(traffic, airspeed_kt, fl):

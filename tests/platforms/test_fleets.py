@@ -70,6 +70,7 @@ def test_each_type_cruises_at_its_own_speed(name, tmp_path):
     assert expected[2] == pytest.approx(261.5, abs=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("levels", "within_fl"), [((), 0.0), (CLIMBS, 1e-9)])
 def test_bluebird_flies_a_fleet_like_skystack(levels, within_fl, tmp_path):
     flown = scenario(levels=levels)

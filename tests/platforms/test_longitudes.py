@@ -56,6 +56,7 @@ def moved_scenario(flown):
     return replace(flown, sector=THERE, aircraft=aircraft)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["skystack", "bluebird", "bluesky"])
 def test_flies_the_same_across_the_180th_meridian(name, tmp_path):
     if name != "skystack":

@@ -27,6 +27,7 @@ EXPECTED = {
 }
 
 
+@pytest.mark.slow
 def test_writes_every_figure_as_png_and_svg(reported):
     written = {path.name for path in (reported / "figures").iterdir()}
     assert written == {f"{name}.{kind}" for name in EXPECTED for kind in ("png", "svg")}
@@ -43,6 +44,7 @@ def test_figures_are_complete_and_contain_no_local_paths(reported):
             assert data.endswith(b"IEND\xaeB`\x82")
 
 
+@pytest.mark.slow
 def test_compares_action_spaces_if_both_were_trained(tmp_path):
     rows = [("avoidance", True), ("avoidance-large", False)]
     run = write_run(tmp_path / "run", rows=rows, seeds=(0,), scenarios=2)
@@ -150,6 +152,7 @@ def test_combined_histograms_of_other_families_show_all_rows(tmp_path, panels):
         assert titles == ["Avoidance, stacked", "Avoidance, 37 actions, stacked"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["do-nothing-lateral", "do-nothing"])
 def test_combined_picture_shows_doing_nothing(tmp_path, panels, name):
     """Also that of old files."""

@@ -46,6 +46,7 @@ def page(html):
     return Page(html)
 
 
+@pytest.mark.slow
 def test_report_shows_every_row_and_the_bound(page):
     for name in ("undamped", "damped", "damped and stacked", "do nothing", "fewest possible"):
         assert name in page.text
@@ -95,6 +96,7 @@ def tiles_of(html):
     return [tuple(re.findall(r">([^<]+)<", tile)) for tile in found]
 
 
+@pytest.mark.slow
 def test_tiles_show_clearances_and_success_of_trained_policies(run):
     """Not of doing nothing, of shipped policies, or of rows of less importance."""
     for name in ("lateral-large", "lateral-best", "lateral-shipped", "do-nothing-lateral"):
@@ -160,6 +162,7 @@ def replays(monkeypatch):
     return written
 
 
+@pytest.mark.slow
 def test_replays_the_last_policy_without_and_with_stacking(tmp_path, replays):
     """In the scenario that is drawn. Shipped policies and doing nothing are not replayed."""
     rows = [("lateral", False), ("lateral", True), ("do-nothing-lateral", False)]
@@ -199,6 +202,7 @@ def test_replay_contains_only_the_scenario_that_is_drawn(reported, page):
     assert page.links.count("replay-lateral.html") == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seeds", [(0,), (0, 1)])
 def test_results_by_seed_are_shown_only_with_several_seeds(tmp_path, seeds):
     run = write_run(tmp_path / "run", rows=[("lateral", True)], seeds=seeds, scenarios=1)
@@ -215,6 +219,7 @@ def statistics_of(value):
     return {name: {"mean": [value] * 3, "iqm": [value] * 3} for name in MEASURES}
 
 
+@pytest.mark.slow
 def test_contents_lead_to_the_claims_if_there_are_any(run):
     assert "#lateral-claims" not in Page(write_report(run).read_text()).links
     change_row(run, "lateral", statistics=statistics_of(0.9), clearances_mean=7.0)
@@ -269,6 +274,7 @@ def test_names_a_missing_table_and_writes_no_report(run):
     assert not (run / "figures").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("obstacle", ["tables", "folder"])
 def test_a_report_that_fails_changes_nothing(run, obstacle, monkeypatch):
     """Some faults of tables are noticed only when the replay is written, after the figures."""

@@ -111,6 +111,7 @@ def without_times(result):
     return train["seed"], train["steps"], rows
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::FutureWarning")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_cluster_gives_the_same_results_if_a_worker_is_killed(nodes, experiment, tmp_path):
@@ -143,6 +144,7 @@ def test_cluster_gives_the_same_results_if_a_worker_is_killed(nodes, experiment,
     assert weights(remote, 1) == weights(local, 1)
 
 
+@pytest.mark.slow
 def test_resumes_an_interrupted_training(nodes, experiment, tmp_path):
     plan = plan_of(experiment, tmp_path, seeds=1)
 
@@ -162,6 +164,7 @@ def test_resumes_an_interrupted_training(nodes, experiment, tmp_path):
     assert (reported[0], reported[-1]) == (4096 + 256, 20480)
 
 
+@pytest.mark.slow
 def test_training_error_on_a_worker_is_raised_here(nodes, tmp_path):
     large = [f"ppo.{name}=1e6" for name in ("learning_rate", "reward_scale", "max_gradient_norm")]
     changes = (*SMALL, *large, "ppo.adam_epsilon=1e-30", "ppo.total_steps=20000")
@@ -204,6 +207,7 @@ def test_checkpoint_is_written_after_its_metrics(experiment, tmp_path, monkeypat
     assert cluster._pack(plan, [tmp_path]) == files
 
 
+@pytest.mark.slow
 def test_gives_up_a_job_whose_worker_always_dies(nodes, experiment, tmp_path, monkeypatch):
     fatal = {"__name__": "__main__"}  # pickled by value, because workers cannot import it
     exec("def die(*given):\n    import os\n    os.kill(os.getpid(), 9)", fatal)
@@ -215,6 +219,7 @@ def test_gives_up_a_job_whose_worker_always_dies(nodes, experiment, tmp_path, mo
     assert signal.getsignal(signal.SIGTERM) is before
 
 
+@pytest.mark.slow
 def test_other_error_on_a_worker_is_one_line(nodes, experiment, tmp_path, monkeypatch):
     fatal = {"__name__": "__main__"}
     exec("def fail(*given):\n    raise ImportError('no skystack here')", fatal)

@@ -43,6 +43,7 @@ def fail(progress):
     raise AssertionError("trained again")
 
 
+@pytest.mark.slow
 def test_resumes_an_interrupted_training_then_caches_it(plan, experiment, tmp_path):
     uninterrupted = train_experiment(experiment, 1, tmp_path / "uninterrupted")
     reported = []
@@ -70,6 +71,7 @@ def test_resumes_an_interrupted_training_then_caches_it(plan, experiment, tmp_pa
     assert again.description.sha256 == policy.description.sha256
 
 
+@pytest.mark.slow
 def test_retrains_for_another_configuration(plan, experiment):
     first, _, _ = train_or_load(plan, experiment, 1, ignore)
     other = load_experiment("lateral", (*SMALL, "task.reward.damping=1.0"))
@@ -78,6 +80,7 @@ def test_retrains_for_another_configuration(plan, experiment):
     assert second.description.sha256 != first.description.sha256
 
 
+@pytest.mark.slow
 def test_retrains_over_a_damaged_checkpoint(plan, experiment):
     train_or_load(plan, experiment, 1, ignore)
     folder = plan.training("lateral-s1")
@@ -105,6 +108,7 @@ def test_full_disk_does_not_restart_a_training(plan, experiment, monkeypatch):
     assert resumed == [True]
 
 
+@pytest.mark.slow
 def test_evaluations_are_cached_until_tables_or_episodes_change(plan, experiment):
     policy, _, _ = train_or_load(plan, experiment, 1, ignore)
     first, cached = evaluate_or_load(plan, policy, STACKED)
@@ -122,6 +126,7 @@ def test_evaluations_are_cached_until_tables_or_episodes_change(plan, experiment
     assert found.row["episodes"] == found.episodes.num_rows == 4
 
 
+@pytest.mark.slow
 def test_sampled_actions_are_evaluated_beside_the_most_probable_ones(plan, experiment):
     both = Plan(**vars(plan) | {"with_sampled": True})
     job = Job(both, experiment, 1)

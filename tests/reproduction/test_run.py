@@ -11,6 +11,7 @@ from skystack.reproduction.plan import make_plan
 from skystack.reproduction.run import run_platforms
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_process")
 def test_first_seed_is_flown_on_other_platforms(tmp_path):
     pytest.importorskip("bluebird_dt")

@@ -56,6 +56,7 @@ def hours(name):
     return jax.device_get(jax.jit(jax.vmap(hour))(keys))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "time_s", "flights", "tolerance"),
     [
@@ -125,6 +126,7 @@ def test_uncertainty_changes_speeds_and_rates_within_its_range():
     assert kstest(np.asarray(drawn.climb_factor), "uniform", (0.9, 0.2)).pvalue > 1e-4
 
 
+@pytest.mark.slow
 def test_starters_are_on_different_first_fixes():
     flow = Flow(SIMULATOR, FLIGHT_SCHOOL["category"], starters=STARTERS)
     draw = jax.jit(flow.draw)

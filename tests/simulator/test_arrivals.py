@@ -255,6 +255,7 @@ def test_no_births_before_the_first_cycle_and_after_the_end():
         assert int(clock.due(arrivals._replace(cycle=jnp.int32(cycle)))) == due
 
 
+@pytest.mark.slow
 def test_batches_give_the_same_as_single_scenarios():
     clock = Clock(0.05, unchecked_twins=True, quadratic=True)
     flow = Flow(SIMULATOR, clock, slots=16, cycles=50, candidates=64)

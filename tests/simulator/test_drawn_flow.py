@@ -35,6 +35,7 @@ def test_the_flights_are_those_of_the_scenario(start):
     assert arrivals.in_contact[:3].all()
 
 
+@pytest.mark.slow
 def test_they_fly_like_the_scenario_alone(start):
     arrivals, traffic = start
     alone = SCENARIOS.draw(KEY).traffic

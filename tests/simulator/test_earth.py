@@ -47,6 +47,7 @@ def geodesic_steps(lat_lon, heading_deg, speed_kt):
     return np.array(positions)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", ORIGINS)
 def test_constant_headings_agree_with_geodesics(place):
     rows, lat_lon = fly_across(ORIGINS[place])

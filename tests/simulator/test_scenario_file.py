@@ -322,6 +322,7 @@ def test_limits_the_product_of_aircraft_and_cycles(count, cycles, tmp_path):
         load(too_large, tmp_path)
 
 
+@pytest.mark.slow
 def test_limits_the_number_of_clearances(tmp_path):
     entries = [{"cycle": 0, "callsign": "AC1", "heading_deg": 10}] * 10_001
     with pytest.raises(InputError, match=r"clearances is .*allowed: list of at most 10,000"):

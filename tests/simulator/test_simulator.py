@@ -159,6 +159,7 @@ def test_instructing_one_aircraft_never_changes_another(model, own_navigation):
     assert not np.array_equal(alone.position_nm[-1, 2], uncleared.position_nm[-1, 2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("own_navigation", [False, True])
 @pytest.mark.parametrize("model", MODELS)
 def test_two_aircraft_fly_the_same_among_two_hundred(model, own_navigation):

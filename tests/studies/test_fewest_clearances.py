@@ -110,6 +110,7 @@ def one_aircraft(position_nm, heading_deg, route=0):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("route", x_plus().routes, ids="-".join)
 def test_only_bent_routes_need_a_clearance(x_plus_search, route):
     sector = x_plus()
@@ -120,6 +121,7 @@ def test_only_bent_routes_need_a_clearance(x_plus_search, route):
     assert len(plan) == (0 if route in STRAIGHT else 1)
 
 
+@pytest.mark.slow
 def test_plans_of_single_aircraft_succeed_together(x_plus_search, drawn):
     task = build_task(NavigationSettings())
     fly = refly(task)
@@ -140,6 +142,7 @@ def test_scenarios_are_those_of_an_evaluation(drawn):
     np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_one_clearance_agrees_with_brute_force(staircase, staircase_search):
     """Northbound in the second corridor: every stack in every cycle is flown."""
     traffic = one_aircraft((16.0, 12.0), 0.0)
@@ -164,6 +167,7 @@ def test_one_clearance_agrees_with_brute_force(staircase, staircase_search):
     assert expected.any()
 
 
+@pytest.mark.slow
 def test_a_staircase_needs_two_clearances(staircase, staircase_search):
     traffic = one_aircraft((8.0, 4.0), 90.0)
     assert staircase_search.fewest(traffic, most=1) is None

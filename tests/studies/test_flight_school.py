@@ -33,6 +33,7 @@ def short(monkeypatch):
     monkeypatch.setattr(flight_school, "TrafficConditions", partial(TrafficConditions, cycles=20))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short")
 def test_flies_prints_and_draws(tmp_path, capsys, monkeypatch):
     where = ["--out", str(tmp_path), "--results", str(tmp_path / "results.jsonl")]

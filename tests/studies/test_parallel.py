@@ -20,12 +20,14 @@ def describe(name, number):
     return f"{name} {number}"
 
 
+@pytest.mark.slow
 def test_results_are_in_the_order_of_the_pieces(capsys):
     pieces = [("a", 1), ("b", 2), ("c", 3)]
     assert run_pieces(describe, pieces, "pieces") == ["a 1", "b 2", "c 3"]
     assert "3 of 3 pieces finished, 0 min" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_failed_piece_fails_the_study():
     with pytest.raises(ValueError, match="bad"):
         run_pieces(describe, [("a", 1), ("bad", -1), ("c", 3)], "pieces")
@@ -69,6 +71,7 @@ def study(tmp_path):
     process.stderr.close()
 
 
+@pytest.mark.slow
 def test_workers_end_if_the_study_is_killed(study):
     process, worker = study
     process.kill()
@@ -76,6 +79,7 @@ def test_workers_end_if_the_study_is_killed(study):
     wait_until(lambda: not is_running(worker))
 
 
+@pytest.mark.slow
 def test_says_that_it_resumes_after_an_interruption(study):
     process, worker = study
     os.killpg(process.pid, signal.SIGINT)

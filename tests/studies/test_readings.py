@@ -84,6 +84,7 @@ def test_every_training_is_done_once_and_seeds_are_in_order(monkeypatch, tmp_pat
     assert found == {(name, seed): [name] for name, seed in pieces}
 
 
+@pytest.mark.slow
 def test_trains_and_evaluates_in_all_ways_and_reuses_the_rows(tmp_path: Path, monkeypatch):
     monkeypatch.setattr(readings, "EPISODES", 2)
     small = load_experiment(

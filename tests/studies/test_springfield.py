@@ -10,6 +10,7 @@ from studies import springfield
 from tests.reporting.rows import hour_row
 
 
+@pytest.mark.slow
 def test_flies_every_scenario_under_every_agent(tmp_path, capsys, monkeypatch):
     """With short hours."""
     monkeypatch.setattr(springfield, "CYCLES", 20)

@@ -1,11 +1,14 @@
 """What flown hours show of training objectives."""
 
+import pytest
+
 from skystack.evaluation.flight_school import fly_flight_school
 from skystack.evaluation.traffic_conditions import TrafficConditions
 from studies.hour_results import result_in
 from studies.training_objectives import main, table_of
 
 
+@pytest.mark.slow
 def test_one_column_for_each_controller(tmp_path, capsys):
     conditions = TrafficConditions("60", cycles=40)
     folders = [

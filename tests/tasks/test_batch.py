@@ -23,6 +23,7 @@ def fly(task, state, actions):
 
 
 # Sector control has a test of its own.
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in experiment_names() if name != "sector-control"])
 def test_a_batch_flies_like_its_scenarios_one_by_one(name):
     task = build_training_task(load_experiment(name).task)
@@ -39,6 +40,7 @@ def test_a_batch_flies_like_its_scenarios_one_by_one(name):
         np.testing.assert_allclose(a, b, rtol=1e-5, atol=2e-4)
 
 
+@pytest.mark.slow
 def test_the_batch_axis_is_last():
     task = build_training_task(load_experiment("avoidance-best").task)
     state = reset_many(task, jax.random.key(0), SCENARIOS)

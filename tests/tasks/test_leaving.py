@@ -100,6 +100,7 @@ def check(pairs, delay_s=0):
     assert np.mean(predicted[stays] >= LEAVING_S - INTERVAL_S) > 0.97
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sector", SECTORS)
 def test_flights_on_headings_leave_when_predicted(sector):
     check([compared(sector, state, state, CLEARED) for state in states(sector, own=False)])

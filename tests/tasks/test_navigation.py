@@ -22,6 +22,7 @@ def action(number):
     return jnp.asarray(number, dtype=jnp.int32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("timing", ["cycle", "stack"])
 @pytest.mark.parametrize("actions", ["small", "large"])
 def test_satisfies_the_contract(timing, actions):
@@ -238,6 +239,7 @@ def test_scenarios_end_with_the_last_aircraft_or_at_the_time_limit(traffic_on, e
     assert left < 200
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("exit_nm", "exits"), [(None, True), (4.0, True), (2.0, False)])
 def test_an_exit_can_be_narrower_than_the_edge(traffic_on, exit_nm, exits):
     """Three miles beside the route: outside an exit of two miles to either side of the fix."""

@@ -47,6 +47,7 @@ def test_a_task_can_observe_a_tree():
     assert isinstance(observation["number"], np.ndarray)
 
 
+@pytest.mark.slow
 def test_learns_from_a_tree_as_from_the_flat_vector():
     settings = PPOSettings(environments=4, steps=8, minibatch=16, hidden=(4,), total_steps=64)
     weights = []

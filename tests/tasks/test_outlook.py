@@ -62,6 +62,7 @@ def second_by_second(traffic):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_time_to_loss_is_that_of_a_search_second_by_second(seed):
     state = after(120, seed)
@@ -79,6 +80,7 @@ def test_the_time_to_loss_is_that_of_a_search_second_by_second(seed):
     assert np.mean(predicted[active] == interval[active]) > 0.8
 
 
+@pytest.mark.slow
 def test_a_turn_away_or_another_level_ends_a_conflict():
     one, other = 0, 1
     mask = np.zeros(SLOTS, dtype=bool)
@@ -122,6 +124,7 @@ def test_every_neighbour_is_another_flight():
     assert (np.diff(urgency, axis=0) >= 0.0).all()
 
 
+@pytest.mark.slow
 def test_the_time_to_loss_as_cleared_is_that_of_the_full_outlook():
     """For a batch of two scenarios."""
     states = [after(120, seed).world for seed in (0, 1)]
@@ -139,6 +142,7 @@ def test_the_time_to_loss_as_cleared_is_that_of_the_full_outlook():
     np.testing.assert_array_equal(alone, every)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 3])
 def test_the_outlook_of_one_flight_is_its_column(seed):
     state = after(120, seed)

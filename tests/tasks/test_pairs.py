@@ -92,6 +92,7 @@ def avoidance(**weights):
     )
 
 
+@pytest.mark.slow
 def test_avoidance_satisfies_the_contract():
     check_task(avoidance(safety=2.0))
     all_features = NavigationSettings(
@@ -274,6 +275,7 @@ def test_observes_scaled_features_pair_by_pair(three, active):
 turn = st.integers(-16, 16).map(lambda tens: 10.0 * tens)
 
 
+@pytest.mark.slow
 @given(position, position, heading, heading, turn, turn, st.floats(300, 500), st.floats(300, 500))
 def test_closest_approach_with_turns_is_that_of_the_flown_paths(
     first, second, first_deg, second_deg, first_turn, second_turn, first_kt, second_kt

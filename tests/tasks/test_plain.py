@@ -21,6 +21,7 @@ from skystack.tasks.settings import NavigationSettings
 from .test_conformance import HalvingTask
 
 
+@pytest.mark.slow
 def test_stacks_like_a_compiled_program():
     """A shipped policy issues the same clearances in numpy and in JAX, over a whole scenario."""
     policy = find_policy("lateral-best")

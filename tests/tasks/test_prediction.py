@@ -66,6 +66,7 @@ def state():
     return after(120)
 
 
+@pytest.mark.slow
 def test_a_heading_is_flown_as_predicted(state):
     traffic = state.world.traffic
     level = level_flight(traffic)
@@ -180,6 +181,7 @@ def test_the_predicted_flight_leaves_at_its_exit_fix(state):
         assert float(path.until_s[slot]) == pytest.approx(expected, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["x-plus", "crossing"])
 def test_no_flight_is_predicted_to_be_gone_before_it_has_left(name):
     """Also after it has passed its exit fix, or begun the turn there."""

@@ -73,6 +73,7 @@ def test_checks_the_settings_of_a_custom_task(holding, experiment):
         experiment_from(values, "mine")
 
 
+@pytest.mark.slow
 def test_trains_evaluates_replays_and_reports_a_custom_task(experiment, tmp_path):
     """A complete reproduction of one experiment, in this process."""
     run = tmp_path / "run"

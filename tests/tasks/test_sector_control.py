@@ -53,6 +53,7 @@ def hearing(state):
     return np.flatnonzero(np.asarray(TASK.active(state)))
 
 
+@pytest.mark.slow
 def test_it_follows_the_contract():
     assert isinstance(TASK, ManyAgents)
     assert not isinstance(TASK, TrafficTask)
@@ -116,6 +117,7 @@ def test_instructions_in_consecutive_cycles_are_one_transmission(state):
     assert totals == [1.0, 1.0, 1.0, 2.0, 2.0, 2.0]
 
 
+@pytest.mark.slow
 def test_a_transmission_costs_its_price_once(state):
     slot = hearing(state)[0]
     _, quiet = ADVANCE(state)
@@ -166,6 +168,7 @@ def test_observations_are_within_range_and_zero_without_a_flight(state):
     assert rows["fl_sx"][slot] == pytest.approx((gap + 200.0) / 400.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_batch_is_computed_like_single_scenarios():
     keys = jax.random.split(jax.random.key(3), 2)
     many = jax.jit(jax.vmap(TASK.reset, out_axes=-1))(keys)

@@ -33,6 +33,7 @@ def two_flights(state):
     return np.flatnonzero(np.asarray(state.decides) & middle)[:2].tolist()
 
 
+@pytest.mark.slow
 def test_time_is_frozen_while_flights_are_instructed(start):
     one, other = two_flights(start)
     state, outcome = STEP(start, actions(**{f"s{one}": LEFT_10, f"s{other}": CLIMB}))
@@ -97,6 +98,7 @@ def test_a_cycle_without_instructions_is_that_of_the_task(start):
     np.testing.assert_array_equal(outcome.reward, expected_outcome.reward)
 
 
+@pytest.mark.slow
 def test_a_round_and_a_cycle_are_also_separate_functions(start):
     one, other = two_flights(start)
     told = actions(**{f"s{one}": DESCEND, f"s{other}": RIGHT_10})

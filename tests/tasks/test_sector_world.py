@@ -49,6 +49,7 @@ def hour():
     return flown(400, own_navigation)
 
 
+@pytest.mark.slow
 def test_every_flight_is_born_once_and_leaves_once(hour):
     _, cycles = hour
     born = [int(c.flight[slot]) for c in cycles for slot in np.flatnonzero(c.born)]

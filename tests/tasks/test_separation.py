@@ -95,6 +95,7 @@ def closed_form(place):
     return partial(pair_distance_squared, PLANES[place], 10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", PLANES)
 def test_losses_agree_with_brute_force(place):
     found, exact = measured(place, jax.jit(closed_form(place))), brute_force(place)

@@ -66,6 +66,7 @@ def next_fixes(sector, points_deg):
     return found
 
 
+@pytest.mark.slow
 def test_starts_of_a_hairpin_route_are_before_its_second_fix():
     """The bisector of a hairpin's legs also crosses the leg to it, 99 NM before the fix."""
     simulator = Simulator(HAIRPIN, performance("table"))
@@ -343,6 +344,7 @@ def test_progress_stays_at_the_last_fix_and_never_goes_back():
     assert next_fixes(HAIRPIN, [*fixes, HAIRPIN.fixes["WO"]])[-1] == 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fixes", [17, 120])
 def test_loops_over_long_routes_agree_with_unrolled_code(fixes, monkeypatch):
     """The next fix of a long route is found in a loop, that of a short one by unrolled code."""

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from skystack.simulator.traffic import ticks
 from skystack.tasks.outlook import look_ahead
@@ -34,6 +35,7 @@ def urgency_of(world):
     return found
 
 
+@pytest.mark.slow
 def test_the_most_urgent_others_are_those_that_come_closest_at_the_levels_used():
     """For a batch of two scenarios with different flights."""
     worlds = [after(120, seed).world for seed in (0, 1)]

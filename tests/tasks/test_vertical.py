@@ -124,6 +124,7 @@ def to_exit_level(observation):
     return action(CLIMB if gap_fl < -5.0 else DESCEND if gap_fl > 5.0 else NO_OP)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("stacked", "clearances"), [(True, 1), (False, 15)])
 def test_a_climb_of_150_levels_takes_one_or_fifteen_clearances(task, stacked, clearances):
     issued, outcome = fly_to_the_end(task, begin(task, 100.0, 250.0), to_exit_level, stacked)

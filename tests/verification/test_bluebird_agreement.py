@@ -20,6 +20,7 @@ def platforms():
     return Skystack(), Bluebird()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sector", "model", "rollouts"),
     [

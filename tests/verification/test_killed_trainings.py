@@ -6,6 +6,7 @@ from verification.robustness.killed_trainings import SUBJECTS, survive
 
 
 # The children execute another program at once, so JAX does not run in them after the fork.
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_killed_training_gives_the_same_result(tmp_path, monkeypatch):

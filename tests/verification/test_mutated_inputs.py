@@ -16,6 +16,7 @@ COUNT = 150
 EXTRAS = {"onnx": ["onnx", "onnxruntime"], "sb3": ["stable_baselines3"]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FORMATS)
 def test_mutated_files_are_read_or_refused_in_one_line(name, tmp_path):
     for package in EXTRAS.get(name, ()):
@@ -114,6 +115,7 @@ def test_choices_use_the_given_bytes_first():
     assert Choices(b"").getrandbits(9) == Random(0).getrandbits(9)
 
 
+@pytest.mark.slow
 def test_guided_inputs_are_tried_in_a_separate_process():
     pytest.importorskip("atheris")
     numbers = []

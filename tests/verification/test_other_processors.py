@@ -69,6 +69,7 @@ def test_promises_match_the_documentation():
     assert f"no aircraft is more than {MAX_APART_NM} NM" in page
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="imitates processors of x86-64")
 def test_older_processor_reproduces_the_recorded_results(tmp_path, monkeypatch):
     """The recorded results are from another machine, with newer instructions."""

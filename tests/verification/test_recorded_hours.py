@@ -27,6 +27,7 @@ def ours(tmp_path_factory):
     return recorded(tmp_path_factory.mktemp("hours"), CATEGORY)
 
 
+@pytest.mark.slow
 def test_our_own_hour_is_flown_again(ours):
     found = agreement(*hour_of(ours))
     assert found.flights > 20
@@ -35,6 +36,7 @@ def test_our_own_hour_is_flown_again(ours):
     assert (found.wrong_levels, found.wrong_exits) == (0, 0)
 
 
+@pytest.mark.slow
 def test_bluebirds_hour_is_flown_again_in_our_simulator(tmp_path, capsys):
     pytest.importorskip("bluebird_dt")
     folder = recorded(tmp_path, CATEGORY._replace(platform="bluebird"))

@@ -43,6 +43,7 @@ def place(tmp_path, monkeypatch):
     return Place(tmp_path / "work", tmp_path, tmp_path)
 
 
+@pytest.mark.slow
 def test_terminated_training_ends_cleanly(place):
     metrics = place.folder / "run" / "metrics.jsonl"
     command = SIGNALLED["train"].command(place)

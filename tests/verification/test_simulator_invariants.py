@@ -25,6 +25,7 @@ def flier():
     return Flier(setting_of(STEERED[0]))
 
 
+@pytest.mark.slow
 def test_20_000_cycles_violate_no_invariant(flier):
     tallies = {}
     try_worlds(flier, STEERED, 0, tallies)

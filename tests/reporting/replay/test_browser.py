@@ -46,6 +46,7 @@ def clearances_of(folder, scenario):
     return [row for row in rows if row["scenario"] == scenario]
 
 
+@pytest.mark.slow
 def test_plays_and_pauses(open_page):
     with open_page("meeting") as viewer:
         assert viewer.row == 0

@@ -78,6 +78,7 @@ def test_radar_is_visible_on_a_phone_either_way_up(open_page, name, size):
         assert play[3] <= viewport["height"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["meeting", "both"])
 @pytest.mark.parametrize("size", SIZES)
 def test_nothing_moves_when_counts_and_alerts_change(open_page, name, size):
@@ -111,6 +112,7 @@ WORDS = """
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["evaluation", "both", "outcomes", "climbing"])
 @pytest.mark.parametrize("width", [390, 768, 844, 1024])
 def test_no_word_is_broken(open_page, name, width):

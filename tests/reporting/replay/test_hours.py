@@ -48,6 +48,7 @@ def page(folder, tmp_path_factory):
     return file
 
 
+@pytest.mark.slow
 def test_an_hour_has_its_flights_and_no_verdict(hours, folder):
     row = hours[0]["rules"]
     replay = read_replay(folder)

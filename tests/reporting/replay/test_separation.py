@@ -60,6 +60,7 @@ def north():
     return make_sector(read_sector(ROOT / "verification" / "simulator" / "sectors" / "north.json"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sector", "half_nm"), [(x_plus(), 60.0), (north(), 200.0)])
 def test_random_pairs_agree_with_brute_force(predict, sector, half_nm):
     """500 pairs at the equator and 500 between 59 and 66 N."""

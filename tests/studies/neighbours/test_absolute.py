@@ -35,6 +35,7 @@ def test_has_every_heading_or_level_for_each_aircraft(headings, levels):
     assert len(finer.action_names) == 1 + 2 * 72
 
 
+@pytest.mark.slow
 def test_a_heading_is_cleared_once(headings):
     """The same heading again is not an instruction; no other aircraft turns."""
     state = headings.reset(jax.random.key(1))

@@ -67,6 +67,7 @@ def test_every_piece_is_done_once_seed_by_seed(monkeypatch, tmp_path):
     assert all(found == [{"seed": 0}, {"seed": 1}] for found in results.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["frozen time", "FiGAR", "TempoRL (DQN)"])
 def test_trains_and_flies_and_reuses_the_result(method, monkeypatch, tmp_path):
     monkeypatch.setattr(compare, "SCENARIOS", 3)

@@ -17,6 +17,7 @@ from studies.neighbours.methods import METHODS, Way, build
 SCENARIOS = 40
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stacked", [True, False])
 @pytest.mark.parametrize("name", ["lateral-best", "avoidance-best"])
 def test_agrees_with_the_evaluation_of_the_package(name, stacked):
