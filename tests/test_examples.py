@@ -44,6 +44,7 @@ def test_rule_reaches_all_exits(run):
     assert 0 < stacked < plain
 
 
+@pytest.mark.slow
 def test_evaluated_rule_reaches_all_exits(run, tmp_path):
     few = ("--scenarios", "3", "--out", str(tmp_path))
     (plain, success), (stacked, stacked_success) = run("evaluated_rule.py", *few)

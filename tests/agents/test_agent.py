@@ -24,6 +24,7 @@ class Model:
         return np.zeros(len(observation), dtype=np.int64), self._state
 
 
+@pytest.mark.slow
 def test_names_are_derived_from_the_policy():
     def rule(observation):
         return 0

@@ -59,6 +59,7 @@ def test_an_onnx_file_gives_the_row_and_tables_of_the_policy(stacking, onnx_file
     capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_an_onnx_file_samples_the_same_as_the_policy(onnx_file, capsys):
     rows = [
         evaluate(capsys, name, "--episodes", 6, "--sample")[1]

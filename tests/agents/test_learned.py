@@ -114,6 +114,7 @@ def test_a_burst_becomes_one_transmission_with_a_fix_and_the_level(world):
     assert sent.level_ticks == (None if exit_level == cleared else exit_level)
 
 
+@pytest.mark.slow
 def test_the_state_is_untouched_and_flies_what_was_said(world):
     before = jax.tree.map(np.copy, world)
     agent = controller()

@@ -29,6 +29,7 @@ def hearing(world):
     return np.flatnonzero(world.hears).tolist()
 
 
+@pytest.mark.slow
 def test_a_burst_is_one_transmission(world, flights):
     flights.begin()
     slot = hearing(world)[0]
@@ -51,6 +52,7 @@ def test_what_changes_nothing_is_not_transmitted(world, flights):
     assert all(each.instructions <= 20 for each in sent)
 
 
+@pytest.mark.slow
 def test_flights_are_observed_as_in_the_task(world, flights):
     flights.begin()
     views, state = flights.observe(world), BEGIN(world)

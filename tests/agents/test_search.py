@@ -58,6 +58,7 @@ def test_the_same_traffic_without_a_controller_that_looks_ahead_loses_separation
     assert row("levels kept")["excursion_rate"] == 0.0
 
 
+@pytest.mark.slow
 def test_turning_away_avoids_some_losses():
     avoided, own = row("rules"), row("own navigation")
     assert avoided["losses_of_separation"] < own["losses_of_separation"]
@@ -160,6 +161,7 @@ def test_conflicts_that_cannot_be_avoided_are_left_quickly():
     assert len(counted) < 60
 
 
+@pytest.mark.slow
 def test_flights_that_are_born_close_are_kept_separated():
     """Two flights side by side, 5.05 NM apart and converging, are within the margin at once."""
     sector = x_plus()

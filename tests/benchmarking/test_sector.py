@@ -18,6 +18,7 @@ def small(monkeypatch):
         monkeypatch.setattr(sector, name, value)
 
 
+@pytest.mark.slow
 def test_counts_the_flights_of_the_cycles_that_are_timed():
     simulator = build_task(load_experiment(sector.EXPERIMENT).task).simulator
     world = World(Flow(simulator, constant_rate(RATE), slots=SLOTS))

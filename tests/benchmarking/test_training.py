@@ -39,6 +39,7 @@ def test_seeds_trained_together_learn_the_same_as_alone(small):
             np.testing.assert_allclose(ours[seed], theirs, atol=2e-5)
 
 
+@pytest.mark.slow
 def test_figures_describe_the_training(small):
     rate, memory = training.training_figures("lateral", 2, seeds=2)
     assert (rate.name, rate.unit, len(rate.values)) == (

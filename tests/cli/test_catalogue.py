@@ -62,6 +62,7 @@ def test_card_matches_its_template(name):
     assert (SHIPPED / name / model_card.FILE).read_text("utf-8") == card
 
 
+@pytest.mark.slow
 def test_flights_reproduce_the_recorded_results():
     """Within tolerances, because other processors may break ties of logits differently."""
     recorded = read_measured(SHIPPED / "vertical").stacked

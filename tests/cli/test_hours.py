@@ -12,17 +12,12 @@ SMALL = [
 ]
 
 
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory):
-    return tmp_path_factory.mktemp("control") / "run"
-
-
 @pytest.mark.slow
-def test_trains_a_policy_and_flies_an_hour_with_it(capsys, trained):
+def test_trains_a_policy_and_flies_an_hour_with_it(capsys, tmp_path):
+    trained, out = tmp_path / "run", tmp_path / "hours"
     code, _, err = run(capsys, "train", "sector-control", "--out", str(trained), *SMALL)
     assert code == 0
     assert err.rstrip().endswith("--traffic 60")
-    out = trained.parent / "hours"
     options = ["--traffic", "40", "--cycles", "20", "--out", str(out), "--json"]
     code, printed, err = run(capsys, "evaluate", str(trained), *options)
     assert code == 0
@@ -37,8 +32,8 @@ def test_trains_a_policy_and_flies_an_hour_with_it(capsys, trained):
     assert "written" in err
 
 
-def test_a_policy_of_sector_control_needs_traffic(capsys, trained):
-    code, _, err = run(capsys, "evaluate", str(trained))
+def test_a_policy_of_sector_control_needs_traffic(capsys):
+    code, _, err = run(capsys, "evaluate", "sector-control")
     assert code == 2
     assert "controls a whole sector (allowed: with --traffic, such as" in err
 

@@ -149,6 +149,7 @@ def test_file_in_place_of_the_folder_is_left_alone(tmp_path):
     assert file.read_text() == "mine"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "deletion",
     [

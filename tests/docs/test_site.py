@@ -52,6 +52,7 @@ def test_pages_load_nothing_from_the_network(pages):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_every_top_level_name_has_an_entry_with_an_example(name, pages):
     entry = pages["api.html"].find(id=f"skystack.{name}").find_next_sibling("dd")
@@ -118,6 +119,7 @@ def opened(browser, path, query="", viewport=LAPTOP, color_scheme="light"):
     assert problems == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("viewport", [LAPTOP, PHONE], ids=["laptop", "phone"])
 def test_wide_tables_scroll_and_never_break_numbers(viewport, site, browser):
     with opened(browser, site / "faithfulness.html", viewport=viewport) as page:
@@ -140,6 +142,7 @@ def test_wide_tables_scroll_and_never_break_numbers(viewport, site, browser):
         assert broken == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["index", "api", "api/learning", "benchmarks", "command-line"])
 def test_page_fits_a_phone(name, site, browser):
     with opened(browser, site / f"{name}.html", viewport=PHONE) as page:

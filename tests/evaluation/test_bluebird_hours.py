@@ -67,6 +67,7 @@ def test_every_cycle_is_flown_as_in_our_simulator(flown):
     assert any(before.traffic.turn_radius_nm.max() > 0.0 for before, *_ in flown.rows)
 
 
+@pytest.mark.slow
 def test_flights_are_born_at_their_places_and_leave_once(flown):
     born = [int(c.flight[slot]) for _, _, c, _ in flown.rows for slot in np.flatnonzero(c.born)]
     starters = (flown.rows[0][0].arrivals.flight != FREE).sum()

@@ -42,6 +42,7 @@ def test_the_same_flights_are_born_in_the_same_cycles(flown):
     assert len(births[0]) > 15
 
 
+@pytest.mark.slow
 def test_flights_fly_nearly_alike(flown):
     """Both fly the same headings, levels and airspeeds. BlueSky adopts a clearance one cycle
     earlier, turns with 25 degrees of bank, and accelerates into climbs and descents."""

@@ -69,6 +69,7 @@ def test_both_simulators_fly_the_same_tracks(both):
     assert np.mean(np.array(apart_nm) < CLOSE_NM) > 0.75
 
 
+@pytest.mark.slow
 def test_both_simulators_agree_on_every_exit(both):
     for ours, theirs in zip_longest(*(flown.scores.flights for flown in both)):
         assert ours[:2] == theirs[:2]

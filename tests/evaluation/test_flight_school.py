@@ -43,6 +43,7 @@ def test_each_seed_is_the_first_hour_of_that_evaluation_seed(flown):
     assert result.failed == {}
 
 
+@pytest.mark.slow
 def test_the_tables_have_all_seeds(flown):
     result, out, _ = flown
     assert result.folder == out / "own-navigation-flight-school-60"

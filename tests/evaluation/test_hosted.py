@@ -106,6 +106,7 @@ def test_a_rule_succeeds_and_stacking_saves_clearances(tmp_path):
     assert folders == {"aim-s0-skystack-stacked", "aim-s0-skystack-plain"}
 
 
+@pytest.mark.slow
 def test_a_no_op_function_equals_the_no_op_evaluation():
     ours = evaluate_no_op(SHORT, Conditions(episodes=7), None)
     theirs = skystack.evaluate(lambda observation: 0, Conditions(episodes=7), experiment=SHORT)

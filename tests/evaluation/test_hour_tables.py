@@ -53,6 +53,7 @@ def test_every_flight_has_a_row_for_each_cycle_from_its_birth_to_its_end(flown, 
     assert any(row["gone_cycle"] for row in tables["aircraft"])
 
 
+@pytest.mark.slow
 def test_positions_and_levels_are_those_after_the_cycle(flown, tables):
     plane, traffic = flown.world.sector.plane, flown.hour.traffic
     for row in tables["trajectories"][:: len(tables["trajectories"]) // 50]:

@@ -51,6 +51,7 @@ def blocks_of(flown, scenarios):
     return iter(list(parts_of(flown, scenarios)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 7])
 def test_tables_do_not_depend_on_the_blocks(size, task, flown, tmp_path, monkeypatch):
     """Byte for byte, and they equal the tables of all scenarios at once."""

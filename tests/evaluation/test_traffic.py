@@ -46,6 +46,7 @@ def test_the_row_has_what_is_promised(evaluated):
     assert counted == list(range(1, 481))
 
 
+@pytest.mark.slow
 def test_the_tables_agree_with_the_row(evaluated):
     row, out, _ = evaluated
     (folder,) = out.iterdir()

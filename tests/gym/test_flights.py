@@ -40,6 +40,7 @@ def test_passes_the_checks_of_pettingzoo(environment):
     parallel_api_test(Arriving(environment.task, environment.programs), num_cycles=150)
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_identical_episodes(environment):
     both = iter([Arriving(environment.task, environment.programs) for _ in range(2)])
     parallel_seed_test(lambda: next(both), num_cycles=60)

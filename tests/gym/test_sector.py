@@ -48,6 +48,7 @@ def test_it_agrees_with_the_task(environment):
     assert environment.observation_space.contains(observation)
 
 
+@pytest.mark.slow
 def test_masked_actions_change_nothing_and_others_do(environment):
     infos = run(environment, 5, 40)[-1][-1]
     before = environment.task_state

@@ -82,6 +82,7 @@ def test_agrees_with_the_synchronous_vector_environment(vector, mode, seed):
     assert check_same_flights(ours, theirs, seed, STEPS) >= SCENARIOS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_time_limit_truncates_as_in_gymnasium(vector, mode):
     limited = [lambda: gymnasium.wrappers.TimeLimit(single(), 9)] * SCENARIOS

@@ -12,6 +12,7 @@ from skystack.learning.checkpoint import load_checkpoint, save_checkpoint
 from skystack.learning.monitor import PARTS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", [jnp.nan, jnp.inf])
 @pytest.mark.parametrize("part", PARTS)
 def test_rejects_a_non_finite_value(part, value, learner, tmp_path):

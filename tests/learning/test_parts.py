@@ -38,6 +38,7 @@ def test_only_tasks_with_several_agents_are_trained_on_several_cores():
     assert (cores_for(TellSigns()), cores_for(SignTask())) == (2, 1)
 
 
+@pytest.mark.slow
 def test_an_odd_number_of_environments_is_collected_whole():
     settings = PPOSettings(environments=3, steps=4, epochs=1, minibatch=8, hidden=(4,))
     task = TellSigns()

@@ -259,6 +259,7 @@ def test_learns_a_task_with_a_known_solution():
     assert np.mean(returns[-5:]) > 4.7
 
 
+@pytest.mark.slow
 def test_learns_with_logits_that_a_head_makes_of_the_outputs():
     """With the only output x, the logits are x and -x."""
     head = network.Head(1, lambda outputs: jnp.concatenate([outputs, -outputs]))

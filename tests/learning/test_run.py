@@ -41,6 +41,7 @@ def weight_bytes(folder):
     return (folder / "policy.safetensors").read_bytes()
 
 
+@pytest.mark.slow
 def test_run_writes_its_files(trained):
     folder, result = trained
     lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]

@@ -116,6 +116,7 @@ def test_a_whole_session(session, page, tmp_path, browser):
         assert wanted in viewer.log
 
 
+@pytest.mark.slow
 def test_a_heading_is_dragged_and_a_level_is_picked(session, page):
     name = on_frequency(session.control.hour)[0]
     page.page.locator(".strip", has_text=name).first.click()

@@ -150,6 +150,7 @@ def test_the_verb_flies_what_is_typed_and_records_it(tmp_path, capsys, monkeypat
     assert replay.title.startswith("session, 600 flights/h")
 
 
+@pytest.mark.slow
 def test_a_clearance_after_the_last_cycle_is_not_in_the_recording(tmp_path, monkeypatch):
     lines = b"30\nAC1 fly heading 270\n1\nAC1 fly heading 280\nquit\n"
     monkeypatch.setattr(sys, "stdin", Input(lines))

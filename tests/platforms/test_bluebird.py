@@ -131,6 +131,7 @@ platform.close()
 """
 
 
+@pytest.mark.slow
 def test_prints_nothing_and_leaves_no_files(tmp_path):
     home, folder = tmp_path / "home", tmp_path / "folder"
     home.mkdir()

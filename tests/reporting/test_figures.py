@@ -33,6 +33,7 @@ def test_writes_every_figure_as_png_and_svg(reported):
     assert written == {f"{name}.{kind}" for name in EXPECTED for kind in ("png", "svg")}
 
 
+@pytest.mark.slow
 def test_figures_are_complete_and_contain_no_local_paths(reported):
     for path in (reported / "figures").iterdir():
         data = path.read_bytes()

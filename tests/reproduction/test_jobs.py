@@ -91,6 +91,7 @@ def test_retrains_over_a_damaged_checkpoint(plan, experiment):
     assert summary["steps"] == 1024
 
 
+@pytest.mark.slow
 def test_full_disk_does_not_restart_a_training(plan, experiment, monkeypatch):
     """Only a checkpoint that cannot be resumed is discarded."""
     train_or_load(plan, experiment, 1, ignore)

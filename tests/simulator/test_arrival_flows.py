@@ -75,6 +75,7 @@ def test_the_number_of_flights(name, time_s, flights, tolerance):
     assert born[:, time_s // 6 - 1].mean() == pytest.approx(flights, abs=tolerance)
 
 
+@pytest.mark.slow
 def test_a_dense_sector_refuses_births():
     _, present, refused = hours("category")
     assert present[:, 200:].mean() == pytest.approx(89.5, abs=4)

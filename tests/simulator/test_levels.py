@@ -130,6 +130,7 @@ def test_aircraft_do_not_climb_through_the_ceiling():
     assert rows.vertical_speed_ft_min[6, 0] == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 def test_a_thousand_climbs_and_descents_return_exactly(model):
     """Levels are whole ticks in every row, and the last cleared level is reached exactly."""

@@ -191,6 +191,7 @@ def compiled_once(monkeypatch, x_plus_search):
     monkeypatch.setattr(fewest_clearances, "Search", lambda task: x_plus_search)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("compiled_once")
 def test_command_line_counts_the_aircraft_on_bent_routes(capsys, tmp_path, drawn):
     file = tmp_path / "fewest.json"

@@ -106,6 +106,7 @@ def test_flights_on_headings_leave_when_predicted(sector):
     check([compared(sector, state, state, CLEARED) for state in states(sector, own=False)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sector", SECTORS)
 @pytest.mark.parametrize("turn_deg", [-90.0, 90.0])
 def test_flights_leave_when_predicted_after_a_turn(sector, turn_deg):

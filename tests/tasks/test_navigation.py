@@ -208,6 +208,7 @@ def test_instructions_before_entry_can_be_refused(traffic_on):
     assert float(heard.traffic.cleared_heading_deg[0]) == 35.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("timing", ["cycle", "stack"])
 def test_time_passes_while_instructions_are_refused(timing):
     """A policy that always instructs the same aircraft issues nothing before it enters."""

@@ -112,6 +112,7 @@ def test_a_turn_away_or_another_level_ends_a_conflict():
     assert (np.asarray(outlook.time_s)[:, ~mask] == HORIZON_S).all()
 
 
+@pytest.mark.slow
 def test_every_neighbour_is_another_flight():
     state = after(120, 1)
     neighbour, urgency = np.asarray(state.outlook.neighbour), np.asarray(state.outlook.urgency)

@@ -96,6 +96,7 @@ def level_flight(traffic):
     return kept._replace(cleared_level_ticks=traffic.level_ticks)
 
 
+@pytest.mark.slow
 def test_a_route_is_flown_as_predicted(state):
     """Also by flights that are in a turn at a fix."""
     traffic = level_flight(state.world.traffic)

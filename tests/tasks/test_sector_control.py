@@ -187,6 +187,7 @@ def test_a_batch_is_computed_like_single_scenarios():
     )
 
 
+@pytest.mark.slow
 def test_losses_are_those_of_a_search_over_all_pairs(state):
     _, cycle = FLY(state.world)
     position = np.asarray(cycle.traffic.position_nm).copy()

@@ -48,6 +48,7 @@ def test_time_is_frozen_while_flights_are_instructed(start):
     np.testing.assert_array_equal(waits, np.asarray(start.decides) & ~np.asarray(state.decides))
 
 
+@pytest.mark.slow
 def test_a_flight_that_waits_is_asked_again_in_the_next_cycle(start):
     one, other = two_flights(start)
     state, _ = STEP(start, actions(**{f"s{one}": LEFT_10}))
@@ -88,6 +89,7 @@ def test_no_stack_is_endless(start):
     assert steps == ROUNDS + 1
 
 
+@pytest.mark.slow
 def test_a_cycle_without_instructions_is_that_of_the_task(start):
     state, outcome = STEP(start, actions())
     expected, expected_outcome = ADVANCE(start.inner)

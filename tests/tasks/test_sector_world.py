@@ -61,6 +61,7 @@ def test_every_flight_is_born_once_and_leaves_once(hour):
     assert len(left) > 15
 
 
+@pytest.mark.slow
 def test_flights_on_own_navigation_exit_correctly(hour):
     _, cycles = hour
     assert not any(c.excursion.any() for c in cycles)

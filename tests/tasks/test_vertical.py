@@ -43,6 +43,7 @@ def begin(task, entry_fl, exit_fl):
     return task.begin(traffic, jnp.full(1, ticks(exit_fl), dtype=jnp.float32))
 
 
+@pytest.mark.slow
 def test_satisfies_the_contract(task):
     check_task(task)
     assert task.action_names == ("none", "aircraft 1 level -10 FL", "aircraft 1 level +10 FL")

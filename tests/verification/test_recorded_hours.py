@@ -48,6 +48,7 @@ def test_bluebirds_hour_is_flown_again_in_our_simulator(tmp_path, capsys):
     assert "1 hours: " in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_differences_are_found(ours):
     """One clearance removed, one level changed, one exit a cycle later."""
     sector, hour = hour_of(ours)

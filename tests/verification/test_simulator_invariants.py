@@ -78,6 +78,7 @@ def violated(quantities):
     return {name for name, tally in tallies.items() if tally.findings}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("part", "field", "by", "name"), FAULTS)
 def test_detects_faults_of_one_cycle(flier, flight, part, field, by, name):
     world, flown, _ = flight

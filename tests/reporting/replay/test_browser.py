@@ -58,6 +58,7 @@ def test_plays_and_pauses(open_page):
         assert viewer.row == stopped
 
 
+@pytest.mark.slow
 def test_stops_at_the_end_and_restarts(open_page):
     with open_page("meeting", "scenario=0&cycle=58") as viewer:
         viewer.keys("]", "]", "k")

@@ -59,6 +59,7 @@ def boxes(viewer, *selectors):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["meeting", "both"])
 @pytest.mark.parametrize("size", ["phone", "landscape"])
 def test_radar_is_visible_on_a_phone_either_way_up(open_page, name, size):

@@ -62,6 +62,7 @@ def test_an_hour_has_its_flights_and_no_verdict(hours, folder):
     assert told == pytest.approx(row["transmissions_per_flight"] * row["flights"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("agent", ["rules", "own-navigation"])
 def test_excursions_and_wrong_levels_are_named(hours, agent):
     folder = hours[1][agent]

@@ -51,6 +51,7 @@ def program(folder, text):
     return path
 
 
+@pytest.mark.slow
 def test_film_shows_every_cycle_and_holds_the_last_one(ffmpeg, tmp_path):
     rows, span, replays = [], Span(5, 12), tuple(replay(title) for title in TITLES)
     data = video(replays, 4, span, ffmpeg, rows.append)
