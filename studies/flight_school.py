@@ -4,13 +4,13 @@
     python -m studies.flight_school --read [--out DIR]
 
 Flies an hour per seed, from seed 1 on: `--seeds` of them in skystack, `--others` in BluebirdDT and,
-of `category` traffic, in BlueSky. A case is a controller on one kind of traffic in one simulator.
-With names of these, such as `search notebook`, only the cases that match all of them are flown and
-shown.
+for `category` traffic, in BlueSky. A case is a controller on one kind of traffic in one simulator.
+NAME is one of these: with `search notebook`, only the cases that match both are flown and shown.
 
 The results of each case are stored as a line of `docs/results/flight-school.jsonl` (`--results
-FILE`). A case with stored results for the same number of seeds is not flown again, unless its line
-is deleted. Finished seeds in DIR are reused too, so the command can be interrupted and repeated.
+FILE`). A case with stored results for the same number of seeds is not flown again, even if the code
+has changed: to fly it again, delete its line. Finished seeds in DIR are reused if the code is the
+same, so the command can be interrupted and repeated.
 Prints the stored results as Markdown tables and draws the survival curves of
 `docs/flight-school.md` into DIR; with `--read`, nothing is flown. Failed seeds are left out. Needs
 the extras `[bluebird]` and `[bluesky]`.
@@ -68,8 +68,8 @@ def named(names: Sequence[str]) -> list[Case]:
     found = [case for case in plan() if set(names) <= set(case)]
     if not found:
         raise InputError(
-            f"no case matches {', '.join(names)} (allowed: one controller, one kind of traffic and "
-            "one simulator that are flown together)"
+            f"no case matches {', '.join(names)} (allowed: at most one controller, one kind of "
+            "traffic and one simulator; BlueSky flies category only, and mvp flies in BlueSky only)"
         )
     return found
 

@@ -62,7 +62,7 @@ class Result(msgspec.Struct, frozen=True):
     """The results of a controller on some traffic in a simulator."""
 
     flown: str
-    """The date, as in 2026-11-29."""
+    """The date on which the result was stored, as in 2026-11-29. Reused seeds may be older."""
     row: dict[str, Any]
     """The row that `skystack flight-school` writes."""
     spoken: Spoken | None

@@ -15,7 +15,7 @@ from pathlib import Path
 from skystack.errors import InputError
 from skystack.reporting.hours_report import label
 from skystack.reporting.table import Table
-from skystack.reporting.tables import percent
+from skystack.reporting.tables import NOTHING, percent
 from studies.hour_results import RESULTS, SOON_S, Result, read_results, result_in
 
 
@@ -29,7 +29,7 @@ def table_of(results: Sequence[Result]) -> Table:
         columns.append(
             (
                 percent(None if found is None else found.again_soon),
-                "1.00" if found is None else f"{1.0 + found.combined:.2f}",
+                NOTHING if found is None else f"{1.0 + found.combined:.2f}",
                 f"{rate * avoidable / losses:.4f}" if avoidable else "0",
                 f"{values['close_pairs'] / max(values['flights'], 1):.3f}",
                 percent(values["correct_exit_rate"]),

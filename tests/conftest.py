@@ -107,10 +107,10 @@ FAST_COMPILE = (
     "io/test_names.py",
 )
 """Tests of output rather than of computed values. Their programs are compiled without most
-optimisations, in a third of the time. All other tests compile with the default options."""
+optimisations, in a third of the time. In all other tests, only small programs are (`SMALL`)."""
 SMALL = 20
-"""Programs with at most this number of operations are always compiled like that. Tests run
-thousands of them, most with a single operation, and optimising them takes longer than running."""
+"""Programs with at most this many operations are compiled without most optimisations in all tests.
+There are thousands of them, most with a single operation: optimising takes longer than running."""
 _EMITTERS = "xla_cpu_use_fusion_emitters"
 FAST_COMPILE_ENVIRONMENT = {
     "JAX_DISABLE_MOST_OPTIMIZATIONS": "1",
@@ -200,7 +200,7 @@ def _within(path, parts):
 
 
 def _is_large():
-    """Whether this process uses much memory: all workers together may use a third of it."""
+    """Whether this process uses too much memory: all workers may use a third of the machine's."""
     workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
     try:
         used = int(Path("/proc/self/statm").read_text().split()[1])

@@ -49,7 +49,7 @@ class Hour(NamedTuple):
     excursion: Bool[np.ndarray, "cycles slots"]
     waiting: Int[np.ndarray, " cycles"]
     fail_safe: Bool[np.ndarray, " cycles"]
-    """Whether nobody would lose separation within `FAIL_SAFE_S` without a further clearance."""
+    """Whether no flight would lose separation within `FAIL_SAFE_S` without a further clearance."""
     sent: list[Sent]
     decision_ms: Float[np.ndarray, " cycles"]
     """The time that the agent took before each cycle."""
@@ -155,7 +155,7 @@ class HourFlyer:
 
 
 def is_fail_safe(world: World, state: WorldState) -> Bool[Array, "*batch"]:
-    """Whether nobody would lose separation within `FAIL_SAFE_S` without a further clearance."""
+    """Whether no flight would lose separation within `FAIL_SAFE_S` without a further clearance."""
     return jnp.all(world.time_to_loss_as_cleared(state, margin_nm=0.0) >= FAIL_SAFE_S, axis=0)
 
 

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 from skystack.simulator.traffic import ticks
 
 FAIL_SAFE_S = 300.0
-"""A cycle is fail-safe if nobody would lose separation within this time without a clearance."""
+"""A cycle is fail-safe if no flight would lose separation within this time without a clearance."""
 
 PerFlight = Float[Array, "slots *batch"]
 Flags = Bool[Array, "slots *batch"]
