@@ -614,7 +614,7 @@ def test_interrupted_training_ends_cleanly_and_can_be_resumed(tmp_path):
 def test_bench_measures_skystack_and_names_missing_peers(capsys, monkeypatch, options):
     fast = Figure("fast", "steps/s", (3.0, 5.0, 4.0), "sitting")
     if options:
-        monkeypatch.setattr(benchmarking, "measure_skystack", lambda effort, on_group: [fast])
+        monkeypatch.setattr(benchmarking, "measure_skystack", lambda *_: [fast])
         monkeypatch.setattr(
             peers, "PEERS", (*AVAILABLE_PEERS, Peer("absent", "fast", missing_peer, ""))
         )

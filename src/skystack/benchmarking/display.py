@@ -1,9 +1,10 @@
-"""The figures as a table."""
+"""The figures as tables."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from skystack.benchmarking.figures import Figure
+from skystack.benchmarking.paired import Pair
 from skystack.reporting.table import Table
 
 
@@ -20,6 +21,22 @@ def figures_table(figures: Sequence[Figure]) -> Table:
         for figure in figures
     )
     return Table(("figure", "median", "range", "unit", "runs"), lines)
+
+
+def pairs_table(pairs: Sequence[Pair]) -> Table:
+    """One row per quantity: both medians, the unit, and how many times as good this version is."""
+    lines = tuple(
+        (
+            pair.name,
+            number(pair.ours.median),
+            number(pair.theirs.median),
+            pair.unit,
+            number(pair.ratio),
+            f"{number(min(pair.ratios))} to {number(max(pair.ratios))}",
+        )
+        for pair in pairs
+    )
+    return Table(("figure", "this", "other", "unit", "ratio", "in each round"), lines)
 
 
 def number(value: float) -> str:

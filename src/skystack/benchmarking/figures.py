@@ -5,6 +5,9 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+GROUPS = ("start", "simulator", "training", "gpu", "success", "sector", "decisions")
+"""The groups of skystack's figures, in the order in which they are measured."""
+
 
 class Figure(NamedTuple):
     """Repeated measurements of one quantity."""

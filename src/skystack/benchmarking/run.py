@@ -1,16 +1,16 @@
-"""All figures, each group in a new process, so that groups share no memory or programs."""
+"""All figures, each part in a new process, so that parts share no memory or programs."""
 
 import math
 import multiprocessing
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 from skystack.benchmarking.decisions import decision_figures
-from skystack.benchmarking.figures import Figure
+from skystack.benchmarking.figures import GROUPS, Figure
 from skystack.benchmarking.sector import sector_figures, sector_training_figures
 from skystack.benchmarking.simulator import simulator_figures
 from skystack.benchmarking.starting import starting_figures
@@ -22,13 +22,14 @@ from skystack.benchmarking.training import (
     training_figures,
 )
 from skystack.compilation.cores import cores, processor_lines
+from skystack.errors import InputError
 from skystack.learning.policy import package_versions
 
 FASTEST_EXPERIMENT = "lateral-best"
 """The experiment that learns lateral navigation in the shortest time."""
 
 SECTOR = {"traffic and decisions": sector_figures, "training": sector_training_figures}
-"""The groups of sector control, and the functions that measure them."""
+"""The parts of sector control, and the functions that measure them."""
 
 Result = TypeVar("Result")
 
@@ -52,31 +53,61 @@ QUICK = Effort(1, 1, scenarios=1, trainings=("lateral",), aircraft=(2,), seeds=0
 """A minimal effort, as a check."""
 
 
-def measure_skystack(effort: Effort, on_group: Callable[[str], None]) -> list[Figure]:
-    """Skystack's figures; `on_group` is called with the title of each group before it starts."""
-    groups: list[tuple[str, Callable[[], list[Figure]]]] = [
-        ("start", partial(starting_figures, effort.processes)),
-        ("simulator", partial(alone, simulator_figures, effort.aircraft, effort.repetitions)),
+class Part(NamedTuple):
+    """What is measured in a process of its own."""
+
+    group: str
+    """One of `GROUPS`."""
+    title: str
+    measure: Callable[[], list[Figure]]
+
+
+def parts(effort: Effort, groups: Collection[str] = GROUPS) -> list[Part]:
+    """What is measured of some groups. Raises InputError if it is nothing."""
+    times = effort.repetitions
+    found = [
+        Part("start", "start", partial(starting_figures, effort.processes)),
+        Part("simulator", "simulator", partial(alone, simulator_figures, effort.aircraft, times)),
         *(
-            (f"training, {name}", partial(alone, training_figures, name, effort.repetitions))
+            Part("training", f"training, {name}", partial(alone, training_figures, name, times))
             for name in effort.trainings
         ),
         *(
-            (f"on a GPU, {name}", partial(alone, accelerator_figures, name, effort.repetitions))
+            Part("gpu", f"on a GPU, {name}", partial(alone, accelerator_figures, name, times))
             for name in effort.trainings
         ),
-        *[("time to success", partial(success_figures, effort.seeds))] * (effort.seeds > 0),
+        *[Part("success", "time to success", partial(success_figures, effort.seeds))]
+        * (effort.seeds > 0),
         *[
-            (f"sector control, {what}", partial(alone, measure, effort.repetitions))
+            Part("sector", f"sector control, {what}", partial(alone, measure, times))
             for what, measure in SECTOR.items()
             if effort.sector
         ],
-        ("decisions", partial(alone, decision_figures, FASTEST_EXPERIMENT, effort.scenarios)),
+        Part(
+            "decisions",
+            "decisions",
+            partial(alone, decision_figures, FASTEST_EXPERIMENT, effort.scenarios),
+        ),
     ]
+    chosen = [part for part in found if part.group in groups]
+    if not chosen:
+        allowed = ", ".join(dict.fromkeys(part.group for part in found))
+        raise InputError(f"--quick measures nothing of {', '.join(groups)} (allowed: {allowed})")
+    return chosen
+
+
+def measure_skystack(
+    effort: Effort, on_part: Callable[[str], None], groups: Collection[str] = GROUPS
+) -> list[Figure]:
+    """Skystack's figures of some groups.
+
+    `on_part` is called with the title of each part before it starts. Raises InputError if nothing
+    is measured.
+    """
     figures: list[Figure] = []
-    for title, measure in groups:
-        on_group(title)
-        figures += measure()
+    for part in parts(effort, groups):
+        on_part(part.title)
+        figures += part.measure()
     return figures
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
 import skystack
+from skystack.benchmarking.figures import GROUPS
 from skystack.cli import verbs
 from skystack.cli.flight_school import flight_school, flight_school_arguments
 from skystack.cli.hours import controller_arguments
@@ -193,6 +194,18 @@ def build_parser() -> Commands:
     )
     sub.add_argument(
         "--quick", action="store_true", help="measure only a few figures, once, as a check"
+    )
+    sub.add_argument(
+        "--only",
+        nargs="+",
+        choices=GROUPS,
+        metavar="GROUP",
+        help=f"measure only these: {', '.join(GROUPS)}",
+    )
+    sub.add_argument(
+        "--against",
+        metavar="PYTHON",
+        help="compare with the skystack of another environment, measured in turn",
     )
     return Commands(parser, parsers)
 

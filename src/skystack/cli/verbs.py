@@ -4,6 +4,7 @@ import argparse
 import json
 import shlex
 import time
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -316,22 +317,20 @@ def export(options: argparse.Namespace) -> int:
 
 def bench(options: argparse.Namespace) -> int:
     from skystack.benchmarking.display import figures_table, machine_line, number
+    from skystack.benchmarking.figures import GROUPS
     from skystack.benchmarking.run import QUICK, Effort, machine, measure_skystack
     from skystack.cli.console import output
 
-    started = time.monotonic()
-
-    def on_group(title: str) -> None:
-        say(f"{time.monotonic() - started:4.0f} s  {title}")
-
-    effort = QUICK if options.quick else Effort()
-    figures = measure_skystack(effort, on_group)
+    if options.against is not None:
+        return _bench_against(options)
+    effort, on_part = QUICK if options.quick else Effort(), _timed_titles()
+    figures = measure_skystack(effort, on_part, options.only or GROUPS)
     missing: dict[str, str] = {}
     speedups: dict[str, float] = {}
     if options.peers:
         from skystack.benchmarking.peers import measure_peers, ratios
 
-        found, missing = measure_peers(effort, on_group)
+        found, missing = measure_peers(effort, on_part)
         figures += found
         speedups = ratios(figures)
     if options.json:
@@ -351,3 +350,44 @@ def bench(options: argparse.Namespace) -> int:
         for name, reason in missing.items():
             print_line(f"not measured: {name}: {reason}")
     return DONE
+
+
+def _bench_against(options: argparse.Namespace) -> int:
+    from skystack.benchmarking.display import machine_line, pairs_table
+    from skystack.benchmarking.figures import GROUPS
+    from skystack.benchmarking.paired import compare_with
+    from skystack.benchmarking.run import QUICK, Effort, machine, parts
+    from skystack.cli.console import output
+
+    if options.peers:
+        raise InputError("--peers cannot be used with --against")
+    effort = QUICK if options.quick else Effort()
+    groups = list(dict.fromkeys(part.group for part in parts(effort, options.only or GROUPS)))
+    quick = ["--quick"] if options.quick else []
+    compared = compare_with(options.against, groups, quick, _timed_titles())
+    if options.json:
+        print_json(
+            {
+                "machine": machine(),
+                "other_machine": compared.other_machine,
+                "pairs": [pair.as_json for pair in compared.pairs],
+                "unpaired": compared.unpaired,
+            }
+        )
+    else:
+        output().print(pairs_table(compared.pairs).as_rich())
+        print_line(f"this: {machine_line(machine())}")
+        print_line(f"other: {machine_line(compared.other_machine)}")
+        for name in compared.unpaired:
+            print_line(f"measured in only one of the two versions: {name}")
+    return DONE
+
+
+def _timed_titles() -> Callable[[str], None]:
+    """A function that prints the title of a measurement and the time since now."""
+    started = time.monotonic()
+
+    def say_title(title: str) -> None:
+        say(f"{time.monotonic() - started:4.0f} s  {title}")
+
+    return say_title
