@@ -1,5 +1,6 @@
 """Benchmark figures: medians, extremes, rates and ratios."""
 
+import math
 from types import SimpleNamespace
 
 from skystack.benchmarking import figures
@@ -21,6 +22,12 @@ def test_a_figure_has_a_median_and_extremes():
     }
     (line,) = figures_table([figure]).rows
     assert line == ("jump", "3.00", "1.00 to 10.0", "m", "3")
+
+
+def test_json_has_null_for_a_time_that_is_not_finite():
+    found = Figure("jump", "s", (3.0, math.inf), "standing").as_json
+    assert found["values"] == (3.0, None)
+    assert (found["median"], found["least"], found["greatest"]) == (None, 3.0, None)
 
 
 def test_rates_are_amount_per_time_without_the_first_run(monkeypatch):

@@ -1,6 +1,7 @@
 """The comparison with another installed version, with programs that stand for the two Pythons."""
 
 import json
+import math
 import sys
 
 import pytest
@@ -94,6 +95,16 @@ def test_both_are_measured_in_turn_and_the_other_without_our_packages(other, tmp
     assert (speed.name, speed.ratio, speed.ratios) == ("speed", 3.0, (3.0, 3.0))
     assert speed.ours.rounds == ((30.0, 30.0), (60.0, 60.0))
     assert (start.name, start.ratio) == ("start", 4.0)
+
+
+def test_a_training_run_without_success_takes_forever(python, monkeypatch):
+    monkeypatch.setattr(sys, "executable", python("ours", {"success": ("s", 5.0)}))
+    figures = [{"name": "success", "unit": "s", "values": [None, 8.0, 9.0]}]
+    output = json.dumps({"machine": {}, "figures": figures})
+    (pair,) = compare_with(python("other", {}, output=output), ["start"], [], print).pairs
+    assert pair.theirs.rounds == ((math.inf, 8.0, 9.0),) * 2
+    assert pair.as_json["other_values"] == ((None, 8.0, 9.0),) * 2
+    assert pair.ratios == (9.0 / 5.0, 9.0 / 10.0)
 
 
 @pytest.mark.usefixtures("ours")

@@ -1,5 +1,6 @@
 """A measured quantity: its name, its configuration and all repetitions."""
 
+import math
 import statistics
 import time
 from collections.abc import Callable
@@ -25,12 +26,20 @@ class Figure(NamedTuple):
 
     @property
     def as_json(self) -> dict[str, Any]:
-        """The figure with its median and extremes."""
+        """The figure with its median and extremes; None for what is not finite."""
         return self._asdict() | {
-            "median": self.median,
-            "least": min(self.values),
-            "greatest": max(self.values),
+            "values": finite(self.values),
+            "median": finite(self.median),
+            "least": finite(min(self.values)),
+            "greatest": finite(max(self.values)),
         }
+
+
+def finite(value: Any) -> Any:
+    """A number, or None if it is not finite, which JSON cannot express. Also inside tuples."""
+    if isinstance(value, tuple):
+        return tuple(map(finite, value))
+    return value if math.isfinite(value) else None
 
 
 def rates(run: Callable[[], Any], amount: float, repetitions: int) -> tuple[float, ...]:

@@ -5,6 +5,7 @@ ours, theirs, theirs, ours. So both meet the same changes of the machine's speed
 other programs and heat cause.
 """
 
+import math
 import os
 import statistics
 import subprocess
@@ -14,6 +15,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from skystack.benchmarking.figures import finite
 from skystack.errors import InputError
 
 _VARIABLES = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
@@ -62,17 +64,18 @@ class Pair(NamedTuple):
         return {
             "name": self.name,
             "unit": self.unit,
-            "values": self.ours.rounds,
-            "other_values": self.theirs.rounds,
-            "ratio": self.ratio,
-            "ratios": self.ratios,
+            "values": finite(self.ours.rounds),
+            "other_values": finite(self.theirs.rounds),
+            "ratio": finite(self.ratio),
+            "ratios": finite(self.ratios),
         }
 
 
 class _Figure(msgspec.Struct):
     name: str
     unit: str
-    values: tuple[float, ...]
+    values: tuple[float | None, ...]
+    """None for training runs that did not reach success."""
 
 
 class _Bench(msgspec.Struct):
@@ -119,7 +122,13 @@ def compare_with(
 
 def _sides(runs: Sequence[_Bench]) -> dict[tuple[str, str], Side]:
     """The values of each figure that all runs have."""
-    by_run = [{(each.name, each.unit): each.values for each in run.figures} for run in runs]
+    by_run = [
+        {
+            (each.name, each.unit): tuple(math.inf if v is None else v for v in each.values)
+            for each in run.figures
+        }
+        for run in runs
+    ]
     return {
         key: Side(tuple(found[key] for found in by_run))
         for key in by_run[0]
