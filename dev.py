@@ -1,9 +1,9 @@
 """The commands of a developer, on a machine with Python 3.11 or newer; see README.md.
 
     python3 dev.py reproduce [ARGUMENT ...]   run `skystack reproduce` (default: a first look)
-    python3 dev.py test                       run the tests, except slow ones
-    python3 dev.py test --all                 run all tests and check their coverage
-    python3 dev.py test ARGUMENT ...          run pytest with these arguments
+    python3 dev.py test [ARGUMENT ...]        run the tests, except slow ones unless their files
+                                              are named; further arguments are for pytest
+    python3 dev.py test --all [OPTION ...]    run all tests and check their coverage
     python3 dev.py check                      check lint, format and types
     python3 dev.py docs                       build the documentation, docs/_build/index.html
 
@@ -87,9 +87,11 @@ def main(arguments: list[str]) -> int:
         return run("skystack", "reproduce", *rest)
     if verb == "test":
         keep_programs()
-        if rest == ["--all"]:
-            return run("pytest", "--cov", "--cov-report=") or max(map(covered, COVERED))
-        return run("pytest", *(rest or ("-m", "not slow")))
+        if "--all" in rest:
+            rest.remove("--all")
+            return run("pytest", "--cov", "--cov-report=", *rest) or max(map(covered, COVERED))
+        named = any((ROOT / word.split("::")[0]).exists() for word in rest)
+        return run("pytest", *(() if named else ("-m", "not slow")), *rest)
     if verb == "docs":
         code = run("sphinx", "-W", "--keep-going", "-q", "docs", "docs/_build", *rest)
         if code == 0:

@@ -72,8 +72,11 @@ def test_an_environment_without_python_is_created_again(prepared, tmp_path):
     ("arguments", "expected"),
     [
         ([], ["pytest -m not slow"]),
+        (["-x", "-k", "pairs"], ["pytest -m not slow -x -k pairs"]),
         (["tests/tasks", "-x"], ["pytest tests/tasks -x"]),
+        (["tests/test_dev.py::test_it"], ["pytest tests/test_dev.py::test_it"]),
         (["--all"], ["pytest --cov --cov-report=", *["coverage report"] * 4]),
+        (["-x", "--all"], ["pytest --cov --cov-report= -x", *["coverage report"] * 4]),
     ],
 )
 def test_slow_tests_and_coverage_are_run_on_request(dev, monkeypatch, arguments, expected):

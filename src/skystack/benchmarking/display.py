@@ -24,7 +24,7 @@ def figures_table(figures: Sequence[Figure]) -> Table:
 
 
 def pairs_table(pairs: Sequence[Pair]) -> Table:
-    """One row per quantity: both medians, the unit, and how many times as good this version is."""
+    """One row per quantity: both medians, the unit, the ratio, and that of each round."""
     lines = tuple(
         (
             pair.name,
@@ -32,7 +32,7 @@ def pairs_table(pairs: Sequence[Pair]) -> Table:
             number(pair.theirs.median),
             pair.unit,
             number(pair.ratio),
-            f"{number(min(pair.ratios))} to {number(max(pair.ratios))}",
+            ", ".join(map(number, pair.ratios)),
         )
         for pair in pairs
     )

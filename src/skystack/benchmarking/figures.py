@@ -6,9 +6,6 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-GROUPS = ("start", "simulator", "training", "gpu", "success", "sector", "decisions")
-"""The groups of skystack's figures, in the order in which they are measured."""
-
 
 class Figure(NamedTuple):
     """Repeated measurements of one quantity."""
@@ -28,17 +25,17 @@ class Figure(NamedTuple):
     def as_json(self) -> dict[str, Any]:
         """The figure with its median and extremes; None for what is not finite."""
         return self._asdict() | {
-            "values": finite(self.values),
-            "median": finite(self.median),
-            "least": finite(min(self.values)),
-            "greatest": finite(max(self.values)),
+            "values": finite_or_none(self.values),
+            "median": finite_or_none(self.median),
+            "least": finite_or_none(min(self.values)),
+            "greatest": finite_or_none(max(self.values)),
         }
 
 
-def finite(value: Any) -> Any:
+def finite_or_none(value: Any) -> Any:
     """A number, or None if it is not finite, which JSON cannot express. Also inside tuples."""
     if isinstance(value, tuple):
-        return tuple(map(finite, value))
+        return tuple(map(finite_or_none, value))
     return value if math.isfinite(value) else None
 
 

@@ -1,28 +1,22 @@
 """Skystack compared with another installed version of it, in one run.
 
-The two versions are measured in turn, group by group (`skystack.benchmarking.figures.GROUPS`):
-ours, theirs, theirs, ours. So both meet the same changes of the machine's speed, such as those that
-other programs and heat cause.
+The two versions are measured in turn, group by group (`skystack.benchmarking.groups`): ours,
+theirs, theirs, ours. So a steady drift of the machine's speed affects both alike.
 """
 
 import math
-import os
 import statistics
-import subprocess
-import sys
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import msgspec
 
-from skystack.benchmarking.figures import finite
+from skystack.benchmarking.figures import finite_or_none
+from skystack.benchmarking.installations import Bench, MeasuredFigure, bench_of, check_python
 from skystack.errors import InputError
 
-_VARIABLES = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
-"""Environment variables that could make the other Python import our packages."""
 
-
-class Side(NamedTuple):
+class Measured(NamedTuple):
     """The measurements of one version, one tuple of values per round."""
 
     rounds: tuple[tuple[float, ...], ...]
@@ -37,8 +31,10 @@ class Pair(NamedTuple):
 
     name: str
     unit: str
-    ours: Side
-    theirs: Side
+    ours: Measured
+    theirs: Measured
+    same_work: bool = True
+    """Whether both versions describe the configuration in the same words."""
 
     @property
     def ratio(self) -> float:
@@ -60,118 +56,87 @@ class Pair(NamedTuple):
 
     @property
     def as_json(self) -> dict[str, Any]:
-        """All values, the ratio and that of each round."""
+        """All values, the ratio and that of each round; None for what is not finite."""
         return {
             "name": self.name,
             "unit": self.unit,
-            "values": finite(self.ours.rounds),
-            "other_values": finite(self.theirs.rounds),
-            "ratio": finite(self.ratio),
-            "ratios": finite(self.ratios),
+            "values": finite_or_none(self.ours.rounds),
+            "other_values": finite_or_none(self.theirs.rounds),
+            "ratio": finite_or_none(self.ratio),
+            "ratios": finite_or_none(self.ratios),
+            "same_work": self.same_work,
         }
 
 
-class _Figure(msgspec.Struct):
-    name: str
-    unit: str
-    values: tuple[float | None, ...]
-    """None for training runs that did not reach success."""
-
-
-class _Bench(msgspec.Struct):
-    """The JSON of `skystack bench`, as far as it is needed."""
-
-    machine: dict[str, Any]
-    figures: list[_Figure]
-
-
-class Compared(NamedTuple):
-    """The pairs, what only one of the two versions measures, and the other's machine."""
+class Comparison(NamedTuple):
+    """What was measured of both versions."""
 
     pairs: list[Pair]
     unpaired: list[str]
+    """The figures that not all runs have."""
+    machine: dict[str, Any]
     other_machine: dict[str, Any]
 
 
 def compare_with(
     python: str, groups: Sequence[str], options: Sequence[str], on_run: Callable[[str], None]
-) -> Compared:
+) -> Comparison:
     """Measure groups with our version and with that of another Python.
 
     `options` are further arguments of `skystack bench`; `on_run` is called with the title of each
-    run before it starts. Raises InputError if the other Python cannot measure.
+    run before it starts. Raises InputError if the other Python has no skystack that can measure
+    these groups, and TrainingError if a measurement fails.
     """
-    _check(python)
+    check_python(python, groups, options)
     pairs: list[Pair] = []
     unpaired: list[str] = []
-    machine: dict[str, Any] = {}
+    machines: list[dict[str, Any]] = []
     for group in groups:
-        runs: dict[bool, list[_Bench]] = {True: [], False: []}
-        for ours in (True, False, False, True):
-            on_run(f"{group}, {'this version' if ours else 'the other version'}")
-            runs[ours].append(_measured(None if ours else python, group, options))
-        machine = runs[False][0].machine
-        ours_by_name, theirs_by_name = (_sides(runs[ours]) for ours in (True, False))
-        for (name, unit), side in ours_by_name.items():
-            other = theirs_by_name.get((name, unit))
-            if other is not None:
-                pairs.append(Pair(name, unit, side, other))
-        unpaired += [name for name, _ in ours_by_name.keys() ^ theirs_by_name.keys()]
-    return Compared(pairs, sorted(unpaired), machine)
-
-
-def _sides(runs: Sequence[_Bench]) -> dict[tuple[str, str], Side]:
-    """The values of each figure that all runs have."""
-    by_run = [
-        {
-            (each.name, each.unit): tuple(math.inf if v is None else v for v in each.values)
-            for each in run.figures
-        }
-        for run in runs
-    ]
-    return {
-        key: Side(tuple(found[key] for found in by_run))
-        for key in by_run[0]
-        if all(found.get(key) for found in by_run)
-    }
-
-
-def _measured(python: str | None, group: str, options: Sequence[str]) -> _Bench:
-    """What `skystack bench` prints of a group; with None, that of our own Python."""
-    done = _run(python, "--json", *options, "--only", group)
-    where = f"bench --only {group}" if python is None else f"--against {python}"
-    if done.returncode:
-        raise InputError(f"{where}: exit code {done.returncode} while {group} was measured")
-    try:
-        return msgspec.json.decode(done.stdout, type=_Bench)
-    except msgspec.MsgspecError as error:
-        raise InputError(f"{where}: not the JSON of `skystack bench`: {error}") from None
-
-
-def _check(python: str) -> None:
-    """Raises InputError unless a Python has a skystack that can be measured group by group."""
-    try:
-        done = _run(python, "--help", stderr=subprocess.PIPE)
-    except OSError as error:
-        raise InputError(f"--against {python}: {error.strerror}") from None
-    if done.returncode or "--only" not in done.stdout:
-        (*_, reason) = ["no `bench --only`", *(done.stderr or "").strip().splitlines()]
+        our_runs, their_runs = list[Bench](), list[Bench]()
+        for interpreter, runs, whose in (
+            (None, our_runs, "this version"),
+            (python, their_runs, "the other version"),
+            (python, their_runs, "the other version"),
+            (None, our_runs, "this version"),
+        ):
+            on_run(f"{group}, {whose}")
+            runs.append(bench_of(interpreter, group, options))
+            if not our_runs[0].figures:
+                break  # such as those of a GPU, on a machine without one
+        if not their_runs:
+            continue
+        found = _paired(our_runs, their_runs)
+        paired = {pair.name for pair in found}
+        names = {each.name for run in (*our_runs, *their_runs) for each in run.figures}
+        pairs += found
+        unpaired += sorted(names - paired)
+        machines = [msgspec.to_builtins(runs[0].machine) for runs in (our_runs, their_runs)]
+    if not machines:
         raise InputError(
-            f"--against {python}: {reason} (allowed: the Python of an environment with a skystack "
-            "that has `bench --only`)"
+            "bench: nothing was measured (allowed: groups that this machine can measure)"
         )
+    return Comparison(pairs, unpaired, *machines)
 
 
-def _run(
-    python: str | None, *arguments: str, stderr: int | None = None
-) -> subprocess.CompletedProcess[str]:
-    """Run `skystack bench` with our own Python (None) or another one."""
-    environment = dict(os.environ)
-    if python is not None:
-        for name in _VARIABLES:
-            environment.pop(name, None)
-    # With -P, a folder named skystack in the current folder is not taken for the package.
-    command = [python or sys.executable, "-P", "-m", "skystack", "bench", *arguments]
-    return subprocess.run(
-        command, env=environment, stdout=subprocess.PIPE, stderr=stderr, text=True, check=False
+def _paired(our_runs: Sequence[Bench], their_runs: Sequence[Bench]) -> list[Pair]:
+    """The figures that all runs have, in our order."""
+    pairs = []
+    ours, theirs = ([_by_name(run) for run in runs] for runs in (our_runs, their_runs))
+    for key, figure in ours[0].items():
+        if all(key in run and run[key].values for run in (*ours, *theirs)):
+            mine, other = (_values([run[key] for run in runs]) for runs in (ours, theirs))
+            same = theirs[0][key].configuration == figure.configuration
+            pairs.append(Pair(*key, mine, other, same))
+    return pairs
+
+
+def _by_name(run: Bench) -> dict[tuple[str, str], MeasuredFigure]:
+    return {(each.name, each.unit): each for each in run.figures}
+
+
+def _values(figures: Sequence[MeasuredFigure]) -> Measured:
+    return Measured(
+        tuple(
+            tuple(math.inf if value is None else value for value in each.values) for each in figures
+        )
     )

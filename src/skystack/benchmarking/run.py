@@ -1,4 +1,4 @@
-"""All figures, each part in a new process, so that parts share no memory or programs."""
+"""All figures. Parts are measured in new processes, so that they share no memory or programs."""
 
 import math
 import multiprocessing
@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 from skystack.benchmarking.decisions import decision_figures
-from skystack.benchmarking.figures import GROUPS, Figure
+from skystack.benchmarking.figures import Figure
 from skystack.benchmarking.sector import sector_figures, sector_training_figures
 from skystack.benchmarking.simulator import simulator_figures
 from skystack.benchmarking.starting import starting_figures
@@ -54,16 +54,19 @@ QUICK = Effort(1, 1, scenarios=1, trainings=("lateral",), aircraft=(2,), seeds=0
 
 
 class Part(NamedTuple):
-    """What is measured in a process of its own."""
+    """What is measured before the next progress message."""
 
     group: str
-    """One of `GROUPS`."""
+    """One of `skystack.benchmarking.groups.GROUPS`."""
     title: str
     measure: Callable[[], list[Figure]]
 
 
-def parts(effort: Effort, groups: Collection[str] = GROUPS) -> list[Part]:
-    """What is measured of some groups. Raises InputError if it is nothing."""
+def parts(effort: Effort, groups: Collection[str] | None = None) -> list[Part]:
+    """What is measured of some groups, or of all.
+
+    Raises InputError for a group that this effort lacks.
+    """
     times = effort.repetitions
     found = [
         Part("start", "start", partial(starting_figures, effort.processes)),
@@ -89,20 +92,20 @@ def parts(effort: Effort, groups: Collection[str] = GROUPS) -> list[Part]:
             partial(alone, decision_figures, FASTEST_EXPERIMENT, effort.scenarios),
         ),
     ]
-    chosen = [part for part in found if part.group in groups]
-    if not chosen:
-        allowed = ", ".join(dict.fromkeys(part.group for part in found))
-        raise InputError(f"--quick measures nothing of {', '.join(groups)} (allowed: {allowed})")
-    return chosen
+    measured = tuple(dict.fromkeys(part.group for part in found))
+    for group in groups or ():
+        if group not in measured:
+            raise InputError(f"--quick does not measure {group} (allowed: {', '.join(measured)})")
+    return [part for part in found if groups is None or part.group in groups]
 
 
 def measure_skystack(
-    effort: Effort, on_part: Callable[[str], None], groups: Collection[str] = GROUPS
+    effort: Effort, on_part: Callable[[str], None], groups: Collection[str] | None = None
 ) -> list[Figure]:
-    """Skystack's figures of some groups.
+    """Skystack's figures of some groups, or of all.
 
-    `on_part` is called with the title of each part before it starts. Raises InputError if nothing
-    is measured.
+    `on_part` is called with the title of each part before it starts. Raises InputError for a
+    group that this effort lacks.
     """
     figures: list[Figure] = []
     for part in parts(effort, groups):

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
 import skystack
-from skystack.benchmarking.figures import GROUPS
+from skystack.benchmarking.groups import GROUPS
 from skystack.cli import verbs
 from skystack.cli.flight_school import flight_school, flight_school_arguments
 from skystack.cli.hours import controller_arguments
@@ -200,12 +200,12 @@ def build_parser() -> Commands:
         nargs="+",
         choices=GROUPS,
         metavar="GROUP",
-        help=f"measure only these: {', '.join(GROUPS)}",
+        help=f"measure only the named groups, out of: {', '.join(GROUPS)}",
     )
     sub.add_argument(
         "--against",
         metavar="PYTHON",
-        help="compare with the skystack of another environment, measured in turn",
+        help="compare with the skystack of the interpreter PYTHON; both are measured in turn",
     )
     return Commands(parser, parsers)
 

@@ -317,14 +317,13 @@ def export(options: argparse.Namespace) -> int:
 
 def bench(options: argparse.Namespace) -> int:
     from skystack.benchmarking.display import figures_table, machine_line, number
-    from skystack.benchmarking.figures import GROUPS
     from skystack.benchmarking.run import QUICK, Effort, machine, measure_skystack
     from skystack.cli.console import output
 
     if options.against is not None:
         return _bench_against(options)
     effort, on_part = QUICK if options.quick else Effort(), _timed_titles()
-    figures = measure_skystack(effort, on_part, options.only or GROUPS)
+    figures = measure_skystack(effort, on_part, options.only)
     missing: dict[str, str] = {}
     speedups: dict[str, float] = {}
     if options.peers:
@@ -354,21 +353,21 @@ def bench(options: argparse.Namespace) -> int:
 
 def _bench_against(options: argparse.Namespace) -> int:
     from skystack.benchmarking.display import machine_line, pairs_table
-    from skystack.benchmarking.figures import GROUPS
     from skystack.benchmarking.paired import compare_with
-    from skystack.benchmarking.run import QUICK, Effort, machine, parts
+    from skystack.benchmarking.run import QUICK, Effort, parts
     from skystack.cli.console import output
 
     if options.peers:
         raise InputError("--peers cannot be used with --against")
     effort = QUICK if options.quick else Effort()
-    groups = list(dict.fromkeys(part.group for part in parts(effort, options.only or GROUPS)))
+    groups = list(dict.fromkeys(part.group for part in parts(effort, options.only)))
     quick = ["--quick"] if options.quick else []
     compared = compare_with(options.against, groups, quick, _timed_titles())
     if options.json:
         print_json(
             {
-                "machine": machine(),
+                "machine": compared.machine,
+                "other_python": options.against,
                 "other_machine": compared.other_machine,
                 "pairs": [pair.as_json for pair in compared.pairs],
                 "unpaired": compared.unpaired,
@@ -376,15 +375,18 @@ def _bench_against(options: argparse.Namespace) -> int:
         )
     else:
         output().print(pairs_table(compared.pairs).as_rich())
-        print_line(f"this: {machine_line(machine())}")
-        print_line(f"other: {machine_line(compared.other_machine)}")
+        print_line(f"this: {machine_line(compared.machine)}")
+        print_line(f"other ({options.against}): {machine_line(compared.other_machine)}")
+        for pair in compared.pairs:
+            if not pair.same_work:
+                print_line(f"measured with different settings: {pair.name}")
         for name in compared.unpaired:
-            print_line(f"measured in only one of the two versions: {name}")
+            print_line(f"not in all runs: {name}")
     return DONE
 
 
 def _timed_titles() -> Callable[[str], None]:
-    """A function that prints the title of a measurement and the time since now."""
+    """A function that prints the title of a measurement and the seconds since this call."""
     started = time.monotonic()
 
     def say_title(title: str) -> None:
