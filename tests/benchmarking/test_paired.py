@@ -12,7 +12,7 @@ import skystack
 from skystack.benchmarking import installations
 from skystack.benchmarking.display import pairs_table
 from skystack.benchmarking.groups import GROUPS
-from skystack.benchmarking.paired import Measured, Pair, compare_with
+from skystack.benchmarking.paired import Measurements, Pair, compare_with
 from skystack.benchmarking.run import QUICK, Effort, parts
 from skystack.cli import main
 from skystack.errors import InputError, TrainingError
@@ -91,7 +91,10 @@ def other(python):
 
 
 def test_a_ratio_above_one_is_better_for_rates_and_for_times():
-    ours, theirs = Measured(((10.0, 30.0), (40.0, 20.0))), Measured(((5.0, 5.0, 5.0), (10.0,)))
+    ours, theirs = (
+        Measurements(((10.0, 30.0), (40.0, 20.0))),
+        Measurements(((5.0, 5.0, 5.0), (10.0,))),
+    )
     rate, time = (Pair("any", unit, ours, theirs) for unit in ("steps/s", "s"))
     assert (rate.ratio, rate.ratios) == (25.0 / 5.0, (20.0 / 5.0, 30.0 / 10.0))
     assert (time.ratio, time.ratios) == (5.0 / 25.0, (5.0 / 20.0, 10.0 / 30.0))

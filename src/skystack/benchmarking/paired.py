@@ -16,7 +16,7 @@ from skystack.benchmarking.installations import Bench, MeasuredFigure, bench_of,
 from skystack.errors import InputError
 
 
-class Measured(NamedTuple):
+class Measurements(NamedTuple):
     """The measurements of one version, one tuple of values per round."""
 
     rounds: tuple[tuple[float, ...], ...]
@@ -31,8 +31,8 @@ class Pair(NamedTuple):
 
     name: str
     unit: str
-    ours: Measured
-    theirs: Measured
+    ours: Measurements
+    theirs: Measurements
     same_work: bool = True
     """Whether both versions describe the configuration in the same words."""
 
@@ -68,7 +68,7 @@ class Pair(NamedTuple):
         }
 
 
-class Comparison(NamedTuple):
+class PairedFigures(NamedTuple):
     """What was measured of both versions."""
 
     pairs: list[Pair]
@@ -80,7 +80,7 @@ class Comparison(NamedTuple):
 
 def compare_with(
     python: str, groups: Sequence[str], options: Sequence[str], on_run: Callable[[str], None]
-) -> Comparison:
+) -> PairedFigures:
     """Measure groups with our version and with that of another Python.
 
     `options` are further arguments of `skystack bench`; `on_run` is called with the title of each
@@ -115,7 +115,7 @@ def compare_with(
         raise InputError(
             "bench: nothing was measured (allowed: groups that this machine can measure)"
         )
-    return Comparison(pairs, unpaired, *machines)
+    return PairedFigures(pairs, unpaired, *machines)
 
 
 def _paired(our_runs: Sequence[Bench], their_runs: Sequence[Bench]) -> list[Pair]:
@@ -134,8 +134,8 @@ def _by_name(run: Bench) -> dict[tuple[str, str], MeasuredFigure]:
     return {(each.name, each.unit): each for each in run.figures}
 
 
-def _values(figures: Sequence[MeasuredFigure]) -> Measured:
-    return Measured(
+def _values(figures: Sequence[MeasuredFigure]) -> Measurements:
+    return Measurements(
         tuple(
             tuple(math.inf if value is None else value for value in each.values) for each in figures
         )
