@@ -12,8 +12,9 @@ import skystack
 from skystack.benchmarking import installations
 from skystack.benchmarking.display import pairs_table
 from skystack.benchmarking.groups import GROUPS
+from skystack.benchmarking.machine import Machine
 from skystack.benchmarking.paired import Measurements, Pair, compare_with
-from skystack.benchmarking.run import QUICK, Effort, parts
+from skystack.benchmarking.run import QUICK, Effort, groups_of, parts
 from skystack.cli import main
 from skystack.errors import InputError, TrainingError
 
@@ -114,8 +115,8 @@ def test_both_are_measured_in_turn_and_the_other_without_our_packages(other, tmp
     assert log[5] == ["other", "--json", "--quick", "--only", "simulator", "-", "-"]
     assert titles[:2] == ["start, this version", "start, the other version"]
     assert len(titles) == 8
-    assert compared.machine == MACHINE | {"processor": "ours"}
-    assert compared.other_machine == MACHINE | {"processor": "other"}
+    assert compared.machine == Machine(**MACHINE | {"processor": "ours"})
+    assert compared.other_machine == Machine(**MACHINE | {"processor": "other"})
     assert compared.unpaired == ["new", "old"] * 2
     speed, start = compared.pairs[:2]
     assert (speed.name, speed.ratio, speed.ratios) == ("speed", 3.0, (3.0, 3.0))
@@ -196,7 +197,7 @@ def test_a_program_that_does_not_answer_is_refused(tmp_path, monkeypatch):
 
 
 def test_the_groups_are_those_that_are_measured():
-    assert tuple(dict.fromkeys(part.group for part in parts(Effort()))) == GROUPS
+    assert groups_of(parts(Effort())) == GROUPS
     assert {part.group for part in parts(QUICK)} == set(GROUPS) - {"success", "sector"}
 
 

@@ -1,12 +1,13 @@
 """Untrusted JSON: integers may be written as floats, but no other values are accepted."""
 
 import json
+import math
 
 import msgspec
 import pytest
 
 from skystack.errors import InputError
-from skystack.io.json_file import decode, read_json
+from skystack.io.json_file import decode, finite, read_json
 from skystack.io.validation import convert
 
 
@@ -64,3 +65,7 @@ def test_names_the_place_of_a_refused_value(text, message, tmp_path):
     with pytest.raises(InputError) as error:
         read_json(path)
     assert str(error.value) == message
+
+
+def test_non_finite_numbers_become_none():
+    assert (finite(1.5), finite(math.nan), finite(-math.inf)) == (1.5, None, None)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from skystack.errors import TrainingError
-from skystack.learning.monitor import LOSSES, PARTS, TrainingMonitor, finite
+from skystack.learning.monitor import LOSSES, PARTS, TrainingMonitor
 
 GOOD = dict.fromkeys(LOSSES, 1.0)
 
@@ -64,10 +64,6 @@ def test_names_no_checkpoint_if_there_is_none(learner):
     monitor = TrainingMonitor("lateral", 0, Path("nowhere"), 0)
     with pytest.raises(TrainingError, match=r"last good checkpoint: none$"):
         monitor.check(learner, GOOD | {"entropy": None}, 256)
-
-
-def test_non_finite_numbers_become_none():
-    assert (finite(1.5), finite(np.nan), finite(-np.inf)) == (1.5, None, None)
 
 
 def test_names_the_first_of_several_bad_losses(monitor, learner):

@@ -1,9 +1,9 @@
 """The figures as tables."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from skystack.benchmarking.figures import Figure
+from skystack.benchmarking.machine import Machine
 from skystack.benchmarking.paired import Pair
 from skystack.reporting.table import Table
 
@@ -45,8 +45,8 @@ def number(value: float) -> str:
     return f"{value:,.{0 if size >= 100 else 1 if size >= 10 else 2}f}"
 
 
-def machine_line(machine: Mapping[str, Any]) -> str:
+def machine_line(machine: Machine) -> str:
     """The machine in one line."""
-    packages = ", ".join(f"{name} {version}" for name, version in machine["packages"].items())
-    where = f"{machine['processor']}, {machine['cores']} cores, {machine['system']}"
-    return f"{where}, Python {machine['python']}, {packages}, {machine['date']}"
+    packages = ", ".join(f"{name} {version}" for name, version in machine.packages.items())
+    where = f"{machine.processor}, {machine.cores} cores, {machine.system}"
+    return f"{where}, Python {machine.python}, {packages}, {machine.date}"

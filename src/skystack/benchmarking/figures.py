@@ -1,10 +1,11 @@
 """A measured quantity: its name, its configuration and all repetitions."""
 
-import math
 import statistics
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
+
+from skystack.io.json_file import finite
 
 
 class Figure(NamedTuple):
@@ -25,18 +26,11 @@ class Figure(NamedTuple):
     def as_json(self) -> dict[str, Any]:
         """The figure with its median and extremes; None for what is not finite."""
         return self._asdict() | {
-            "values": finite_or_none(self.values),
-            "median": finite_or_none(self.median),
-            "least": finite_or_none(min(self.values)),
-            "greatest": finite_or_none(max(self.values)),
+            "values": tuple(map(finite, self.values)),
+            "median": finite(self.median),
+            "least": finite(min(self.values)),
+            "greatest": finite(max(self.values)),
         }
-
-
-def finite_or_none(value: Any) -> Any:
-    """A number, or None if it is not finite, which JSON cannot express. Also inside tuples."""
-    if isinstance(value, tuple):
-        return tuple(map(finite_or_none, value))
-    return value if math.isfinite(value) else None
 
 
 def rates(run: Callable[[], Any], amount: float, repetitions: int) -> tuple[float, ...]:

@@ -1,14 +1,19 @@
 """`skystack bench` of this version and of another installed one, run as commands."""
 
+import math
 import os
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 
 import skystack
+from skystack.benchmarking.figures import Figure
+from skystack.benchmarking.machine import Machine
+from skystack.benchmarking.starting import last_line
 from skystack.errors import InputError, TrainingError
 
 CHECK_S = 60.0
@@ -23,32 +28,31 @@ _ALLOWED = (
 )
 
 
-class MeasuredFigure(msgspec.Struct):
-    """A figure of `skystack bench`."""
+class Bench(NamedTuple):
+    """What one run of `skystack bench` measured."""
 
+    machine: Machine
+    figures: list[Figure]
+
+
+class _PrintedFigure(msgspec.Struct):
     name: str
     unit: str
     values: tuple[float | None, ...]
     """None for training runs that did not reach success."""
     configuration: str
 
-
-class Machine(msgspec.Struct):
-    """What the figures were measured with."""
-
-    system: str
-    processor: str
-    cores: int
-    python: str
-    packages: dict[str, str]
-    date: str
+    @property
+    def figure(self) -> Figure:
+        values = tuple(math.inf if value is None else value for value in self.values)
+        return Figure(self.name, self.unit, values, self.configuration)
 
 
-class Bench(msgspec.Struct):
+class _Printed(msgspec.Struct):
     """The JSON of `skystack bench`, as far as it is needed."""
 
     machine: Machine
-    figures: list[MeasuredFigure]
+    figures: list[_PrintedFigure]
 
 
 def check_python(python: str, groups: Sequence[str], options: Sequence[str]) -> None:
@@ -64,25 +68,25 @@ def check_python(python: str, groups: Sequence[str], options: Sequence[str]) -> 
     except subprocess.TimeoutExpired:
         raise InputError(f"{where}: no answer in {CHECK_S:.0f} s {_ALLOWED}") from None
     if code:
-        raise InputError(f"{where}: {_last_line(err) or f'exit code {code}'} {_ALLOWED}")
+        raise InputError(f"{where}: {last_line(err) or f'exit code {code}'} {_ALLOWED}")
     if "--only" not in out:
         raise InputError(f"{where}: no `bench --only` {_ALLOWED}")
 
 
 def bench_of(python: str | None, group: str, options: Sequence[str]) -> Bench:
-    """What `skystack bench` prints of a group; with None, that of our own Python."""
+    """What `skystack bench` measures of a group, with our own Python (None) or another one.
+
+    Raises TrainingError if it fails.
+    """
     where = f"bench --only {group}" if python is None else f"--against {python}, {group}"
     code, out, err = _run(python, ["--json", *options, "--only", group])
     if code:
-        raise TrainingError(f"{where}: {_last_line(err) or 'no message'} (exit code {code})")
+        raise TrainingError(f"{where}: {last_line(err) or 'no message'} (exit code {code})")
     try:
-        return msgspec.json.decode(out, type=Bench)
+        printed = msgspec.json.decode(out, type=_Printed)
     except msgspec.MsgspecError as error:
         raise TrainingError(f"{where}: not the JSON of `skystack bench`: {error}") from None
-
-
-def _last_line(text: str) -> str:
-    return ["", *text.strip().splitlines()][-1]
+    return Bench(printed.machine, [each.figure for each in printed.figures])
 
 
 def _run(
@@ -90,14 +94,14 @@ def _run(
 ) -> tuple[int, str, str]:
     """Run `skystack bench` with our own Python (None) or another one.
 
-    Returns the exit code and what it printed. It has time to clean up after an interruption.
+    Returns the exit code, the standard output and the standard error. After an interruption, the
+    command gets time to clean up.
     """
     environment = os.environ | {"PYTHONSAFEPATH": "1"}  # a folder named skystack is not imported
     if python is None:
         ours = str(Path(skystack.__file__).parents[1])
-        environment["PYTHONPATH"] = os.pathsep.join(
-            [ours, *filter(None, [os.environ.get("PYTHONPATH")])]
-        )
+        paths = filter(None, (ours, os.environ.get("PYTHONPATH")))
+        environment["PYTHONPATH"] = os.pathsep.join(paths)
     else:
         for name in _IMPORT_VARIABLES:
             environment.pop(name, None)

@@ -4,16 +4,15 @@ The two versions are measured in turn, group by group (`skystack.benchmarking.gr
 theirs, theirs, ours. So a steady drift of the machine's speed affects both alike.
 """
 
-import math
 import statistics
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import msgspec
-
-from skystack.benchmarking.figures import finite_or_none
-from skystack.benchmarking.installations import Bench, MeasuredFigure, bench_of, check_python
+from skystack.benchmarking.figures import Figure
+from skystack.benchmarking.installations import Bench, bench_of, check_python
+from skystack.benchmarking.machine import Machine
 from skystack.errors import InputError
+from skystack.io.json_file import finite
 
 
 class Measurements(NamedTuple):
@@ -24,6 +23,11 @@ class Measurements(NamedTuple):
     @property
     def median(self) -> float:
         return statistics.median(value for values in self.rounds for value in values)
+
+    @property
+    def finite(self) -> tuple[tuple[float | None, ...], ...]:
+        """The values for JSON; None for those that are not finite."""
+        return tuple(tuple(map(finite, values)) for values in self.rounds)
 
 
 class Pair(NamedTuple):
@@ -38,7 +42,7 @@ class Pair(NamedTuple):
 
     @property
     def ratio(self) -> float:
-        """How many times as good ours is, by the medians of all values."""
+        """By what factor ours is better, by the medians of all values."""
         return self._ratio(self.ours.median, self.theirs.median)
 
     @property
@@ -60,10 +64,10 @@ class Pair(NamedTuple):
         return {
             "name": self.name,
             "unit": self.unit,
-            "values": finite_or_none(self.ours.rounds),
-            "other_values": finite_or_none(self.theirs.rounds),
-            "ratio": finite_or_none(self.ratio),
-            "ratios": finite_or_none(self.ratios),
+            "values": self.ours.finite,
+            "other_values": self.theirs.finite,
+            "ratio": finite(self.ratio),
+            "ratios": tuple(map(finite, self.ratios)),
             "same_work": self.same_work,
         }
 
@@ -73,9 +77,9 @@ class PairedFigures(NamedTuple):
 
     pairs: list[Pair]
     unpaired: list[str]
-    """The figures that not all runs have."""
-    machine: dict[str, Any]
-    other_machine: dict[str, Any]
+    """The figures that are not in all runs."""
+    machine: Machine
+    other_machine: Machine
 
 
 def compare_with(
@@ -85,32 +89,20 @@ def compare_with(
 
     `options` are further arguments of `skystack bench`; `on_run` is called with the title of each
     run before it starts. Raises InputError if the other Python has no skystack that can measure
-    these groups, and TrainingError if a measurement fails.
+    these groups or if nothing is measured, and TrainingError if a measurement fails.
     """
     check_python(python, groups, options)
     pairs: list[Pair] = []
     unpaired: list[str] = []
-    machines: list[dict[str, Any]] = []
+    machines: tuple[Machine, ...] = ()
     for group in groups:
-        our_runs, their_runs = list[Bench](), list[Bench]()
-        for interpreter, runs, whose in (
-            (None, our_runs, "this version"),
-            (python, their_runs, "the other version"),
-            (python, their_runs, "the other version"),
-            (None, our_runs, "this version"),
-        ):
-            on_run(f"{group}, {whose}")
-            runs.append(bench_of(interpreter, group, options))
-            if not our_runs[0].figures:
-                break  # such as those of a GPU, on a machine without one
-        if not their_runs:
-            continue
-        found = _paired(our_runs, their_runs)
-        paired = {pair.name for pair in found}
-        names = {each.name for run in (*our_runs, *their_runs) for each in run.figures}
-        pairs += found
-        unpaired += sorted(names - paired)
-        machines = [msgspec.to_builtins(runs[0].machine) for runs in (our_runs, their_runs)]
+        ours, theirs = _in_turn(python, group, options, on_run)
+        if theirs:
+            machines = ours[0].machine, theirs[0].machine
+            found = _paired(ours, theirs)
+            names = {each.name for run in (*ours, *theirs) for each in run.figures}
+            pairs += found
+            unpaired += sorted(names - {pair.name for pair in found})
     if not machines:
         raise InputError(
             "bench: nothing was measured (allowed: groups that this machine can measure)"
@@ -118,25 +110,39 @@ def compare_with(
     return PairedFigures(pairs, unpaired, *machines)
 
 
+def _in_turn(
+    python: str, group: str, options: Sequence[str], on_run: Callable[[str], None]
+) -> tuple[list[Bench], list[Bench]]:
+    """The runs of both versions. The other one has none if our first run has no figures.
+
+    Such a group is that of a GPU, on a machine without one.
+    """
+    ours: list[Bench] = []
+    theirs: list[Bench] = []
+    for own in (True, False, False, True):
+        on_run(f"{group}, {'this version' if own else 'the other version'}")
+        runs, interpreter = (ours, None) if own else (theirs, python)
+        runs.append(bench_of(interpreter, group, options))
+        if not ours[0].figures:
+            break
+    return ours, theirs
+
+
 def _paired(our_runs: Sequence[Bench], their_runs: Sequence[Bench]) -> list[Pair]:
     """The figures that all runs have, in our order."""
-    pairs = []
     ours, theirs = ([_by_name(run) for run in runs] for runs in (our_runs, their_runs))
-    for key, figure in ours[0].items():
-        if all(key in run and run[key].values for run in (*ours, *theirs)):
-            mine, other = (_values([run[key] for run in runs]) for runs in (ours, theirs))
-            same = theirs[0][key].configuration == figure.configuration
-            pairs.append(Pair(*key, mine, other, same))
-    return pairs
-
-
-def _by_name(run: Bench) -> dict[tuple[str, str], MeasuredFigure]:
-    return {(each.name, each.unit): each for each in run.figures}
-
-
-def _values(figures: Sequence[MeasuredFigure]) -> Measurements:
-    return Measurements(
-        tuple(
-            tuple(math.inf if value is None else value for value in each.values) for each in figures
+    return [
+        Pair(
+            *key,
+            Measurements(tuple(run[key].values for run in ours)),
+            Measurements(tuple(run[key].values for run in theirs)),
+            figure.configuration == theirs[0][key].configuration,
         )
-    )
+        for key, figure in ours[0].items()
+        if all(key in run for run in (*ours, *theirs))
+    ]
+
+
+def _by_name(run: Bench) -> dict[tuple[str, str], Figure]:
+    """The figures that have values, by name and unit."""
+    return {(each.name, each.unit): each for each in run.figures if each.values}

@@ -2,9 +2,8 @@
 
 import math
 import multiprocessing
-import platform
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
@@ -21,9 +20,7 @@ from skystack.benchmarking.training import (
     reaches_success,
     training_figures,
 )
-from skystack.compilation.cores import cores, processor_lines
 from skystack.errors import InputError
-from skystack.learning.policy import package_versions
 
 FASTEST_EXPERIMENT = "lateral-best"
 """The experiment that learns lateral navigation in the shortest time."""
@@ -92,11 +89,16 @@ def parts(effort: Effort, groups: Collection[str] | None = None) -> list[Part]:
             partial(alone, decision_figures, FASTEST_EXPERIMENT, effort.scenarios),
         ),
     ]
-    measured = tuple(dict.fromkeys(part.group for part in found))
+    measured = groups_of(found)
     for group in groups or ():
         if group not in measured:
             raise InputError(f"--quick does not measure {group} (allowed: {', '.join(measured)})")
     return [part for part in found if groups is None or part.group in groups]
+
+
+def groups_of(measured: Sequence[Part]) -> tuple[str, ...]:
+    """The groups of some parts, in order."""
+    return tuple(dict.fromkeys(part.group for part in measured))
 
 
 def measure_skystack(
@@ -132,20 +134,3 @@ def success_figures(seeds: int) -> list[Figure]:
         f"on {SCENARIOS} held-out scenarios, stacked"
     )
     return [Figure(f"time to success {SUCCESS}", "s", tuple(values), setup)]
-
-
-def machine() -> dict[str, Any]:
-    """The machine and the software that the figures were measured with."""
-    return {
-        "system": platform.platform(terse=True),
-        "processor": _processor(),
-        "cores": len(cores()),
-        "python": platform.python_version(),
-        "packages": package_versions(),
-        "date": time.strftime("%Y-%m-%d"),
-    }
-
-
-def _processor() -> str:
-    named = [line.partition(":")[2].strip() for line in processor_lines("model name")]
-    return named[0] if named else platform.processor() or platform.machine()

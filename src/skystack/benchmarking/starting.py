@@ -46,5 +46,10 @@ def _seconds(arguments: list[str], cache: str = "off") -> float:
         cwd=Path.cwd(),
     )
     if process.returncode != 0:
-        raise TrainingError(f"{' '.join(arguments)}: {process.stderr.strip().splitlines()[-1]}")
+        raise TrainingError(f"{' '.join(arguments)}: {last_line(process.stderr)}")
     return time.perf_counter() - started
+
+
+def last_line(text: str) -> str:
+    """The last line of what a command printed, where it states its error; empty if none."""
+    return ["", *text.strip().splitlines()][-1]

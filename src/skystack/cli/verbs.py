@@ -316,8 +316,11 @@ def export(options: argparse.Namespace) -> int:
 
 
 def bench(options: argparse.Namespace) -> int:
+    import msgspec
+
     from skystack.benchmarking.display import figures_table, machine_line, number
-    from skystack.benchmarking.run import QUICK, Effort, machine, measure_skystack
+    from skystack.benchmarking.machine import this_machine
+    from skystack.benchmarking.run import QUICK, Effort, measure_skystack
     from skystack.cli.console import output
 
     if options.against is not None:
@@ -335,7 +338,7 @@ def bench(options: argparse.Namespace) -> int:
     if options.json:
         print_json(
             {
-                "machine": machine(),
+                "machine": msgspec.to_builtins(this_machine()),
                 "figures": [figure.as_json for figure in figures],
                 "ratios": speedups,
                 "not_measured": missing,
@@ -343,7 +346,7 @@ def bench(options: argparse.Namespace) -> int:
         )
     else:
         output().print(figures_table(figures).as_rich())
-        print_line(machine_line(machine()))
+        print_line(machine_line(this_machine()))
         for name, speedup in speedups.items():
             print_line(f"{number(speedup)} times as fast as {name}")
         for name, reason in missing.items():
@@ -352,23 +355,25 @@ def bench(options: argparse.Namespace) -> int:
 
 
 def _bench_against(options: argparse.Namespace) -> int:
+    import msgspec
+
     from skystack.benchmarking.display import machine_line, pairs_table
     from skystack.benchmarking.paired import compare_with
-    from skystack.benchmarking.run import QUICK, Effort, parts
+    from skystack.benchmarking.run import QUICK, Effort, groups_of, parts
     from skystack.cli.console import output
 
     if options.peers:
         raise InputError("--peers cannot be used with --against")
     effort = QUICK if options.quick else Effort()
-    groups = list(dict.fromkeys(part.group for part in parts(effort, options.only)))
+    groups = groups_of(parts(effort, options.only))
     quick = ["--quick"] if options.quick else []
     compared = compare_with(options.against, groups, quick, _timed_titles())
     if options.json:
         print_json(
             {
-                "machine": compared.machine,
+                "machine": msgspec.to_builtins(compared.machine),
                 "other_python": options.against,
-                "other_machine": compared.other_machine,
+                "other_machine": msgspec.to_builtins(compared.other_machine),
                 "pairs": [pair.as_json for pair in compared.pairs],
                 "unpaired": compared.unpaired,
             }

@@ -22,6 +22,7 @@ from skystack.evaluation.hour_scores import FlightRow, PairEvent, Scores
 from skystack.evaluation.hours import Hour
 from skystack.evaluation.tables import clearance_rows, rounded
 from skystack.evaluation.writing import TrafficRecord, growing_tables, table_metadata
+from skystack.io.json_file import finite
 from skystack.io.locks import locked_folder
 from skystack.platforms.adoption import SKYSTACK, in_words
 from skystack.simulator.arrivals import FREE
@@ -151,7 +152,7 @@ def _aircraft_row(flown: FlownHour, row: FlightRow) -> dict[str, Any]:
         "correct_exit": row.correct,
         "excursion": row.excursion,
         **{
-            name: value if np.isfinite(value := getattr(row, name)) else None
+            name: finite(getattr(row, name))
             for name in ("exit_offset_nm", "flown_nm", "extra_nm", "delay_s")
         },
         "level_offs": row.level_offs,

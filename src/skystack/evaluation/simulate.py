@@ -1,6 +1,5 @@
 """Fly a scenario file on a platform and record the trajectories."""
 
-import math
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -14,6 +13,7 @@ from skystack.evaluation.followed import STATUS, follow
 from skystack.evaluation.tables import clearance_rows
 from skystack.evaluation.writing import write_table
 from skystack.io.files import check_output, scratch_folder
+from skystack.io.json_file import finite
 from skystack.platforms.flight import Flight, flight_rows, fly_scenario
 from skystack.platforms.phraseology import written
 from skystack.platforms.processes import TIME_LIMIT_S, in_processes
@@ -61,7 +61,7 @@ def simulate_file(
             for cycle, instruction in flight.issued
         ],
         "losses_of_separation": followed.losses,
-        "min_separation_nm": least_nm if math.isfinite(least_nm) else None,
+        "min_separation_nm": finite(least_nm),
         "final": table.slice(table.num_rows - len(scenario.aircraft)).to_pylist(),
     }
 

@@ -1,6 +1,10 @@
-"""Strict reading of untrusted JSON: a one-line error names the field and what is allowed."""
+"""JSON: strict reading of untrusted files, and numbers that JSON can express.
+
+A one-line error names the field and what is allowed.
+"""
 
 import json
+import math
 import sys
 from pathlib import Path
 from typing import Any, NoReturn
@@ -43,6 +47,12 @@ def read_json(path: Path) -> Any:
         raise parser_limit_error(error) from None
     check_plain(raw)
     return with_whole_numbers(raw)
+
+
+def finite(value: Any) -> float | None:
+    """The number for JSON, which has no infinity and no NaN: None if it is not finite."""
+    number = float(value)
+    return number if math.isfinite(number) else None
 
 
 def with_whole_numbers(value: Any) -> Any:

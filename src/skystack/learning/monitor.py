@@ -1,8 +1,6 @@
 """Detection of non-finite values and exploding losses in training, before they are saved."""
 
-import math
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
@@ -57,12 +55,6 @@ def part_not_finite(train_state: TrainState) -> str | None:
         if not all(map(_is_finite, jax.tree.leaves(getattr(train_state, part)))):
             return part
     return None
-
-
-def finite(value: Any) -> float | None:
-    """The value for JSON, which has no NaN: None if it is not finite (no scenario ended)."""
-    number = float(value)
-    return number if math.isfinite(number) else None
 
 
 def _is_finite(leaf: jax.Array) -> bool:

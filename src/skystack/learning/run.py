@@ -15,6 +15,7 @@ import numpy as np
 
 from skystack.errors import MAX_INT, InputError, checked_integer
 from skystack.io.files import AnyPath, atomic_write, make_folder
+from skystack.io.json_file import finite
 from skystack.io.locks import check_unlocked, locked_folder
 from skystack.io.signals import check
 from skystack.learning import ppo
@@ -22,7 +23,7 @@ from skystack.learning.checkpoint import load_checkpoint, save_checkpoint
 from skystack.learning.collection import TrainState
 from skystack.learning.experiment import Experiment, resolved, to_toml
 from skystack.learning.metrics_file import MetricsFile
-from skystack.learning.monitor import TrainingMonitor, finite
+from skystack.learning.monitor import TrainingMonitor
 from skystack.learning.phases import compiled_updates, phases, run_updates
 from skystack.learning.policy import (
     FORMAT,
@@ -130,6 +131,7 @@ def _train(
         try:
             for number, updated, measured in run_updates(updates, settings, train_state):
                 check()  # an interruption may have been lost in a callback
+                # Metrics are not finite if no scenario ended.
                 values = {name: finite(value) for name, value in jax.device_get(measured).items()}
                 steps = number * settings.samples
                 monitor.check(updated, values, steps)
