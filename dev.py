@@ -1,9 +1,9 @@
 """The commands of a developer, on a machine with Python 3.11 or newer; see README.md.
 
     python3 dev.py reproduce [ARGUMENT ...]   run `skystack reproduce` (default: a first look)
-    python3 dev.py test [ARGUMENT ...]        run the tests, except slow ones unless their files
-                                              are named; further arguments are for pytest
-    python3 dev.py test --all [OPTION ...]    run all tests and check their coverage
+    python3 dev.py test [ARGUMENT ...]        run the tests; slow ones only in files that are named
+    python3 dev.py test --all [ARGUMENT ...]  run all tests and check their coverage
+                                              (arguments are passed to pytest)
     python3 dev.py check                      check lint, format and types
     python3 dev.py docs                       build the documentation, docs/_build/index.html
 

@@ -11,6 +11,7 @@ The results of each case are stored as a line of `docs/results/flight-school.jso
 FILE`). A case with stored results for the same number of seeds is not flown again, even if the code
 has changed: to fly it again, delete its line. Finished seeds in DIR are reused if the code is the
 same, so the command can be interrupted and repeated.
+
 Prints the stored results as Markdown tables and draws the survival curves of
 `docs/flight-school.md` into DIR; with `--read`, nothing is flown. Failed seeds are left out. Needs
 the extras `[bluebird]` and `[bluesky]`.

@@ -1,4 +1,4 @@
-"""Results of hours of traffic, kept in the repository with a JSON object on each line."""
+"""Results of flown hours, stored in the repository as one JSON object per line."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,7 @@
 """Skystack compared with another installed version of it, in one run.
 
 The two versions are measured in turn, group by group (`skystack.benchmarking.groups`): ours,
-theirs, theirs, ours. So a steady drift of the machine's speed affects both alike.
+theirs, theirs, ours. A steady drift of the machine's speed therefore affects both alike.
 """
 
 import statistics

@@ -205,7 +205,7 @@ def build_parser() -> Commands:
     sub.add_argument(
         "--against",
         metavar="PYTHON",
-        help="compare with the skystack of the interpreter PYTHON; both are measured in turn",
+        help="compare with the skystack installed for the interpreter PYTHON, in turn",
     )
     return Commands(parser, parsers)
 
