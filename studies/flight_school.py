@@ -33,7 +33,7 @@ from skystack.io.files import make_folder
 from skystack.platforms.registry import OWN
 from skystack.reporting.flight_school_table import comparison
 from skystack.reporting.hour_figures import survival
-from skystack.reporting.hours_report import label
+from skystack.reporting.hours_report import controller
 from skystack.reporting.style import house_style
 from skystack.simulator.arrival_flows import FLIGHT_SCHOOL
 from skystack.tasks.sector_control import SectorControl
@@ -104,7 +104,7 @@ def show(rows: Sequence[HourRow], out: Path) -> None:
     """Print the tables, and draw the survival curves."""
     make_folder(out)
     with house_style():
-        survival([(label(row), row) for row in rows]).savefig(out / FIGURE, dpi=120)
+        survival([(controller(row), row) for row in rows]).savefig(out / FIGURE, dpi=120)
     for platform in (OWN, BLUEBIRD, BLUESKY):
         for traffic in FLIGHT_SCHOOL:
             found = [row for row in rows if (row.platform, row.traffic) == (platform, traffic)]

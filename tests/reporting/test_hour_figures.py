@@ -45,3 +45,13 @@ def test_survival_has_a_panel_for_each_traffic():
         figure = survival([(name, hour_row(name, kind)) for name in names for kind in kinds])
     assert [axes.get_title(loc="left") for axes in figure.axes] == ["30 flights/h", "notebook"]
     assert [len(axes.get_lines()) for axes in figure.axes] == [2, 2]
+
+
+def test_survival_has_a_panel_for_each_simulator():
+    flown = [("bluebird", "notebook"), ("skystack", "category"), ("skystack", "notebook")]
+    rows = [("one", hour_row("one", kind, platform=platform)) for platform, kind in flown]
+    with house_style():
+        several, one = survival(rows), survival(rows[:1])
+    titles = [axes.get_title(loc="left") for axes in several.axes]
+    assert titles == ["category in skystack", "notebook in skystack", "notebook in bluebird"]
+    assert [axes.get_title(loc="left") for axes in one.axes] == ["notebook in bluebird"]

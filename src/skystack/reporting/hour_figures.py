@@ -10,7 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
+from skystack.errors import printable
 from skystack.evaluation.hour_row import HourRow
+from skystack.platforms.registry import OWN
 from skystack.reporting.hour_table import traffic_in_words
 from skystack.reporting.style import LINES, SERIES, grid_of_axes
 
@@ -77,26 +79,34 @@ def capacity(rows: Labelled) -> Figure | None:
 
 
 def survival(rows: Labelled) -> Figure:
-    """The share of the hours without a failure so far, as the lax score counts it."""
-    names, kinds = _names(rows), list(dict.fromkeys(row.traffic for _, row in rows))
-    columns, last_s = min(len(kinds), COLUMNS), max(row.length_s for _, row in rows)
-    lines = -(-len(kinds) // columns)
+    """The share of the hours without a failure so far, as the lax score counts it.
+
+    One panel per traffic and simulator.
+    """
+    names = _names(rows)
+    panels = list(dict.fromkeys((row.platform, row.traffic) for _, row in rows))
+    panels.sort(key=lambda panel: (panel[0] != OWN, panel[0]))  # stable: traffic keeps its order
+    platforms = {platform for platform, _ in panels}
+    columns, last_s = min(len(panels), COLUMNS), max(row.length_s for _, row in rows)
+    lines = -(-len(panels) // columns)
     size = (max(3.6 * columns, 5.0), 2.9 * lines + 0.5)
-    figure, panels = grid_of_axes(lines, columns, size, sharey=True)
-    for axes, kind in zip(panels, kinds, strict=False):
-        axes.set_title(traffic_in_words(kind))
+    figure, grid = grid_of_axes(lines, columns, size, sharey=True)
+    for axes, (platform, traffic) in zip(grid, panels, strict=False):
+        where = "" if platforms == {OWN} else f" in {printable(platform)}"
+        axes.set_title(traffic_in_words(traffic) + where)
         for name in names:
-            own = [row for each, row in rows if (each, row.traffic) == (name, kind)]
+            key = (name, platform, traffic)
+            own = [row for each, row in rows if (each, row.platform, row.traffic) == key]
             if own:
                 _curve(axes, names, name, survival_of(own), step=True)
         axes.set_ylim(0.0, 1.04)
         axes.set_xlim(0.0, last_s)
         axes.set_xlabel("time, s")
-    for axes in panels[len(kinds) :]:
+    for axes in grid[len(panels) :]:
         axes.set_axis_off()
-    for axes in panels[::columns]:
+    for axes in grid[::columns]:
         axes.set_ylabel("hours without failure")
-    _legend(figure, panels)
+    _legend(figure, grid)
     return figure
 
 

@@ -45,7 +45,7 @@ def _order(row: HourRow) -> tuple[str, float, str, int]:
     return label(row), float("inf") if rate is None else rate, row.traffic, row.seed
 
 
-def label(row: HourRow) -> str:
+def controller(row: HourRow) -> str:
     """The agent, and what differs from the defaults."""
     parts = [row.agent]
     if row.safety_net is False:
@@ -54,9 +54,13 @@ def label(row: HourRow) -> str:
         parts.append(f"{row.per_cycle} per cycle")
     if row.uncertainty:
         parts.append("uncertainty")
-    if row.platform != OWN:
-        parts.append(f"in {row.platform}")
     return printable(", ".join(parts))
+
+
+def label(row: HourRow) -> str:
+    """The controller and, if it is not ours, the simulator."""
+    where = "" if row.platform == OWN else f", in {printable(row.platform)}"
+    return controller(row) + where
 
 
 def hours_table(rows: Sequence[HourRow]) -> Table:
@@ -101,10 +105,10 @@ def _line(row: HourRow) -> tuple[str, ...]:
 
 def write_hours_report(rows: Sequence[HourRow], output: Path) -> None:
     """Write the page. Raises InputError if it cannot be written."""
-    labelled = [(label(row), row) for row in rows]
     seeds = sorted({seed for row in rows for seed in row.seeds})
     with house_style():
-        curves, survivals = capacity(labelled), survival(labelled)
+        curves = capacity([(label(row), row) for row in rows])
+        survivals = survival([(controller(row), row) for row in rows])
         page = render(
             "hours.html.jinja",
             version=skystack.__version__,
