@@ -20,7 +20,7 @@ from skystack.tasks.sector_world import WorldState
 
 ALERT_S = 120.0
 """The net acts if a loss of separation is predicted within this time."""
-AREA_ALERT_S = 60.0
+AREA_ALERT_S = 105.0
 """The net acts if an excursion is predicted within this time."""
 GAIN_S = 60.0
 """The net adds a clearance only if it delays the predicted event by at least this."""
