@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
@@ -18,6 +17,7 @@ from skystack.agents.callsigns import Callsigns
 from skystack.agents.queries import QueryNames, query_actions
 from skystack.agents.since import SinceTransmission
 from skystack.agents.transmission import Transmission, transmission_between
+from skystack.compilation.fetch import fetched
 from skystack.compilation.shared import shared_program
 from skystack.tasks.outlook import no_outlook
 from skystack.tasks.sector_control import SectorControl
@@ -61,7 +61,7 @@ class FlightActions:
             row = np.zeros(slots, dtype=np.int32)
             for slot, chosen in actions.items():
                 row[slot] = chosen[number] if number < len(chosen) else 0
-            told, changed = jax.device_get(self._instruct(told, row))
+            told, changed = fetched(self._instruct(told, row))
             counts += changed
         between = (
             transmission_between(state.traffic, told.traffic, slot, int(counts[slot]))

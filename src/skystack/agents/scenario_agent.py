@@ -12,6 +12,7 @@ from jaxtyping import Array
 
 from skystack.agents.transmission import Transmission, transmission_between
 from skystack.airspace.sector import Sector
+from skystack.compilation.fetch import fetched
 from skystack.compilation.shared import shared_program
 from skystack.errors import InputError
 from skystack.learning.choices import Weights, most_probable
@@ -45,7 +46,7 @@ class ScenarioAgent:
             decided = self._next_decision(self._weights, self._last[1], self._traffic(state))
         else:
             decided = self._first_decision(self._weights, *self._task_inputs(state))
-        instructed, stack = jax.device_get(decided)
+        instructed, stack = fetched(decided)
         self._last = cycle, instructed
         aircraft = self._task.actions[int(stack.action)].aircraft
         if aircraft is None or stack.instructions == 0:

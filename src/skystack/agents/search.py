@@ -13,7 +13,6 @@ Erzberger, ICAS 2008.)
 from collections.abc import Iterator
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -32,6 +31,7 @@ from skystack.agents.probe import (
 )
 from skystack.agents.transmission import PER_CYCLE, Transmission
 from skystack.agents.trials import Plan, Trials
+from skystack.compilation.fetch import fetched
 from skystack.simulator.arrivals import FREE
 from skystack.simulator.traffic import DIRECT, SHORTEST
 from skystack.tasks.sector_world import World, WorldState
@@ -173,7 +173,7 @@ class Search:
     def _as_cleared(self, state: WorldState, slots: Int[np.ndarray, " slots"]) -> FlownPlans:
         """At most `PLANS` flights flown ahead as they are cleared; the columns are repeated."""
         rows = flights_in(state, np.resize(slots, PLANS))
-        flown: FlownPlans = jax.device_get(self.probe.fly(*rows, no_events(PLANS)))
+        flown: FlownPlans = fetched(self.probe.fly(*rows, no_events(PLANS)))
         return flown
 
     def _best(self, state: WorldState, slot: int) -> "_Found":
@@ -189,7 +189,7 @@ class Search:
         close: Bool[np.ndarray, " others"] | None = None
         for plans in self._batches(state, slot):
             events = self._events(state, slot, plans)
-            flown = jax.device_get(self.probe.fly(*rows, events))
+            flown = fetched(self.probe.fly(*rows, events))
             found = self.probe.conflicts(flown.ahead, other)
             first, loss, cycles = (
                 np.array(each)[: len(plans), : len(numbers)]

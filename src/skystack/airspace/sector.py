@@ -282,6 +282,11 @@ class Sector:
         )
         return point
 
+    @cached_property
+    def exit_points(self) -> Float[np.ndarray, "routes 2"]:
+        """The point of each route's exit: latitude and longitude in degrees."""
+        return self.plane.to_degrees(np.array([self.exit_point_nm(each) for each in self.routes]))
+
     def _scaled(self, distance_nm: float, point_nm: Float[np.ndarray, "2"]) -> float:
         """A true distance as one in the plane, near a point."""
         return distance_nm * float(self.plane.scale(point_nm[1:])[0])

@@ -4,11 +4,11 @@ The state that agents see is rebuilt from BluebirdDT's reports after every cycle
 excursions and losses of separation are determined as in our simulator.
 """
 
-import jax
 import numpy as np
 from jaxtyping import Bool
 
 from skystack.agents.transmission import Transmission
+from skystack.compilation.fetch import fetched
 from skystack.compilation.shared import shared_program
 from skystack.errors import InputError
 from skystack.evaluation.foreign_hours import ReportedTraffic, instructions_of, writable
@@ -38,12 +38,12 @@ class BluebirdHours:
         """Flights that have left, which BluebirdDT may still report."""
 
     def reset(self, seed: int, number: int) -> WorldState:
-        empty: WorldState = jax.device_get(self._empty(scenario_key(seed, number)))
+        empty: WorldState = fetched(self._empty(scenario_key(seed, number)))
         self._slot, self._left = {}, set()
         reports = self.platform.reset(_random_seed(seed, number))
         arrivals, _ = self._admit(empty.arrivals, reports)
         traffic = self._reports.read(empty.traffic, self._slot, reports)
-        return WorldState(traffic, arrivals, jax.device_get(self._begin(traffic)))
+        return WorldState(traffic, arrivals, fetched(self._begin(traffic)))
 
     def advance(
         self, state: WorldState, transmissions: list[Transmission]
@@ -60,7 +60,7 @@ class BluebirdHours:
         flown = self._reports.read(state.traffic, self._slot, reports)
         removed = np.zeros_like(born)
         removed[[slot for callsign, slot in self._slot.items() if callsign not in reports]] = True
-        next_state, cycle = jax.device_get(
+        next_state, cycle = fetched(
             self._end_cycle(state.progress, flown, born, arrivals, flown, removed)
         )
         gone = {

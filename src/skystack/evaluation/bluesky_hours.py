@@ -5,11 +5,11 @@ BlueSky's traffic after every cycle. Exits, excursions and losses of separation 
 our simulator.
 """
 
-import jax
 from jaxtyping import Array
 
 from skystack.agents.callsigns import Callsigns
 from skystack.agents.transmission import Transmission
+from skystack.compilation.fetch import fetched
 from skystack.compilation.shared import shared_program
 from skystack.evaluation.foreign_hours import ReportedTraffic, instructions_of
 from skystack.learning.seeds import scenario_key
@@ -42,7 +42,7 @@ class BlueskyHours:
         """The slots of the flights that BlueSky flies, by callsign."""
 
     def reset(self, seed: int, number: int) -> WorldState:
-        state: WorldState = jax.device_get(self._reset(scenario_key(seed, number)))
+        state: WorldState = fetched(self._reset(scenario_key(seed, number)))
         self.platform.reset()
         self._callsigns, self._flying = Callsigns(self.world.flow.callsigns), {}
         return state
@@ -50,7 +50,7 @@ class BlueskyHours:
     def advance(
         self, state: WorldState, transmissions: list[Transmission]
     ) -> tuple[WorldState, WorldCycle]:
-        arrivals, begun, born = jax.device_get(self._admit(state.arrivals, state.traffic))
+        arrivals, begun, born = fetched(self._admit(state.arrivals, state.traffic))
         slots = self._callsigns.follow(state._replace(arrivals=arrivals))
         for callsign, slot in slots.items():
             if callsign not in self._flying and arrivals.held[slot] == 0:
@@ -60,9 +60,7 @@ class BlueskyHours:
             self.platform.issue(each)
         reports = self.platform.advance()
         flown = self._reports.read(begun, self._flying, reports)
-        next_state, cycle = jax.device_get(
-            self._end_cycle(state.progress, begun, born, arrivals, flown)
-        )
+        next_state, cycle = fetched(self._end_cycle(state.progress, begun, born, arrivals, flown))
         for callsign, slot in list(self._flying.items()):
             if not next_state.traffic.active[slot]:
                 self.platform.remove(callsign)

@@ -78,8 +78,7 @@ def distance_to_exit_nm(
     It is NaN for routes that end inside the area, where flights land.
     """
     lat, lon = sector.plane.to_degrees(position_nm).T
-    points = np.array([sector.exit_point_nm(each) for each in sector.routes])
-    exit_lat, exit_lon = sector.plane.to_degrees(points)[route].T
+    exit_lat, exit_lon = sector.exit_points[route].T
     metres = WGS84.inv(lon, lat, exit_lon, exit_lat)[2]
     lands = sector.route_table.lands[route]
     return np.where(lands, np.nan, np.asarray(metres) / METRES_PER_NM)

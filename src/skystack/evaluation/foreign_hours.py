@@ -4,11 +4,11 @@ from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from skystack.agents.transmission import Transmission, instruction_of
+from skystack.compilation.fetch import fetched
 from skystack.compilation.shared import shared_program
 from skystack.platforms.flight_report import FlightReport
 from skystack.platforms.instruction import Instruction
@@ -53,7 +53,7 @@ class ReportedTraffic:
             if callsign in reports:
                 for name, value in self._flight(reports[callsign]).items():
                     values[name][slot] = value
-        read: Traffic = jax.device_get(self._adopted(Traffic(**values)))
+        read: Traffic = fetched(self._adopted(Traffic(**values)))
         return read
 
     @cached_property

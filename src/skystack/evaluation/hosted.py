@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int, Key
 
 from skystack.agents.agent import Agent
 from skystack.agents.queries import QueryNames, query_actions, query_scores
+from skystack.compilation.fetch import fetched
 from skystack.compilation.shared import shared_program
 from skystack.evaluation.rollout import (
     Recording,
@@ -150,14 +151,14 @@ class _Rollout:
         """Fly scenarios until all have ended; a scenario that has ended does not change."""
         keys = scenario_keys(seed, numbers)
         state, query_keys = self._begin(keys)
-        start = jax.device_get(scenarios_first(initial_fields(self._task, state)))
+        start = fetched(scenarios_first(initial_fields(self._task, state)))
         over, rows = np.zeros(len(numbers), dtype=bool), list[Any]()
         while not over.all():
             moment = QueryContext(numbers, len(rows), query_keys[len(rows)])
             instructed, stack = decisions.decide(state, ~over, moment)
             state, ended, row = self._advance(instructed, stack, over)
             over = np.asarray(ended)
-            rows.append(jax.device_get(row))
+            rows.append(fetched(row))
         return recording_of(numbers, start, rows, self._task.cycles)
 
 

@@ -98,7 +98,8 @@ def score(sector: Sector, hour: Hour) -> Scores:
     """Score an hour."""
     below_nm = sector.loss_below_nm
     approaches = _approaches(sector, hour, max(below_nm, CLOSE_NM))
-    losses = _pair_events(hour, approaches, below_nm)
+    moved = _first_moves(hour)
+    losses = _pair_events(hour, approaches, below_nm, moved)
     first = {
         BIRTH: _inside_cycle(each for each in losses if each.at_birth),
         LOSS: _inside_cycle(each for each in losses if not each.at_birth),
@@ -118,7 +119,7 @@ def score(sector: Sector, hour: Hour) -> Scores:
         ),
         flights=_flight_rows(sector, hour),
         losses=losses,
-        close_pairs=_pair_events(hour, approaches, CLOSE_NM),
+        close_pairs=_pair_events(hour, approaches, CLOSE_NM, moved),
         lax_s=_seconds(first, lax, hour),
         lax_without_births_s=_seconds(first, _ended(first, (LOSS, EXCURSION)), hour),
         strict_s=_seconds(first, strict, hour),
@@ -181,10 +182,14 @@ def _approaches(sector: Sector, hour: Hour, below_nm: float) -> _Approaches:
     return _Approaches(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
-def _pair_events(hour: Hour, approaches: _Approaches, below_nm: float) -> list[PairEvent]:
-    """The first time that each pair of flights is closer than a distance, in order of time."""
+def _pair_events(
+    hour: Hour, approaches: _Approaches, below_nm: float, moved: Mapping[int, int]
+) -> list[PairEvent]:
+    """The first time that each pair of flights is closer than a distance, in order of time.
+
+    `moved` has the first cycle in which each flight moves.
+    """
     found: dict[tuple[int, int], PairEvent] = {}
-    moved = _first_moves(hour)
     close = approaches.squared_nm2 < below_nm**2
     for cycle, slots in zip(approaches.cycle[close], approaches.slots[close], strict=True):
         at = int(cycle)
@@ -201,11 +206,10 @@ def _pair_events(hour: Hour, approaches: _Approaches, below_nm: float) -> list[P
 
 def _first_moves(hour: Hour) -> dict[int, int]:
     """The first cycle in which each flight moves, if it does."""
-    moves: dict[int, int] = {}
-    still = np.all(hour.before_nm == hour.traffic.position_nm, axis=-1)
-    for cycle, slot in np.argwhere(~still & (hour.flight != FREE)).tolist():
-        moves.setdefault(int(hour.flight[cycle, slot]), cycle)
-    return moves
+    moves = np.any(hour.before_nm != hour.traffic.position_nm, axis=-1) & (hour.flight != FREE)
+    flight, first = np.unique(hour.flight[moves], return_index=True)
+    cycle = np.nonzero(moves)[0]  # in ascending order
+    return dict(zip(flight.tolist(), cycle[first].tolist(), strict=True))
 
 
 def _flight_rows(sector: Sector, hour: Hour) -> list[FlightRow]:

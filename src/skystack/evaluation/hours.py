@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from skystack.agents.transmission import PER_CYCLE, SectorAgent, Transmission, clearance_of
+from skystack.compilation.fetch import fetched
 from skystack.compilation.shared import shared_program
 from skystack.errors import InputError
 from skystack.learning.seeds import scenario_key
@@ -80,7 +81,7 @@ class OwnHours:
         self._instruct = shared_program(world.instruct)
 
     def reset(self, seed: int, number: int) -> WorldState:
-        state: WorldState = jax.device_get(self._reset(scenario_key(seed, number)))
+        state: WorldState = fetched(self._reset(scenario_key(seed, number)))
         return state
 
     def instruct(self, state: WorldState, transmissions: list[Transmission]) -> WorldState:
@@ -94,7 +95,7 @@ class OwnHours:
     ) -> tuple[WorldState, WorldCycle]:
         if transmissions:
             state = self.instruct(state, transmissions)
-        flown: tuple[WorldState, WorldCycle] = jax.device_get(self._advance(state))
+        flown: tuple[WorldState, WorldCycle] = fetched(self._advance(state))
         return flown
 
     def close(self) -> None:

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PRNGKeyArray
 
+from skystack.compilation.fetch import fetched
 from skystack.compilation.shared import shared_program
 from skystack.errors import PlatformError, error_context
 from skystack.evaluation.hosted import AgentController, Decisions, QueryContext
@@ -64,7 +65,7 @@ class Pilot:
     def _compile(self) -> None:
         """Compile everything before anything is timed."""
         key = scenario_key(self._job.seed, 0)
-        state = jax.device_get(self._reset(key))
+        state = fetched(self._reset(key))
         self._exit_levels(state), self._status(state)
         instructed, stack = self._decide(state, key, 0, 0)
         self._end_cycle(instructed, stack, jax.tree.map(jnp.asarray, self._task.traffic(state)))
@@ -77,7 +78,7 @@ class Pilot:
 
     def _begin(self, number: int) -> tuple[Report, TaskState]:
         task = self._task
-        state: TaskState = jax.device_get(self._reset(scenario_key(self._job.seed, number)))
+        state: TaskState = fetched(self._reset(scenario_key(self._job.seed, number)))
         scenario = scenario_of(
             task.traffic(state),
             task.simulator,
@@ -103,7 +104,7 @@ class Pilot:
                 if stack.instructions > 0:
                     self._issue(task.traffic(instructed), stack)
                 flown = traffic_of(self._platform.advance(), task.traffic(instructed), plane)
-            state, outcome, row = jax.device_get(self._end_cycle(instructed, stack, flown))
+            state, outcome, row = fetched(self._end_cycle(instructed, stack, flown))
             rows.append(jax.tree.map(lambda values: np.asarray(values)[None], row))
             if outcome.ended:
                 break
@@ -155,7 +156,7 @@ def _decision(
     def decide(
         state: TaskState, key: PRNGKeyArray, number: int, cycle: int
     ) -> tuple[TaskState, Stack]:
-        instructed, stack = jax.device_get(program(weights, state, key))
+        instructed, stack = fetched(program(weights, state, key))
         with error_context(f"scenario {number}, cycle {cycle}"):
             checked_action(stack.action, len(task.action_names))
         return instructed, stack

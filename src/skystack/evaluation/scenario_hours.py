@@ -7,11 +7,11 @@ excursions and losses of separation are determined as in our simulator.
 from contextlib import ExitStack
 from typing import Any
 
-import jax
 import numpy as np
 
 from skystack.agents.callsigns import Callsigns
 from skystack.agents.transmission import Transmission
+from skystack.compilation.fetch import fetched
 from skystack.compilation.shared import shared_program
 from skystack.evaluation.foreign_hours import instructions_of
 from skystack.io.files import scratch_folder
@@ -42,7 +42,7 @@ class ScenarioHours:
         """The slots of all flights of the scenario, by callsign."""
 
     def reset(self, seed: int, number: int) -> WorldState:
-        state: WorldState = jax.device_get(self._reset(scenario_key(seed, number)))
+        state: WorldState = fetched(self._reset(scenario_key(seed, number)))
         self._slot = Callsigns(self.world.flow.callsigns).follow(state)
         scenario = scenario_of(
             state.traffic,
@@ -64,9 +64,7 @@ class ScenarioHours:
             flown = self._read(self.platform.advance(), _on_routes(state.traffic, transmissions))
         arrivals = state.arrivals._replace(cycle=state.arrivals.cycle + 1)
         nobody = np.zeros_like(state.traffic.active)
-        next_state, cycle = jax.device_get(
-            self._end_cycle(state.progress, flown, nobody, arrivals, flown)
-        )
+        next_state, cycle = fetched(self._end_cycle(state.progress, flown, nobody, arrivals, flown))
         return _past_fixes(next_state), cycle
 
     def close(self) -> None:
@@ -76,7 +74,7 @@ class ScenarioHours:
         """The traffic with what is reported of its flights, which are in the first slots."""
         free = len(before.active) - len(report.fl)
         padded = Report(*(np.pad(values, (0, free)) for values in report))
-        read: Traffic = jax.device_get(traffic_of(padded, before, self.world.sector.plane))
+        read: Traffic = fetched(traffic_of(padded, before, self.world.sector.plane))
         return read
 
 

@@ -8,7 +8,6 @@ import secrets
 from collections.abc import Mapping
 from typing import Any
 
-import jax
 import numpy as np
 
 from skystack.agents.transmission import Transmission
@@ -144,7 +143,7 @@ class History:
             np.where(here, values, np.nan).astype(np.float32)
             for values in (cycle.before_level_ticks, cycle.traffic.level_ticks)
         )
-        distance = np.sqrt(np.asarray(jax.device_get(squared_nm2(before, after, *levels))))
+        distance = np.sqrt(np.asarray(squared_nm2(before, after, *levels)))
         pairs = np.flatnonzero(distance < self.sector.loss_below_nm)
         first, second = (each[pairs] for each in np.triu_indices(len(here), k=1))
         return [

@@ -10,11 +10,11 @@ Everything is recorded, as in an evaluation.
 from functools import cached_property
 from typing import Any
 
-import jax
 import numpy as np
 
 from skystack.agents.callsigns import Callsigns
 from skystack.agents.transmission import Transmission, instruction_of
+from skystack.compilation.fetch import fetched
 from skystack.compilation.shared import shared_program
 from skystack.errors import InputError
 from skystack.evaluation.hours import Hour, HourRecorder, Hours, OwnHours, copied, is_fail_safe
@@ -51,8 +51,8 @@ class LiveHour:
 
     def compile(self) -> None:
         """Compile the programs now instead of on first use."""
-        jax.device_get(self._own.instruct(self.state, []))
-        jax.device_get(self._fail_safe(self.state))
+        fetched(self._own.instruct(self.state, []))
+        fetched(self._fail_safe(self.state))
         if self._hours is self._own:
             self._own.advance(self.state, [])
 
@@ -78,7 +78,7 @@ class LiveHour:
     def transmit(self, transmission: Transmission) -> Instruction:
         """Issue a transmission to a flight that hears; no time passes."""
         self._recorder.record_transmissions(self.state, [transmission])
-        self.state = jax.device_get(self._own.instruct(self.state, [transmission]))
+        self.state = fetched(self._own.instruct(self.state, [transmission]))
         self._pending.append(transmission)
         return self.phrased(transmission)
 

@@ -5,10 +5,10 @@ Predictions are those of `skystack.tasks.outlook`: as cleared, up to ten minutes
 
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Array
 
+from skystack.compilation.fetch import fetched
 from skystack.compilation.shared import shared_program
 from skystack.live.hour import LiveHour
 from skystack.simulator.arrivals import FREE
@@ -74,7 +74,7 @@ class Situation:
     def conflicts(self) -> list[Conflict]:
         """Pairs of flights, the most urgent first."""
         state = self._hour.state
-        soon, neighbour, time_s = jax.device_get(self._look(state))
+        soon, neighbour, time_s = fetched(self._look(state))
         name = {slot: callsign for callsign, slot in self._hour.slots.items()}
         found: dict[tuple[str, str], float] = {}
         for rank, slot in np.argwhere(soon).tolist():

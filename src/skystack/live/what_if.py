@@ -7,7 +7,6 @@ nominal rates. Other flights fly as they are cleared; flights that have not arri
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -24,6 +23,7 @@ from skystack.agents.probe import (
     set_event,
 )
 from skystack.agents.transmission import Transmission
+from skystack.compilation.fetch import fetched
 from skystack.errors import InputError
 from skystack.simulator.arrivals import FREE
 from skystack.simulator.performance import TICKS_PER_FL
@@ -145,13 +145,13 @@ class WhatIf:
 
     def _fly(self, state: WorldState, rows: np.ndarray, events: Events) -> Any:
         """Fly the flights in some slots ahead, as `FlownPlans` of numpy arrays."""
-        return jax.device_get(self._probe.fly(*flights_in(state, rows), events))
+        return fetched(self._probe.fly(*flights_in(state, rows), events))
 
     def _approaches(self, mine: Ahead, others: Ahead) -> list[list[CloseApproach]]:
         """The approaches of each of some flights to others, the closest first."""
         mine = Ahead(*(values[: HORIZON_CYCLES + 1] for values in mine))
         others = Ahead(*(values[: HORIZON_CYCLES + 1] for values in others))
-        found = jax.device_get(self._probe.conflicts(mine, others))
+        found = fetched(self._probe.conflicts(mine, others))
         least_nm = np.sqrt(found.least_squared)
         close: Bool[np.ndarray, "mine others"] = least_nm < REPORTED_NM
         return [
