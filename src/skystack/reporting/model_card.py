@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import jinja2
 import msgspec
 
+from skystack.agents.safety_net import ALERT_S, AREA_ALERT_S
 from skystack.agents.sector_agents import sector_task_of
 from skystack.evaluation.evaluate import policy_task
 from skystack.learning.experiment import (
@@ -74,7 +75,13 @@ def card(name: str, policy: Policy, measured: Measured) -> str:
     }
     if described.task_name == SectorControl.name:
         sector_task_of(policy)  # raises if the task has changed
-        values |= {"metrics": SECTOR_METRICS, "step": "step", "of_what": ""}
+        values |= {
+            "metrics": SECTOR_METRICS,
+            "step": "step",
+            "of_what": "",
+            "alert_s": int(ALERT_S),
+            "area_alert_s": int(AREA_ALERT_S),
+        }
         return _rendered("sector_card.md.jinja", values)
     task = policy_task(policy)
     paper = [row["paper"] for row in measured.rows]
