@@ -9,7 +9,7 @@ Tree = TypeVar("Tree")
 
 
 def fetched(values: Tree) -> Tree:
-    """A pytree with a numpy array, which is read-only, for each array of JAX.
+    """The pytree with each JAX array replaced by a read-only numpy array.
 
     For results of many small arrays that are fetched often: `jax.device_get` first starts a copy
     of each array, which takes several times as long. The arrays may share memory with those of JAX.
