@@ -5,14 +5,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from skystack.agents.probe import AHEAD, Probe
+from skystack.agents.probe import AHEAD, PLANS, Probe, flights_in, no_events, set_event
 from skystack.agents.search import SHORT, Search
 from skystack.agents.sector_rules import NoOp, OwnNavigation, Rules
+from skystack.agents.transmission import Transmission
 from skystack.airspace.sectors import sector_named
 from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
 from skystack.evaluation.hour_scores import score, summary
-from skystack.evaluation.hours import HourFlyer
+from skystack.evaluation.hours import HourFlyer, OwnHours
 from skystack.simulator.arrival_flows import Flow, constant_rate
 from skystack.simulator.arrivals import Clock
 from skystack.simulator.performance import TICKS_PER_FL, performance
@@ -131,6 +132,45 @@ def test_plans_reach_the_end_of_the_longest_route():
     assert flight.correct
     x_plus_world = listed_world(x_plus(), [at_first_fix(x_plus(), x_plus().routes[0], "SHORT")])
     assert Probe(x_plus_world).ahead == AHEAD
+
+
+class Scripted:
+    """Gives planned transmissions, by cycle, to flights that are there."""
+
+    def __init__(self, planned):
+        self.planned = planned
+
+    def begin(self, state):
+        pass
+
+    def transmit(self, state):
+        planned = self.planned.get(int(state.arrivals.cycle), [])
+        return [each for each in planned if state.hears[each.slot]]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("back_after", "correct"), [(10, True), (70, False)])
+def test_plans_that_stray_far_from_the_sector_are_wrong(back_after, correct):
+    """In both plans, a flight that has not entered turns back, and later returns to its route.
+
+    70 cycles at 400 kt are 47 NM: the second plan leaves the box, 20 NM around the sector, in which
+    a flight may return.
+    """
+    sector = x_plus()
+    start = at_first_fix(sector, sector.routes[0], "STRAY", ahead_nm=-3.0)
+    world = listed_world(sector, [start])
+    away = round(start.heading_deg + 180.0) % 360
+    planned = {0: [Transmission(0, heading_deg=away)], back_after: [Transmission(0, fix=1)]}
+    hour = HourFlyer(world, 239).fly(Scripted(planned), 0, 0)
+    (flight,) = score(sector, hour).flights
+    assert (flight.correct, flight.excursion) == (correct, not correct)
+    events = no_events(PLANS)
+    for index, (cycle, (each,)) in enumerate(planned.items()):
+        set_event(events, 0, index, cycle, each)
+    state = OwnHours(world).reset(0, 0)
+    flown = Probe(world).fly(*flights_in(state, np.zeros(PLANS, dtype=int)), events)
+    assert bool(flown.correct[0]) is correct
+    assert int(flown.cycles[0]) == flight.gone + 1
 
 
 @pytest.mark.slow

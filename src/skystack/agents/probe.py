@@ -21,7 +21,7 @@ from skystack.simulator.simulator import Simulator, instruct
 from skystack.simulator.traffic import DIRECT, NO_TURN, Clearance, Traffic, ticks
 from skystack.tasks.flight_time import flight_times
 from skystack.tasks.progress import FlightPlan, Progress, ProgressTracker
-from skystack.tasks.sector_world import World, WorldState
+from skystack.tasks.sector_world import World, WorldState, has_strayed
 from skystack.tasks.separation import half_length, least_distance_squared
 
 PLANS = 32
@@ -201,14 +201,15 @@ def _fly(
             traffic = instruct(traffic, clearance)
         flown = simulator.advance(traffic)
         progress = tracker.update(progress, flight_plan, flown)
-        flying = flown.active & ~progress.exited & ~progress.excursion
+        ended = progress.exited | progress.excursion
+        ended |= has_strayed(simulator.sector, progress, flown)
         cycle += 1
         ahead = Ahead(
             ahead.position_nm.at[cycle].set(flown.position_nm),
             ahead.level_ticks.at[cycle].set(flown.level_ticks),
             ahead.present.at[cycle].set(flown.active),
         )
-        return cycle, flown._replace(active=flying), progress, ahead
+        return cycle, flown._replace(active=flown.active & ~ended), progress, ahead
 
     _, _, progress, ahead = jax.lax.while_loop(
         flies, fly_cycle, (jnp.int32(0), traffic, progress, ahead)

@@ -180,7 +180,7 @@ class World:
         before_nm, before_level_ticks = progress.previous_nm, progress.previous_level_ticks
         plan = FlightPlan(arrivals.entry_level_ticks, arrivals.exit_level_ticks)
         progress = subroutine(self.tracker.update, progress, plan, flown)
-        strayed = ~progress.entered & self.is_far(flown)
+        strayed = has_strayed(self.sector, progress, flown)
         strayed = flown.active & (strayed if removed is None else strayed | removed)
         excursion = (progress.excursion & flown.active) | strayed
         exited = progress.exited & flown.active
@@ -208,11 +208,14 @@ class World:
         # All fields but the last are per aircraft; the last is the number of cycles flown.
         return Progress(*where_aircraft(born, fresh[:-1], progress[:-1]), cycles=progress.cycles)
 
-    def is_far(self, traffic: Traffic) -> Bool[Array, "slots *batch"]:
-        """Whether flights are far outside the area."""
-        points = np.stack([*self.sector.area_nm, *self.sector.fixes_nm.values()])
-        # The scale of the plane hardly changes across a sector, so the box is in plane units.
-        low, high = points.min(axis=0) - FAR_NM, points.max(axis=0) + FAR_NM
-        east, north = traffic.position_nm[:, 0], traffic.position_nm[:, 1]
-        inside = (east >= low[0]) & (east <= high[0]) & (north >= low[1]) & (north <= high[1])
-        return ~inside
+
+def has_strayed(
+    sector: Sector, progress: Progress, traffic: Traffic
+) -> Bool[Array, "flights *batch"]:
+    """Whether flights are far outside the area (`FAR_NM`) without having entered it."""
+    points = np.stack([*sector.area_nm, *sector.fixes_nm.values()])
+    # The scale of the plane hardly changes across a sector, so the box is in plane units.
+    low, high = points.min(axis=0) - FAR_NM, points.max(axis=0) + FAR_NM
+    east, north = traffic.position_nm[:, 0], traffic.position_nm[:, 1]
+    inside = (east >= low[0]) & (east <= high[0]) & (north >= low[1]) & (north <= high[1])
+    return ~progress.entered & ~inside
