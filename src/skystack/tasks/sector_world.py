@@ -180,9 +180,8 @@ class World:
         before_nm, before_level_ticks = progress.previous_nm, progress.previous_level_ticks
         plan = FlightPlan(arrivals.entry_level_ticks, arrivals.exit_level_ticks)
         progress = subroutine(self.tracker.update, progress, plan, flown)
-        strayed = has_strayed(self.sector, progress, flown)
-        strayed = flown.active & (strayed if removed is None else strayed | removed)
-        excursion = (progress.excursion & flown.active) | strayed
+        excursion = progress.excursion | excursion_before_entry(self.sector, progress, flown)
+        excursion = flown.active & (excursion if removed is None else excursion | removed)
         exited = progress.exited & flown.active
         cycle = WorldCycle(
             flight=arrivals.flight,
@@ -209,7 +208,7 @@ class World:
         return Progress(*where_aircraft(born, fresh[:-1], progress[:-1]), cycles=progress.cycles)
 
 
-def has_strayed(
+def excursion_before_entry(
     sector: Sector, progress: Progress, traffic: Traffic
 ) -> Bool[Array, "flights *batch"]:
     """Whether flights are far outside the area (`FAR_NM`) without having entered it."""
