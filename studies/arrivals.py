@@ -38,7 +38,7 @@ from skystack.simulator.arrival_flows import FLIGHT_SCHOOL, HOUR_CYCLES
 from skystack.simulator.arrivals import Arrivals, release
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.traffic import Traffic
-from skystack.tasks.sector_world import World
+from skystack.tasks.sector_world import World, is_far
 from studies.parallel import run_pieces
 
 HOURS_A_PIECE = 5
@@ -97,7 +97,7 @@ def in_skystack(traffic: str, first: int, hours: int) -> Arrived:
 def _cycle(world: World, arrivals: Arrivals, traffic: Traffic) -> tuple[Arrivals, Traffic, Any]:
     """A cycle, and which flights were born in it."""
     _, born, arrivals, flown = world.fly(arrivals, traffic)
-    return *release(arrivals, flown, flown.active & world.is_far(flown)), born
+    return *release(arrivals, flown, flown.active & is_far(world.sector, flown)), born
 
 
 def _born(

@@ -208,13 +208,18 @@ class World:
         return Progress(*where_aircraft(born, fresh[:-1], progress[:-1]), cycles=progress.cycles)
 
 
-def excursion_before_entry(
-    sector: Sector, progress: Progress, traffic: Traffic
-) -> Bool[Array, "flights *batch"]:
-    """Whether flights are far outside the area (`FAR_NM`) without having entered it."""
+def is_far(sector: Sector, traffic: Traffic) -> Bool[Array, "flights *batch"]:
+    """Whether flights are far outside the area (`FAR_NM`)."""
     points = np.stack([*sector.area_nm, *sector.fixes_nm.values()])
     # The scale of the plane hardly changes across a sector, so the box is in plane units.
     low, high = points.min(axis=0) - FAR_NM, points.max(axis=0) + FAR_NM
     east, north = traffic.position_nm[:, 0], traffic.position_nm[:, 1]
     inside = (east >= low[0]) & (east <= high[0]) & (north >= low[1]) & (north <= high[1])
-    return ~progress.entered & ~inside
+    return ~inside
+
+
+def excursion_before_entry(
+    sector: Sector, progress: Progress, traffic: Traffic
+) -> Bool[Array, "flights *batch"]:
+    """Whether flights are far outside the area without having entered it."""
+    return ~progress.entered & is_far(sector, traffic)
