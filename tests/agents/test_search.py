@@ -151,10 +151,10 @@ class Scripted:
 @pytest.mark.slow
 @pytest.mark.parametrize(("back_after", "correct"), [(10, True), (70, False)])
 def test_plans_that_stray_far_from_the_sector_are_wrong(back_after, correct):
-    """In both plans, a flight that has not entered turns back, and later returns to its route.
+    """A flight that has not entered turns back, and returns to its route after some cycles.
 
-    70 cycles at 400 kt are 47 NM: the second plan leaves the box, 20 NM around the sector, in which
-    a flight may return.
+    In 70 cycles at 400 kt, it flies 47 NM. It is then more than 20 NM outside the sector, which is
+    an excursion.
     """
     sector = x_plus()
     start = at_first_fix(sector, sector.routes[0], "STRAY", ahead_nm=-3.0)

@@ -21,7 +21,7 @@ from skystack.simulator.simulator import Simulator, instruct
 from skystack.simulator.traffic import DIRECT, NO_TURN, Clearance, Traffic, ticks
 from skystack.tasks.flight_time import flight_times
 from skystack.tasks.progress import FlightPlan, Progress, ProgressTracker
-from skystack.tasks.sector_world import World, WorldState, excursion_before_entry
+from skystack.tasks.sector_world import World, WorldState, makes_excursion
 from skystack.tasks.separation import half_length, least_distance_squared
 
 PLANS = 32
@@ -201,8 +201,7 @@ def _fly(
             traffic = instruct(traffic, clearance)
         flown = simulator.advance(traffic)
         progress = tracker.update(progress, flight_plan, flown)
-        ended = progress.exited | progress.excursion
-        ended |= excursion_before_entry(simulator.sector, progress, flown)
+        ended = progress.exited | makes_excursion(simulator.sector, progress, flown)
         cycle += 1
         ahead = Ahead(
             ahead.position_nm.at[cycle].set(flown.position_nm),

@@ -180,7 +180,7 @@ class World:
         before_nm, before_level_ticks = progress.previous_nm, progress.previous_level_ticks
         plan = FlightPlan(arrivals.entry_level_ticks, arrivals.exit_level_ticks)
         progress = subroutine(self.tracker.update, progress, plan, flown)
-        excursion = progress.excursion | excursion_before_entry(self.sector, progress, flown)
+        excursion = makes_excursion(self.sector, progress, flown)
         excursion = flown.active & (excursion if removed is None else excursion | removed)
         exited = progress.exited & flown.active
         cycle = WorldCycle(
@@ -209,7 +209,7 @@ class World:
 
 
 def is_far(sector: Sector, traffic: Traffic) -> Bool[Array, "flights *batch"]:
-    """Whether flights are far outside the area (`FAR_NM`)."""
+    """Whether flights are farther outside the area than `FAR_NM`."""
     points = np.stack([*sector.area_nm, *sector.fixes_nm.values()])
     # The scale of the plane hardly changes across a sector, so the box is in plane units.
     low, high = points.min(axis=0) - FAR_NM, points.max(axis=0) + FAR_NM
@@ -218,8 +218,9 @@ def is_far(sector: Sector, traffic: Traffic) -> Bool[Array, "flights *batch"]:
     return ~inside
 
 
-def excursion_before_entry(
+def makes_excursion(
     sector: Sector, progress: Progress, traffic: Traffic
 ) -> Bool[Array, "flights *batch"]:
-    """Whether flights are far outside the area without having entered it."""
-    return ~progress.entered & is_far(sector, traffic)
+    """Whether flights have left the area other than through their exits, or are far outside it
+    without having entered it."""
+    return progress.excursion | (~progress.entered & is_far(sector, traffic))
