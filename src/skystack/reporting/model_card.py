@@ -77,8 +77,6 @@ def card(name: str, policy: Policy, measured: Measured) -> str:
         sector_task_of(policy)  # raises if the task has changed
         values |= {
             "metrics": SECTOR_METRICS,
-            "step": "step",
-            "of_what": "",
             "alert_s": int(ALERT_S),
             "area_alert_s": int(AREA_ALERT_S),
         }
@@ -86,8 +84,6 @@ def card(name: str, policy: Policy, measured: Measured) -> str:
     task = policy_task(policy)
     paper = [row["paper"] for row in measured.rows]
     values |= {
-        "step": "step",
-        "of_what": "",
         "task": task,
         "several": task.aircraft > 1,
         "instructions": [action.name.partition(" ")[2][2:] for action in _of_first(task)],
