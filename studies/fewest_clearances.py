@@ -35,6 +35,7 @@ from jaxtyping import Array, Bool, Int
 from rich.console import Console
 from rich.progress import track
 
+from skystack.compilation.fetch import fetched
 from skystack.errors import InputError
 from skystack.io.files import atomic_write
 from skystack.learning.seeds import scenario_key
@@ -165,7 +166,7 @@ def _turn(path: NavigationState, row: int, action: int) -> Turn:
 def draw(task: NavigationTask, seed: int, scenarios: int) -> list[list[Traffic]]:
     """The scenarios of an evaluation seed, each as one traffic per aircraft."""
     keys = jnp.stack([scenario_key(seed, number) for number in range(scenarios)])
-    drawn = jax.tree.map(np.asarray, jax.jit(jax.vmap(task.scenarios.draw))(keys).traffic)
+    drawn = fetched(jax.jit(jax.vmap(task.scenarios.draw))(keys).traffic)
 
     def alone(scenario: int, aircraft: int) -> Traffic:
         rows: Traffic = jax.tree.map(lambda x: x[scenario, aircraft : aircraft + 1], drawn)

@@ -14,7 +14,7 @@ class Values(NamedTuple):
     already: np.ndarray
 
 
-def test_every_array_becomes_one_of_numpy():
+def test_all_arrays_become_numpy_arrays():
     values = Values(jnp.array([True, False]), None, np.arange(3))
     result = fetched({"values": values, "scalar": jnp.float32(0.5)})
     assert isinstance(result["values"], Values)

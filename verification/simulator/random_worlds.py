@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from skystack.airspace.sectors import sector_named, sector_names
+from skystack.compilation.fetch import fetched
 from skystack.simulator.fleet import AircraftType, fleet
 from skystack.simulator.performance import PERFORMANCE, TICKS_PER_FL
 from skystack.simulator.simulator import Simulator, instruct
@@ -187,7 +188,7 @@ class Flier:
             converted = jax.tree.map(
                 lambda leaf: leaf.astype(dtype) if leaf.dtype.kind == "f" else leaf, world
             )
-            return jax.tree.map(np.asarray, self._compiled(converted))
+            return fetched(self._compiled(converted))
 
     def _fly(self, world: Any) -> FlownWorld:
         def cycle(before: Traffic, inputs: Any) -> tuple[Traffic, FlownWorld]:
