@@ -18,9 +18,6 @@ from skystack.reporting.results import (
     Run,
     Statistics,
     Update,
-    family_of,
-    family_order,
-    family_title,
     in_order,
     read_run,
     read_updates,
@@ -73,31 +70,6 @@ def test_finds_a_row_by_experiment_and_stacking():
     assert run.row("lateral", True) is both[0]
     assert run.row("lateral", False) is both[1]
     assert run.row("vertical", True) is None
-
-
-@pytest.mark.parametrize(
-    ("experiment", "family"),
-    [
-        ("lateral", "lateral"),
-        ("vertical-mine", "vertical"),
-        ("avoidance-large", "avoidance"),
-        ("do-nothing", "lateral"),
-        ("do-nothing-lateral", "lateral"),
-        ("lateral-best-shipped", "lateral"),
-        ("my-vertical", "other"),
-        ("verticals", "other"),
-    ],
-)
-def test_family_defaults_to_the_first_word_if_it_is_a_task(experiment, family):
-    assert row(experiment=experiment).family == family_of(experiment, None) == family
-
-
-def test_family_is_the_task_of_the_row():
-    assert row(experiment="lateral-mine", task="holding").family == "holding"
-    assert family_title("holding") == "Holding"
-    assert family_order(["zebra", "vertical", "lateral", "holding"]) == [
-        *("lateral", "vertical", "holding", "zebra"),
-    ]
 
 
 def test_families_have_sorted_rows_and_trained_experiments():

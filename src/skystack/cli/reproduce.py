@@ -110,8 +110,9 @@ def _engine(options: argparse.Namespace) -> Any:
 def show_results(folder: Path, results: Mapping[str, Any], as_json: bool) -> None:
     """Print the results of a run folder: a table for each family and the result in a sentence."""
     from skystack.cli.console import output
+    from skystack.reporting.families import family_title
     from skystack.reporting.headline import headline
-    from skystack.reporting.results import family_title, read_run
+    from skystack.reporting.results import read_run
     from skystack.reporting.tables import brief, platforms
 
     if as_json:

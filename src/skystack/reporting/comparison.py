@@ -11,9 +11,10 @@ import msgspec
 import skystack
 from skystack.io.files import atomic_write
 from skystack.reporting import tables
+from skystack.reporting.families import family_order, family_title
 from skystack.reporting.learning_curves import overlaid_curves
 from skystack.reporting.page import Picture, picture_of, render
-from skystack.reporting.results import Update, family_order, family_title
+from skystack.reporting.results import Update
 from skystack.reporting.style import as_svg, house_style
 from skystack.reporting.table import Table
 from skystack.reporting.tables import NOTHING

@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator
 
-from skystack.reporting.results import Row, Run, family_title
+from skystack.reporting.families import family_title
+from skystack.reporting.results import Row, Run
 from skystack.reporting.tables import decimal, percent
 
 

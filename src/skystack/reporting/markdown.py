@@ -5,7 +5,8 @@ from collections.abc import Iterator
 from skystack.errors import printable
 from skystack.reporting import tables
 from skystack.reporting.claims import check_claims, claims_table
-from skystack.reporting.results import Run, family_title
+from skystack.reporting.families import family_title
+from skystack.reporting.results import Run
 from skystack.reporting.table import plain_markdown
 
 

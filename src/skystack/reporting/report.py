@@ -8,6 +8,7 @@ from skystack.io.files import TEMPORARY_SUFFIX, atomic_write, publish, scratch_f
 from skystack.learning.experiment import experiment_names
 from skystack.reporting import tables
 from skystack.reporting.claims import Claim, check_claims, claims_table
+from skystack.reporting.families import BOUND_FAMILY, family_title
 from skystack.reporting.figures import (
     OVERVIEW,
     experiment_title,
@@ -18,15 +19,7 @@ from skystack.reporting.headline import headline
 from skystack.reporting.markdown import as_markdown
 from skystack.reporting.page import Picture, picture_of, render
 from skystack.reporting.replay.page import write_replay
-from skystack.reporting.results import (
-    BOUND_FAMILY,
-    TRAINED_MARGIN,
-    Bound,
-    Row,
-    Run,
-    family_title,
-    read_run,
-)
+from skystack.reporting.results import TRAINED_MARGIN, Bound, Row, Run, read_run
 from skystack.reporting.table import Table
 from skystack.reporting.trajectories import clearances_text
 from skystack.reporting.typical import CANDIDATES, kind_of_scenario, typical_scenario

@@ -15,7 +15,7 @@ from skystack.io.files import MOST_BYTES, read_whole
 from skystack.io.json_file import decode
 from skystack.io.names import Name
 from skystack.platforms.registry import OWN
-from skystack.tasks.registry import tasks
+from skystack.reporting.families import BOUND_FAMILY, family_of, family_order
 
 Figure = Annotated[float, msgspec.Meta(ge=-1e15, le=1e15)]
 Count = Annotated[int, msgspec.Meta(ge=0, le=10**15)]
@@ -54,42 +54,10 @@ READABLE_NAMES = {
     ("do-nothing-avoidance", False): "avoidance, do nothing",
 }
 """Display names by (experiment, stacking), in the order of tables and figures."""
-BOUND_FAMILY = "lateral"
-"""The family for which the fewest possible clearances are known."""
 TRAINED_MARGIN = 0.3
 """A policy counts as trained if its success rate exceeds that of doing nothing by this much."""
 ROUNDING = 1e-9
 """The tolerance for rounding errors: in binary, 0.27 + 0.3 exceeds 0.57."""
-OTHER_FAMILY = "other"
-"""The family of unknown experiments in old files, which do not state the task."""
-
-
-def family_of(experiment: str, task: str | None) -> str:
-    """The family of an experiment, which is its task.
-
-    Old files do not state the task. It is then derived from the name of the experiment.
-    """
-    if task is not None:
-        return task
-    if is_no_op(experiment):
-        return BOUND_FAMILY
-    word = experiment.partition("-")[0]
-    return word if word in tasks() else OTHER_FAMILY
-
-
-def family_title(family: str) -> str:
-    """The title of a family's section."""
-    known = tasks()
-    return known[family].family.title if family in known else family.capitalize()
-
-
-def family_order(families: Iterable[str]) -> list[str]:
-    """Sort families in the order of the task registry, unknown ones last."""
-    known = list(tasks())
-    return sorted(
-        set(families),
-        key=lambda name: (known.index(name) if name in known else len(known), name),
-    )
 
 
 class Paper(msgspec.Struct, frozen=True):

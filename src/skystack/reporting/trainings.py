@@ -11,16 +11,9 @@ from skystack.io.json_file import MAX_BYTES, decode
 from skystack.io.names import Name, Seed
 from skystack.io.toml_file import parse_toml
 from skystack.io.validation import convert
+from skystack.reporting.families import family_of
 from skystack.reporting.learning_curves import at_the_end
-from skystack.reporting.results import (
-    Row,
-    Update,
-    family_of,
-    read_file,
-    read_run,
-    read_updates,
-    row_order,
-)
+from skystack.reporting.results import Row, Update, read_file, read_run, read_updates, row_order
 
 NOT_COMPARED = ("name", "description")
 """Settings that do not affect training."""
