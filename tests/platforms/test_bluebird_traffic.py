@@ -5,6 +5,7 @@ import pytest
 pytest.importorskip("bluebird_dt")
 
 from skystack.errors import PlatformError
+from skystack.platforms import bluebird_traffic
 from skystack.platforms.bluebird_traffic import FlightSchoolTraffic
 from skystack.platforms.instruction import Instruction
 from skystack.simulator.arrival_flows import FLIGHT_SCHOOL
@@ -87,6 +88,23 @@ def test_an_hour_depends_on_its_seed(traffic):
     first, again, other = (flown(traffic, 20, seed)[-1] for seed in (3, 3, 4))
     assert first == again
     assert first != other
+
+
+def test_flights_are_the_same_if_bluebird_records_every_cycle(traffic, monkeypatch):
+    def cleared():
+        """The reports of every cycle. All flights are cleared to another level along the way."""
+        reports = flown(traffic, CYCLES // 2)
+        for callsign, report in reports[-1].items():
+            traffic.issue(Instruction(callsign, level_fl=200 if report.fl > 300.0 else 400))
+        records = traffic._simulator.manager.event_logger
+        return reports + [traffic.advance() for _ in range(CYCLES // 2)], records
+
+    without, records = cleared()
+    assert not records.clearances_log
+    monkeypatch.setattr(bluebird_traffic, "stop_logging", lambda _: None)
+    recorded, records = cleared()
+    assert records.clearances_log
+    assert without == recorded
 
 
 def test_a_failure_of_bluebird_is_reported_in_one_line(traffic, monkeypatch):

@@ -67,6 +67,7 @@ class Bluebird:
         self._origin_lon_deg = scenario.sector.origin[1]
         self._names = substitute_callsigns(scenario)
         self._simulator = _simulator(scenario, self._names)
+        stop_logging(self._simulator)
         manager = self._simulator.manager
         flying = manager.environment.aircraft
         self._aircraft = [flying[name] for name in self._names.values()]
@@ -125,6 +126,16 @@ def silence() -> None:
     logger = logging.getLogger("bluebird_dt")
     logger.addHandler(logging.NullHandler())
     logger.propagate = False
+
+
+def stop_logging(simulator: Any) -> None:
+    """Keep BluebirdDT from recording every cycle: skystack has recordings of its own.
+
+    BluebirdDT only reads its records to write them to a file and for its own radar display. With
+    many flights, recording takes a seventh of its time.
+    """
+    logger = simulator.manager.event_logger
+    logger.log_environment = logger.log_clearances = lambda *_, **__: None
 
 
 def act(simulator: Any, callsign: str, instruction: Instruction) -> None:

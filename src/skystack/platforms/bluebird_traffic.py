@@ -18,7 +18,7 @@ from copy import copy
 from typing import Any
 
 from skystack.errors import PlatformError, requires_extra
-from skystack.platforms.bluebird import act, cleared_heading_deg, silence
+from skystack.platforms.bluebird import act, cleared_heading_deg, silence, stop_logging
 from skystack.platforms.flight_report import FlightReport
 from skystack.platforms.instruction import Instruction
 from skystack.simulator.arrivals import Clock
@@ -56,6 +56,7 @@ class BluebirdTraffic:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # from shapely
             self._simulator = self._set_up(seed)
+        stop_logging(self._simulator)
         return self._reports()
 
     def issue(self, instruction: Instruction) -> None:
