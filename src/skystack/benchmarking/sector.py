@@ -14,13 +14,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from skystack.benchmarking.figures import Figure, rates
-from skystack.compilation.programs import compile_for_cores, run_in_calling_threads
+from skystack.compilation.programs import compile_for_cores
 from skystack.evaluation.controllers import find_controller
 from skystack.evaluation.hours import HourFlyer
 from skystack.evaluation.traffic_conditions import TrafficConditions
 from skystack.learning import ppo
 from skystack.learning.experiment import load_experiment
-from skystack.learning.parts import compile_update, cores_for
+from skystack.learning.parts import compile_update, cores_for, prepare_process
 from skystack.learning.seeds import training_key
 from skystack.simulator.arrival_flows import Flow, constant_rate
 from skystack.tasks.contract import ManyAgents
@@ -126,8 +126,7 @@ def sector_training_figures(repetitions: int) -> list[Figure]:
     chosen = load_experiment(EXPERIMENT)
     settings, task = chosen.ppo, build_training_task(chosen.task)
     assert isinstance(task, ManyAgents)
-    run_in_calling_threads()
-    compile_for_cores(cores_for(task))
+    prepare_process(task)
     learner = jax.jit(partial(ppo.init, task, settings))(training_key(0))
     update: Any = compile_update(task, settings, learner)
     count: Any = jax.jit(lambda scenarios: jnp.sum(task.active(scenarios)))

@@ -50,13 +50,9 @@ def train(options: argparse.Namespace) -> int:
 
 def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
     from skystack.cli.console import show_progress
-    from skystack.compilation.programs import (
-        compile_for_cores,
-        program_cache,
-        run_in_calling_threads,
-    )
+    from skystack.compilation.programs import program_cache
     from skystack.learning.event_files import event_files
-    from skystack.learning.parts import cores_for
+    from skystack.learning.parts import prepare_process
     from skystack.learning.progress import TrainingProgress
     from skystack.learning.run import CHECKPOINT_EVERY_S, preflight, train_experiment
     from skystack.policies.shipped import SECTOR_CONTROL
@@ -66,8 +62,7 @@ def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
     events = event_files(out) if options.tensorboard else nullcontext(lambda: None)
     for line in preflight(experiment, out, options.resume):
         say(line)
-    run_in_calling_threads()  # the parts of an update run at the same time
-    compile_for_cores(cores_for(build_training_task(experiment.task)))
+    prepare_process(build_training_task(experiment.task))
     try:
         with program_cache(), events as follow, show_progress() as report:
 

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from skystack.compilation.programs import compile_for_cores, run_in_calling_threads
 from skystack.io.signals import wait_for
 from skystack.learning import ppo
 from skystack.learning.collection import Draws, TrainState, collect, draw
@@ -35,10 +36,16 @@ def cores_for(task: Task) -> int:
     return CORES if isinstance(task, ManyAgents) else 1
 
 
+def prepare_process(task: Task) -> None:
+    """Prepare this process for training on a task. Call this before JAX is used."""
+    run_in_calling_threads()
+    compile_for_cores(cores_for(task))
+
+
 def compile_update(
     task: Task, settings: PPOSettings, like: TrainState, parts: int | None = None
 ) -> Update:
-    """Compile `ppo.update` in parts, which run at the same time after `run_in_calling_threads`.
+    """Compile `ppo.update` in parts, which run at the same time after `prepare_process`.
 
     By default, there are as many parts as `cores_for`, but only one on a GPU, or if the
     environments cannot be divided equally. The number of `parts` must divide that of the
