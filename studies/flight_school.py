@@ -13,8 +13,8 @@ has changed: to fly it again, delete its line. Finished seeds in DIR are reused 
 same, so the command can be interrupted and repeated.
 
 Prints the stored results as Markdown tables and draws the survival curves of
-`docs/flight-school.md` into DIR; with `--read`, nothing is flown. Failed seeds are left out. Needs
-the extras `[bluebird]` and `[bluesky]`.
+`docs/flight-school.md` into DIR; with `--read`, nothing is flown. Failed seeds are reported and
+left out; the same command flies them again. Needs the extras `[bluebird]` and `[bluesky]`.
 """
 
 import argparse
@@ -79,25 +79,37 @@ def case_of(row: HourRow) -> Case:
     return Case(row.agent, row.traffic, row.platform)
 
 
-def fly(case: Case, seeds: int, out: Path) -> Result:
-    """Fly the seeds that are not finished. Raises InputError as `fly_flight_school` does."""
+def fly(case: Case, seeds: int, out: Path) -> tuple[Result, list[str]]:
+    """Fly the seeds that are not finished.
+
+    Returns the results and a line for each seed that failed. Raises InputError as
+    `fly_flight_school` does.
+    """
     conditions = TrafficConditions(case.traffic, platform=case.platform)
     numbers = range(FIRST_SEED, FIRST_SEED + seeds)
     flown = fly_flight_school(case.agent, conditions, numbers, out)
     today = datetime.now(UTC).date().isoformat()
-    return Result(today, flown.row, spoken_in(flown.folder))
+    failed = [f"seed {seed}, {reason}" for seed, reason in sorted(flown.failed.items())]
+    return Result(today, flown.row, spoken_in(flown.folder)), failed
 
 
-def fly_all(cases: Sequence[Case], options: argparse.Namespace) -> None:
-    """Fly the cases without results, and store the results of each case when it is finished."""
+def fly_all(cases: Sequence[Case], options: argparse.Namespace) -> bool:
+    """Fly the cases without results, and store the results of each case when it is finished.
+
+    Returns whether all seeds were finished.
+    """
+    finished = True
     stored = {case_of(each.hour_row): each for each in read_results(options.results)}
     for case in cases:
         seeds = options.seeds if case.platform == OWN else options.others
         if case in stored and len(stored[case].hour_row.seeds) == seeds:
             continue
-        stored[case] = fly(case, seeds, options.out)
+        stored[case], failed = fly(case, seeds, options.out)
         write_results(options.results, [stored[each] for each in plan() if each in stored])
         sys.stderr.write(f"{' '.join(case)}: lax score {stored[case].row['lax_s_mean']:.0f} s\n")
+        sys.stderr.writelines(f"{' '.join(case)}: {line}\n" for line in failed)
+        finished &= not failed
+    return finished
 
 
 def show(rows: Sequence[HourRow], out: Path) -> None:
@@ -114,7 +126,7 @@ def show(rows: Sequence[HourRow], out: Path) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Returns the exit code: 0 success, 2 invalid input."""
+    """Returns the exit code: 0 success, 1 if seeds failed, 2 invalid input."""
     parser = argparse.ArgumentParser(
         prog="python -m studies.flight_school", description=(__doc__ or "").partition("\n")[0]
     )
@@ -129,8 +141,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for name in ("seeds", "others"):
             checked_integer(f"--{name}", getattr(options, name), 1)
         cases = named(options.names)
-        if not options.read:
-            fly_all(cases, options)
+        finished = options.read or fly_all(cases, options)
         rows = [each.hour_row for each in read_results(options.results)]
         rows = [row for row in rows if case_of(row) in cases]
         if not rows:
@@ -139,7 +150,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         sys.stderr.write(f"{error}\n")
         return 2
-    return 0
+    return 0 if finished else 1
 
 
 if __name__ == "__main__":

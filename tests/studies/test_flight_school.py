@@ -51,6 +51,23 @@ def test_flies_prints_and_draws(tmp_path, capsys, monkeypatch):
         flight_school.main(["--seeds", "3", *where])
 
 
+@pytest.mark.usefixtures("short")
+def test_seeds_that_fail_are_reported_and_flown_again(tmp_path, capsys, monkeypatch):
+    def fly(_case, seeds, _out):
+        seen.append(seeds)
+        return result("no-op", "category", "skystack"), ["seed 2, no answer"] * (len(seen) == 1)
+
+    seen = []
+    monkeypatch.setattr(flight_school, "fly", fly)
+    where = ["--out", str(tmp_path), "--results", str(tmp_path / "results.jsonl")]
+    assert flight_school.main(["--seeds", "2", *where]) == 1
+    captured = capsys.readouterr()
+    assert captured.err.splitlines()[1] == "no-op category skystack: seed 2, no answer"
+    assert "| no-op" in captured.out
+    assert flight_school.main(["--seeds", "2", *where]) == 0
+    assert seen == [2, 2]
+
+
 def test_the_best_controller_comes_first(tmp_path, capsys):
     results = [
         result(agent, "category", "skystack", lax_s_mean=score)
