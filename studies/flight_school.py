@@ -12,9 +12,10 @@ FILE`). A case with stored results for the same number of seeds is not flown aga
 has changed: to fly it again, delete its line. Finished seeds in DIR are reused if the code is the
 same, so the command can be interrupted and repeated.
 
-Prints the stored results as Markdown tables and draws the survival curves of
-`docs/flight-school.md` into DIR; with `--read`, nothing is flown. Failed seeds are reported and
-left out; the same command flies them again. Needs the extras `[bluebird]` and `[bluesky]`.
+Prints the stored results as Markdown tables, compares the scores in skystack and BluebirdDT by
+the Mann-Whitney test, and draws the survival curves of `docs/flight-school.md` into DIR; with `--read`,
+nothing is flown. Failed seeds are reported and left out; the same command flies them again. Needs
+the extras `[bluebird]` and `[bluesky]`.
 """
 
 import argparse
@@ -23,6 +24,8 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
+
+from scipy.stats import mannwhitneyu
 
 from skystack.agents.sector_agents import BLUESKY_AGENTS, SECTOR_AGENTS
 from skystack.errors import InputError, check_known, checked_integer
@@ -35,6 +38,8 @@ from skystack.reporting.flight_school_table import comparison
 from skystack.reporting.hour_figures import survival
 from skystack.reporting.hours_report import controller
 from skystack.reporting.style import house_style
+from skystack.reporting.table import Table
+from skystack.reporting.tables import NOTHING
 from skystack.simulator.arrival_flows import FLIGHT_SCHOOL
 from skystack.tasks.sector_control import SectorControl
 from studies.hour_results import RESULTS, Result, read_results, spoken_in, write_results
@@ -112,6 +117,29 @@ def fly_all(cases: Sequence[Case], options: argparse.Namespace) -> bool:
     return finished
 
 
+def agreement(rows: Sequence[HourRow]) -> Table:
+    """The lax scores of the controllers that flew the same traffic in skystack and BluebirdDT.
+
+    The two fly different hours. p is that of the two-sided Mann-Whitney test: scores are not
+    normally distributed, because many are those of whole hours.
+    """
+    header = ("traffic: controller", "skystack, s", "BluebirdDT, s", "difference", "p")
+    by_case = {case_of(row): row for row in rows}
+    lines = []
+    for case in plan():
+        own, other = by_case.get(case), by_case.get(case._replace(platform=BLUEBIRD))
+        if case.platform != OWN or own is None or other is None:
+            continue
+        scores = own.lax_s_by_hour, other.lax_s_by_hour
+        all_equal = len({*scores[0], *scores[1]}) == 1
+        p = NOTHING if all_equal else f"{mannwhitneyu(*scores).pvalue:.2f}"
+        means = own.lax_s_mean, other.lax_s_mean
+        difference = f"{100.0 * (means[0] / means[1] - 1.0):+.1f} %"
+        shown = (f"{each:,.0f}" for each in means)
+        lines.append((f"{case.traffic}: {case.agent}", *shown, difference, p))
+    return Table(header, tuple(lines))
+
+
 def show(rows: Sequence[HourRow], out: Path) -> None:
     """Print the tables, and draw the survival curves."""
     make_folder(out)
@@ -123,6 +151,8 @@ def show(rows: Sequence[HourRow], out: Path) -> None:
             if found:
                 sys.stdout.write(f"\n### `{traffic}` in {platform}\n\n")
                 sys.stdout.write(comparison(found).as_markdown())
+    if (agreeing := agreement(rows)).rows:
+        sys.stdout.write(f"\n### skystack and bluebird\n\n{agreeing.as_markdown()}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -6,6 +6,7 @@ import pytest
 
 from skystack.evaluation.traffic_conditions import TrafficConditions
 from skystack.reporting.flight_school_table import comparison
+from skystack.reporting.tables import NOTHING
 from studies import flight_school
 from studies.flight_school import Case
 from studies.hour_results import RESULTS, read_results, write_results
@@ -78,6 +79,25 @@ def test_the_best_controller_comes_first(tmp_path, capsys):
     assert flight_school.main(["--read", *where]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[1] for line in lines if line.startswith("| ")][1:] == ["search", "rules"]
+
+
+def test_compares_skystack_with_bluebird():
+    def row(agent, traffic, platform, *scores):
+        values = {"lax_s_by_hour": scores, "lax_s_mean": sum(scores) / len(scores)}
+        return result(agent, traffic, platform, **values).hour_row
+
+    rows = [
+        row("rules", "category", "skystack", 1010.0, 1290.0, 1000.0),
+        row("rules", "category", "bluebird", 990.0, 1003.0, 1006.0, 1001.0),
+        row("search", "notebook", "skystack", 3600.0, 3600.0),
+        row("search", "notebook", "bluebird", 3600.0, 3600.0),
+        row("no-op", "category", "skystack", 600.0, 700.0),
+    ]
+    # U is 4 + 4 + 1 = 9 of 12. In 7 of the 35 orders it is at least 9, so p is 14 / 35.
+    assert flight_school.agreement(rows).rows == (
+        ("category: rules", "1,100", "1,000", "+10.0 %", "0.40"),
+        ("notebook: search", "3,600", "3,600", "+0.0 %", NOTHING),
+    )
 
 
 @pytest.mark.parametrize(
