@@ -13,9 +13,9 @@ has changed: to fly it again, delete its line. Finished seeds in DIR are reused 
 same, so the command can be interrupted and repeated.
 
 Prints the stored results as Markdown tables, compares the scores in skystack and BluebirdDT by
-the Mann-Whitney test, and draws the survival curves of `docs/flight-school.md` into DIR; with `--read`,
-nothing is flown. Failed seeds are reported and left out; the same command flies them again. Needs
-the extras `[bluebird]` and `[bluesky]`.
+the Mann-Whitney test, and draws the survival curves of `docs/flight-school.md` into DIR; with
+`--read`, nothing is flown. Failed seeds are reported and left out; the same command flies them
+again. Needs the extras `[bluebird]` and `[bluesky]`.
 """
 
 import argparse

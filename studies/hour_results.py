@@ -18,7 +18,7 @@ from skystack.simulator.simulator import CYCLE_S
 RESULTS = Path(__file__).parent.parent / "docs" / "results" / "flight-school.jsonl"
 MAX_BYTES = 10_000_000
 SOON_S = 60
-"""A further transmission to a flight within this time could have been part of the one before."""
+"""A transmission to a flight within this time could have been combined with the previous one."""
 COLUMNS = ("scenario", "cycle", "transmission", "callsign", "kind")
 
 

@@ -3,13 +3,15 @@
     python -m studies.training_objectives [FOLDER ...]
 
 Reads folders of `skystack flight-school` or, if none is given, the stored results of
-`studies.flight_school` on `category` traffic. Prints the Markdown table of
-`docs/training-objectives.md`: one column per controller and simulator, one line per measure.
+`studies.flight_school` on `category` traffic. Prints the Markdown tables of
+`docs/training-objectives.md`: one table per simulator, one column per controller, one line per
+measure.
 """
 
 import argparse
 import sys
 from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 
 from skystack.errors import InputError
@@ -25,12 +27,12 @@ def table_of(results: Sequence[Result]) -> Table:
     for result in results:
         values, found = result.row, result.spoken
         losses, rate = values["losses_of_separation"], values["losses_per_flight_hour"]
-        avoidable = losses - values["losses_at_birth"]
+        later = losses - values["losses_at_birth"]
         columns.append(
             (
                 percent(None if found is None else found.again_soon),
                 NOTHING if found is None else f"{1.0 + found.combined:.2f}",
-                f"{rate * avoidable / losses:.4f}" if avoidable else "0",
+                f"{rate * later / losses:.4f}" if later else "0",
                 f"{values['close_pairs'] / max(values['flights'], 1):.3f}",
                 percent(values["correct_exit_rate"]),
                 percent(values["excursion_rate"]),
@@ -59,11 +61,11 @@ MEASURES = (
     ("procedures", "distance from the exit fix, NM (median)"),
     ("detecting conflicts", "fail-safe cycles"),
     ("priority of actions", "transmissions in the worst minute"),
-    ("choice of method", "transmissions with a level"),
-    ("choice of method", "transmissions with a heading"),
-    ("choice of method", "transmissions direct to a fix"),
-    ("choice of method", "level-offs per flight"),
-    ("choice of method", "extra distance"),
+    ("choice of separation method", "transmissions with a level"),
+    ("choice of separation method", "transmissions with a heading"),
+    ("choice of separation method", "transmissions direct to a fix"),
+    ("choice of separation method", "level-offs per flight"),
+    ("choice of separation method", "extra distance"),
 )
 """The objective and the measure of each line."""
 
@@ -79,6 +81,10 @@ def _stored() -> list[Result]:
     return found
 
 
+def _simulator(result: Result) -> str:
+    return result.hour_row.platform
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Returns the exit code: 0 success, 2 invalid input."""
     parser = argparse.ArgumentParser(
@@ -88,11 +94,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folders = parser.parse_args(arguments).folders
     try:
         results = [result_in(each) for each in folders] if folders else _stored()
-        table = table_of(results)
+        tables = [table_of(list(each)) for _, each in groupby(results, _simulator)]
     except InputError as error:
         sys.stderr.write(f"{error}\n")
         return 2
-    sys.stdout.write(table.as_markdown())
+    sys.stdout.write("\n".join(table.as_markdown() for table in tables))
     return 0
 
 

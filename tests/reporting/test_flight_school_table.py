@@ -24,7 +24,7 @@ def test_shows_scores_survival_and_causes():
     assert values["hours without a failure (lax)"] == "2 of 4"
     assert values["hours ended by (lax)"] == "loss at birth 1, excursion 1"
     assert values["survival (%) at 10 20 30 40 50 60 min"] == "100 75 75 50 50 50"
-    assert values["correct exits, of flights gone"] == "1,200 of 1,210"
+    assert values["correct exits, of flights that left"] == "1,200 of 1,210"
     assert values["losses of separation (at birth)"] == "3 (2)"
 
 

@@ -4,9 +4,12 @@ import pytest
 
 from skystack.evaluation.flight_school import fly_flight_school
 from skystack.evaluation.traffic_conditions import TrafficConditions
+from skystack.reporting.table import Table
 from skystack.reporting.tables import NOTHING
-from studies.hour_results import result_in
+from studies import training_objectives
+from studies.hour_results import result_in, write_results
 from studies.training_objectives import main, table_of
+from tests.studies.test_hour_results import result
 
 
 @pytest.mark.slow
@@ -25,3 +28,27 @@ def test_one_column_for_each_controller(tmp_path, capsys):
     assert capsys.readouterr().out.count("\n") == len(table.rows) + 2
     assert main([str(tmp_path / "nothing")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_stored_results_have_a_table_for_each_simulator(tmp_path, capsys, monkeypatch):
+    results = [
+        result(agent, traffic, platform)
+        for platform in ("skystack", "bluebird")
+        for agent in ("search", "rules")
+        for traffic in ("category", "notebook")
+    ]
+    monkeypatch.setattr(training_objectives, "RESULTS", tmp_path / "results.jsonl")
+    write_results(training_objectives.RESULTS, results)
+
+    def named(found):
+        return Table(
+            tuple(f"{row.agent} {row.platform}" for row in (r.hour_row for r in found)), ()
+        )
+
+    monkeypatch.setattr(training_objectives, "table_of", named)
+    assert main([]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line for line in lines if line.startswith("| ")] == [
+        "| search skystack | rules skystack |",
+        "| search bluebird | rules bluebird |",
+    ]

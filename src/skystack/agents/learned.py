@@ -1,4 +1,4 @@
-"""A learned controller of a sector: one policy for all flights, its bursts stacked.
+"""A learned controller of a sector: one policy for all flights, its instructions stacked.
 
 Before each cycle, with time frozen, the policy is queried for every flight. Of the flights that it
 would instruct, the most urgent is served first: the policy is queried for this flight until it

@@ -1,6 +1,6 @@
 """Queries of a policy about the flights of a sector: pure functions, which can be compiled.
 
-Time is frozen. `begin` queries the policy for every flight, `stack` gives one flight a burst of
+Time is frozen. `begin` queries the policy for every flight, `stack` gives one flight its
 instructions, and `again` queries the policy for every flight again.
 """
 
@@ -22,7 +22,7 @@ from skystack.tasks.sector_world import WorldState
 PATIENCE = 0.7
 """A flight is instructed only if the probability that the policy waits is below this. In training,
 actions are sampled, so it hardly matters in which of several cycles an instruction is given, or
-which of several good ones it is. The most probable of all actions may then be none in every cycle.
+which of several good ones it is. *None* may then be the most probable action in every cycle.
 """
 
 

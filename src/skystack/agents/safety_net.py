@@ -1,11 +1,11 @@
 """A safety net for a learned controller: it acts on predicted losses of separation and excursions.
 
 A policy observes when separation would be lost, and which clearances would prevent it, but in rare
-situations it gives none of them. It does not observe predicted excursions (flights that leave the
-area other than through their exit). Air traffic control systems have similar safety nets:
-short-term conflict alert and, for airspace infringements, area proximity warning. The one here also
-chooses the clearance: of those in the outlook, the one that delays the first of these events
-longest; of equals, the one with the smallest detour.
+situations it gives none of them. It does not observe predicted excursions. Air traffic control
+systems have similar safety nets: short-term conflict alert and, for airspace infringements, area
+proximity warning. The one here also chooses the clearance: of those in the outlook, the one that
+delays the first of these events longest. Ties go to the level nearest to the exit level, then
+direct to the next fix, then the smallest turn.
 """
 
 import jax.numpy as jnp

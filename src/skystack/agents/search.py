@@ -37,7 +37,7 @@ from skystack.simulator.traffic import DIRECT, SHORTEST
 from skystack.tasks.sector_world import World, WorldState
 
 MOVED = 2
-"""At most so many of the flights in the way of a flight are given other plans."""
+"""The maximum number of flights in the way of a flight that are given other plans."""
 OTHERS = 32
 """Other flights are padded to a multiple of this number, so that few programs are compiled."""
 TWO_BATCHES, THREE_BATCHES = 8, 8
@@ -49,8 +49,8 @@ NOT_CLEAR = 10_000.0
 UNAVOIDABLE = 2
 """A loss of separation that begins within this number of cycles under all plans of the first batch
 is treated as unavoidable: a clearance takes effect after one cycle, and hardly moves the aircraft
-in the next. From a flight that is within the margin that early under all plans, but not closer than
-the standard, plans keep the standard without the margin."""
+in the next. If another flight is within the margin that early under all plans, but not closer than
+the standard, plans keep only the standard from it, without the margin."""
 EXPECTED_CYCLES = 10
 """Flights without a plan are expected to fly as cleared for this number of cycles, the present one
 included. They get a plan as soon as they hear clearances."""

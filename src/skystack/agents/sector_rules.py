@@ -58,7 +58,7 @@ def resume(state: WorldState, slot: int, clears_exit_level: bool) -> Transmissio
 
 
 class Rules(OwnNavigation):
-    """Own navigation to the exit level; flights close to another turn away from it.
+    """Own navigation to the exit level; a flight that is close to another turns away from it.
 
     The nearest pair turns first. A flight resumes own navigation when no other is close.
     """

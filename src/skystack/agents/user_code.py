@@ -11,8 +11,8 @@ controller to what the task observes of them. `info` has
     info["sim_time"]                         seconds since the start
     info["action_mask"]                      which actions change something, for the same flights
 
-Actions are numbers in the task's table, `env.actions`. A list of actions is a burst: its clearance
-is issued in one transmission. Flights that are not named get no instruction.
+Actions are numbers in the task's table, `env.actions`. A list of actions is issued as one
+transmission. Flights that are not named get no instruction.
 """
 
 import importlib

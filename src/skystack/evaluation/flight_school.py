@@ -168,7 +168,7 @@ def _write_tables(
                 append(each.tables)
         except pa.ArrowException:
             raise InputError(
-                f"{folder / SEEDS}: has tables of different forms; delete it"
+                f"{folder / SEEDS}: the tables have different columns (delete this folder)"
             ) from None
         forget_row(folder)  # the row is never older than the tables
 

@@ -50,7 +50,7 @@ class HourRow(msgspec.Struct, frozen=True, kw_only=True):
     transmissions_worst_minute: _Count
     extra_miles_rate: _Value | None
     cycles: Annotated[int, msgspec.Meta(ge=1, le=100_000)]
-    """The length of each hour: 600 unless `--cycles` was given."""
+    """The length of each hour: 600, or that of the scenario, unless `--cycles` was given."""
     lax_s_mean: _Amount
     lax_s_by_hour: Annotated[list[_Amount], msgspec.Meta(min_length=1)]
     lax_without_births_s_mean: _Amount = 0.0
@@ -70,7 +70,7 @@ class HourRow(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def length_s(self) -> float:
-        """The length of each hour in seconds: 3,600 unless `--cycles` was given."""
+        """The length of each hour in seconds."""
         return float(CYCLE_S * self.cycles)
 
     @property

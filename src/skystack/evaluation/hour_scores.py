@@ -1,7 +1,7 @@
 """Score flown hours: separation, exits, transmissions, efficiency and survival.
 
-*At birth*: a loss of separation that exists when the younger of the two flights first moves. No
-controller can prevent such a loss. The scores are times to the first failure: the lax score ends
+*At birth*: a loss of separation that exists when the younger of the two flights first moves. It is
+then too late to instruct this flight. The scores are times to the first failure: the lax score ends
 with an excursion or a loss inside the sector, the strict one also with an incorrect exit.
 """
 

@@ -1,6 +1,6 @@
 """BluebirdDT, the simulator of the paper's authors, behind the platform protocol.
 
-Needs `bluebird-dt` (extra `[bluebird]`, AGPL), which only this module and `bluebird_traffic`
+Needs `bluebird-dt` (extra `[bluebird]`, AGPL), which only the modules `bluebird*` of this package
 import. Scenarios with the `table` performance fly its `LinearPredictor` at the speeds of its
 tables, those with `constant` its `SimplePredictor` at 400 kt; skystack's models follow these two.
 Types of a fleet fly the fleet's speeds and rates.

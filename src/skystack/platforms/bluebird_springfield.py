@@ -32,7 +32,6 @@ _LEVELS = 601
 """Performance is sampled at the flight levels from 0 to 600."""
 _BORN_WITHIN_CYCLES = 600
 """All flights of a scenario are born within this number of cycles."""
-"""All flights of a scenario are born within this number of cycles."""
 _UNCONTROLLED = "background"
 """BluebirdDT's sector of flights that are not in contact."""
 

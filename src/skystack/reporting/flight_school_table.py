@@ -32,7 +32,10 @@ def flight_school_table(row: Mapping[str, Any], strict: bool = False) -> Table:
         (f"hours without a failure ({score})", f"{_whole(by_seed, length_s)} of {row['seeds']}"),
         (f"hours ended by ({score})", _causes(row[f"{score}_ended_by"])),
         (f"survival (%) at {_times(at_s)}", survival_text(by_seed, at_s)),
-        ("correct exits, of flights gone", f"{row['deliveries']:,} of {row['flights_gone']:,}"),
+        (
+            "correct exits, of flights that left",
+            f"{row['deliveries']:,} of {row['flights_gone']:,}",
+        ),
         (
             "losses of separation (at birth)",
             losses(row["losses_of_separation"], row["losses_at_birth"]),

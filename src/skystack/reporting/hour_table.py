@@ -15,7 +15,7 @@ def hour_table(row: Mapping[str, Any]) -> Table:
         return decimals(row[name], digits)
 
     lines = (
-        ("flights (of which gone)", f"{row['flights']:,} ({row['flights_gone']:,})"),
+        ("flights (that have left)", f"{row['flights']:,} ({row['flights_gone']:,})"),
         ("hours", hours_in_words(row["hours"])),
         (
             "losses of separation (at birth)",
@@ -39,7 +39,7 @@ def hour_table(row: Mapping[str, Any]) -> Table:
 
 
 def decimals(value: float | None, digits: int) -> str:
-    """A number with so many digits after the point."""
+    """A number with this many digits after the point."""
     return NOTHING if value is None else f"{value:,.{digits}f}"
 
 

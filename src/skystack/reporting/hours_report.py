@@ -36,7 +36,10 @@ def read_hours(folders: Sequence[Path]) -> list[HourRow]:
     rows = sorted(map(read_row, found_in), key=_order)
     sectors = sorted({printable(row.sector) for row in rows})
     if len(sectors) > 1:
-        raise InputError(f"hours of different sectors: {', '.join(sectors)} (allowed: of one)")
+        raise InputError(
+            f"the hours are of different sectors: {', '.join(sectors)} "
+            "(allowed: folders with hours of one sector)"
+        )
     return rows
 
 
