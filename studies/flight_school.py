@@ -110,7 +110,8 @@ def fly_all(cases: Sequence[Case], options: argparse.Namespace) -> bool:
         if case in stored and len(stored[case].hour_row.seeds) == seeds:
             continue
         stored[case], failed = fly(case, seeds, options.out)
-        write_results(options.results, [stored[each] for each in plan() if each in stored])
+        planned = {each: stored[each] for each in plan() if each in stored}
+        write_results(options.results, list((planned | stored).values()))
         sys.stderr.write(f"{' '.join(case)}: lax score {stored[case].row['lax_s_mean']:.0f} s\n")
         sys.stderr.writelines(f"{' '.join(case)}: {line}\n" for line in failed)
         finished &= not failed

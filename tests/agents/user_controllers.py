@@ -29,6 +29,16 @@ class Bursts:
         return {name: [env.actions["climb 10 FL"]] * 2 for name in observation}
 
 
+class ChangesFolder:
+    """Changes the working directory of its process."""
+
+    def __init__(self):
+        os.chdir("/")
+
+    def generate_action(self, env, observation, info):
+        return {}
+
+
 class Raises:
     def generate_action(self, env, observation, info):
         raise ValueError("two\nlines")

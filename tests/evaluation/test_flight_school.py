@@ -1,6 +1,7 @@
 """Flight School: seeds in parallel, cached, with failures of single seeds."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -8,6 +9,7 @@ import pytest
 from scipy import stats
 
 from skystack.errors import InputError
+from skystack.evaluation import flight_school
 from skystack.evaluation.flight_school import fly_flight_school, interval
 from skystack.evaluation.hour_row import read_row
 from skystack.evaluation.hour_tables import TABLES
@@ -102,6 +104,21 @@ def test_if_all_seeds_fail_nothing_is_left_behind(tmp_path, controller, message)
     with pytest.raises(InputError, match=message):
         fly_flight_school(f"{USERS}:{controller}", CONDITIONS, [0], tmp_path / "out", LIMIT_S)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_controller_that_has_changed_since_the_start_is_not_flown(tmp_path):
+    job = flight_school._Job("own-navigation", CONDITIONS, tmp_path, "digest of another version")
+    with pytest.raises(InputError, match=r"own-navigation or skystack has changed"):
+        flight_school._worker(job)
+
+
+@pytest.mark.slow
+def test_a_controller_may_change_the_working_directory(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    short = CONDITIONS._replace(cycles=3)
+    result = fly_flight_school(f"{USERS}:ChangesFolder", short, [0], Path("here"), LIMIT_S)
+    assert result.failed == {}
+    assert (tmp_path / "here" / result.folder.name / "row.json").exists()
 
 
 @pytest.mark.slow

@@ -42,4 +42,11 @@ def test_one_seed_has_no_interval():
 
 
 def test_an_hour_survives_until_its_score():
-    assert survival_text([600.0, 1200.0], [600.0, 606.0, 1200.0, 1206.0]) == "100 50 50 0"
+    assert survival_text([600.0, 1200.0], [600.0, 606.0, 1200.0, 1206.0], 0) == "100 50 50 0"
+
+
+def test_a_failure_in_the_last_cycle_is_one():
+    late = ROW | {"lax_ended_by": {"loss at birth": 1, "excursion": 1, "loss": 1}}
+    values = dict(flight_school_table(late).rows)
+    assert values["hours without a failure (lax)"] == "1 of 4"
+    assert values["survival (%) at 10 20 30 40 50 60 min"] == "100 75 75 50 50 25"

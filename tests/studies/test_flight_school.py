@@ -53,6 +53,18 @@ def test_flies_prints_and_draws(tmp_path, capsys, monkeypatch):
 
 
 @pytest.mark.usefixtures("short")
+def test_other_stored_results_are_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        flight_school, "fly", lambda *_: (result("no-op", "category", "skystack"), [])
+    )
+    path = tmp_path / "results.jsonl"
+    other = result("search", "120", "skystack")
+    write_results(path, [other])
+    assert flight_school.main(["--out", str(tmp_path), "--results", str(path)]) == 0
+    assert read_results(path) == [result("no-op", "category", "skystack"), other]
+
+
+@pytest.mark.usefixtures("short")
 def test_seeds_that_fail_are_reported_and_flown_again(tmp_path, capsys, monkeypatch):
     def fly(_case, seeds, _out):
         seen.append(seeds)

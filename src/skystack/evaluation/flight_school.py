@@ -86,7 +86,9 @@ def fly_flight_school(
     check_conditions(conditions._replace(hours=len(seeds)))
     found = find_controller(agent, conditions)
     folder = out / folder_name(found.name, conditions)
-    job = _Job(agent, conditions, folder / SEEDS, conditions_digest(found, conditions))
+    # Absolute, because a user's controller may change the working directory.
+    seed_folder = (folder / SEEDS).absolute()
+    job = _Job(agent, conditions, seed_folder, conditions_digest(found, conditions))
     with delete_empty_on_failure(job.folder), locked_folder(folder, below=(SEEDS,)):
         make_folder(job.folder)
         cached = _finished(job, seeds)
@@ -95,6 +97,8 @@ def fly_flight_school(
         failed = _fly_others(job, left, limit_s, on_cycle)
         flown = cached | _finished(job, [seed for seed in left if seed not in failed])
         flown = {seed: flown[seed] for seed in seeds if seed in flown}
+        lost = [seed for seed in seeds if seed not in flown and seed not in failed]
+        failed |= dict.fromkeys(lost, f"its results in {job.folder} cannot be read")
         if not flown:
             raise InputError(f"all seeds failed: seed {seeds[0]}, {failed[seeds[0]]}")
         _write_tables(folder, found, conditions._replace(seed=seeds[0]), flown)
@@ -139,8 +143,15 @@ def _fly_others(
 
 
 def _worker(job: _Job) -> Callable[[int, Report], None]:
-    """The function that flies a seed, in a worker process."""
+    """The function that flies a seed, in a worker process.
+
+    Raises InputError if the controller or skystack has changed since the command was started.
+    """
     found = find_controller(job.agent, job.conditions)
+    if conditions_digest(found, job.conditions) != job.digest:
+        raise InputError(
+            f"{job.agent} or skystack has changed since the start (repeat the command)"
+        )
     hours = open_hours(found, job.conditions)
     flyer = HourFlyer(found.world, job.conditions.cycles, found.per_cycle, hours)
 

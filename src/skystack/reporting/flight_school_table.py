@@ -23,15 +23,17 @@ def flight_school_table(row: Mapping[str, Any], strict: bool = False) -> Table:
     """
     score = "strict" if strict else "lax"
     by_seed, length_s = row[f"{score}_s_by_seed"], float(CYCLE_S * row["cycles"])
+    # An hour that fails in its last cycle has the score of a whole hour.
+    whole = row["seeds"] - sum(row[f"{score}_ended_by"].values())
     at_s = [length_s * (number + 1) / SHOWN for number in range(SHOWN)]
     lines = (
         ("seeds (hours of traffic)", f"{row['seeds']}"),
         ("lax score, s", _score(row, "lax")),
         ("  without losses at birth", f"{row['lax_without_births_s_mean']:,.0f}"),
         ("strict score, s", _score(row, "strict")),
-        (f"hours without a failure ({score})", f"{_whole(by_seed, length_s)} of {row['seeds']}"),
+        (f"hours without a failure ({score})", f"{whole} of {row['seeds']}"),
         (f"hours ended by ({score})", _causes(row[f"{score}_ended_by"])),
-        (f"survival (%) at {_times(at_s)}", survival_text(by_seed, at_s)),
+        (f"survival (%) at {_times(at_s)}", survival_text(by_seed, at_s, whole)),
         (
             "correct exits, of flights that left",
             f"{row['deliveries']:,} of {row['flights_gone']:,}",
@@ -87,10 +89,13 @@ def _with_interval(mean: float, between: tuple[float, float] | None) -> str:
     return f"{mean:,.0f} ± {(between[1] - between[0]) / 2.0:,.0f}"
 
 
-def survival_text(by_seed: Sequence[float], at_s: Sequence[float]) -> str:
-    """The share of hours that had not failed before each time, in percent."""
-    alive = [100.0 * float(np.mean(np.asarray(by_seed) >= time_s)) for time_s in at_s]
-    return " ".join(f"{each:.0f}" for each in alive)
+def survival_text(by_seed: Sequence[float], at_s: Sequence[float], whole: int) -> str:
+    """The share of hours that had not failed before each time, in percent.
+
+    The last time is the end of the hours, `whole` of which have no failure.
+    """
+    alive = [int(np.sum(np.asarray(by_seed) >= time_s)) for time_s in at_s[:-1]]
+    return " ".join(f"{100.0 * each / len(by_seed):.0f}" for each in [*alive, whole])
 
 
 def _score(row: Mapping[str, Any], score: str) -> str:
@@ -100,10 +105,6 @@ def _score(row: Mapping[str, Any], score: str) -> str:
         return f"{mean:,.0f}"
     values = row[f"{score}_s_by_seed"]
     return f"{_with_interval(mean, between)} ({min(values):,.0f} to {max(values):,.0f})"
-
-
-def _whole(by_seed: Sequence[float], length_s: float) -> int:
-    return sum(each >= length_s for each in by_seed)
 
 
 def _causes(ended_by: Mapping[str, int]) -> str:
