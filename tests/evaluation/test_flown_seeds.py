@@ -92,3 +92,14 @@ def test_the_digest_depends_on_the_contents_of_a_scenario_file(tmp_path):
         conditions = TrafficConditions(str(path), cycles=100)
         digests.append(conditions_digest(find_controller("rules", conditions), conditions))
     assert digests[0] == digests[2] != digests[1]
+
+
+def test_the_digest_depends_on_where_a_users_controller_is(tmp_path):
+    digests, conditions = [], TrafficConditions("category")
+    for folder in ("one", "two"):  # they may import other modules
+        (tmp_path / folder).mkdir()
+        file = tmp_path / folder / "own.py"
+        file.write_text("from part import Controller")
+        found = find_controller(f"{file}:Controller", conditions)
+        digests.append(conditions_digest(found, conditions))
+    assert digests[0] != digests[1]

@@ -1,5 +1,6 @@
 """Find controllers of a sector by name, and the worlds that they control."""
 
+import os
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -155,7 +156,9 @@ def _user_code(name: str, conditions: TrafficConditions) -> ControlledWorld:
     file = user_code_file(name)
     world, model = _world(conditions)
     agent = UserController(partial(find_user_code, name), _task(world, conditions))
-    digest = sha256(member.encode() + (b"" if file is None else read_whole(file))).hexdigest()
+    # The same text elsewhere may import other modules.
+    source = b"" if file is None else os.fsencode(file.resolve()) + b"\0" + read_whole(file)
+    digest = sha256(member.encode() + b"\0" + source).hexdigest()
     row = as_name(f"{Path(where).stem if is_file_name(where) else where}.{member}")
     return ControlledWorld(row, agent, world, model, conditions.per_cycle, digest)
 
