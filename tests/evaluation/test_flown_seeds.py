@@ -11,6 +11,8 @@ from skystack.evaluation.flown_seeds import FlownSeed, conditions_digest, read_s
 from skystack.evaluation.hour_scores import CycleSeries, FlightRow, PairEvent, Scores
 from skystack.evaluation.hour_tables import TABLES
 from skystack.evaluation.traffic_conditions import TrafficConditions
+from skystack.export.onnx_file import export_onnx
+from skystack.policies.shipped import find_policy
 
 SCORES = Scores(
     number=7,
@@ -103,3 +105,13 @@ def test_the_digest_depends_on_where_a_users_controller_is(tmp_path):
         found = find_controller(f"{file}:Controller", conditions)
         digests.append(conditions_digest(found, conditions))
     assert digests[0] != digests[1]
+
+
+@pytest.mark.parametrize("name", ["no-op", "mvp"])
+def test_a_policy_file_is_not_taken_for_a_controller_of_the_same_name(tmp_path, name):
+    pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    file = tmp_path / f"{name}.onnx"
+    export_onnx(find_policy("sector-control"), file)
+    found = find_controller(str(file), TrafficConditions("category"))
+    assert found.name == f"{name}.onnx"

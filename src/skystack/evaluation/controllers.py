@@ -171,7 +171,9 @@ def _other_library(name: str, conditions: TrafficConditions) -> ControlledWorld:
     check_agent(found, task, SectorControl.name)
     digest = sha256(read_whole(Path(name))).hexdigest()
     agent = PerFlight(found, task, per_cycle)
-    return ControlledWorld(found.name, agent, world, model, per_cycle, digest)
+    # With its ending, so that a file `no-op.onnx` is not taken for `no-op`.
+    row = as_name(Path(name).name)
+    return ControlledWorld(row, agent, world, model, per_cycle, digest)
 
 
 def _per_cycle(conditions: TrafficConditions) -> int:
