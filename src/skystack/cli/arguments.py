@@ -139,7 +139,11 @@ def build_parser() -> Commands:
 
     sub = verb("report", "write the report of a run again, or compare several runs", verbs.report)
     sub.add_argument(
-        "runs", nargs="+", type=Path, metavar="RUN", help="a run folder of reproduce or train"
+        "runs",
+        nargs="+",
+        type=Path,
+        metavar="RUN",
+        help="a run folder of train, reproduce, flight-school or evaluate --traffic",
     )
     sub.add_argument(
         "-o",

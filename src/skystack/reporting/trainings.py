@@ -86,10 +86,12 @@ def read_runs(folders: Sequence[Path]) -> Runs:
                 trainings.append(learned._replace(curve=curve, seed=each.seed))
         elif exists(folder / "metrics.jsonl"):
             trainings.append(_read_training(folder, name))
+        elif not exists(folder):
+            raise InputError(f"{folder} does not exist")
         else:
             raise InputError(
-                f"{folder}: not a run folder (allowed: a folder with the metrics.jsonl of train or "
-                "the results.json of reproduce)"
+                f"{folder}: not a run folder (allowed: a folder of train, reproduce, flight-school "
+                "or evaluate --traffic)"
             )
     return Runs(trainings, sorted(rows, key=lambda each: row_order(each.row)))
 
