@@ -94,8 +94,7 @@ def fly(case: Case, seeds: int, out: Path) -> tuple[Result, list[str]]:
     numbers = range(FIRST_SEED, FIRST_SEED + seeds)
     flown = fly_flight_school(case.agent, conditions, numbers, out)
     today = datetime.now(UTC).date().isoformat()
-    failed = [f"seed {seed}, {reason}" for seed, reason in sorted(flown.failed.items())]
-    return Result(today, flown.row, spoken_in(flown.folder)), failed
+    return Result(today, flown.row, spoken_in(flown.folder)), flown.failures
 
 
 def fly_all(cases: Sequence[Case], options: argparse.Namespace) -> bool:

@@ -11,7 +11,6 @@ measure.
 import argparse
 import sys
 from collections.abc import Sequence
-from itertools import groupby
 from pathlib import Path
 
 from skystack.errors import InputError
@@ -81,10 +80,6 @@ def _stored() -> list[Result]:
     return found
 
 
-def _simulator(result: Result) -> str:
-    return result.hour_row.platform
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Returns the exit code: 0 success, 2 invalid input."""
     parser = argparse.ArgumentParser(
@@ -94,7 +89,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folders = parser.parse_args(arguments).folders
     try:
         results = [result_in(each) for each in folders] if folders else _stored()
-        tables = [table_of(list(each)) for _, each in groupby(results, _simulator)]
+        by_platform: dict[str, list[Result]] = {}
+        for result in results:
+            by_platform.setdefault(result.hour_row.platform, []).append(result)
+        tables = [table_of(each) for each in by_platform.values()]
     except InputError as error:
         sys.stderr.write(f"{error}\n")
         return 2

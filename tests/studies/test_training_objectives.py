@@ -33,17 +33,16 @@ def test_one_column_for_each_controller(tmp_path, capsys):
 def test_stored_results_have_a_table_for_each_simulator(tmp_path, capsys, monkeypatch):
     results = [
         result(agent, traffic, platform)
-        for platform in ("skystack", "bluebird")
         for agent in ("search", "rules")
+        for platform in ("skystack", "bluebird")
         for traffic in ("category", "notebook")
     ]
     monkeypatch.setattr(training_objectives, "RESULTS", tmp_path / "results.jsonl")
     write_results(training_objectives.RESULTS, results)
 
     def named(found):
-        return Table(
-            tuple(f"{row.agent} {row.platform}" for row in (r.hour_row for r in found)), ()
-        )
+        rows = [each.hour_row for each in found]
+        return Table(tuple(f"{row.agent} {row.platform}" for row in rows), ())
 
     monkeypatch.setattr(training_objectives, "table_of", named)
     assert main([]) == 0

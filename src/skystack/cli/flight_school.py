@@ -117,8 +117,8 @@ def flight_school(options: argparse.Namespace) -> int:
         output().print(flight_school_table(result.row, options.strict).as_rich())
     say(f"written: {result.folder}")
     say(f"to see the flights: {program()} replay {quoted(result.folder)} -o replay.html")
-    for seed, reason in sorted(result.failed.items()):
-        report_error(f"{options.agent}: seed {seed}, {reason}", FAILED)
+    for failure in result.failures:
+        report_error(f"{options.agent}: {failure}", FAILED)
     return FAILED if result.failed else DONE
 
 

@@ -55,6 +55,11 @@ class FlightSchoolResult(NamedTuple):
     outdated: int
     """The number of seeds that were finished under other conditions, and flown again."""
 
+    @property
+    def failures(self) -> list[str]:
+        """A line for each seed that failed: the seed and the reason."""
+        return [f"seed {seed}, {reason}" for seed, reason in sorted(self.failed.items())]
+
 
 class _Job(NamedTuple):
     """What a worker needs to fly seeds; picklable."""
