@@ -96,7 +96,7 @@ def test_the_digest_depends_on_the_contents_of_a_scenario_file(tmp_path):
     assert digests[0] == digests[2] != digests[1]
 
 
-def test_the_digest_depends_on_where_a_users_controller_is(tmp_path):
+def test_the_digest_depends_on_the_folder_of_a_users_controller(tmp_path):
     digests, conditions = [], TrafficConditions("category")
     for folder in ("one", "two"):  # they may import other modules
         (tmp_path / folder).mkdir()

@@ -45,7 +45,7 @@ def test_an_hour_survives_until_its_score():
     assert survival_text([600.0, 1200.0], [600.0, 606.0, 1200.0, 1206.0], 0) == "100 50 50 0"
 
 
-def test_a_failure_in_the_last_cycle_is_one():
+def test_a_failure_in_the_last_cycle_counts():
     late = ROW | {"lax_ended_by": {"loss at birth": 1, "excursion": 1, "loss": 1}}
     values = dict(flight_school_table(late).rows)
     assert values["hours without a failure (lax)"] == "1 of 4"

@@ -22,7 +22,7 @@ from skystack.tasks.sector_world import WorldState
 PATIENCE = 0.7
 """A flight is instructed only if the probability that the policy waits is below this. In training,
 actions are sampled, so it hardly matters in which of several cycles an instruction is given, or
-which of several good ones it is. *None* may then be the most probable action in every cycle.
+which of several good ones it is. So "none" may be the most probable action in every cycle.
 """
 
 

@@ -49,8 +49,8 @@ NOT_CLEAR = 10_000.0
 UNAVOIDABLE = 2
 """A loss of separation that begins within this number of cycles under all plans of the first batch
 is treated as unavoidable: a clearance takes effect after one cycle, and hardly moves the aircraft
-in the next. If another flight is within the margin that early under all plans, but not closer than
-the standard, plans keep only the standard from it, without the margin."""
+in the next. If another flight comes within the margin that early under all plans, but not closer
+than the standard, plans keep only the standard from it, without the margin."""
 EXPECTED_CYCLES = 10
 """Flights without a plan are expected to fly as cleared for this number of cycles, the present one
 included. They get a plan as soon as they hear clearances."""

@@ -20,7 +20,7 @@ LEVEL_WAITS = (5, 10, 15, 20, 30, 40, 50, 60, 75, 90, 110, 130)
 FIXES_AHEAD = 4
 """The number of fixes of the route, from the next one on, to which a flight may be sent."""
 STEP_FL, BEYOND_FL = 10, 50
-"""Intermediate levels: their spacing, and how far they may be beyond cleared and exit levels."""
+"""The spacing of intermediate levels, and how far they may lie beyond cleared and exit levels."""
 
 
 class Step(NamedTuple):

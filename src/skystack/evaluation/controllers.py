@@ -156,7 +156,7 @@ def _user_code(name: str, conditions: TrafficConditions) -> ControlledWorld:
     file = user_code_file(name)
     world, model = _world(conditions)
     agent = UserController(partial(find_user_code, name), _task(world, conditions))
-    # The same text elsewhere may import other modules.
+    # The same text in another folder may import other modules.
     source = b"" if file is None else os.fsencode(file.resolve()) + b"\0" + read_whole(file)
     digest = sha256(member.encode() + b"\0" + source).hexdigest()
     row = as_name(f"{Path(where).stem if is_file_name(where) else where}.{member}")
@@ -171,7 +171,7 @@ def _other_library(name: str, conditions: TrafficConditions) -> ControlledWorld:
     check_agent(found, task, SectorControl.name)
     digest = sha256(read_whole(Path(name))).hexdigest()
     agent = PerFlight(found, task, per_cycle)
-    # With its ending, so that a file `no-op.onnx` is not taken for `no-op`.
+    # With its suffix, so that a file `no-op.onnx` is not taken for `no-op`.
     row = as_name(Path(name).name)
     return ControlledWorld(row, agent, world, model, per_cycle, digest)
 

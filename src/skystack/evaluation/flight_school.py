@@ -155,7 +155,7 @@ def _worker(job: _Job) -> Callable[[int, Report], None]:
     found = find_controller(job.agent, job.conditions)
     if conditions_digest(found, job.conditions) != job.digest:
         raise InputError(
-            f"{job.agent} or skystack has changed since the start (repeat the command)"
+            f"{job.agent} or skystack has changed since the command was started (repeat it)"
         )
     hours = open_hours(found, job.conditions)
     flyer = HourFlyer(found.world, job.conditions.cycles, found.per_cycle, hours)
