@@ -16,7 +16,7 @@ from pathlib import Path
 from skystack.agents.sector_agents import SECTOR_AGENTS
 from skystack.errors import InputError, checked_integer, exists
 from skystack.evaluation.controllers import find_controller
-from skystack.evaluation.hour_row import FILE, HourRow, read_row
+from skystack.evaluation.hour_row import ROW_FILE, HourRow, read_row
 from skystack.evaluation.traffic import evaluate_traffic, hours_folder
 from skystack.evaluation.traffic_conditions import TrafficConditions, traffic_name
 from skystack.io.files import make_folder
@@ -34,7 +34,7 @@ def row_of(agent: str, name: str, conditions: TrafficConditions, out: Path) -> H
     `name` is the agent's name in the row.
     """
     folder = hours_folder(out, name, conditions)
-    if exists(folder / FILE):
+    if exists(folder / ROW_FILE):
         row = read_row(folder)
         if (len(row.lax_s_by_hour), row.cycles) == (conditions.hours, conditions.cycles):
             return row

@@ -23,7 +23,6 @@ import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NamedTuple
 
 from scipy.stats import mannwhitneyu
 
@@ -42,18 +41,19 @@ from skystack.reporting.table import Table
 from skystack.reporting.tables import NOTHING
 from skystack.simulator.arrival_flows import FLIGHT_SCHOOL
 from skystack.tasks.sector_control import SectorControl
-from studies.hour_results import RESULTS, Result, read_results, spoken_in, write_results
+from studies.hour_results import (
+    RESULTS,
+    Case,
+    Result,
+    case_of,
+    read_results,
+    result_in,
+    write_results,
+)
+from studies.parallel import INTERRUPTED
 
 FIRST_SEED = 1
 FIGURE = "flight-school.png"
-
-
-class Case(NamedTuple):
-    """A controller on some traffic in a simulator."""
-
-    agent: str
-    traffic: str
-    platform: str
 
 
 def plan() -> list[Case]:
@@ -80,10 +80,6 @@ def named(names: Sequence[str]) -> list[Case]:
     return found
 
 
-def case_of(row: HourRow) -> Case:
-    return Case(row.agent, row.traffic, row.platform)
-
-
 def fly(case: Case, seeds: int, out: Path) -> tuple[Result, list[str]]:
     """Fly the seeds that are not finished.
 
@@ -94,7 +90,12 @@ def fly(case: Case, seeds: int, out: Path) -> tuple[Result, list[str]]:
     numbers = range(FIRST_SEED, FIRST_SEED + seeds)
     flown = fly_flight_school(case.agent, conditions, numbers, out)
     today = datetime.now(UTC).date().isoformat()
-    return Result(today, flown.row, spoken_in(flown.folder)), flown.failures
+    return result_in(flown.folder, today), flown.failures
+
+
+def read_cases(path: Path) -> dict[Case, Result]:
+    """The results in a file by case. Raises InputError as `read_results` does."""
+    return {case_of(each.hour_row): each for each in read_results(path)}
 
 
 def fly_all(cases: Sequence[Case], options: argparse.Namespace) -> bool:
@@ -103,12 +104,14 @@ def fly_all(cases: Sequence[Case], options: argparse.Namespace) -> bool:
     Returns whether all seeds were finished.
     """
     finished = True
-    stored = {case_of(each.hour_row): each for each in read_results(options.results)}
     for case in cases:
+        stored = read_cases(options.results)
         seeds = options.seeds if case.platform == OWN else options.others
         if case in stored and len(stored[case].hour_row.seeds) == seeds:
             continue
-        stored[case], failed = fly(case, seeds, options.out)
+        result, failed = fly(case, seeds, options.out)
+        # Read again: another part of the study may have been flown at the same time.
+        stored = read_cases(options.results) | {case: result}
         planned = {each: stored[each] for each in plan() if each in stored}
         write_results(options.results, list((planned | stored).values()))
         sys.stderr.write(f"{' '.join(case)}: lax score {stored[case].row['lax_s_mean']:.0f} s\n")
@@ -156,7 +159,7 @@ def show(rows: Sequence[HourRow], out: Path) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Returns the exit code: 0 success, 1 if seeds failed, 2 invalid input."""
+    """Returns the exit code: 0 success, 1 if seeds failed, 2 invalid input, 130 interrupted."""
     parser = argparse.ArgumentParser(
         prog="python -m studies.flight_school", description=(__doc__ or "").partition("\n")[0]
     )
@@ -180,6 +183,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         sys.stderr.write(f"{error}\n")
         return 2
+    except KeyboardInterrupt:
+        sys.stderr.write("interrupted: run the same command again to resume\n")
+        return INTERRUPTED
     return 0 if finished else 1
 
 

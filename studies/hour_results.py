@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
+import numpy as np
 import pyarrow as pa
 
-from skystack.errors import error_context, exists
-from skystack.evaluation.hour_row import FILE, HourRow
+from skystack.errors import InputError, error_context, exists
+from skystack.evaluation.hour_row import ROW_FILE, HourRow
 from skystack.evaluation.stored import read_table
 from skystack.io.files import atomic_write, make_folder, read_whole
 from skystack.io.json_file import decode, read_json
@@ -20,6 +21,21 @@ MAX_BYTES = 10_000_000
 SOON_S = 60
 """A transmission to a flight within this time could have been combined with the previous one."""
 COLUMNS = ("scenario", "cycle", "transmission", "callsign", "kind")
+
+
+AIRCRAFT_COLUMNS = ("birth_cycle", "entry_cycle", "gone_cycle")
+
+
+class Case(NamedTuple):
+    """A controller on some traffic in a simulator."""
+
+    agent: str
+    traffic: str
+    platform: str
+
+
+def case_of(row: HourRow) -> Case:
+    return Case(row.agent, row.traffic, row.platform)
 
 
 class Spoken(msgspec.Struct, frozen=True):
@@ -58,6 +74,16 @@ def spoken(clearances: pa.Table) -> Spoken | None:
     return Spoken(again / total, share("level"), share("heading"), share("direct"), combined)
 
 
+def late_entries(exited: pa.Table) -> float | None:
+    """The share of flights that spent most of their time outside, before they entered.
+
+    `exited` has the `AIRCRAFT_COLUMNS` of the flights that left through their exit. None if none
+    did.
+    """
+    born, entered, gone = (exited[name].to_numpy() for name in AIRCRAFT_COLUMNS)
+    return float(np.mean(entered - born > gone - entered)) if len(gone) else None
+
+
 class Result(msgspec.Struct, frozen=True):
     """The results of a controller on some traffic in a simulator."""
 
@@ -66,6 +92,8 @@ class Result(msgspec.Struct, frozen=True):
     row: dict[str, Any]
     """The row that `skystack flight-school` writes."""
     spoken: Spoken | None
+    late_entries: float | None = None
+    """`late_entries`; also None if it was not computed."""
 
     @property
     def hour_row(self) -> HourRow:
@@ -74,12 +102,22 @@ class Result(msgspec.Struct, frozen=True):
 
 
 def read_results(path: Path) -> list[Result]:
-    """All results in a file; none if there is no file. Raises InputError for a damaged line."""
+    """All results in a file; none if there is no file.
+
+    Raises InputError for a damaged line, or if two lines are of the same case.
+    """
     if not exists(path):
         return []
+    results, lines = list[Result](), dict[Case, int]()
     with error_context(str(path)):
-        lines = read_whole(path, MAX_BYTES).splitlines()
-        return [decode(line, Result, f"line {at}") for at, line in enumerate(lines, start=1)]
+        for at, line in enumerate(read_whole(path, MAX_BYTES).splitlines(), start=1):
+            results.append(decode(line, Result, f"line {at}"))
+            with error_context(f"line {at}"):
+                case = case_of(results[-1].hour_row)
+                if case in lines:
+                    raise InputError(f"{', '.join(case)}: is also in line {lines[case]}")
+            lines[case] = at
+    return results
 
 
 def write_results(path: Path, results: Sequence[Result]) -> None:
@@ -88,11 +126,13 @@ def write_results(path: Path, results: Sequence[Result]) -> None:
     atomic_write(path, b"".join(msgspec.json.encode(each) + b"\n" for each in results))
 
 
-def result_in(folder: Path) -> Result:
-    """The results in a folder of `skystack flight-school`; their date is empty."""
-    with error_context(str(folder / FILE)):
-        row = read_json(folder / FILE)
-    return Result("", row, spoken_in(folder))
+def result_in(folder: Path, flown: str = "") -> Result:
+    """The results in a folder of `skystack flight-school`."""
+    with error_context(str(folder / ROW_FILE)):
+        row = read_json(folder / ROW_FILE)
+    filters = [("exited", "=", True)]
+    exited = read_table(folder / "aircraft.parquet", AIRCRAFT_COLUMNS, filters)
+    return Result(flown, row, spoken_in(folder), late_entries(exited))
 
 
 def spoken_in(folder: Path) -> Spoken | None:

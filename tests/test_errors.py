@@ -37,6 +37,14 @@ def test_names_the_first_unknown_name():
         check_known("fix", ["EGL", "ALBA", "XYZ"], ["EGL", "ALB"])
 
 
+def test_suggests_the_only_name_that_begins_alike():
+    names = ["testScenario", "Test_Scenario_8_15Aircraft_Hard", "Test_Scenario_7_5Aircraft_Easy"]
+    assert "did you mean 'Test_Scenario_8_15Air" in str(
+        unknown_name("it", "Test_Scenario_8", names)
+    )
+    assert "did you mean" not in str(unknown_name("it", "", ["one"]))
+
+
 def test_reports_a_name_too_long_for_a_path_as_unknown():
     for name in ("x" * 300, "\u00e9" * 190):
         error = unknown_name("sector", name, ["merge"], [f"{name}.json"])

@@ -111,9 +111,12 @@ def _in_order(name: str) -> list[tuple[str, int]]:
 def suggestion(name: str, allowed: Collection[str], paths: Iterable[str] = ()) -> str:
     """`; did you mean 'NAME'?` with the most similar name, or nothing if none is similar.
 
-    `paths` are files or folders that may have been meant: one that exists is suggested first.
+    `paths` are files or folders that may have been meant: one that exists is suggested first. The
+    only name that begins like this one is next.
     """
     near = [path for path in paths if exists(path)]
+    if len(begun := [each for each in allowed if name and each.startswith(name)]) == 1:
+        near += begun
     if (
         len(name) <= MAX_SUGGESTED_CHARS and len(allowed) <= MAX_CANDIDATES
     ):  # otherwise this takes minutes

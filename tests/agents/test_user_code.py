@@ -1,20 +1,11 @@
 """Controllers written by users: what they are given, and what their mistakes give."""
 
-import importlib
-import sys
-
 import jax
 import numpy as np
 import pytest
 
 from skystack.agents.callsigns import Callsigns
-from skystack.agents.user_code import (
-    IN_BLUEBIRD,
-    UserController,
-    find_user_code,
-    is_user_code,
-    user_code_file,
-)
+from skystack.agents.user_code import IN_BLUEBIRD, UserController
 from skystack.errors import InputError
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.stacking import NO_OP
@@ -163,103 +154,6 @@ def test_what_it_prints_goes_to_standard_error(world, capsys):
     assert transmit(user_controllers.Prints, world) == []
     out, err = capsys.readouterr()
     assert (out, err) == ("", "thinking\n")
-
-
-@pytest.mark.parametrize(
-    ("name", "is_code"),
-    [
-        ("mine:Mine", True),
-        ("a.b:Mine", True),
-        ("folder/mine.py:Mine", True),
-        ("search", False),
-        (":Mine", False),
-        ("mine:", False),
-        ("runs/a:b/policy", False),
-        ("model.onnx", False),
-    ],
-)
-def test_names_of_classes(name, is_code):
-    assert is_user_code(name) == is_code
-
-
-def test_finds_a_class_in_a_module_or_a_file(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    monkeypatch.chdir(tmp_path)
-    source = (
-        "class Mine:\n    def generate_action(self, env, observation, info):\n        return {}\n"
-    )
-    (tmp_path / "mine_here.py").write_text(source)
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "mine_there.py").write_text(source)
-    assert find_user_code("mine_here:Mine").__name__ == "Mine"
-    assert find_user_code("other/mine_there.py:Mine")().generate_action(1, 2, 3) == {}
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("no_such_module:Mine", "no_such_module:Mine: cannot be imported: ModuleNotFoundError"),
-        ("no_such_file.py:Mine", "no_such_file.py:Mine: no_such_file.py does not exist or is not"),
-        ("tests.agents.user_controllers:Mine", "there is no Mine in tests.agents.user_controllers"),
-        ("tests.agents.user_controllers:Silent", "Silent is not a class with a method generate_"),
-        ("tests.agents.user_controllers:os", "os is not a class with a method generate_action"),
-    ],
-)
-def test_wrong_names_are_one_line(name, message):
-    with pytest.raises(InputError, match=message):
-        find_user_code(name)
-
-
-def test_a_module_that_fails_is_one_line(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "broken_module.py").write_text("x = 1\nraise SystemExit('stop')\n")
-    with pytest.raises(InputError, match=r"SystemExit: stop \(broken_module.py, line 2\)$"):
-        find_user_code("broken_module:Mine")
-
-
-def test_a_file_may_have_the_name_of_a_module(tmp_path, monkeypatch):
-    """It is executed itself, and does not replace the module for anybody else."""
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    source = "class Mine:\n    def generate_action(self, *given):\n        return {}\n"
-    for name in ("json.py", "my.agent.py", "queue.py"):
-        (tmp_path / name).write_text(source)
-        assert find_user_code(f"{tmp_path / name}:Mine").__name__ == "Mine"
-    assert hasattr(importlib.import_module("json"), "JSONEncoder")
-    assert sys.path[-1] == str(tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("source", "message"),
-    [
-        ("raise KeyboardInterrupt", r"KeyboardInterrupt \(bad_file.py, line 1\)$"),
-        ("class Odd(BaseException): pass\nraise Odd('b')", r"Odd: b \(bad_file.py, line 2\)$"),
-        (
-            "class Mute(Exception):\n    def __str__(self):\n        raise ValueError\nraise Mute",
-            r"Mute \(bad_file.py, line 4\)$",
-        ),
-        ("def __getattr__(name):\n    raise RuntimeError(name)", "RuntimeError: Mine"),
-        ("Mine = 3", "Mine is not a class with a method generate_action"),
-    ],
-)
-def test_files_that_fail_in_odd_ways_give_one_line(tmp_path, monkeypatch, source, message):
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    (tmp_path / "bad_file.py").write_text(source)
-    with pytest.raises(InputError, match=message) as caught:
-        find_user_code(f"{tmp_path / 'bad_file.py'}:Mine")
-    assert "\n" not in str(caught.value)
-
-
-def test_the_file_of_a_module_is_found_without_importing_it(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "not_imported.py").write_text("raise SystemExit(0)")
-    assert user_code_file("not_imported:Mine") == tmp_path / "not_imported.py"
-    assert user_code_file("not_imported.py:Mine").samefile(tmp_path / "not_imported.py")
-    assert user_code_file("sys:Mine") is None
-    for name in ("no_such_module:Mine", "no_such_file.py:Mine", "no.such.package:Mine"):
-        with pytest.raises(InputError, match="no"):
-            user_code_file(name)
 
 
 @pytest.mark.parametrize("answer", [{3: 0}, {"AC1": 10**5000}, {"AC1": [0] * 41}, {"AC1": "0"}])

@@ -6,6 +6,7 @@ import pytest
 
 from skystack.cli.arguments import parse
 from skystack.cli.flight_school import OPTIONS, _again
+from skystack.cli.output import program
 from tests.cli.test_cli import run
 
 PROMISED = {
@@ -27,7 +28,7 @@ def test_prints_a_table_and_writes_the_hours(capsys, tmp_path):
     assert "survival (%) at" in out
     assert "(strict)" in out
     assert max(map(len, out.splitlines())) <= 80
-    folder = tmp_path / "out" / "no-op-flight-school-60"
+    folder = tmp_path / "out" / "no-op-flight-school-60-cycles-30"
     assert f"written: {folder}" in err
     assert (folder / "aircraft.parquet").exists()
     code, _, err = run(capsys, "replay", str(folder), "-o", str(tmp_path / "replay.html"))
@@ -99,5 +100,5 @@ def test_mistakes_give_one_line_and_exit_code_2(capsys, tmp_path, arguments, mes
 
 def test_the_line_that_resumes_has_all_options_that_differ():
     line = ["flight-school", "search", "--seeds", "9", "--strict", "--no-safety-net"]
-    assert _again(parse(line)) == "skystack " + " ".join(line)
+    assert _again(parse(line)) == f"{program()} " + " ".join(line)
     assert set(OPTIONS) <= set(vars(parse(line)))

@@ -48,7 +48,7 @@ def test_each_seed_is_the_first_hour_of_that_evaluation_seed(flown):
 @pytest.mark.slow
 def test_the_tables_have_all_seeds(flown):
     result, out, _ = flown
-    assert result.folder == out / "own-navigation-flight-school-60"
+    assert result.folder == out / "own-navigation-flight-school-60-cycles-60"
     tables = {path.stem: pq.read_table(path) for path in result.folder.glob("*.parquet")}
     assert set(tables) == set(TABLES)
     assert tables["episodes"]["scenario"].to_pylist() == [3, 4, 5]

@@ -1,5 +1,6 @@
 """Finished hours on disk."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from skystack.evaluation.hour_scores import CycleSeries, FlightRow, PairEvent, S
 from skystack.evaluation.hour_tables import TABLES
 from skystack.evaluation.traffic_conditions import TrafficConditions
 from skystack.export.onnx_file import export_onnx
-from skystack.policies.shipped import find_policy
+from skystack.policies.shipped import SHIPPED, find_policy
 
 SCORES = Scores(
     number=7,
@@ -101,10 +102,26 @@ def test_the_digest_depends_on_the_folder_of_a_users_controller(tmp_path):
     for folder in ("one", "two"):  # they may import other modules
         (tmp_path / folder).mkdir()
         file = tmp_path / folder / "own.py"
-        file.write_text("from part import Controller")
+        file.write_text("from elsewhere import Controller")
         found = find_controller(f"{file}:Controller", conditions)
         digests.append(conditions_digest(found, conditions))
     assert digests[0] != digests[1]
+
+
+def test_the_digest_depends_on_the_files_that_a_users_controller_imports(tmp_path):
+    digests, conditions = [], TrafficConditions("category")
+    (tmp_path / "own.py").write_text("from part import Controller")
+    for text in ("Controller = 1", "Controller = 2", "Controller = 1"):
+        (tmp_path / "part.py").write_text(text)
+        found = find_controller(f"{tmp_path}/own.py:Controller", conditions)
+        digests.append(conditions_digest(found, conditions))
+    assert digests[0] == digests[2] != digests[1]
+
+
+def test_a_run_folder_may_be_named_like_a_class(tmp_path):
+    folder = tmp_path / "runs:mine"
+    shutil.copytree(SHIPPED / "sector-control", folder)
+    assert find_controller(str(folder), TrafficConditions("category")).name == "sector-control-s0"
 
 
 @pytest.mark.parametrize("name", ["no-op", "mvp"])

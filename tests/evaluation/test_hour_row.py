@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from skystack.errors import InputError
-from skystack.evaluation.hour_row import FILE, folders_of_hours, read_row, write_row
+from skystack.evaluation.hour_row import ROW_FILE, folders_of_hours, read_row, write_row
 from tests.reporting.rows import hour_row
 
 
@@ -43,7 +43,7 @@ def test_folders_of_hours_are_found(tmp_path):
     ],
 )
 def test_damaged_rows_are_refused(tmp_path, change, message):
-    path = tmp_path / FILE
+    path = tmp_path / ROW_FILE
     path.write_text(json.dumps(msgspec.to_builtins(hour_row("search", "60")) | change))
     with pytest.raises(InputError) as raised:
         read_row(tmp_path)

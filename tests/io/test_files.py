@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from skystack.errors import InputError
-from skystack.io.files import append_line, atomic_write, check_output
+from skystack.io.files import append_line, atomic_files, atomic_write, check_output
 
 
 @contextmanager
@@ -30,6 +30,23 @@ def test_failed_write_keeps_the_old_file(tmp_path):
         atomic_write(path, b"x" * 2000)
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_outdated_files_are_deleted_only_if_all_new_ones_are_written(tmp_path):
+    paths, outdated = [tmp_path / "one", tmp_path / "two"], tmp_path / "about-them"
+    for path in (*paths, outdated):
+        path.write_bytes(b"old")
+
+    def write(sizes):
+        with atomic_files(paths, [outdated]) as files:
+            for file, size in zip(files, sizes, strict=True):
+                file.write(b"x" * size)
+
+    with file_size_limit(1000), pytest.raises(InputError, match="two: cannot be written"):
+        write((10, 2000))
+    assert {path.read_bytes() for path in (*paths, outdated)} == {b"old"}
+    write((3, 3))
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == dict.fromkeys(paths, b"xxx")
 
 
 def test_append_without_space_is_an_error(tmp_path):

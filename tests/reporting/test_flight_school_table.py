@@ -1,10 +1,12 @@
 """The table of Flight School results."""
 
-from skystack.reporting.flight_school_table import flight_school_table, survival_text
+from skystack.reporting.flight_school_table import comparison, flight_school_table, survival_text
 from skystack.reporting.tables import NOTHING
+from tests.reporting.rows import hour_row
 
 ROW = {
-    "seeds": 4, "cycles": 600,
+    "agent": "search", "traffic": "60", "platform": "bluebird",
+    "seeds": 4, "seed_numbers": [1, 2, 3, 5], "failed_seeds": [4], "cycles": 600,
     "lax_s_mean": 2400.0, "lax_s_by_seed": [600.0, 1800.0, 3600.0, 3600.0],
     "lax_s_interval": (1000.0, 3800.0), "lax_without_births_s_mean": 3000.0,
     "lax_ended_by": {"loss at birth": 1, "excursion": 1},
@@ -19,6 +21,10 @@ ROW = {
 
 def test_shows_scores_survival_and_causes():
     values = {name.strip(): value for name, value in flight_school_table(ROW).rows}
+    assert values["controller"] == "search"
+    assert values["traffic"] == "60 flights/h, in bluebird"
+    assert values["hours of traffic, 3,600 s each"] == "4 (1 failed)"
+    assert values["seeds"] == "1 to 3, 5"
     assert values["lax score, s"] == "2,400 ± 1,400 (600 to 3,600)"
     assert values["without losses at birth"] == "3,000"
     assert values["hours without a failure (lax)"] == "2 of 4"
@@ -26,6 +32,10 @@ def test_shows_scores_survival_and_causes():
     assert values["survival (%) at 10 20 30 40 50 60 min"] == "100 75 75 50 50 50"
     assert values["correct exits, of flights that left"] == "1,200 of 1,210"
     assert values["losses of separation (at birth)"] == "3 (2)"
+
+
+def test_the_comparison_shows_failed_seeds():
+    assert comparison([hour_row("search", "60", failed_seeds=[4])]).rows[0][1] == "2 (1 failed)"
 
 
 def test_strict_shows_the_survival_of_the_strict_score():

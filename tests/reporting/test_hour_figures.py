@@ -39,6 +39,13 @@ def test_survival_is_the_share_of_hours_without_failure():
     np.testing.assert_allclose(survival_of(rows), expected)
 
 
+def test_a_failure_in_the_last_cycle_ends_survival():
+    scores = [600.0, 3600.0, 3600.0]
+    row = hour_row("one", "60", lax_s_by_hour=scores, lax_ended_by={"loss": 1, "excursion": 1})
+    expected = [[0.0, 1.0], [600.0, 2 / 3], [3600.0, 1 / 3]]
+    np.testing.assert_allclose(survival_of([row]), expected)
+
+
 def test_survival_has_a_panel_for_each_traffic():
     names, kinds = ("one", "other"), ("30", "notebook")
     with house_style():

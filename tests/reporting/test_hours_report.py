@@ -43,6 +43,11 @@ def test_a_line_of_the_table_has_the_figures_of_a_row():
     }
 
 
+def test_seeds_that_failed_are_shown():
+    (line,) = hours_table([hour_row("search", "60", failed_seeds=[4, 9])]).rows
+    assert line[2] == "2 (2 failed)"
+
+
 @pytest.mark.parametrize(("hours", "words"), [(20.0, "20"), (100 / 600, "0.167"), (1234.0, "1234")])
 def test_hours_are_rounded_to_thousandths(hours, words):
     row = msgspec.structs.replace(hour_row("search", "60"), hours=hours)
@@ -54,6 +59,8 @@ def test_names_tell_what_differs_from_the_defaults():
     changed = hour_row("learned", "60", safety_net=False, per_cycle=1, uncertainty=True)
     assert label(changed) == "learned, no safety net, 1 per cycle, uncertainty"
     assert label(hour_row("learned", "category", platform="bluebird")) == "learned, in bluebird"
+    assert label(hour_row("learned", "60", cycles=30)) == "learned, 30 cycles"
+    assert label(hour_row("learned", "head-on.json", cycles=150)) == "learned"
 
 
 def test_rows_are_in_order_of_the_traffic(tmp_path):

@@ -112,6 +112,30 @@ def test_compares_skystack_with_bluebird():
     )
 
 
+@pytest.mark.usefixtures("short")
+def test_results_that_are_stored_meanwhile_are_kept(tmp_path, monkeypatch):
+    path, other = tmp_path / "results.jsonl", result("search", "120", "skystack")
+
+    def fly(*_):
+        write_results(path, [other])
+        return result("no-op", "category", "skystack"), []
+
+    monkeypatch.setattr(flight_school, "fly", fly)
+    assert flight_school.main(["--out", str(tmp_path), "--results", str(path)]) == 0
+    assert read_results(path) == [result("no-op", "category", "skystack"), other]
+
+
+@pytest.mark.usefixtures("short")
+def test_an_interruption_is_one_line(tmp_path, capsys, monkeypatch):
+    def fly(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(flight_school, "fly", fly)
+    where = ["--out", str(tmp_path), "--results", str(tmp_path / "results.jsonl")]
+    assert flight_school.main(where) == 130
+    assert capsys.readouterr().err == "interrupted: run the same command again to resume\n"
+
+
 @pytest.mark.parametrize(
     "arguments",
     [["--read"], ["--seeds", "0"], ["--others", "0"], ["serch"], ["search", "rules"]],

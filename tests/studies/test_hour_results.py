@@ -5,7 +5,15 @@ import pyarrow as pa
 import pytest
 
 from skystack.errors import InputError
-from studies.hour_results import Result, Spoken, read_results, spoken, write_results
+from studies.hour_results import (
+    AIRCRAFT_COLUMNS,
+    Result,
+    Spoken,
+    late_entries,
+    read_results,
+    spoken,
+    write_results,
+)
 from tests.reporting.rows import hour_row
 
 
@@ -32,6 +40,14 @@ def test_counts_transmissions_not_clearances():
     assert (found.level, found.heading, found.direct) == pytest.approx((4 / 5, 1 / 5, 1 / 5))
 
 
+def test_late_entries_are_those_after_half_of_the_time():
+    """Outside for 1 of 10 cycles, 5 of 10, 6 of 10, and 9 of 10."""
+    rows = [(3, 4, 13), (0, 5, 10), (2, 8, 12), (0, 9, 10)]
+    table = pa.Table.from_pylist([dict(zip(AIRCRAFT_COLUMNS, row, strict=True)) for row in rows])
+    assert late_entries(table) == 0.5
+    assert late_entries(table.slice(4)) is None
+
+
 def test_nothing_was_transmitted():
     assert spoken(clearances((0, 0, 0, "AC1", "level")).slice(0, 0)) is None
 
@@ -53,6 +69,12 @@ def test_reads_what_was_written(tmp_path):
 def test_a_damaged_line_is_named(tmp_path):
     path = tmp_path / "results.jsonl"
     write_results(path, [result("search", "category", "skystack")] * 2)
-    path.write_text(path.read_text().replace('"spoken"', '"x"'))
+    with pytest.raises(InputError, match=r"line 2: search, category, skystack: is also in line 1"):
+        read_results(path)
+    text = path.read_text()
+    path.write_text(text.replace('"spoken"', '"x"'))
     with pytest.raises(InputError, match=r"results\.jsonl: line 1: damaged"):
+        read_results(path)
+    path.write_text(text.replace('"flights":1234', '"flights":-1'))
+    with pytest.raises(InputError, match=r"results\.jsonl: line 1: .*flights"):
         read_results(path)

@@ -20,7 +20,8 @@ def test_one_column_for_each_controller(tmp_path, capsys):
         for agent in ("no-op", "own-navigation-exit-level")
     ]
     table = table_of([result_in(each) for each in folders])
-    assert table.header[2:] == ("no-op", "own-navigation-exit-level")
+    names = ("no-op, 40 cycles", "own-navigation-exit-level, 40 cycles")
+    assert table.header[2:] == names
     by_measure = {line[1]: line[2:] for line in table.rows}
     assert by_measure["transmissions direct to a fix"][1] == "100.0 %"
     assert by_measure["elements per transmission"][0] == NOTHING

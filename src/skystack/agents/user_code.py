@@ -15,16 +15,10 @@ Actions are numbers in the task's table, `env.actions`. A list of actions is iss
 transmission. Flights that are not named get no instruction.
 """
 
-import importlib
-import importlib.util
 import sys
-import sysconfig
-import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, redirect_stdout
-from functools import cache, cached_property
-from pathlib import Path
-from types import ModuleType
+from contextlib import redirect_stdout
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,16 +26,15 @@ import numpy as np
 from skystack.agents.callsigns import Callsigns
 from skystack.agents.per_flight import FlightActions
 from skystack.agents.transmission import MOST_INSTRUCTIONS, Transmission
+from skystack.agents.user_modules import METHOD, Create, as_input_error
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError, error_context
-from skystack.io.signals import exit_code
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
 from skystack.tasks.plain import checked_action
 from skystack.tasks.sector_control import ACTIONS, SectorControl
 from skystack.tasks.sector_world import WorldState
 
-METHOD = "generate_action"
 IN_BLUEBIRD = (
     "action_noop",
     "simple_heading_left__10",
@@ -51,8 +44,6 @@ IN_BLUEBIRD = (
     "route_direct_to",
 )
 """The names of `ACTIONS` in the style of BluebirdDT's environments."""
-Create = Callable[[], Any]
-"""Creates an instance of a user's class."""
 
 
 class RouteView(NamedTuple):
@@ -139,11 +130,14 @@ class _Observed(Mapping[str, np.ndarray]):
     def __len__(self) -> int:
         return len(self._slots)
 
+    def __repr__(self) -> str:
+        return repr(dict(self))
+
 
 class UserController:
     """Flies a user's controller. Implements `skystack.agents.transmission.SectorAgent`.
 
-    `find` finds the class, of which an instance is created for each hour. What it prints goes to
+    For each hour, `find` finds the class, and an instance is created. What it prints goes to
     standard error.
     """
 
@@ -151,18 +145,15 @@ class UserController:
         self._find, self._flights, self._task = find, FlightActions(task), task
         self._sector = task.sector
 
-    @cached_property
-    def _create(self) -> Create:
-        return self._find()
-
     def begin(self, state: WorldState) -> None:
         self._flights.begin()
         self._callsigns = Callsigns(self._task.flow.callsigns)
         actions = {name: number for number, name in enumerate(ACTIONS)}
         names = self._task.observation_names
         self._environment = ControllerEnvironment(self._sector, actions, names)
+        create = self._find()
         with as_input_error("cannot create an instance"), redirect_stdout(sys.stderr):
-            self._controller = self._create()
+            self._controller = create()
 
     def transmit(self, state: WorldState) -> list[Transmission]:
         """Raises InputError, which names cycle and callsign, for a failure or a wrong answer."""
@@ -235,113 +226,3 @@ def _checked_actions(actions: Any) -> list[int]:
     if len(burst) > MOST_INSTRUCTIONS:
         raise InputError(f"{len(burst)} actions (allowed: up to {MOST_INSTRUCTIONS})")
     return [checked_action(each, len(ACTIONS)) for each in burst]
-
-
-def is_user_code(name: str) -> bool:
-    """Whether the name of an agent is `module:Class` or `file.py:Class`."""
-    module, colon, member = name.rpartition(":")
-    return bool(colon and module) and member.isidentifier()
-
-
-def is_file_name(where: str) -> bool:
-    """Whether the part before the class is the name of a file rather than of a module."""
-    return Path(where).suffix.lower() == ".py"
-
-
-def find_user_code(name: str) -> Create:
-    """The class of a `module:Class` or `file.py:Class`. The module is imported, so it is executed.
-
-    Modules are also looked for in the working directory. Raises InputError if the module cannot be
-    imported, or if the class has no method `generate_action`.
-    """
-    where, _, member = name.rpartition(":")
-    with error_context(name), redirect_stdout(sys.stderr), as_input_error("cannot be imported"):
-        module = _of_file(Path(where)) if is_file_name(where) else _of_path(where)
-        found = getattr(module, member, None)
-        if found is None:
-            raise InputError(f"there is no {member} in {where}")
-        if not callable(found) or not callable(getattr(found, METHOD, None)):
-            raise InputError(f"{member} is not a class with a method {METHOD}")
-        create: Create = found
-        return create
-
-
-def user_code_file(name: str) -> Path | None:
-    """The file of a `module:Class` or `file.py:Class`; None if the module has none.
-
-    Raises InputError if there is no such file or module. The module is not imported.
-    """
-    where, _, _ = name.rpartition(":")
-    if is_file_name(where):
-        return _existing(Path(where))
-    _search_working_directory()
-    with error_context(name), redirect_stdout(sys.stderr), as_input_error("cannot be imported"):
-        spec = importlib.util.find_spec(where)
-        if spec is None:
-            raise InputError(f"there is no module {where}")
-        return Path(spec.origin) if spec.has_location and spec.origin else None
-
-
-def _existing(path: Path) -> Path:
-    if not path.is_file():
-        raise InputError(f"{path} does not exist or is not a file")
-    return path
-
-
-def _of_file(path: Path) -> ModuleType:
-    """The module in a file, whatever its name. Its neighbours can be imported."""
-    folder = str(_existing(path).resolve().parent)
-    if folder not in sys.path:
-        sys.path.append(folder)  # last: its neighbours must not replace other modules
-    spec = importlib.util.spec_from_file_location(f"_skystack_user_{path.stem}", path)
-    if spec is None or spec.loader is None:
-        raise InputError(f"{path} is not a Python file (allowed: .py)")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[module.__name__] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-def _of_path(where: str) -> ModuleType:
-    _search_working_directory()
-    return importlib.import_module(where)
-
-
-def _search_working_directory() -> None:
-    if str(Path.cwd()) not in sys.path:
-        sys.path.append(str(Path.cwd()))
-
-
-@contextmanager
-def as_input_error(what: str) -> Iterator[None]:
-    """Convert any exception of a user's code to an InputError that names the line.
-
-    Only an interruption by a signal is raised as it is.
-    """
-    try:
-        yield
-    except InputError:
-        raise
-    except BaseException as error:
-        if isinstance(error, KeyboardInterrupt) and exit_code() is not None:
-            raise
-        frames = traceback.extract_tb(error.__traceback__)
-        users = [each for each in frames if not _is_library(each.filename)]
-        last = f" ({Path(users[-1].filename).name}, line {users[-1].lineno})" if users else ""
-        raise InputError(f"{what}: {_text(error)}{last}") from error
-
-
-def _text(error: BaseException) -> str:
-    """The type and the message of an exception, which may fail to make one."""
-    name = type(error).__name__
-    try:
-        message = " ".join(str(error).split())
-    except Exception:
-        return name
-    return f"{name}: {message}" if message else name
-
-
-def _is_library(file: str) -> bool:
-    """Whether a file is not the user's."""
-    libraries = (str(Path(__file__).parents[1]), sysconfig.get_path("stdlib"))
-    return file.startswith(("<", *libraries)) or "site-packages" in file

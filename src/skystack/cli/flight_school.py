@@ -37,8 +37,8 @@ def flight_school_arguments(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--traffic",
         metavar="TRAFFIC",
-        help="category (default), notebook or environment, a number of flights per hour, or "
-        "springfield:SCENARIO",
+        help="category (default), notebook or environment, a number of flights per hour, "
+        "springfield:SCENARIO, an experiment, or a scenario file (.json)",
     )
     platform_argument(sub)
     sub.add_argument(
@@ -124,10 +124,10 @@ def flight_school(options: argparse.Namespace) -> int:
 
 def _again(options: argparse.Namespace) -> str:
     """The command line that resumes the same work."""
-    words = ["skystack", "flight-school", options.agent]
+    words = ["flight-school", options.agent]
     for name, default in OPTIONS.items():
         value = getattr(options, name)
         if value != default:
             words.append(f"--{'no-' * (default is True)}{name.replace('_', '-')}")
             words += [] if isinstance(value, bool) else [str(value)]
-    return shlex.join(words)
+    return f"{program()} {shlex.join(words)}"

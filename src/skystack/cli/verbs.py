@@ -74,13 +74,14 @@ def _train(options: argparse.Namespace, experiment: Any, out: Path) -> int:
                 experiment, options.seed, out, options.resume, on_update, every_s
             )
     except KeyboardInterrupt:
-        words = ["skystack", "train", options.experiment, "--seed", str(options.seed)]
+        words = ["train", options.experiment, "--seed", str(options.seed)]
         words += ["--out", str(out), "--resume"]
         words += ["--tensorboard"] * options.tensorboard
         words += ["--checkpoint-every", str(every_s)] * (every_s != CHECKPOINT_EVERY_S)
         words += ["--cycles", str(options.cycles)] * (options.cycles is not None)
         words += [word for change in options.changes for word in ("--set", change)]
-        raise KeyboardInterrupt(f"interrupted; to resume: {shlex.join(words)}") from None
+        again = f"{program()} {shlex.join(words)}"
+        raise KeyboardInterrupt(f"interrupted; to resume: {again}") from None
     say(f"{trained.wall_s:.0f} s; policy: {out / 'policy.json'}")
     hours = experiment.task.name == SECTOR_CONTROL
     what = "on an hour of traffic" if hours else "stacked, on held-out scenarios"

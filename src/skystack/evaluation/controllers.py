@@ -18,12 +18,12 @@ from skystack.agents.sector_agents import (
     sector_task_of,
 )
 from skystack.agents.transmission import PER_CYCLE, SectorAgent
-from skystack.agents.user_code import (
-    UserController,
+from skystack.agents.user_code import UserController
+from skystack.agents.user_modules import (
     find_user_code,
     is_file_name,
     is_user_code,
-    user_code_file,
+    user_code_files,
 )
 from skystack.airspace.sector import Sector
 from skystack.airspace.sectors import sector_from, sector_setting
@@ -60,8 +60,7 @@ class ControlledWorld(NamedTuple):
     per_cycle: int | None
     """The maximum number of transmissions in a cycle; None without a limit."""
     digest: str
-    """Identifies the agent. Of users' code, it covers the file with the class, but not what that
-    imports."""
+    """Identifies the agent. Of users' code, it covers what `user_code_files` finds."""
 
     @property
     def safety_net(self) -> bool | None:
@@ -106,12 +105,9 @@ def find_controller(controller: str | Policy, conditions: TrafficConditions) -> 
 
 def _is_folder(name: str) -> bool:
     """Whether a name is that of a policy's folder or file, which may be damaged."""
-    return (
-        bool(name)
-        and exists(name)
-        and Path(name).suffix.lower() not in READERS
-        and not is_user_code(name)
-    )
+    if not name or not exists(name) or Path(name).suffix.lower() in READERS:
+        return False
+    return Path(name).is_dir() or not is_user_code(name)
 
 
 def _learned(policy: Policy, name: str, conditions: TrafficConditions) -> ControlledWorld:
@@ -153,12 +149,12 @@ def _user_code(name: str, conditions: TrafficConditions) -> ControlledWorld:
     Its code is executed when the first hour begins.
     """
     where, _, member = name.rpartition(":")
-    file = user_code_file(name)
+    files = user_code_files(name)
     world, model = _world(conditions)
     agent = UserController(partial(find_user_code, name), _task(world, conditions))
-    # The same text in another folder may import other modules.
-    source = b"" if file is None else os.fsencode(file.resolve()) + b"\0" + read_whole(file)
-    digest = sha256(member.encode() + b"\0" + source).hexdigest()
+    # With its path, because the same text in another folder may import other modules.
+    parts = (os.fsencode(file.resolve()) + b"\0" + read_whole(file) for file in files)
+    digest = sha256(b"\0".join((member.encode(), *parts))).hexdigest()
     row = as_name(f"{Path(where).stem if is_file_name(where) else where}.{member}")
     return ControlledWorld(row, agent, world, model, conditions.per_cycle, digest)
 

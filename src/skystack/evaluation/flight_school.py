@@ -22,12 +22,12 @@ from skystack.evaluation.flown_seeds import (
     read_seed,
     write_seed,
 )
-from skystack.evaluation.hour_row import forget_row, write_row
-from skystack.evaluation.hour_scores import score, summary
+from skystack.evaluation.hour_row import ROW_FILE, write_row
+from skystack.evaluation.hour_scores import Scores, score, summary
 from skystack.evaluation.hour_tables import TABLES, FlownHour, tables_of
 from skystack.evaluation.hours import HourFlyer
 from skystack.evaluation.traffic import conditions_row, open_hours, record_of
-from skystack.evaluation.traffic_conditions import TrafficConditions, check_conditions
+from skystack.evaluation.traffic_conditions import TrafficConditions, check_conditions, cycles_of
 from skystack.evaluation.workers import Report, run_in_workers
 from skystack.evaluation.writing import growing_tables, table_metadata
 from skystack.io.files import make_folder
@@ -103,28 +103,27 @@ def fly_flight_school(
         flown = cached | _finished(job, [seed for seed in left if seed not in failed])
         flown = {seed: flown[seed] for seed in seeds if seed in flown}
         lost = [seed for seed in seeds if seed not in flown and seed not in failed]
-        failed |= dict.fromkeys(lost, f"its results in {job.folder} cannot be read")
+        failed |= dict.fromkeys(lost, _cannot_be_read(job))
         if not flown:
             raise InputError(f"all seeds failed: seed {seeds[0]}, {failed[seeds[0]]}")
-        _write_tables(folder, found, conditions._replace(seed=seeds[0]), flown)
-        row = _row(found, conditions, flown)
+        _write_tables(folder, found, job, list(flown))
+        row = _row(found, conditions, flown) | {"failed_seeds": sorted(failed)}
         write_row(folder, row)
     return FlightSchoolResult(row, folder, failed, len(cached), outdated)
 
 
 def folder_name(agent: str, conditions: TrafficConditions) -> str:
     """The name of the folder of an agent's results under some conditions."""
-    parts = [agent, "flight-school", conditions.traffic_in_names]
-    if conditions.sector is not None:
-        parts.append(Path(conditions.sector).stem)
-    parts += [each.removeprefix("--").replace(" ", "-") for each in conditions.options]
+    parts = [agent, "flight-school", conditions.traffic_in_names, *conditions.options_in_names]
+    if conditions.cycles != cycles_of(conditions.traffic):
+        parts.append(f"cycles-{conditions.cycles}")
     return "-".join(parts)
 
 
-def _finished(job: _Job, seeds: Sequence[int]) -> dict[int, FlownSeed]:
-    """The seeds that are finished, in order."""
+def _finished(job: _Job, seeds: Sequence[int]) -> dict[int, Scores]:
+    """The scores of the seeds that are finished, in order."""
     found = ((seed, read_seed(job.folder, seed, job.digest)) for seed in seeds)
-    return {seed: flown for seed, flown in found if flown is not None}
+    return {seed: flown.scores for seed, flown in found if flown is not None}
 
 
 def _fly_others(
@@ -170,29 +169,31 @@ def _worker(job: _Job) -> Callable[[int, Report], None]:
     return fly
 
 
-def _write_tables(
-    folder: Path,
-    found: ControlledWorld,
-    conditions: TrafficConditions,
-    flown: Mapping[int, FlownSeed],
-) -> None:
-    record = record_of(found, conditions)
+def _cannot_be_read(job: _Job) -> str:
+    return f"its results in {job.folder} cannot be read"
+
+
+def _write_tables(folder: Path, found: ControlledWorld, job: _Job, seeds: Sequence[int]) -> None:
+    """Write the tables of finished seeds, one at a time in memory. The row is deleted."""
+    record = record_of(found, job.conditions._replace(seed=seeds[0]))
     metadata = table_metadata(found.world.sector, found.performance, traffic=record)
-    with growing_tables(folder, TABLES, metadata) as append:
+    with growing_tables(folder, TABLES, metadata, outdated=[folder / ROW_FILE]) as append:
         try:
-            for each in flown.values():
-                append(each.tables)
+            for seed in seeds:
+                flown = read_seed(job.folder, seed, job.digest)
+                if flown is None:
+                    raise InputError(f"seed {seed}, {_cannot_be_read(job)}")
+                append(flown.tables)
         except pa.ArrowException:
             raise InputError(
                 f"{folder / SEEDS}: the tables have different columns (delete this folder)"
             ) from None
-        forget_row(folder)  # the row is never older than the tables
 
 
 def _row(
-    found: ControlledWorld, conditions: TrafficConditions, flown: Mapping[int, FlownSeed]
+    found: ControlledWorld, conditions: TrafficConditions, flown: Mapping[int, Scores]
 ) -> dict[str, Any]:
-    row = summary([each.scores for each in flown.values()], found.name, conditions.recorded_traffic)
+    row = summary(list(flown.values()), found.name, conditions.recorded_traffic)
     lax, strict = row["lax_s_by_hour"], row["strict_s_by_hour"]
     return (
         row

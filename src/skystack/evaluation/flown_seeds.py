@@ -42,7 +42,8 @@ class _File(NamedTuple):
 def conditions_digest(found: ControlledWorld, conditions: TrafficConditions) -> str:
     """A digest of the agent, the conditions and the source of this package.
 
-    It does not cover installed libraries, or modules that a user's class imports.
+    It does not cover installed libraries. Of users' code, it covers what
+    `skystack.agents.user_modules.user_code_files` finds.
     """
     file = Path(conditions.traffic)
     is_file = is_scenario(conditions.traffic) and exists(file)

@@ -8,14 +8,14 @@ import msgspec
 
 from skystack.errors import MAX_INT, error_context, exists
 from skystack.evaluation.traffic_conditions import is_named
-from skystack.io.files import atomic_write, check_output
+from skystack.io.files import atomic_write
 from skystack.io.json_file import read_json
 from skystack.io.validation import convert
 from skystack.platforms.registry import OWN
 from skystack.simulator.arrival_flows import MAX_FLIGHTS_PER_HOUR
 from skystack.simulator.simulator import CYCLE_S
 
-FILE = "row.json"
+ROW_FILE = "row.json"
 _Count = Annotated[int, msgspec.Meta(ge=0, le=MAX_INT)]
 _Rate = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 _Value = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
@@ -34,6 +34,8 @@ class HourRow(msgspec.Struct, frozen=True, kw_only=True):
     seed: _Count
     seed_numbers: list[_Count] | None = None
     """All seeds, if there are several; `seed` is the first."""
+    failed_seeds: list[_Count] = []
+    """The seeds that failed; the row is that of the others."""
     per_cycle: _Count | None
     """None without a limit of transmissions."""
     uncertainty: bool
@@ -92,18 +94,12 @@ def _is_rate(text: str) -> bool:
 
 def write_row(folder: Path, row: Mapping[str, Any]) -> None:
     """Write a row into the folder of its tables."""
-    atomic_write(folder / FILE, msgspec.json.format(msgspec.json.encode(row), indent=1))
-
-
-def forget_row(folder: Path) -> None:
-    """Delete the row of an earlier evaluation. Raises InputError if that is not possible."""
-    check_output(folder / FILE)
-    (folder / FILE).unlink(missing_ok=True)
+    atomic_write(folder / ROW_FILE, msgspec.json.format(msgspec.json.encode(row), indent=1))
 
 
 def read_row(folder: Path) -> HourRow:
     """Read the row in a folder. Raises InputError if it is missing or damaged."""
-    path = folder / FILE
+    path = folder / ROW_FILE
     with error_context(str(path)):
         row: HourRow = convert(read_json(path), HourRow)
     return row
@@ -111,6 +107,6 @@ def read_row(folder: Path) -> HourRow:
 
 def folders_of_hours(folder: Path) -> list[Path]:
     """The folders with rows: the folder itself, or those in it."""
-    if exists(folder / FILE):
+    if exists(folder / ROW_FILE):
         return [folder]
-    return sorted(path.parent for path in folder.glob(f"*/{FILE}"))
+    return sorted(path.parent for path in folder.glob(f"*/{ROW_FILE}"))

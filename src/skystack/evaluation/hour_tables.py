@@ -18,6 +18,7 @@ import pyarrow as pa
 from skystack.agents.callsigns import Callsigns
 from skystack.agents.transmission import instruction_of
 from skystack.evaluation.followed import STATUS, status_of
+from skystack.evaluation.hour_row import ROW_FILE
 from skystack.evaluation.hour_scores import FlightRow, PairEvent, Scores
 from skystack.evaluation.hours import Hour
 from skystack.evaluation.tables import clearance_rows, rounded
@@ -56,11 +57,12 @@ def growing_hours(
 ) -> Iterator[AppendHour]:
     """Tables in a folder, to which the body appends hour by hour.
 
-    They replace those of the folder together at the end. Raises InputError for a folder that cannot
-    be written to or is in use by another process.
+    They replace those of the folder together at the end, and the row of the folder is deleted.
+    Raises InputError for a folder that cannot be written to or is in use by another process.
     """
     metadata = table_metadata(world.sector, performance, traffic=traffic)
-    with locked_folder(folder), growing_tables(folder, TABLES, metadata) as append:
+    row = [folder / ROW_FILE]
+    with locked_folder(folder), growing_tables(folder, TABLES, metadata, outdated=row) as append:
 
         def append_hour(hour: Hour, scores: Scores) -> None:
             append(tables_of(FlownHour(world, hour, scores)))

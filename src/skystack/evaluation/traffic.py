@@ -14,7 +14,7 @@ from skystack.airspace.xplus import x_plus
 from skystack.errors import InputError
 from skystack.evaluation.controllers import PERFORMANCE, ControlledWorld, find_controller
 from skystack.evaluation.fixed_traffic import fixed_platform, is_fixed
-from skystack.evaluation.hour_row import forget_row, write_row
+from skystack.evaluation.hour_row import write_row
 from skystack.evaluation.hour_scores import score, summary
 from skystack.evaluation.hour_tables import AppendHour, growing_hours
 from skystack.evaluation.hours import HourFlyer, Hours, OwnHours
@@ -51,8 +51,6 @@ def evaluate_traffic(
             hour = flyer.fly(found.agent, conditions.seed, number, lambda _: on_cycle(next(cycles)))
             scores.append(score(found.world.sector, hour))
             append(hour, scores[-1])
-        if folder is not None:  # the row is never older than the tables
-            forget_row(folder)
     row = summary(scores, found.name, conditions.recorded_traffic) | conditions_row(
         found, conditions
     )
@@ -119,10 +117,7 @@ def _is_x_plus(sector: Sector) -> bool:
 def hours_folder(out: Path, agent: str, conditions: TrafficConditions) -> Path:
     """The folder of the tables of an agent on some traffic."""
     name = f"{agent}-traffic-{conditions.traffic_in_names}-seed-{conditions.seed}"
-    if conditions.sector is not None:
-        name += f"-{Path(conditions.sector).stem}"
-    options = (each.removeprefix("--").replace(" ", "-") for each in conditions.options)
-    return out / "-".join([name, *options])
+    return out / "-".join([name, *conditions.options_in_names])
 
 
 def _tables_in(

@@ -66,6 +66,12 @@ class TrafficConditions(NamedTuple):
         return [option for option, given in differs.items() if given]
 
     @property
+    def options_in_names(self) -> list[str]:
+        """The sector and the options as in folder names: `crossing`, `per-cycle-1`."""
+        sector = [] if self.sector is None else [Path(self.sector).stem]
+        return sector + [each.removeprefix("--").replace(" ", "-") for each in self.options]
+
+    @property
     def is_the_same_for_every_seed(self) -> bool:
         return is_fixed(self.traffic) or is_scenario_file(self.traffic)
 
@@ -84,6 +90,8 @@ def check_conditions(conditions: TrafficConditions) -> None:
     """Raise InputError for an unknown platform, and for conditions that it cannot fly."""
     platform = conditions.platform
     check_platform(platform)
+    if _is_undecodable(conditions.traffic):
+        raise InputError(f"traffic {conditions.traffic}: the name of the file is not in UTF-8")
     if is_fixed(conditions.traffic):
         _check_fixed(conditions)
         return
@@ -98,6 +106,15 @@ def check_conditions(conditions: TrafficConditions) -> None:
             f"{SPRINGFIELD}:SCENARIO)"
         )
     _refuse_options(conditions, f"--platform {platform}")
+
+
+def _is_undecodable(name: str) -> bool:
+    """Whether a file name has bytes that are not text, so that no file can record it."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return True
+    return False
 
 
 def _check_scenario(conditions: TrafficConditions) -> None:
@@ -169,7 +186,7 @@ def traffic_name(traffic: str) -> str:
     """
     traffic = ALIASES.get(traffic, traffic)
     try:
-        return traffic if is_named(traffic) else f"{float(traffic):g}"
+        return traffic if is_named(traffic) else f"{float(traffic):.15g}"
     except ValueError:
         return traffic
 

@@ -105,15 +105,19 @@ def write_table(
 
 @contextmanager
 def growing_tables(
-    folder: Path, names: Sequence[str], metadata: Mapping[bytes, bytes]
+    folder: Path,
+    names: Sequence[str],
+    metadata: Mapping[bytes, bytes],
+    outdated: Sequence[Path] = (),
 ) -> Iterator[Append]:
     """Tables `<name>.parquet` in a folder, to which the body must append at least once.
 
-    The files are replaced together at the end; if the body raises, none is changed. Their content
-    does not depend on the division into parts. Raises InputError for a file that cannot be written.
+    The files are replaced together at the end, and `outdated` files deleted; if the body raises,
+    none is changed. Their content does not depend on the division into parts. Raises InputError for
+    a file that cannot be written.
     """
     paths = [folder / f"{name}.parquet" for name in names]
-    with atomic_files(paths) as files, ExitStack() as stack:
+    with atomic_files(paths, outdated) as files, ExitStack() as stack:
         growing = [stack.enter_context(closing(_GrowingTable(file, metadata))) for file in files]
         digest = _Digest()
 

@@ -44,12 +44,14 @@ def atomic_write(path: Path, data: bytes) -> None:
 
 
 @contextmanager
-def atomic_files(paths: Sequence[Path]) -> Iterator[list[IO[bytes]]]:
+def atomic_files(paths: Sequence[Path], outdated: Sequence[Path] = ()) -> Iterator[list[IO[bytes]]]:
     """Open temporary files that together replace the files at `paths` when the context ends.
 
-    They are synced to disk first. If the body raises, the old files stay. Raises InputError for a
-    file that cannot be written.
+    They are synced to disk first, then `outdated` files are deleted. If the body raises, or the
+    disk is full, all old files stay. Raises InputError for a file that cannot be written.
     """
+    for path in outdated:
+        check_not_folder(path)
     with ExitStack() as stack:
         files = [stack.enter_context(_open_temporary(path)) for path in paths]
         yield files
@@ -58,6 +60,9 @@ def atomic_files(paths: Sequence[Path]) -> Iterator[list[IO[bytes]]]:
                 with writing(path):
                     file.flush()
                     os.fsync(file.fileno())
+            for path in outdated:
+                with writing(path):
+                    path.unlink(missing_ok=True)
             for path, file in zip(paths, files, strict=True):
                 with writing(path):
                     Path(file.name).replace(path)

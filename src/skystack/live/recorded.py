@@ -9,7 +9,7 @@ from skystack.agents.sector_agents import BLUESKY_AGENTS
 from skystack.agents.transmission import SectorAgent
 from skystack.errors import InputError
 from skystack.evaluation.controllers import ControlledWorld, find_controller
-from skystack.evaluation.hour_row import forget_row, write_row
+from skystack.evaluation.hour_row import write_row
 from skystack.evaluation.hour_scores import score, summary
 from skystack.evaluation.hour_tables import growing_hours
 from skystack.evaluation.scenario_traffic import is_scenario
@@ -56,7 +56,6 @@ class LiveSession(NamedTuple):
         record = replace(record_of(found, conditions), agent=SESSION, safety_net=None)
         with growing_hours(folder, world, found.performance, record) as append:
             append(hour, scores)
-            forget_row(folder)
         row = summary([scores], SESSION + ending, conditions.recorded_traffic)
         row |= conditions_row(found, conditions) | {"safety_net": None, "per_cycle": None}
         write_row(folder, row)

@@ -5,8 +5,15 @@ from typing import Any
 
 import numpy as np
 
+from skystack.errors import printable
 from skystack.evaluation.hour_row import HourRow
-from skystack.reporting.hour_table import decimals, losses
+from skystack.reporting.hour_table import (
+    decimals,
+    failed_in_words,
+    losses,
+    ranges,
+    traffic_in_words,
+)
 from skystack.reporting.table import Table
 from skystack.reporting.tables import NOTHING, percent
 from skystack.simulator.simulator import CYCLE_S
@@ -27,7 +34,13 @@ def flight_school_table(row: Mapping[str, Any], strict: bool = False) -> Table:
     whole = row["seeds"] - sum(row[f"{score}_ended_by"].values())
     at_s = [length_s * (number + 1) / SHOWN for number in range(SHOWN)]
     lines = (
-        ("seeds (hours of traffic)", f"{row['seeds']}"),
+        ("controller", printable(row["agent"])),
+        ("traffic", f"{printable(traffic_in_words(row['traffic']))}, in {row['platform']}"),
+        (
+            f"hours of traffic, {length_s:,.0f} s each",
+            f"{row['seeds']}{failed_in_words(len(row['failed_seeds']))}",
+        ),
+        ("seeds", ", ".join(ranges(row["seed_numbers"]))),
         ("lax score, s", _score(row, "lax")),
         ("  without losses at birth", f"{row['lax_without_births_s_mean']:,.0f}"),
         ("strict score, s", _score(row, "strict")),
@@ -69,7 +82,7 @@ def comparison(rows: Sequence[HourRow]) -> Table:
 def _compared(row: HourRow) -> tuple[str, ...]:
     return (
         row.agent,
-        f"{len(row.lax_s_by_hour)}",
+        f"{len(row.lax_s_by_hour)}{failed_in_words(len(row.failed_seeds))}",
         _with_interval(row.lax_s_mean, row.lax_s_interval),
         f"{row.lax_without_births_s_mean:,.0f}",
         _with_interval(row.strict_s_mean, row.strict_s_interval),

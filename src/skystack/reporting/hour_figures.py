@@ -118,6 +118,8 @@ def survival_of(rows: Sequence[HourRow]) -> Float[np.ndarray, "times 2"]:
     ends = [(end, row.length_s) for row in rows for end in row.lax_s_by_hour]
     times = np.unique([0.0, *(end for end, _ in ends)])
     failed = [sum(end <= time and end < length for end, length in ends) for time in times]
+    # An hour that fails in its last cycle has the score of a whole hour.
+    failed[-1] = max(failed[-1], sum(sum(row.lax_ended_by.values()) for row in rows))
     return np.column_stack([times, 1.0 - np.array(failed) / len(ends)])
 
 

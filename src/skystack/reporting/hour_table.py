@@ -1,6 +1,6 @@
 """The table of an evaluation on hours of arriving traffic."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from skystack.evaluation.traffic_conditions import is_named
@@ -46,6 +46,25 @@ def decimals(value: float | None, digits: int) -> str:
 def hours_in_words(hours: float) -> str:
     """Hours of traffic as `20`, or `0.167` for ten minutes."""
     return f"{round(hours, 3):g}"
+
+
+def failed_in_words(count: int) -> str:
+    """` (2 failed)` after a number of hours or seeds; nothing if none failed."""
+    return f" ({count} failed)" if count else ""
+
+
+def ranges(numbers: Sequence[int]) -> list[str]:
+    """Increasing numbers as words, with runs of three and more as ranges: 1, 2, 5 to 9."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    words: list[str] = []
+    for run in runs:
+        words += [f"{run[0]} to {run[-1]}"] if len(run) > 2 else map(str, run)
+    return words
 
 
 def losses(count: int, at_birth: int) -> str:

@@ -7,14 +7,22 @@ import skystack
 from skystack.agents.transmission import PER_CYCLE
 from skystack.errors import InputError, printable
 from skystack.evaluation.hour_row import HourRow, folders_of_hours, read_row
+from skystack.evaluation.scenario_traffic import is_scenario
 from skystack.io.files import atomic_write
 from skystack.platforms.registry import OWN
 from skystack.reporting.hour_figures import capacity, survival
-from skystack.reporting.hour_table import decimals, hours_in_words, losses
+from skystack.reporting.hour_table import (
+    decimals,
+    failed_in_words,
+    hours_in_words,
+    losses,
+    ranges,
+)
 from skystack.reporting.page import picture_of, render
 from skystack.reporting.style import as_svg, house_style
 from skystack.reporting.table import Table
 from skystack.reporting.tables import percent
+from skystack.simulator.arrival_flows import HOUR_CYCLES
 
 REPORT = "hours.html"
 
@@ -57,6 +65,8 @@ def controller(row: HourRow) -> str:
         parts.append(f"{row.per_cycle} per cycle")
     if row.uncertainty:
         parts.append("uncertainty")
+    if row.cycles < HOUR_CYCLES and not is_scenario(row.traffic):
+        parts.append(f"{row.cycles} cycles")
     return printable(", ".join(parts))
 
 
@@ -91,7 +101,7 @@ def _line(row: HourRow) -> tuple[str, ...]:
     return (
         label(row),
         row.traffic,
-        hours_in_words(row.hours),
+        hours_in_words(row.hours) + failed_in_words(len(row.failed_seeds)),
         f"{row.flights:,}",
         losses(row.losses_of_separation, row.losses_at_birth),
         percent(row.correct_exit_rate),
@@ -122,17 +132,3 @@ def write_hours_report(rows: Sequence[HourRow], output: Path) -> None:
             several=len(seeds) > 1,
         )
     atomic_write(output, page)
-
-
-def ranges(numbers: Sequence[int]) -> list[str]:
-    """Increasing numbers as words, with runs of three and more as ranges: 1, 2, 5 to 9."""
-    runs: list[list[int]] = []
-    for number in numbers:
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1].append(number)
-        else:
-            runs.append([number])
-    words: list[str] = []
-    for run in runs:
-        words += [f"{run[0]} to {run[-1]}"] if len(run) > 2 else map(str, run)
-    return words
