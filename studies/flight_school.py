@@ -110,7 +110,7 @@ def fly_all(cases: Sequence[Case], options: argparse.Namespace) -> bool:
         if case in stored and len(stored[case].hour_row.seeds) == seeds:
             continue
         result, failed = fly(case, seeds, options.out)
-        # Read again: another part of the study may have been flown at the same time.
+        # Read again: another run may have stored results in the meantime.
         stored = read_cases(options.results) | {case: result}
         planned = {each: stored[each] for each in plan() if each in stored}
         write_results(options.results, list((planned | stored).values()))

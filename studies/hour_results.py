@@ -104,7 +104,7 @@ class Result(msgspec.Struct, frozen=True):
 def read_results(path: Path) -> list[Result]:
     """All results in a file; none if there is no file.
 
-    Raises InputError for a damaged line, or if two lines are of the same case.
+    Raises InputError for a damaged line, or if two lines have results for the same case.
     """
     if not exists(path):
         return []
@@ -115,7 +115,7 @@ def read_results(path: Path) -> list[Result]:
             with error_context(f"line {at}"):
                 case = case_of(results[-1].hour_row)
                 if case in lines:
-                    raise InputError(f"{', '.join(case)}: is also in line {lines[case]}")
+                    raise InputError(f"{', '.join(case)} is already in line {lines[case]}")
             lines[case] = at
     return results
 

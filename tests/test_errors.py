@@ -37,7 +37,7 @@ def test_names_the_first_unknown_name():
         check_known("fix", ["EGL", "ALBA", "XYZ"], ["EGL", "ALB"])
 
 
-def test_suggests_the_only_name_that_begins_alike():
+def test_suggests_the_only_name_that_starts_with_what_was_typed():
     names = ["testScenario", "Test_Scenario_8_15Aircraft_Hard", "Test_Scenario_7_5Aircraft_Easy"]
     assert "did you mean 'Test_Scenario_8_15Air" in str(
         unknown_name("it", "Test_Scenario_8", names)

@@ -111,8 +111,8 @@ def _in_order(name: str) -> list[tuple[str, int]]:
 def suggestion(name: str, allowed: Collection[str], paths: Iterable[str] = ()) -> str:
     """`; did you mean 'NAME'?` with the most similar name, or nothing if none is similar.
 
-    `paths` are files or folders that may have been meant: one that exists is suggested first. The
-    only name that begins like this one is next.
+    `paths` are files or folders that may have been meant: one that exists is suggested first. If
+    exactly one allowed name starts with `name`, it is next.
     """
     near = [path for path in paths if exists(path)]
     if len(begun := [each for each in allowed if name and each.startswith(name)]) == 1:

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from skystack.errors import InputError
-from skystack.evaluation import flight_school
+from skystack.evaluation import flight_school, workers
 from skystack.evaluation.flight_school import fly_flight_school, interval
 from skystack.evaluation.hour_row import read_row
 from skystack.evaluation.hour_tables import TABLES
@@ -110,6 +110,35 @@ def test_a_controller_that_has_changed_since_the_start_is_not_flown(tmp_path):
     job = flight_school._Job("own-navigation", CONDITIONS, tmp_path, "digest of another version")
     with pytest.raises(InputError, match=r"own-navigation or skystack has changed"):
         flight_school._worker(job)
+
+
+@pytest.mark.slow
+def test_nothing_that_a_controller_stores_reaches_another_hour(tmp_path, monkeypatch):
+    """Not in its class, in a module of its own, or in a library; and its files are checked."""
+    monkeypatch.setattr(workers, "cores", lambda: [None])
+    counts = "hours = []"
+    own = (
+        "import json, part\nclass Counts:\n    hours = []\n"
+        "    def generate_action(self, env, observation, info):\n"
+        "        if info['sim_time'] == 0.0:\n"
+        "            self.hours.append(1), part.hours.append(1)\n"
+        "            json.hours = getattr(json, 'hours', 0) + 1\n"
+        "        if len(self.hours) + len(part.hours) + json.hours != 3:\n"
+        "            raise ValueError('leaks')\n"
+        "        return {}\n"
+    )
+    (tmp_path / "own.py").write_text(own)
+    (tmp_path / "part.py").write_text(counts)
+    short = CONDITIONS._replace(cycles=2)
+
+    def fly():
+        return fly_flight_school(f"{tmp_path}/own.py:Counts", short, [0, 1], tmp_path, LIMIT_S)
+
+    assert fly().failed == {}
+    assert fly().cached == 2
+    (tmp_path / "part.py").write_text(counts + "  # changed")
+    again = fly()
+    assert (again.cached, again.outdated, again.failed) == (0, 2, {})
 
 
 @pytest.mark.slow

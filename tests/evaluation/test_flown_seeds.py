@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from skystack.agents.user_modules import file_digest
 from skystack.evaluation.controllers import find_controller
 from skystack.evaluation.flown_seeds import FlownSeed, conditions_digest, read_seed, write_seed
 from skystack.evaluation.hour_scores import CycleSeries, FlightRow, PairEvent, Scores
@@ -108,14 +109,19 @@ def test_the_digest_depends_on_the_folder_of_a_users_controller(tmp_path):
     assert digests[0] != digests[1]
 
 
-def test_the_digest_depends_on_the_files_that_a_users_controller_imports(tmp_path):
-    digests, conditions = [], TrafficConditions("category")
-    (tmp_path / "own.py").write_text("from part import Controller")
-    for text in ("Controller = 1", "Controller = 2", "Controller = 1"):
-        (tmp_path / "part.py").write_text(text)
-        found = find_controller(f"{tmp_path}/own.py:Controller", conditions)
-        digests.append(conditions_digest(found, conditions))
-    assert digests[0] == digests[2] != digests[1]
+def test_a_seed_is_not_read_if_a_file_of_the_controller_has_changed(tmp_path):
+    files = {}
+    for name in ("own.py", "part.py"):
+        (tmp_path / name).write_text(name)
+        files[str(tmp_path / name)] = file_digest(str(tmp_path / name))
+    write_seed(tmp_path, 7, "conditions", FLOWN._replace(files=files))
+    assert read_seed(tmp_path, 7, "conditions").files == files
+    (tmp_path / "part.py").write_text("changed")
+    assert read_seed(tmp_path, 7, "conditions") is None
+    (tmp_path / "part.py").write_text("part.py")
+    assert read_seed(tmp_path, 7, "conditions") is not None
+    (tmp_path / "part.py").unlink()
+    assert read_seed(tmp_path, 7, "conditions") is None
 
 
 def test_a_run_folder_may_be_named_like_a_class(tmp_path):

@@ -45,6 +45,15 @@ def test_each_item_has_a_result_or_its_own_failure(capfd):
     assert "KeyError: 'bug'" in err
 
 
+@pytest.mark.slow
+def test_each_item_may_have_its_own_process():
+    items = ["a", "b", "c", "wrong", "d"]
+    finished = list(run_in_workers(make, items, NO_LIMIT_S, one_each=True))
+    assert {each.item for each in finished} == set(items)
+    processes = [each.result[1] for each in finished if each.failed is None]
+    assert len(set(processes)) == len(processes) == 4
+
+
 def test_an_item_that_reports_nothing_for_too_long_fails():
     """The item takes ten minutes and the limit is one second, however slow the machine is."""
     (finished,) = run_in_workers(make, ["hangs"], 1.0)

@@ -23,7 +23,7 @@ def test_shows_scores_survival_and_causes():
     values = {name.strip(): value for name, value in flight_school_table(ROW).rows}
     assert values["controller"] == "search"
     assert values["traffic"] == "60 flights/h, in bluebird"
-    assert values["hours of traffic, 3,600 s each"] == "4 (1 failed)"
+    assert values["hours of traffic, 3,600 s each"] == "4 (+ 1 failed)"
     assert values["seeds"] == "1 to 3, 5"
     assert values["lax score, s"] == "2,400 ± 1,400 (600 to 3,600)"
     assert values["without losses at birth"] == "3,000"
@@ -35,7 +35,7 @@ def test_shows_scores_survival_and_causes():
 
 
 def test_the_comparison_shows_failed_seeds():
-    assert comparison([hour_row("search", "60", failed_seeds=[4])]).rows[0][1] == "2 (1 failed)"
+    assert comparison([hour_row("search", "60", failed_seeds=[4])]).rows[0][1] == "2 (+ 1 failed)"
 
 
 def test_strict_shows_the_survival_of_the_strict_score():

@@ -45,7 +45,7 @@ def test_a_line_of_the_table_has_the_figures_of_a_row():
 
 def test_seeds_that_failed_are_shown():
     (line,) = hours_table([hour_row("search", "60", failed_seeds=[4, 9])]).rows
-    assert line[2] == "2 (2 failed)"
+    assert line[2] == "2 (+ 2 failed)"
 
 
 @pytest.mark.parametrize(("hours", "words"), [(20.0, "20"), (100 / 600, "0.167"), (1234.0, "1234")])

@@ -113,7 +113,7 @@ def test_compares_skystack_with_bluebird():
 
 
 @pytest.mark.usefixtures("short")
-def test_results_that_are_stored_meanwhile_are_kept(tmp_path, monkeypatch):
+def test_results_that_another_run_has_stored_are_kept(tmp_path, monkeypatch):
     path, other = tmp_path / "results.jsonl", result("search", "120", "skystack")
 
     def fly(*_):

@@ -69,7 +69,7 @@ def test_reads_what_was_written(tmp_path):
 def test_a_damaged_line_is_named(tmp_path):
     path = tmp_path / "results.jsonl"
     write_results(path, [result("search", "category", "skystack")] * 2)
-    with pytest.raises(InputError, match=r"line 2: search, category, skystack: is also in line 1"):
+    with pytest.raises(InputError, match="line 2: search, category, skystack is already in line 1"):
         read_results(path)
     text = path.read_text()
     path.write_text(text.replace('"spoken"', '"x"'))

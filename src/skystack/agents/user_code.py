@@ -18,7 +18,7 @@ transmission. Flights that are not named get no instruction.
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import redirect_stdout
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -137,7 +137,7 @@ class _Observed(Mapping[str, np.ndarray]):
 class UserController:
     """Flies a user's controller. Implements `skystack.agents.transmission.SectorAgent`.
 
-    For each hour, `find` finds the class, and an instance is created. What it prints goes to
+    `find` finds the class, of which an instance is created for each hour. What it prints goes to
     standard error.
     """
 
@@ -145,13 +145,17 @@ class UserController:
         self._find, self._flights, self._task = find, FlightActions(task), task
         self._sector = task.sector
 
+    @cached_property
+    def _create(self) -> Create:
+        return self._find()
+
     def begin(self, state: WorldState) -> None:
         self._flights.begin()
         self._callsigns = Callsigns(self._task.flow.callsigns)
         actions = {name: number for number, name in enumerate(ACTIONS)}
         names = self._task.observation_names
         self._environment = ControllerEnvironment(self._sector, actions, names)
-        create = self._find()
+        create = self._create
         with as_input_error("cannot create an instance"), redirect_stdout(sys.stderr):
             self._controller = create()
 

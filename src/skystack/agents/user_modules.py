@@ -2,14 +2,13 @@
 
 import importlib
 import importlib.util
-import symtable
 import sys
 import sysconfig
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
+from hashlib import sha256
 from importlib.machinery import PathFinder
-from modulefinder import ModuleFinder
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -21,8 +20,8 @@ from skystack.io.signals import exit_code
 METHOD = "generate_action"
 Create = Callable[[], Any]
 """Creates an instance of a user's class."""
-_loaded_before: set[str] = set()
-"""The modules that were loaded before the first one of a user."""
+_LIBRARIES = (Path(__file__).parents[1], Path(sysconfig.get_path("stdlib")))
+_LIBRARY_FOLDERS = {"site-packages", "dist-packages"}
 
 
 def is_user_code(name: str) -> bool:
@@ -37,70 +36,53 @@ def is_file_name(where: str) -> bool:
 
 
 def find_user_code(name: str) -> Create:
-    """The class of a `module:Class` or `file.py:Class`. Its module is imported, so it is executed.
+    """The class of a `module:Class` or `file.py:Class`. The module is imported, so it is executed.
 
-    The module, and all modules of the user's that it imports, are imported anew by each call, so
-    that hours do not depend on earlier ones. Modules are also looked for in the working directory.
-    Raises InputError if the module cannot be imported, or if the class has no method
-    `generate_action`.
+    Modules are also looked for in the working directory. Raises InputError if the module cannot be
+    imported, or if the class has no method `generate_action`.
     """
     where, _, member = name.rpartition(":")
     with error_context(name), redirect_stdout(sys.stderr), as_input_error("cannot be imported"):
-        _forget_modules()
         module = _of_file(Path(where)) if is_file_name(where) else _of_path(where)
         found = getattr(module, member, None)
         if found is None:
-            raise InputError(f"there is no {member} in {where}")
+            hint = suggestion(member, [each for each in vars(module) if isinstance(each, str)])
+            raise InputError(f"there is no {member} in {where}{hint}")
         if not callable(found) or not callable(getattr(found, METHOD, None)):
             raise InputError(f"{member} is not a class with a method {METHOD}")
         create: Create = found
         return create
 
 
-def user_code_files(name: str) -> list[Path]:
-    """The file of a `module:Class` or `file.py:Class`, then those that it imports from its folder.
+def user_code_file(name: str) -> Path | None:
+    """The file of a `module:Class` or `file.py:Class`; None if the module has none.
 
-    Nothing is executed, so files that are imported in other ways are missing. Empty if the module
-    has no file. Raises InputError if there is no such file, module or class, or for a syntax error.
+    Raises InputError if there is no such file or module. Nothing is executed.
     """
-    where, _, member = name.rpartition(":")
-    with error_context(name), redirect_stdout(sys.stderr), as_input_error("cannot be imported"):
-        file = _existing(Path(where)) if is_file_name(where) else _module_file(where)
-        if file is None:
-            return []
-        if file.suffix != ".py" or _is_library(str(file)):
-            return [file]
-        _check_defines(file, where, member)
-        return [file, *_imported(file, where)]
-
-
-def _check_defines(file: Path, where: str, member: str) -> None:
-    """Raise InputError if a file cannot define a class."""
-    text = read_whole(file).decode()
-    names = [
-        each.get_name()
-        for each in symtable.symtable(text, str(file), "exec").get_symbols()
-        if each.is_assigned() or each.is_imported() or each.is_namespace()
-    ]
-    if member not in names and "import *" not in text and "__getattr__" not in names:
-        raise InputError(f"there is no {member} in {where}{suggestion(member, names)}")
-
-
-def _imported(file: Path, where: str) -> list[Path]:
-    """The other files that a file imports, directly or not, from the folder of its package."""
-    depth = 0 if is_file_name(where) else where.count(".") + (file.stem == "__init__")
-    finder = ModuleFinder([str(file.resolve().parents[depth])], excludes=["skystack"])
+    where, _, _ = name.rpartition(":")
     if is_file_name(where):
-        finder.run_script(str(file))
-    else:
-        finder.import_hook(where)
-    files = (getattr(module, "__file__", None) for module in finder.modules.values())
-    return sorted({Path(each).resolve() for each in files if each} - {file.resolve()})
+        return _existing(Path(where))
+    _search_working_directory()
+    with error_context(name), as_input_error("cannot be imported"):
+        return _module_file(where)
+
+
+def imported_files() -> dict[str, str]:
+    """The files of all modules of the user's that are imported, with their digests."""
+    files = (getattr(module, "__file__", None) for module in list(sys.modules.values()))
+    paths = {file for file in files if isinstance(file, str) and not _is_library(file)}
+    return {path: digest for path in sorted(paths) if (digest := file_digest(path)) is not None}
+
+
+def file_digest(path: str) -> str | None:
+    """A digest of a file; None if it cannot be read."""
+    with suppress(InputError, OSError, ValueError):
+        return sha256(read_whole(Path(path))).hexdigest()
+    return None
 
 
 def _module_file(where: str) -> Path | None:
-    """The file of a module. Unlike `importlib.util.find_spec`, it does not import its packages."""
-    _search_working_directory()
+    """The file of a module. Unlike `importlib.util.find_spec`, it does not import its parents."""
     package, *inner = where.split(".")
     spec, name = importlib.util.find_spec(package), package
     for each in inner:
@@ -118,22 +100,13 @@ def _existing(path: Path) -> Path:
     return path
 
 
-def _forget_modules() -> None:
-    """Forget the modules of users that earlier calls have imported."""
-    if not _loaded_before:
-        _loaded_before.update(sys.modules)
-    for name in sys.modules.keys() - _loaded_before:
-        file = getattr(sys.modules[name], "__file__", None)
-        if file and file.endswith(".py") and not _is_library(file):
-            del sys.modules[name]
-
-
 def _of_file(path: Path) -> ModuleType:
     """The module in a file, whatever its name. Its neighbours can be imported."""
     folder = str(_existing(path).resolve().parent)
     if folder not in sys.path:
         sys.path.append(folder)  # last: its neighbours must not replace other modules
-    spec = importlib.util.spec_from_file_location(f"_skystack_user_{path.stem}", path)
+    # Absolute, because the module may change the working directory.
+    spec = importlib.util.spec_from_file_location(f"_skystack_user_{path.stem}", path.absolute())
     if spec is None or spec.loader is None:
         raise InputError(f"{path} is not a Python file (allowed: .py)")
     module = importlib.util.module_from_spec(spec)
@@ -172,7 +145,7 @@ def as_input_error(what: str) -> Iterator[None]:
 
 
 def _text(error: BaseException) -> str:
-    """The type and the message of an exception, which may fail to make one."""
+    """The type and the message of an exception; only the type if `str` fails on it."""
     name = type(error).__name__
     try:
         message = " ".join(str(error).split())
@@ -183,5 +156,9 @@ def _text(error: BaseException) -> str:
 
 def _is_library(file: str) -> bool:
     """Whether a file is not the user's."""
-    libraries = (str(Path(__file__).parents[1]), sysconfig.get_path("stdlib"))
-    return file.startswith(("<", *libraries)) or "site-packages" in file
+    path = Path(file)
+    return (
+        not path.is_absolute()  # of frozen or compiled code
+        or any(path.is_relative_to(each) for each in _LIBRARIES)
+        or not _LIBRARY_FOLDERS.isdisjoint(path.parts)
+    )

@@ -23,7 +23,7 @@ from skystack.agents.user_modules import (
     find_user_code,
     is_file_name,
     is_user_code,
-    user_code_files,
+    user_code_file,
 )
 from skystack.airspace.sector import Sector
 from skystack.airspace.sectors import sector_from, sector_setting
@@ -60,12 +60,18 @@ class ControlledWorld(NamedTuple):
     per_cycle: int | None
     """The maximum number of transmissions in a cycle; None without a limit."""
     digest: str
-    """Identifies the agent. Of users' code, it covers what `user_code_files` finds."""
+    """Identifies the agent. Of users' code, it covers the file with the class, but not what that
+    imports."""
 
     @property
     def safety_net(self) -> bool | None:
         """Whether the agent flies with its safety net; None if it has none."""
         return getattr(self.agent, "safety_net", None)
+
+    @property
+    def is_users(self) -> bool:
+        """Whether the agent is a user's class, which may store anything anywhere."""
+        return isinstance(self.agent, UserController)
 
 
 def find_controller(controller: str | Policy, conditions: TrafficConditions) -> ControlledWorld:
@@ -149,12 +155,12 @@ def _user_code(name: str, conditions: TrafficConditions) -> ControlledWorld:
     Its code is executed when the first hour begins.
     """
     where, _, member = name.rpartition(":")
-    files = user_code_files(name)
+    file = user_code_file(name)
     world, model = _world(conditions)
     agent = UserController(partial(find_user_code, name), _task(world, conditions))
-    # With its path, because the same text in another folder may import other modules.
-    parts = (os.fsencode(file.resolve()) + b"\0" + read_whole(file) for file in files)
-    digest = sha256(b"\0".join((member.encode(), *parts))).hexdigest()
+    # The same text in another folder may import other modules.
+    source = b"" if file is None else os.fsencode(file.resolve()) + b"\0" + read_whole(file)
+    digest = sha256(member.encode() + b"\0" + source).hexdigest()
     row = as_name(f"{Path(where).stem if is_file_name(where) else where}.{member}")
     return ControlledWorld(row, agent, world, model, conditions.per_cycle, digest)
 

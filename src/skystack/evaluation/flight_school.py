@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 from scipy import stats
 
+from skystack.agents.user_modules import imported_files
 from skystack.errors import MAX_INT, InputError
 from skystack.evaluation.controllers import ControlledWorld, find_controller
 from skystack.evaluation.flown_seeds import (
@@ -99,7 +100,7 @@ def fly_flight_school(
         cached = _finished(job, seeds)
         left = [seed for seed in seeds if seed not in cached]
         outdated = sum(is_flown(job.folder, seed) for seed in left)
-        failed = _fly_others(job, left, limit_s, on_cycle)
+        failed = _fly_others(job, left, limit_s, on_cycle, found.is_users)
         flown = cached | _finished(job, [seed for seed in left if seed not in failed])
         flown = {seed: flown[seed] for seed in seeds if seed in flown}
         lost = [seed for seed in seeds if seed not in flown and seed not in failed]
@@ -127,9 +128,16 @@ def _finished(job: _Job, seeds: Sequence[int]) -> dict[int, Scores]:
 
 
 def _fly_others(
-    job: _Job, seeds: Sequence[int], limit_s: float, on_cycle: Callable[[int, int], None]
+    job: _Job,
+    seeds: Sequence[int],
+    limit_s: float,
+    on_cycle: Callable[[int, int], None],
+    one_each: bool,
 ) -> dict[int, str]:
-    """Fly seeds in parallel; returns those that failed, and why."""
+    """Fly seeds in parallel; returns those that failed, and why.
+
+    With `one_each`, every seed has its own process.
+    """
     total, flown = len(seeds) * job.conditions.cycles, dict.fromkeys(seeds, 0)
 
     def on_report(seed: int, doing: str) -> None:
@@ -138,7 +146,8 @@ def _fly_others(
 
     failed = {}
     if seeds:
-        for finished in run_in_workers(partial(_worker, job), seeds, limit_s, on_report):
+        worker = partial(_worker, job)
+        for finished in run_in_workers(worker, seeds, limit_s, on_report, one_each):
             flown[finished.item] = job.conditions.cycles
             on_cycle(sum(flown.values()), total)
             if finished.failed is not None:
@@ -160,21 +169,29 @@ def _worker(job: _Job) -> Callable[[int, Report], None]:
     flyer = HourFlyer(found.world, job.conditions.cycles, found.per_cycle, hours)
 
     def fly(seed: int, report: Report) -> None:
-        hour = flyer.fly(found.agent, seed, 0, lambda cycle: report(f"cycle {cycle}"))
-        hour = hour._replace(number=seed)
+        files: dict[str, str] = {}
+
+        def on_cycle(cycle: int) -> None:
+            report(f"cycle {cycle}")
+            if found.is_users and not files:  # before they can be changed
+                files.update(imported_files())
+
+        hour = flyer.fly(found.agent, seed, 0, on_cycle)._replace(number=seed)
+        if found.is_users:
+            files = imported_files() | files
         scores = score(found.world.sector, hour)
         tables = tables_of(FlownHour(found.world, hour, scores))
-        write_seed(job.folder, seed, job.digest, FlownSeed(scores, tables))
+        write_seed(job.folder, seed, job.digest, FlownSeed(scores, tables, files))
 
     return fly
 
 
 def _cannot_be_read(job: _Job) -> str:
-    return f"its results in {job.folder} cannot be read"
+    return f"its results in {job.folder} cannot be read, or {job.agent} has changed (repeat it)"
 
 
 def _write_tables(folder: Path, found: ControlledWorld, job: _Job, seeds: Sequence[int]) -> None:
-    """Write the tables of finished seeds, one at a time in memory. The row is deleted."""
+    """Write the tables of finished seeds, one seed at a time, and delete the old row."""
     record = record_of(found, job.conditions._replace(seed=seeds[0]))
     metadata = table_metadata(found.world.sector, found.performance, traffic=record)
     with growing_tables(folder, TABLES, metadata, outdated=[folder / ROW_FILE]) as append:

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 import pyarrow as pa
 
+from skystack.agents.user_modules import file_digest
 from skystack.errors import InputError, exists
 from skystack.evaluation.controllers import ControlledWorld
 from skystack.evaluation.hour_scores import Scores
@@ -28,6 +29,8 @@ class FlownSeed(NamedTuple):
     scores: Scores
     tables: Mapping[str, pa.Table]
     """`skystack.evaluation.hour_tables.tables_of`."""
+    files: Mapping[str, str] = {}
+    """The files that a user's class consists of, with their digests."""
 
 
 class _File(NamedTuple):
@@ -37,13 +40,14 @@ class _File(NamedTuple):
     scores: Scores
     tables: dict[str, bytes]
     """In the format of Arrow's streams."""
+    files: dict[str, str]
 
 
 def conditions_digest(found: ControlledWorld, conditions: TrafficConditions) -> str:
     """A digest of the agent, the conditions and the source of this package.
 
-    It does not cover installed libraries. Of users' code, it covers what
-    `skystack.agents.user_modules.user_code_files` finds.
+    It does not cover installed libraries, or modules that a user's class imports (`FlownSeed.files`
+    does).
     """
     file = Path(conditions.traffic)
     is_file = is_scenario(conditions.traffic) and exists(file)
@@ -70,13 +74,17 @@ def write_seed(folder: Path, seed: int, digest: str, flown: FlownSeed) -> None:
     """Write a flown hour. Raises InputError if the file cannot be written."""
     tables = {name: _as_bytes(table) for name, table in flown.tables.items()}
     data = msgspec.msgpack.encode(
-        _File(seed, digest, flown.scores, tables), enc_hook=np.ndarray.tolist
+        _File(seed, digest, flown.scores, tables, dict(flown.files)), enc_hook=np.ndarray.tolist
     )
     atomic_write(_path(folder, seed), hashlib.sha256(data).digest() + data)
 
 
 def read_seed(folder: Path, seed: int, digest: str) -> FlownSeed | None:
-    """Read a flown hour; None if it is missing or damaged, or flown under other conditions."""
+    """Read a flown hour.
+
+    None if it is missing or damaged, or flown under other conditions, or if a file of the user's
+    class has changed since.
+    """
     try:
         data = read_whole(_path(folder, seed))
         stored, data = data[:_HASH_BYTES], data[_HASH_BYTES:]
@@ -85,7 +93,10 @@ def read_seed(folder: Path, seed: int, digest: str) -> FlownSeed | None:
         file = msgspec.msgpack.decode(data, type=_File, dec_hook=lambda _, value: np.array(value))
         if (file.seed, file.conditions) != (seed, digest) or set(file.tables) != set(TABLES):
             return None
-        return FlownSeed(file.scores, {name: _as_table(of) for name, of in file.tables.items()})
+        if any(file_digest(path) != flown for path, flown in file.files.items()):
+            return None
+        tables = {name: _as_table(of) for name, of in file.tables.items()}
+        return FlownSeed(file.scores, tables, file.files)
     except (InputError, OSError, ValueError, msgspec.MsgspecError, pa.ArrowException):
         return None
 

@@ -35,7 +35,7 @@ class HourRow(msgspec.Struct, frozen=True, kw_only=True):
     seed_numbers: list[_Count] | None = None
     """All seeds, if there are several; `seed` is the first."""
     failed_seeds: list[_Count] = []
-    """The seeds that failed; the row is that of the others."""
+    """The seeds that failed. The row covers only the others."""
     per_cycle: _Count | None
     """None without a limit of transmissions."""
     uncertainty: bool

@@ -57,7 +57,7 @@ def growing_hours(
 ) -> Iterator[AppendHour]:
     """Tables in a folder, to which the body appends hour by hour.
 
-    They replace those of the folder together at the end, and the row of the folder is deleted.
+    At the end, they all replace the folder's tables together, and the folder's row is deleted.
     Raises InputError for a folder that cannot be written to or is in use by another process.
     """
     metadata = table_metadata(world.sector, performance, traffic=traffic)

@@ -91,7 +91,7 @@ def check_conditions(conditions: TrafficConditions) -> None:
     platform = conditions.platform
     check_platform(platform)
     if _is_undecodable(conditions.traffic):
-        raise InputError(f"traffic {conditions.traffic}: the name of the file is not in UTF-8")
+        raise InputError(f"traffic {conditions.traffic}: the file name is not valid UTF-8")
     if is_fixed(conditions.traffic):
         _check_fixed(conditions)
         return
@@ -109,7 +109,7 @@ def check_conditions(conditions: TrafficConditions) -> None:
 
 
 def _is_undecodable(name: str) -> bool:
-    """Whether a file name has bytes that are not text, so that no file can record it."""
+    """Whether a file name is not valid UTF-8, so that it cannot be recorded in a file."""
     try:
         name.encode()
     except UnicodeEncodeError:

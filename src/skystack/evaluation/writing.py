@@ -112,9 +112,9 @@ def growing_tables(
 ) -> Iterator[Append]:
     """Tables `<name>.parquet` in a folder, to which the body must append at least once.
 
-    The files are replaced together at the end, and `outdated` files deleted; if the body raises,
-    none is changed. Their content does not depend on the division into parts. Raises InputError for
-    a file that cannot be written.
+    At the end, all files are replaced together, and the `outdated` ones are deleted; if the body
+    raises, none is changed. Their content does not depend on the division into parts. Raises
+    InputError for a file that cannot be written.
     """
     paths = [folder / f"{name}.parquet" for name in names]
     with atomic_files(paths, outdated) as files, ExitStack() as stack:

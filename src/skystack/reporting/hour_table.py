@@ -49,8 +49,8 @@ def hours_in_words(hours: float) -> str:
 
 
 def failed_in_words(count: int) -> str:
-    """` (2 failed)` after a number of hours or seeds; nothing if none failed."""
-    return f" ({count} failed)" if count else ""
+    """` (+ 2 failed)` after the number of finished hours or seeds; empty if none failed."""
+    return f" (+ {count} failed)" if count else ""
 
 
 def ranges(numbers: Sequence[int]) -> list[str]:
