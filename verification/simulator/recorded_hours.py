@@ -256,9 +256,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def in_words(found: Agreement) -> str:
     return (
         f"{found.flights:,} flights, {found.rows:,} positions, at most {found.worst_nm:.4f} NM "
-        f"apart, {found.far_rows} of {found.far_flights} flights more than {BOUND_NM} NM; "
-        f"{found.wrong_levels} at a different level; {found.wrong_exits} flights "
-        "leave in a different cycle"
+        f"apart; more than {BOUND_NM} NM apart: {found.far_rows} positions of "
+        f"{found.far_flights} flights; at a different level: {found.wrong_levels} positions; "
+        f"leaving in a different cycle: {found.wrong_exits} flights"
     )
 
 
