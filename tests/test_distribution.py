@@ -76,6 +76,7 @@ def test_source_distribution_contains_the_project(distributions):
     assert sorted(names) == sorted(project_files() - automation | {"PKG-INFO"})
 
 
+@pytest.mark.slow
 def test_environment_has_the_wheel_but_no_network(wheel_python, tmp_path):
     output = run_clean([wheel_python, "-c", "import skystack; print(skystack.__file__)"], tmp_path)
     assert Path(output.strip()).is_relative_to(Path(wheel_python).parents[1])

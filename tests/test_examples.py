@@ -38,6 +38,7 @@ def test_thermostat_gets_one_stacked_message(run):
     assert off_slow > off_fast
 
 
+@pytest.mark.slow
 def test_rule_reaches_all_exits(run):
     (plain, success), (stacked, stacked_success) = run("rule.py", "--scenarios", "3")
     assert (success, stacked_success) == (100, 100)

@@ -59,6 +59,7 @@ for module in pkgutil.walk_packages(skystack.__path__, "skystack."):
 """
 
 
+@pytest.mark.slow
 def test_a_missing_extra_is_named():
     """With all optional packages hidden, imports fail only with an error naming the extra."""
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][

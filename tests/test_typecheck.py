@@ -30,6 +30,7 @@ def outer(tmp_path, monkeypatch):
         return nesting.outer
 
 
+@pytest.mark.slow
 def test_checks_shapes_in_outer_and_nested_functions(outer):
     with pytest.raises(TypeCheckError, match=r"parameters of nesting\.outer\."):
         outer(np.zeros((2, 2)), "plain")

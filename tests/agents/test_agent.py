@@ -65,6 +65,7 @@ def test_rejects_sampling_from_a_function():
         skystack.evaluate(lambda observation: 0, sampling, experiment="lateral")
 
 
+@pytest.mark.slow
 def test_accepts_a_model_that_predicts_but_no_recurrent_one():
     result = skystack.evaluate(Model(), FEW, experiment="lateral")
     assert result.row["clearances_mean"] == 0.0

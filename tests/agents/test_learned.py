@@ -127,6 +127,7 @@ def test_the_state_is_untouched_and_flies_what_was_said(world):
     np.testing.assert_array_equal(told.traffic.position_nm, world.traffic.position_nm)
 
 
+@pytest.mark.slow
 def test_every_flight_is_served_at_most_once_in_a_cycle(world):
     agent = controller(per_cycle=100, safety_net=False)
     agent.begin(world)
@@ -138,6 +139,7 @@ def test_every_flight_is_served_at_most_once_in_a_cycle(world):
     assert first == slots[:2]
 
 
+@pytest.mark.slow
 def test_the_most_urgent_flight_is_served_first(world):
     agent = controller(per_cycle=100)
     agent.begin(world)
@@ -146,6 +148,7 @@ def test_the_most_urgent_flight_is_served_first(world):
     assert float(times[first]) == float(np.asarray(times)[hearing(world)].min())
 
 
+@pytest.mark.slow
 def test_a_burst_that_turns_in_a_circle_ends_where_it_began_to_repeat(world):
     agent = controller("turns_for_ever")
     agent.begin(world)
@@ -189,6 +192,7 @@ def test_a_long_burst_is_cut_off(world):
     assert (sent.heading_deg, sent.instructions) == ((round(heading) - 50) % 360, 5)
 
 
+@pytest.mark.slow
 def test_the_safety_net_acts_where_the_policy_waits(world):
     """Two flights head on at one level, 25 miles apart."""
 
@@ -207,6 +211,7 @@ def test_the_safety_net_acts_where_the_policy_waits(world):
     assert float(outlook.time_s[0, other]) >= ALERT_S
 
 
+@pytest.mark.slow
 def test_the_safety_net_turns_a_flight_that_would_leave_elsewhere(world):
     """A flight in the north-western arm, 5.5 NM from its edge and heading for it."""
     slot = hearing(world)[0]

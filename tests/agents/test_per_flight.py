@@ -43,6 +43,7 @@ def test_a_burst_is_one_transmission(world, flights):
     assert sent.level_ticks == pytest.approx((level_fl + change) * TICKS_PER_FL)
 
 
+@pytest.mark.slow
 def test_what_changes_nothing_is_not_transmitted(world, flights):
     flights.begin()
     one, other, *_ = hearing(world)
@@ -62,6 +63,7 @@ def test_flights_are_observed_as_in_the_task(world, flights):
     assert np.all(views.observation[hearing(world), since] == 1.0)
 
 
+@pytest.mark.slow
 def test_an_agent_of_another_library_chooses_one_action_per_flight(world):
     """It turns every flight that is not on own navigation to the right."""
     own_navigation = NAMES.index("own_navigation")
@@ -79,6 +81,7 @@ def test_an_agent_of_another_library_chooses_one_action_per_flight(world):
     assert np.all(np.abs((turned[expected] - 10.0 + 180.0) % 360.0 - 180.0) <= 0.5)
 
 
+@pytest.mark.slow
 def test_the_most_urgent_flights_are_instructed_first(world):
     controller = PerFlight(
         Agent("direct", act=lambda rows: np.full(len(rows), TO_FIX)), TASK, per_cycle=2

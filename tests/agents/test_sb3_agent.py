@@ -104,6 +104,7 @@ def test_gives_the_answers_of_stable_baselines3(kind, settings, tmp_path):
         np.testing.assert_allclose(found, logits.detach().numpy(), atol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_model_in_memory_uses_its_normaliser():
     """The statistics of `VecNormalize` are not in the zip, but the model in memory has them."""
     from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize

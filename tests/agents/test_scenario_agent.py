@@ -43,6 +43,7 @@ def test_it_issues_the_clearances_of_an_evaluation(name):
     assert sent > 0
 
 
+@pytest.mark.slow
 def test_an_adviser_asked_in_the_middle_of_a_scenario_uses_the_present_state():
     """An adviser is asked afresh, and a person may have issued clearances before."""
     policy = find_policy("vertical")

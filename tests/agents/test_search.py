@@ -66,6 +66,7 @@ def test_turning_away_avoids_some_losses():
     assert avoided["transmissions_per_flight"] > own["transmissions_per_flight"]
 
 
+@pytest.mark.slow
 def test_own_navigation_transmits_once_to_each_flight():
     hour = FLYER.fly(OwnNavigation(True, per_cycle=1), 0, 3)
     flights = [each.flight for each in hour.sent]

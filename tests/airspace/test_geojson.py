@@ -27,6 +27,7 @@ def square_metres(ring):
     return abs(WGS84.polygon_area_perimeter(lon, lat)[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "area",
     [

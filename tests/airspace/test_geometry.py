@@ -44,6 +44,7 @@ def turned(points, angle_deg, shift=(0.0, 0.0)):
     return np.asarray(points) @ clockwise.T + np.asarray(shift)
 
 
+@pytest.mark.slow
 @given(ANGLES)
 @example(BELOW_MINUS_180)
 @example(-180.0)

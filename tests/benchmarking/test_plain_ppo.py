@@ -4,6 +4,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
+import pytest
 
 from skystack.benchmarking import plain_ppo
 from skystack.learning.inference import forward
@@ -11,6 +12,7 @@ from skystack.learning.settings import PPOSettings
 from tests.learning.test_ppo import SignTask
 
 
+@pytest.mark.slow
 def test_learns_a_task_with_a_known_answer():
     settings = PPOSettings(
         learning_rate=3e-3, environments=16, steps=32, minibatch=64, epochs=4, reward_scale=1.0

@@ -22,6 +22,7 @@ def test_every_aircraft_is_observed_and_moves(aircraft):
     assert (np.hypot(moved[:, 0], moved[:, 1]) > 1.0).mean() > 0.9
 
 
+@pytest.mark.slow
 def test_many_aircraft_fly_along_their_routes():
     """At the start all are on a centreline, level and heading along it, on several routes."""
     task = task_of(50)

@@ -19,6 +19,7 @@ from skystack.benchmarking import run as benchmarking
 from skystack.benchmarking.figures import Figure
 from skystack.benchmarking.peers import Peer
 from skystack.cli import main
+from skystack.cli.output import program
 from skystack.evaluation.stored import stored_scenario
 from skystack.io.locks import locked_folder
 from skystack.reproduction import cluster
@@ -76,6 +77,7 @@ def test_evaluates_a_shipped_policy(capsys, tmp_path):
     assert "14.5" in out
 
 
+@pytest.mark.slow
 def test_trains_then_evaluates_the_run(capsys, tmp_path):
     out_folder = str(tmp_path / "run")
     code, out, err = run(capsys, "train", "lateral-large", "--json", "--out", out_folder, *SMALL)
@@ -120,6 +122,7 @@ def test_trains_in_a_shipped_sector(capsys, tmp_path):
     assert stored_scenario(tables, 0).sector.name == "x-plus"
 
 
+@pytest.mark.slow
 def test_writes_event_files_also_of_a_finished_training(capsys, tmp_path):
     pytest.importorskip("tensorboardX")
     events = tmp_path / "run" / "tensorboard"
@@ -149,6 +152,7 @@ def test_report_rewrites_the_report_of_a_run(capsys, tmp_path):
     assert (folder / "figures" / "loop.png").exists()
 
 
+@pytest.mark.slow
 def test_report_of_one_training_is_a_comparison(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run(capsys, "train", "lateral-large", "--out", "run", "--seed", "4", *SMALL)[0] == 0
@@ -343,6 +347,7 @@ def test_refused_training_leaves_no_event_files(capsys, tmp_path):
     assert not (tmp_path / "tensorboard").exists()
 
 
+@pytest.mark.slow
 def test_names_scenarios_that_a_platform_did_not_finish(capsys, monkeypatch):
     from skystack.evaluation import evaluate
 
@@ -445,7 +450,7 @@ def test_resume_command_can_be_pasted_into_a_shell(capsys, tmp_path, monkeypatch
     assert code == 130
     _, _, command = err.splitlines()[-1].partition("to resume: ")
     arguments = ["train", "vertical", "--seed", "0", "--out", out, "--resume", "--set", change]
-    assert shlex.split(command) == ["skystack", *arguments]
+    assert shlex.split(command) == [*shlex.split(program()), *arguments]
 
 
 MISTAKES = [

@@ -60,6 +60,7 @@ def cached_files(cache):
     return sorted(folder.iterdir())
 
 
+@pytest.mark.slow
 def test_second_run_compiles_nothing(tmp_path):
     assert run(tmp_path) > 0
     first = cached_files(tmp_path)
@@ -69,6 +70,7 @@ def test_second_run_compiles_nothing(tmp_path):
     assert cached_files(tmp_path) == first
 
 
+@pytest.mark.slow
 def test_killed_run_leaves_only_its_work_folder(tmp_path):
     environment = os.environ | {"SKYSTACK_CACHE": str(tmp_path)}
     killed = command(after="import os, signal; os.kill(os.getpid(), signal.SIGKILL)")
@@ -77,6 +79,7 @@ def test_killed_run_leaves_only_its_work_folder(tmp_path):
     assert run(tmp_path) > 0
 
 
+@pytest.mark.slow
 def test_damaged_programs_are_deleted_and_recompiled(tmp_path):
     """Truncated, empty, with one bit changed, or from a version without digests in the names."""
     compiled = run(tmp_path)
@@ -106,6 +109,7 @@ FULL = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, resour
 FREE = "resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)"
 
 
+@pytest.mark.slow
 def test_programs_truncated_by_a_full_disk_are_not_cached(tmp_path):
     """Files are cut at 1,000 bytes while JAX writes; the limit is lifted before they are moved."""
     ignored = "import signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN)"
@@ -119,6 +123,7 @@ def test_programs_truncated_by_a_full_disk_are_not_cached(tmp_path):
     assert run(tmp_path) == 0
 
 
+@pytest.mark.slow
 def test_later_run_deletes_leftovers_of_killed_runs(tmp_path):
     run(tmp_path)
     (folder,) = tmp_path.iterdir()
@@ -141,6 +146,7 @@ def test_compiles_without_a_cache_folder(setting, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_file_in_place_of_the_folder_is_left_alone(tmp_path):
     file = tmp_path / "file"
     file.write_text("mine")
@@ -223,6 +229,7 @@ print(len(threads))
     assert int(completed.stdout) == count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("in_calling_threads", [False, True])
 def test_which_thread_runs_a_program(in_calling_threads):
     """By default, a program's processor time is spent in another thread than the caller's."""

@@ -34,6 +34,7 @@ def test_gives_the_known_answers(key, counter, expected):
     assert tuple(int(word) for word in jax.jit(threefry)(*words)) == expected
 
 
+@pytest.mark.slow
 def test_draws_what_jax_alone_draws(capsys):
     found = subprocess.run(
         [sys.executable, "-c", DRAWS], check=True, capture_output=True, text=True

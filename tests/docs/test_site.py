@@ -61,6 +61,7 @@ def test_every_top_level_name_has_an_entry_with_an_example(name, pages):
     assert ">>> " in entry.select_one("div.highlight").text
 
 
+@pytest.mark.slow
 def test_every_package_has_a_page(pages):
     linked = {link["href"] for link in pages["api.html"].select("article li.toctree-l1 a")}
     assert linked == {name for name in pages if name.startswith("api/")}
@@ -74,12 +75,14 @@ def test_every_package_has_a_page(pages):
     assert "skystack.evaluation.evaluate.evaluate" not in entries  # only as skystack.evaluate
 
 
+@pytest.mark.slow
 def test_fields_have_their_own_texts_or_none(pages):
     assert [name for name, page in pages.items() if "Alias for field number" in page.text] == []
     field = pages["api.html"].find(id="skystack.Stack.action").find_next_sibling("dd")
     assert "first action in the cycle" in field.text
 
 
+@pytest.mark.slow
 def test_every_table_is_in_a_scrolling_box(pages):
     tables = {name: page.select("table.docutils") for name, page in pages.items()}
     assert len(tables["faithfulness.html"]) > 10
@@ -89,6 +92,7 @@ def test_every_table_is_in_a_scrolling_box(pages):
             assert all({"short", "long"} & set(cell["class"]) for cell in table("td")), name
 
 
+@pytest.mark.slow
 def test_options_keep_their_hyphens(pages):
     assert "skystack --help" in pages["benchmarks.html"].text
 
@@ -149,6 +153,7 @@ def test_page_fits_a_phone(name, site, browser):
         assert page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
 
 
+@pytest.mark.slow
 def test_search_works_from_files(site, browser):
     assert (site / "searchindex.js").stat().st_size > 10_000
     with opened(browser, site / "index.html") as page:

@@ -83,6 +83,7 @@ def test_flights_are_born_at_their_places_and_leave_once(flown):
     assert set(range(starters + len(born))) == present | set(left)
 
 
+@pytest.mark.slow
 def test_entry_and_exit_levels_are_the_coordinated_ones(flown):
     _, _, _, last = flown.rows[-1]
     present = last.arrivals.flight != FREE
@@ -116,6 +117,7 @@ class Once:
         return [Transmission(slot, **self.clearance) for slot in new]
 
 
+@pytest.mark.slow
 def test_newborns_hear_as_soon_as_clearances_are_kept():
     agent = Once(level_ticks=ticks(300.0))
     flown = Flown(agent, 80)
@@ -163,6 +165,7 @@ def test_a_clearance_direct_to_a_fix_does_not_change_the_routes_of_others(flown)
         assert report.next_fix is None or report.next_fix in report.route
 
 
+@pytest.mark.slow
 def test_hours_depend_on_their_seed_and_number_only():
     positions = [
         Flown(SECTOR_AGENTS["no-op"](WORLD, 1), 30, number).rows[-1][-1].traffic.position_nm

@@ -62,6 +62,7 @@ def test_flights_fly_nearly_alike(flown):
     assert np.abs(levels[0] - levels[1]).max() < 15.0
 
 
+@pytest.mark.slow
 def test_exits_are_the_same(flown):
     ours, theirs = ({int(each.flight[at]) for at in map(tuple, np.argwhere(each.exited_correctly))}
                     for each in flown)  # fmt: skip
@@ -79,6 +80,7 @@ def test_flight_school_newborns_are_held_as_in_our_simulator():
         assert row[0][name] == row[1][name]
 
 
+@pytest.mark.slow
 def test_mvp_flies_in_bluesky_only():
     few = TrafficConditions("60", cycles=30)
     with pytest.raises(InputError, match="mvp flies in BlueSky only"):

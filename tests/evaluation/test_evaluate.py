@@ -134,6 +134,7 @@ def test_the_folder_of_an_evaluation_is_named_after_the_policy():
     assert other == out / "own-s0-bluesky-plain"
 
 
+@pytest.mark.slow
 def test_no_op_is_unstacked_and_long_routes_are_noted(tmp_path):
     """Because one type flies at Mach 0.4, and routes are timed at the lowest speed."""
     slow = AircraftType("AT76", mach=(0.4, 0.4, 0.4))
@@ -208,6 +209,7 @@ def test_paths_may_be_str_or_path(tmp_path):
         evaluate(lambda _: 0, Conditions(sector=Path("nowhere")), experiment="lateral")
 
 
+@pytest.mark.slow
 def test_conditions_may_be_numpy_scalars():
     conditions = Conditions(
         np.int64(3), np.int32(1), np.bool_(False), np.True_, "skystack", np.float32(1)

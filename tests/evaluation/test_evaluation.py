@@ -50,6 +50,7 @@ def column(table, name):
     return np.array(table[name].to_pylist())
 
 
+@pytest.mark.slow
 def test_reports_an_action_outside_the_table():
     """Also in a compiled program, where an index outside an array raises no error."""
     task = build_task(NavigationSettings(cycles=4))
@@ -58,6 +59,7 @@ def test_reports_an_action_outside_the_table():
         fly(task, invalid, 0, 2, stacking=True)
 
 
+@pytest.mark.slow
 def test_scenarios_depend_on_seed_and_number_only():
     task = build_task(NavigationSettings())
     few, many = (fly(task, NO_OP_CONTROLLER, 0, count, False).start for count in (3, 7))
@@ -76,6 +78,7 @@ def test_training_and_evaluation_never_share_a_key():
     assert not evaluated & trained
 
 
+@pytest.mark.slow
 def test_no_op_succeeds_where_both_routes_are_straight():
     """HERON-SWIFT and SWIFT-HERON need no instruction, every other route needs one."""
     experiment = load_experiment("lateral")
@@ -93,6 +96,7 @@ def test_no_op_succeeds_where_both_routes_are_straight():
     assert result.row["experiment"] == "do-nothing-lateral"
 
 
+@pytest.mark.slow
 def test_tables_are_consistent(tables, evaluated):
     episodes, clearances = tables["episodes"], tables["clearances"]
     assert episodes.num_rows == EPISODES
@@ -157,6 +161,7 @@ def test_without_stacking_each_clearance_is_one_instruction():
     assert plain.row["paper"] == {"clearances_mean": 14.5, "clearances_std": 6.6}
 
 
+@pytest.mark.slow
 def test_sampling_is_reproducible_and_differs_from_greedy():
     sampled = Conditions(episodes=EPISODES, greedy=False)
     first, second = (evaluate(find_policy("lateral"), sampled, None) for _ in range(2))
@@ -192,6 +197,7 @@ def test_rejects_a_policy_for_another_task_version():
         policy_task(Policy(newer, policy.actor, policy.normaliser))
 
 
+@pytest.mark.slow
 def test_the_vertical_policy_issues_at_most_one_clearance():
     """None if the entry level is the exit level. Without stacking, one per ten levels."""
     policy = find_policy("vertical")
@@ -210,6 +216,7 @@ def test_the_vertical_policy_issues_at_most_one_clearance():
     assert first["text"] == f"AC1 {first['direction']} FL{first['value']}"
 
 
+@pytest.mark.slow
 def test_tables_contain_the_type_of_each_aircraft(tmp_path):
     """Types and levels come from the experiment; the slow type flies at its own Mach number."""
     slow = '{type="AT76", mach=[0.4,0.4,0.4]}'

@@ -61,6 +61,7 @@ def test_no_offset_exceeds_half_the_width_of_the_exit(before_nm):
     assert 1.5 < offsets.max() <= 3.01
 
 
+@pytest.mark.slow
 def test_row_without_an_exit_has_no_offset():
     # The shortest scenario that the task allows: only a perfect flight could end in it.
     experiment = load_experiment("lateral", ["task.cycles=98"])

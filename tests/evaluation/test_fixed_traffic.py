@@ -76,11 +76,13 @@ def test_both_simulators_agree_on_every_exit(both):
         assert abs(ours.gone - theirs.gone) <= 1
 
 
+@pytest.mark.slow
 def test_the_search_delivers_every_flight(both):
     assert all(row.correct for flown in both for row in flown.scores.flights)
     assert not any(flown.scores.losses for flown in both)
 
 
+@pytest.mark.slow
 def test_landing_has_no_exit_offset(both):
     (landing,) = [row for row in both[0].scores.flights if np.isnan(row.exit_offset_nm)]
     assert landing.exited

@@ -57,6 +57,7 @@ def test_the_tables_have_all_seeds(flown):
     assert read_row(result.folder).seeds == [3, 4, 5]
 
 
+@pytest.mark.slow
 def test_progress_counts_the_cycles_of_all_seeds(flown):
     _, _, cycles = flown
     numbers = [number for number, _ in cycles]

@@ -95,6 +95,7 @@ def test_stacks_equal_those_of_the_plain_loop():
         assert 0 < issued == (recording.instructions[number] > 0).sum()
 
 
+@pytest.mark.slow
 def test_a_rule_succeeds_and_stacking_saves_clearances(tmp_path):
     stacked, plain = (
         evaluate(aim, Conditions(episodes=5, stacking=stacking), tmp_path, experiment=AIMED)
@@ -178,6 +179,7 @@ def answering_in_cycle_2(answer):
     return Batched(policy)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("answer", [5, -1, float("nan"), 2.0, 1.5])
 def test_reports_an_invalid_action(answer):
     printed = float(answer) if isinstance(answer, float) else answer

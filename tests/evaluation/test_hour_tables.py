@@ -64,6 +64,7 @@ def test_positions_and_levels_are_those_after_the_cycle(flown, tables):
         assert row["fl"] * TICKS_PER_FL == pytest.approx(traffic.level_ticks[cycle, slot], abs=1)
 
 
+@pytest.mark.slow
 def test_the_status_tells_how_a_flight_ended(tables):
     last = {row["callsign"]: row["status"] for row in tables["trajectories"]}
     for row in tables["aircraft"]:
@@ -74,6 +75,7 @@ def test_the_status_tells_how_a_flight_ended(tables):
         assert (row["exit_offset_nm"] is None) == (not row["exited"])
 
 
+@pytest.mark.slow
 def test_clearances_are_in_words_and_in_order(flown, tables):
     rows = tables["clearances"]
     assert {row["transmission"] for row in rows} == set(range(len(flown.hour.sent)))

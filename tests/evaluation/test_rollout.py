@@ -60,6 +60,7 @@ def flown(fly_all):
     return fly_all((), SEED, SCENARIOS)
 
 
+@pytest.mark.slow
 def test_each_scenario_is_drawn_from_its_own_key(flown):
     assert flown.number.tolist() == list(range(SCENARIOS))
     for number in range(SCENARIOS):
@@ -79,6 +80,7 @@ def test_sampling_depends_on_the_seed(flown, fly_all):
     assert not np.array_equal(sampled(fly_all((), SEED + 1, SCENARIOS)), sampled(flown))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenarios", [SCENARIOS, 2])
 def test_an_agent_samples_with_the_same_keys(flown, scenarios):
     def undecided(observations):
@@ -94,6 +96,7 @@ def controller():
     return Controller(random_action)
 
 
+@pytest.mark.slow
 def test_a_single_scenario_on_a_platform_has_the_same_keys(flown, tmp_path):
     pilot = Pilot(PlatformRollout(TASK, controller, True, SEED, open_own), tmp_path)
     for number in (3, 1):
@@ -145,6 +148,7 @@ def test_stacked_and_unstacked_flights_share_a_program():
     assert most[0] > most[1] == 1
 
 
+@pytest.mark.slow
 def test_reports_the_scenario_of_an_invalid_action():
     """In the last of four, flown two at a time; the policy recognises its first observation."""
     first_observation = TASK.observe(TASK.reset(scenario_key(SEED, 3)))

@@ -117,6 +117,7 @@ def test_mvp_flies_arriving_traffic_only():
         evaluate_traffic("mvp", TrafficConditions("lateral", platform="bluesky"))
 
 
+@pytest.mark.slow
 def test_evaluates_an_agent_on_a_scenario(tmp_path):
     row = evaluate_traffic("no-op", TrafficConditions(FILE, cycles=75), tmp_path)
     assert (row["traffic"], row["flights"]) == ("head-on.json", 2)

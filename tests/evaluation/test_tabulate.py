@@ -67,6 +67,7 @@ def test_tables_do_not_depend_on_the_blocks(size, task, flown, tmp_path, monkeyp
         assert parts.read_bytes() == whole.read_bytes()
 
 
+@pytest.mark.slow
 def test_without_a_folder_the_result_is_the_same(task, flown, tmp_path):
     in_memory, written = (
         tabulate(task, blocks_of(flown, 8), folder) for folder in (None, tmp_path / "tables")
@@ -85,6 +86,7 @@ def test_long_scenarios_are_flown_in_smaller_blocks():
     ]
 
 
+@pytest.mark.slow
 def test_an_evaluation_does_not_depend_on_its_blocks(fly_blocks, tmp_path, monkeypatch):
     """The row, the results in memory and the files, byte for byte, in one block and in two."""
     monkeypatch.setattr(
@@ -127,6 +129,7 @@ def test_an_interrupted_evaluation_leaves_old_tables_unchanged(
         assert all((folder / name).read_bytes() == data for name, data in kept.items())
 
 
+@pytest.mark.slow
 def test_without_instructions_the_clearances_table_is_empty(tmp_path):
     task = build_task(NavigationSettings(cycles=4))
     kept = tabulate(task, blocks_of(fly(task, NO_OP_CONTROLLER, 0, 3, False), 2), tmp_path)

@@ -65,6 +65,7 @@ def test_the_tables_agree_with_the_row(evaluated):
     assert len(sent) == sum(episodes["transmissions"])
 
 
+@pytest.mark.slow
 def test_equal_conditions_give_equal_rows(evaluated):
     again = evaluate_traffic(
         "own-navigation-exit-level", TrafficConditions("80", hours=2, cycles=240)

@@ -69,6 +69,7 @@ def test_directions_in_bluesky_tables_match_the_flight(tmp_path):
     assert count_directions(folder, "heading_deg", 0)[0] > 30
 
 
+@pytest.mark.slow
 def test_follow_gives_the_status_and_separation_of_the_tables(tmp_path):
     """For stored scenarios that are flown again."""
     evaluate(find_policy("lateral-best"), Conditions(episodes=4), tmp_path)
@@ -85,6 +86,7 @@ def test_follow_gives_the_status_and_separation_of_the_tables(tmp_path):
         assert (followed.losses > 0) == row["loss_of_separation"]
 
 
+@pytest.mark.slow
 def test_an_aircraft_that_starts_inside_is_in_the_sector_at_once(tmp_path):
     settings = msgspec.structs.replace(NavigationSettings(), disc_nm=30.0, cycles=98)
     task = build_task(settings)
@@ -98,6 +100,7 @@ def test_an_aircraft_that_starts_inside_is_in_the_sector_at_once(tmp_path):
         assert [STATUS[each] for each in followed.status[0]] == at_start
 
 
+@pytest.mark.slow
 def test_a_stored_scenario_flies_with_the_fleet_of_its_tables(tmp_path):
     policy = find_policy("lateral-best")
     slow = AircraftType("AT76", 1.0, (160.0,) * 3, (170.0,) * 3, (0.44,) * 3, 1200.0)

@@ -13,6 +13,7 @@ from tests.export.conftest import EPISODES, evaluation_of
 from tests.scenarios import EXAMPLES
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("policy", ["lateral-best", "vertical"])
 def test_a_stored_scenario_flies_the_same_again(out, policy):
     folder = evaluation_of(out, policy)

@@ -20,6 +20,7 @@ NAMES = ["timestamp", "flight_id", "icao24", "callsign", "latitude", "longitude"
 NAMES += ["groundspeed", "track", "vertical_rate", "scenario", "status"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("policy", ["lateral-best", "vertical"])
 def test_rows_have_the_values_of_the_table_in_the_units_of_traffic(out, policy):
     folder = evaluation_of(out, policy)

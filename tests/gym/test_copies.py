@@ -121,6 +121,7 @@ def test_copies_an_environment_before_its_first_reset(make):
         assert type(by(environment)) is type(environment)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", [by_pickle, copy.deepcopy])
 def test_copies_the_radar_picture_with_its_trail(by):
     environment = single(render_mode="rgb_array")

@@ -29,6 +29,7 @@ def rendered():
     return gymnasium.make("skystack/Vertical-v0", render_mode="rgb_array")
 
 
+@pytest.mark.slow
 def test_passes_the_checks_of_gymnasium(rendered):
     check_env(rendered.unwrapped)
 
@@ -155,6 +156,7 @@ def test_may_stack_is_that_of_the_task():
     assert counting.may_stack(1)
 
 
+@pytest.mark.slow
 def test_step_equals_instruct_and_advance(environment):
     """The traffic and the task's memory are bit-identical."""
     for action in (0, 2, 1):

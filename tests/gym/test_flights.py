@@ -46,6 +46,7 @@ def test_equal_seeds_give_identical_episodes(environment):
     parallel_seed_test(lambda: next(both), num_cycles=60)
 
 
+@pytest.mark.slow
 def test_it_agrees_with_the_vector_environment(environment):
     """Each flight sees and gets what its slot does, until it has left."""
     slots = SectorVectorEnvironment(environment.task, environment.programs)
@@ -74,6 +75,7 @@ def test_it_agrees_with_the_vector_environment(environment):
     assert all("flights" in info for info in flights[4].values())
 
 
+@pytest.mark.slow
 def test_flights_have_names_of_their_own(environment):
     environment.reset(seed=1)
     names, gone = set(), set()

@@ -33,6 +33,7 @@ def single():
     return make_environment("avoidance", SETTINGS)
 
 
+@pytest.mark.slow
 def test_passes_the_checks_of_pettingzoo(environment):
     parallel_api_test(environment, num_cycles=100)
 
@@ -110,6 +111,7 @@ def three():
     )
 
 
+@pytest.mark.slow
 def test_other_aircraft_follow_in_their_order(three):
     """Each of three aircraft has a block of four values and a different turn."""
     three.reset(seed=1)

@@ -51,6 +51,7 @@ def test_asynchronous_environments_agree_with_synchronous_ones(run, case):
     assert run(case)[0] is True
 
 
+@pytest.mark.slow
 def test_late_fork_of_asynchronous_workers_raises_in_the_parent(run):
     (kind, message), _ = run("async_forked_too_late")
     assert kind == "InputError"
@@ -99,6 +100,7 @@ def test_detects_a_fork_of_a_fork(run):
     assert all(each.startswith(FORK_ERROR) for each in kinds["single"])
 
 
+@pytest.mark.slow
 def test_child_that_fails_exits(run):
     code, stderr = run("multiprocessing_child")
     assert code == 1

@@ -194,6 +194,7 @@ def test_reset_without_a_seed_draws_new_scenarios(vector):
 MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES)
 def test_reset_mask_restarts_the_same_scenarios_as_gymnasium(vector, mode):
     """With and without seeds; the scenarios are running, truncated or just restarted."""
@@ -306,6 +307,7 @@ def test_renders_the_pictures_of_single_environments(vector, mode):
     assert not np.array_equal(ours.render()[1], before[1])
 
 
+@pytest.mark.slow
 def test_make_vec_with_rendering():
     environment = gymnasium.make_vec(NAME, num_envs=2, render_mode="rgb_array")
     with pytest.raises(gymnasium.error.ResetNeeded):
@@ -321,6 +323,7 @@ def test_make_vec_with_rendering():
         gymnasium.make_vec(NAME, num_envs=2, render_mode="human")
 
 
+@pytest.mark.slow
 def test_make_vec():
     environment = gymnasium.make_vec(NAME, num_envs=4, autoreset_mode="SameStep")
     assert isinstance(environment, VectorTaskEnvironment)

@@ -35,6 +35,7 @@ def raw(leaf):
     return np.asarray(jax.random.key_data(leaf) if is_key else leaf)
 
 
+@pytest.mark.slow
 def test_round_trip_is_bit_identical(learner, tmp_path):
     path = tmp_path / "learner.safetensors"
     save_checkpoint(path, learner, "ours")

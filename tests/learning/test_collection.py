@@ -33,6 +33,7 @@ def collected():
     return learner, after, jax.tree.map(np.asarray, steps), episodes
 
 
+@pytest.mark.slow
 def test_collects_the_transitions_of_the_task(collected):
     """Scenarios have five steps: in twelve steps two end, and each is followed by a new one."""
     before, after, steps, _ = collected

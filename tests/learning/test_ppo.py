@@ -111,6 +111,7 @@ def test_normaliser_tracks_mean_and_variance_of_all_batches(sizes, seed):
     np.testing.assert_allclose(normaliser.variance, everything.var(axis=0), rtol=1e-3, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_observations_are_left_alone_without_normalisation():
     settings = PPOSettings(
         environments=2,
@@ -268,6 +269,7 @@ def test_learns_with_logits_that_a_head_makes_of_the_outputs():
     assert np.mean(returns[-5:]) > 4.7
 
 
+@pytest.mark.slow
 def test_equal_seeds_train_bit_identical_policies():
     first, second, other = learn_sign(0)[0], learn_sign(0)[0], learn_sign(1)[0]
     for a, b in zip(
@@ -395,6 +397,7 @@ def linear_learner():
     )
 
 
+@pytest.mark.slow
 def test_gradient_step_is_adam_with_a_clipped_gradient(linear_learner):
     """Adam's first step is the rate times g / (|g| + epsilon); one minibatch of all samples."""
     rng = np.random.default_rng(4)
@@ -454,6 +457,7 @@ class QuarterTask(SignTask):
         return jnp.full(1, 0.25)
 
 
+@pytest.mark.slow
 def test_update_learns_from_its_own_samples():
     """The normaliser sees raw observations: 36 of 1/4, and a prior of 1/2 with weight 0.001."""
     task = OneByOne(QuarterTask())

@@ -68,6 +68,7 @@ class TellSigns:
         return self.step(state, jnp.zeros(state.number.shape, dtype=jnp.int32))
 
 
+@pytest.mark.slow
 def test_every_agent_of_every_environment_is_a_column():
     learner = ppo.init(TellSigns(), SETTINGS, jax.random.key(0))
     assert learner.observations.shape == (1, AGENTS * ENVIRONMENTS)
@@ -107,6 +108,7 @@ def test_the_shared_policy_learns_from_the_active_agents_only():
     assert chosen.tolist() == [0, 0, 1, 1]
 
 
+@pytest.mark.slow
 def test_what_inactive_agents_see_and_get_does_not_matter():
     task = TellSigns()
     learner = ppo.init(task, SETTINGS, jax.random.key(0))
@@ -132,6 +134,7 @@ def test_what_inactive_agents_see_and_get_does_not_matter():
     )
 
 
+@pytest.mark.slow
 def test_losses_are_means_over_the_gradient_steps():
     task = TellSigns()
     learner = ppo.init(task, SETTINGS, jax.random.key(0))
@@ -212,6 +215,7 @@ def test_advantages_pass_by_steps_in_which_an_agent_waits():
     assert float(found[0, 0]) == pytest.approx(0.25 - 0.5 + 0.8 * second)
 
 
+@pytest.mark.slow
 def test_values_are_those_of_the_agents_that_are_there():
     """Values of present agents before each step, and of the final observation if truncated."""
     task, settings = TellSigns(), SETTINGS

@@ -52,17 +52,20 @@ def test_run_writes_its_files(trained):
     assert (folder / "checkpoint" / "learner.safetensors").exists()
 
 
+@pytest.mark.slow
 def test_config_file_trains_a_bit_identical_policy(trained, tmp_path):
     again = load_experiment(str(trained[0] / "config.toml"))
     train_experiment(again, 3, tmp_path)
     assert weight_bytes(tmp_path) == weight_bytes(trained[0])
 
 
+@pytest.mark.slow
 def test_other_seeds_train_other_policies(trained, tmp_path):
     train_experiment(small(), 4, tmp_path)
     assert weight_bytes(tmp_path) != weight_bytes(trained[0])
 
 
+@pytest.mark.slow
 def test_resumed_run_trains_the_same_policy(trained, tmp_path):
     def interrupt(progress):
         if progress.steps == 512:
@@ -90,6 +93,7 @@ def test_rejects_a_damaged_checkpoint(trained, tmp_path):
         train_experiment(small(), 3, tmp_path, resume=True)
 
 
+@pytest.mark.slow
 def test_non_finite_loss_stops_training(tmp_path):
     changes = (
         "ppo.learning_rate=1e6",
@@ -106,6 +110,7 @@ def test_non_finite_loss_stops_training(tmp_path):
     assert not (tmp_path / "policy.json").exists()
 
 
+@pytest.mark.slow
 def test_non_finite_weights_are_not_saved(tmp_path, monkeypatch):
     def damaged_updates(updates, settings, learner):
         for number, updated, measured in run_updates(updates, settings, learner):
@@ -135,6 +140,7 @@ def test_saves_checkpoints_as_often_as_requested(tmp_path):
     assert len(set(seen)) == 4
 
 
+@pytest.mark.slow
 def test_new_training_removes_the_old_checkpoint(trained, tmp_path):
     """If it is killed before its first checkpoint, the old one must not be resumed."""
     shutil.copytree(trained[0], tmp_path / "run")
@@ -286,6 +292,7 @@ def test_saves_checkpoints_at_their_interval(
     assert saved_updates == [*saved, 4]
 
 
+@pytest.mark.slow
 def test_names_the_last_good_checkpoint(counting_updates, tmp_path, monkeypatch):
     original = run.run_updates
 

@@ -54,10 +54,12 @@ def words(control):
     return [each["clearances"][0]["text"] for each in clearances(control)]
 
 
+@pytest.mark.slow
 def test_nobody_is_cleared_unless_somebody_does_it():
     assert clearances(begin(steps=30)) == []
 
 
+@pytest.mark.slow
 def test_a_trial_issues_nothing_and_says_what_the_clearance_does(control):
     name = on_frequency(control.hour)[0]
     slot, sent = control.hour.slots[name], len(control.history.updates)

@@ -141,6 +141,7 @@ def test_a_heading_is_dragged_and_a_level_is_picked(session, page):
     assert clearances(session)[-1].startswith(f"{name} resume own navigation direct")
 
 
+@pytest.mark.slow
 def test_advice_is_offered_and_stays_valid_for_some_cycles(session, page):
     page.page.locator("#offer").check()
     page.wait_for("#alternatives", "Accept")
@@ -154,6 +155,7 @@ def test_advice_is_offered_and_stays_valid_for_some_cycles(session, page):
     assert clearances(session) == [wanted]
 
 
+@pytest.mark.slow
 def test_flights_are_handed_over_and_taken_back(session, page):
     page.keys("x")
     page.wait_for("#who", f"{ADVISER} controls all flights")
@@ -192,6 +194,7 @@ def test_the_past_stays_on_screen_if_going_back_is_refused(session, page, monkey
     page.wait_until("Number(document.querySelector('#scrubber').value) === 61")
 
 
+@pytest.mark.slow
 def test_a_page_that_is_opened_again_finds_the_session_as_it_was(session, page, browser):
     name = on_frequency(session.control.hour)[0]
     session.control.clear(f"{name} left 20 degrees")

@@ -21,6 +21,7 @@ def session():
         yield found
 
 
+@pytest.mark.slow
 def test_the_link_leads_to_the_page_and_hides_the_token(session):
     status, headers, _ = session.get(f"/?token={TOKEN}")
     assert (status, headers["location"]) == (303, "/")

@@ -31,6 +31,7 @@ def session():
     return begun
 
 
+@pytest.mark.slow
 def test_shows_every_flight_with_what_it_is_cleared_to(session):
     header, *rows = session.answer("flights")
     assert header.split() == ["flight", "level", "exit", "heading", "kt", "next", "conflict"]

@@ -90,6 +90,7 @@ def test_an_hour_depends_on_its_seed(traffic):
     assert first != other
 
 
+@pytest.mark.slow
 def test_flights_are_the_same_if_bluebird_records_every_cycle(traffic, monkeypatch):
     def cleared():
         """The reports of every cycle. All flights are cleared to another level along the way."""

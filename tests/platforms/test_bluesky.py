@@ -88,6 +88,7 @@ def platform(tmp_path):
     opened.close()
 
 
+@pytest.mark.slow
 def test_implements_the_protocol(platform):
     assert isinstance(platform, Platform)
     report = platform.reset(INSTRUCTED)
@@ -174,6 +175,7 @@ def test_obeys_heading_and_level_of_one_instruction(platform):
     assert report.heading_deg[0] > 45.0
 
 
+@pytest.mark.slow
 def test_own_navigation_cuts_corners_in_coordinated_turns(platform):
     flying = (navigating(f"AC{index}", route) for index, route in enumerate(SECTOR.routes))
     reports = fly(platform, scenario(*flying, cycles=160))
@@ -204,6 +206,7 @@ def test_heading_clearance_ends_own_navigation(platform):
     np.testing.assert_array_equal(column(reports, "cleared_heading_deg")[3:, 0], 123.0)
 
 
+@pytest.mark.slow
 def test_flies_direct_to_a_fix_and_then_along_the_route(platform):
     """The turn begins at once; the fix is passed, and the rest of the route is flown."""
     away_deg = round(SECTOR.first_heading_deg(BENT)) + 20
@@ -417,6 +420,7 @@ def test_prints_nothing(tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 def test_flies_the_levels_that_the_file_assumes(platform):
     """Climbs that are reversed, short or repeated; BlueSky itself is the reference."""
     rng = np.random.default_rng(5)

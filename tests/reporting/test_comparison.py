@@ -31,6 +31,7 @@ def runs(tmp_path, written):
     )
 
 
+@pytest.mark.slow
 def test_page_shows_curves_trainings_rows_and_settings(runs, tmp_path):
     path = tmp_path / "comparison.html"
     write_comparison(runs, path)

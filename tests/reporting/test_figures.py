@@ -68,6 +68,7 @@ def stems(run):
     return {path.stem for path in write_figures(run)}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("blank_pictures")
 def test_untrained_rows_are_not_drawn(tmp_path):
     """Their learning curves are: they show why."""
@@ -85,6 +86,7 @@ def test_untrained_rows_are_not_drawn(tmp_path):
     assert {"trajectories-lateral", "histograms-lateral"} <= drawn
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("blank_pictures")
 def test_draws_no_flights_if_no_policy_is_trained(run):
     change_row(run, "lateral", success_rate=0.29)
@@ -122,6 +124,7 @@ def test_histograms_contain_the_scenarios_of_all_seeds(tmp_path, panels):
     assert (nearest.lost, nearest.standard_nm) == (0, 5.0)
 
 
+@pytest.mark.slow
 def test_combined_histograms_leave_out_rows_that_repeat_others(run, panels):
     """Doing nothing, shipped policies, and in lateral navigation the less important rows."""
     for experiment in ("lateral-large", "lateral-best", "lateral-undamped", "lateral-shipped"):

@@ -92,6 +92,7 @@ def test_the_page_has_both_figures_and_the_table(tmp_path):
     assert (tmp_path / "page.html").read_text().count("<img") == 1  # no traffic has a rate
 
 
+@pytest.mark.slow
 def test_the_verb_writes_the_page(tmp_path, capsys):
     folder = stored(tmp_path / "hours", hour_row("search", "60"))
     page = tmp_path / "page.html"

@@ -57,6 +57,7 @@ def test_report_shows_every_row_and_the_bound(page):
     assert "7.2 ± 3.5" in page.text
 
 
+@pytest.mark.slow
 def test_report_is_self_contained(html, page):
     assert "http" not in html
     assert "url(" not in html
@@ -134,6 +135,7 @@ def test_untrained_policies_are_named_but_not_shown(run):
     assert not list(run.glob("replay-*"))
 
 
+@pytest.mark.slow
 def test_rows_of_the_overview_are_unfolded(run):
     """And all rows of other families, which have no overview."""
     add_copy(run, "lateral-large")

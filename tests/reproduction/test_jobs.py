@@ -164,6 +164,7 @@ def test_jobs_of_a_first_look_include_shipped_policies_and_doing_nothing(tmp_pat
     assert longest_first(jobs)[0].experiment.name == "lateral-best"
 
 
+@pytest.mark.slow
 def test_shipped_policy_is_evaluated_stacked_under_its_own_name(plan, experiment):
     job = Job(plan, experiment, 0, "shipped")
     messages = []

@@ -82,6 +82,7 @@ def test_a_dense_sector_refuses_births():
     assert refused[:, -1].min() > 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sector", ["x-plus", "highland"])
 def test_candidates_are_drawn_as_described(sector):
     place = sector_named(sector)
@@ -118,6 +119,7 @@ def test_candidates_are_drawn_as_described(sector):
     np.testing.assert_array_equal(drawn.climb_factor, 1.0)
 
 
+@pytest.mark.slow
 def test_uncertainty_changes_speeds_and_rates_within_its_range():
     flow = Flow(SIMULATOR, constant_rate(60.0), speeds_kt=(400.0, 400.0), speed_spread=0.03)
     drawn = flow.draw(jax.random.key(1))[0].candidates

@@ -89,6 +89,7 @@ def test_without_a_new_clearance_nothing_changes():
     assert int(advance(state).next_fix[0]) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 def test_factors_multiply_speeds_and_rates(model):
     simulation = flights(model)

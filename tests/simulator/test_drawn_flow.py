@@ -22,6 +22,7 @@ def start():
     return FLOW.draw(KEY)
 
 
+@pytest.mark.slow
 def test_the_flights_are_those_of_the_scenario(start):
     arrivals, traffic = start
     drawn = SCENARIOS.draw(KEY)

@@ -66,6 +66,7 @@ def test_types_fly_at_their_own_airspeeds_side_by_side():
     assert traffic.position_nm[:, 0] == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_draws_types_by_share_and_levels_uniformly():
     simulator = Simulator(sector_named("x-plus"), MIXED)
     drawn = LateralScenarios(simulator, levels_fl=(280, 300, 340), shares=(1.0, 3.0))

@@ -158,6 +158,7 @@ def test_a_thousand_climbs_and_descents_return_exactly(model):
     assert end.vertical_speed_ft_min.tolist() == [0.0] * 8
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(
     st.sampled_from(MODELS),

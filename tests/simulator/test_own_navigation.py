@@ -74,6 +74,7 @@ def test_flies_routes_like_bluebird(route, model):
     assert_agrees(flown, ROUTES.index(route), reference("own_navigation.csv", route, model))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("index", range(len(SHARP.routes)))
 def test_flies_routes_that_end_in_a_turn_like_bluebird(index, model):

@@ -50,6 +50,7 @@ def states():
     return found
 
 
+@pytest.mark.slow
 def test_flights_are_there_from_their_cycles_of_birth(states):
     born = [np.count_nonzero(state.arrivals.flight != FREE) for state in states]
     assert born[:5] == [1] * 5

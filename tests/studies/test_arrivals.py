@@ -43,6 +43,7 @@ def test_different_traffic_fails_the_tests_of_what_differs():
     assert more["gap between births"] < 1e-3
 
 
+@pytest.mark.slow
 def test_births_are_those_of_the_simulator():
     found = arrivals.in_skystack("category", 0, 1)
     assert len(found.present) == 1

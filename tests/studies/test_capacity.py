@@ -21,6 +21,7 @@ def test_finished_evaluations_are_reused(tmp_path):
     assert capacity.row_of("search", "search", conditions, tmp_path) == row
 
 
+@pytest.mark.slow
 def test_the_study_writes_a_page(tmp_path, capsys, monkeypatch):
     """With short hours."""
     monkeypatch.setattr(capacity, "TrafficConditions", partial(TrafficConditions, cycles=20))

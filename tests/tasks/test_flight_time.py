@@ -68,6 +68,7 @@ def test_flight_times_are_those_of_geodesics_less_the_disc():
     assert flight_times(task(cycles=600).simulator, (300,), 5000.0).fastest.tolist() == [1, 1]
 
 
+@pytest.mark.slow
 def test_own_navigation_takes_the_predicted_time():
     """In the vertical task, which starts at the first fix of the route."""
     vertical = task("vertical", cycles=600, levels_fl=(300, 310))

@@ -120,6 +120,7 @@ def test_flights_leave_when_predicted_after_a_turn(sector, turn_deg):
     check(pairs, delay_s=2 * CYCLE_S)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sector", SECTORS)
 def test_flights_that_leave_through_their_exits_are_not_predicted_to_leave_elsewhere(sector):
     pairs = [compared(sector, state, state, CLEARED) for state in states(sector, own=True)]

@@ -123,6 +123,7 @@ def fly(task, traffic, cycles=300):
     return jax.jit(lambda s: jax.lax.scan(cycle, s, None, length=cycles))(task.begin(traffic))[1]
 
 
+@pytest.mark.slow
 def test_straight_routes_succeed_uninstructed(task, traffic_on):
     """As in the real simulator, HERON-SWIFT and SWIFT-HERON need no instruction."""
     memory, outcome = fly(task, traffic_on(STRAIGHT, REVERSED))
@@ -231,6 +232,7 @@ def test_exits_must_lie_on_the_last_leg_inside_the_area(before_nm):
         build_task(NavigationSettings(exit_before_nm=before_nm))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ends_early", [True, False])
 def test_scenarios_end_with_the_last_aircraft_or_at_the_time_limit(traffic_on, ends_early):
     task = build_task(NavigationSettings(ends_early=ends_early))

@@ -124,6 +124,7 @@ def test_an_exited_aircraft_is_far_away_and_no_threat(traffic_on):
     assert float(task.advance(state)[1].reward[0]) == 0.0
 
 
+@pytest.mark.slow
 def test_safety_reward_is_that_of_the_worst_pair():
     settings = NavigationSettings(name="avoidance", aircraft=3, pair_features=("theta", "d"))
     weights = RewardSettings(centreline=0.0, damping=0.0, terminal=0.0, safety=2.0)

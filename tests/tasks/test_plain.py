@@ -65,6 +65,7 @@ def started():
     return plain, plain.reset(scenario_key(0, 0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("answer", [5, -1, 2.0, None, "left", np.float32(np.nan), np.array([1, 2])])
 def test_refuses_an_action_outside_the_table(started, answer):
     plain, plain_state = started
@@ -110,6 +111,7 @@ def test_every_method_agrees_with_the_task():
         plain.step(plain_state, 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", [HalvingTask(), build_task(NavigationSettings())])
 def test_every_instruction_of_a_burst_is_that_of_the_task(task):
     """The instruction may change, and a state may be used again."""

@@ -110,6 +110,7 @@ def test_a_route_is_flown_as_predicted(state):
     assert np.median(errors) < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("turn_deg", "farther_nm", "most_nm"),
     [
@@ -152,6 +153,7 @@ def test_a_turn_direct_to_a_fix_is_flown_as_predicted(state, turn_deg, farther_n
     assert np.median(errors) < 0.3
 
 
+@pytest.mark.slow
 def test_levels_are_predicted_exactly(state):
     traffic = state.world.traffic
     goal = jnp.where(jnp.arange(traffic.active.shape[0]) % 2 == 0, ticks(260.0), ticks(390.0))
@@ -166,6 +168,7 @@ def test_levels_are_predicted_exactly(state):
             )
 
 
+@pytest.mark.slow
 def test_the_predicted_flight_leaves_at_its_exit_fix(state):
     traffic = state.world.traffic
     table = SECTOR.route_table
@@ -212,6 +215,7 @@ def _gone_s(sector, traffic):
     return path_as_cleared(sector, traffic).until_s
 
 
+@pytest.mark.slow
 def test_a_flight_that_has_missed_its_exit_is_not_gone(state):
     """It flies on to the last fix of its route."""
     traffic, table = state.world.traffic, SECTOR.route_table

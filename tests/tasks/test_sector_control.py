@@ -60,6 +60,7 @@ def test_it_follows_the_contract():
     check_task(TASK, steps=20)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("action", range(len(ACTIONS)))
 def test_an_instruction_moves_nothing(state, action):
     after_it = told(state, action).world.traffic
@@ -70,6 +71,7 @@ def test_an_instruction_moves_nothing(state, action):
     assert int(told(state, action).world.arrivals.cycle) == int(state.world.arrivals.cycle)
 
 
+@pytest.mark.slow
 def test_the_instructions_of_a_stack_add_up(state):
     slot = hearing(state)[0]
     stacked = state

@@ -64,6 +64,7 @@ def test_a_flight_that_waits_is_asked_again_in_the_next_cycle(start):
     assert not np.asarray(state.inner.burst).any()
 
 
+@pytest.mark.slow
 def test_a_stack_costs_one_transmission_and_its_instructions(start):
     weights, (one, _) = TASK.reward, two_flights(start)
     state, _ = STEP(start, actions(**{f"s{one}": CLIMB}))
@@ -80,6 +81,7 @@ def test_a_stack_costs_one_transmission_and_its_instructions(start):
     np.testing.assert_allclose(paid, expected, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_no_stack_is_endless(start):
     one, _ = two_flights(start)
     state, steps = start, 0

@@ -68,6 +68,7 @@ def test_flights_on_own_navigation_exit_correctly(hour):
     assert all(np.array_equal(c.exited, c.exited_correctly) for c in cycles)
 
 
+@pytest.mark.slow
 def test_an_exit_is_where_the_route_leaves_the_area(hour):
     _, cycles = hour
     table = SIMULATOR.sector.route_table
@@ -79,6 +80,7 @@ def test_an_exit_is_where_the_route_leaves_the_area(hour):
             assert cycle.traffic.level_ticks[slot] == cycle.exit_level_ticks[slot]
 
 
+@pytest.mark.slow
 def test_a_flight_that_is_not_instructed_makes_an_excursion_or_misses_its_level():
     _, cycles = flown(400)
     left = sum(int((c.exited | c.excursion).sum()) for c in cycles)

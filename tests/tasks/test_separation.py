@@ -112,6 +112,7 @@ def test_losses_agree_with_brute_force(place):
     assert lost.sum() > PAIRS / 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", PLANES)
 def test_losses_do_not_depend_on_compilation_or_batching(place):
     function, arrays = closed_form(place), [jnp.asarray(array) for array in pairs(place)]

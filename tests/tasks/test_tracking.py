@@ -89,6 +89,7 @@ def test_a_hairpin_is_passed_at_its_fixes_or_by_turning_early():
     assert next_fixes(HAIRPIN, [*along, *back, (0.02, -0.3), *onwards])[-1] == 4
 
 
+@pytest.mark.slow
 def test_a_crowd_begins_with_its_next_fixes_ahead():
     crowd = Crowd(Simulator(FAR_NORTH, performance("table")), 50)
     traffic = crowd.draw(jax.random.key(0)).traffic
@@ -128,6 +129,7 @@ def test_distances_are_geodesic_far_north():
     assert in_hand == pytest.approx(fix_nm + leg_nm - 466.0 / 120.0, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_exits_over_an_edge_that_bends_in_the_plane():
     """The southern edge is straight in degrees and bends by 4 NM in the plane."""
     sector = replace(

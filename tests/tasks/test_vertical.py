@@ -134,6 +134,7 @@ def test_a_climb_of_150_levels_takes_one_or_fifteen_clearances(task, stacked, cl
     assert float(outcome.metrics["instructions"]) == 15.0
 
 
+@pytest.mark.slow
 def test_a_wrong_exit_level_is_not_correct_but_no_excursion(task):
     state = begin(task, 200.0, 250.0)
     _, outcome = fly_to_the_end(task, state, lambda observation: action(NO_OP), True)

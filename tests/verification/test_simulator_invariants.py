@@ -88,6 +88,7 @@ def test_detects_faults_of_one_cycle(flier, flight, part, field, by, name):
     )
 
 
+@pytest.mark.slow
 def test_detects_standing_still(flier, flight):
     world, flown, _ = flight
     after = flown.after._replace(position_nm=flown.instructed.position_nm)

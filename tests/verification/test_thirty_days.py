@@ -1,6 +1,7 @@
 """Half a day of the thirty, and the time in the tables over all thirty."""
 
 import numpy as np
+import pytest
 from rich.console import Console
 
 from skystack.airspace.sectors import sector_named
@@ -14,6 +15,7 @@ from verification.simulator.thirty_days import AT_ONCE, BOUNDS, DAY, DAYS, worst
 SILENT = Console(quiet=True)
 
 
+@pytest.mark.slow
 def test_nothing_drifts_in_half_a_day():
     simulator = Simulator(sector_named("x-plus"), TablePerformance())
     found = worst(simulator, AT_ONCE, SILENT)

@@ -68,6 +68,7 @@ def test_stops_at_the_end_and_restarts(open_page):
         viewer.wait_until("scrubber.valueAsNumber < 10")
 
 
+@pytest.mark.slow
 def test_plays_at_the_chosen_speed(open_page):
     """At 60 times real time a cycle of 6 s lasts a tenth of a second."""
     with open_page("meeting") as viewer:
@@ -153,6 +154,7 @@ def test_timeline_marks_clearances_and_losses(open_page):
         assert viewer.row == 41
 
 
+@pytest.mark.slow
 def test_alerts_of_predicted_and_actual_losses(open_page):
     """On straight tracks, the formula gives the loss from the first row on."""
     with open_page("meeting") as viewer:
@@ -286,6 +288,7 @@ def _moved(viewer, x, y):
     return box["x"] + x, box["y"] + y
 
 
+@pytest.mark.slow
 def test_link_restores_scenario_cycle_and_selection(open_page):
     with open_page("evaluation", "scenario=2&cycle=17&aircraft=AC2") as viewer:
         assert (viewer.row, viewer.selected) == (17, ["AC2"])
@@ -336,6 +339,7 @@ def test_texts_from_files_are_not_interpreted_as_html(open_page):
         assert viewer.page.locator("img, main b").count() == 0
 
 
+@pytest.mark.slow
 def test_runs_side_by_side_stay_in_step(open_page):
     """In every row the counts match the clearances issued so far, also during playback."""
     with open_page("both") as viewer:
@@ -385,6 +389,7 @@ def test_help_and_documentation_list_the_same_keys(open_page):
     assert dict(table[1:]) == keys
 
 
+@pytest.mark.slow
 def test_light_and_dark_themes(open_page):
     for scheme, light in (("dark", False), ("light", True)):
         with open_page("alone", color_scheme=scheme) as viewer:
@@ -400,6 +405,7 @@ def test_light_and_dark_themes(open_page):
             assert is_light() != light
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["meeting", "both"])
 def test_fits_a_phone(open_page, name):
     with open_page(name, viewport=PHONE, has_touch=True, device_scale_factor=2) as viewer:

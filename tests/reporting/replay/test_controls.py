@@ -138,6 +138,7 @@ SYMBOLS = """
 """
 
 
+@pytest.mark.slow
 def test_alerts_differ_in_shape_without_colour(browser):
     page = browser.new_page()
     masks, rings = page.evaluate(f"() => {{ {source('radar')} return ({SYMBOLS})(); }}")
@@ -173,6 +174,7 @@ def test_data_blocks_are_shortened_in_a_crowd(browser, count, lines):
     assert sum(area for _, area in blocks) <= 0.3 * 640_000
 
 
+@pytest.mark.slow
 def test_lists_and_timeline_have_the_symbols(open_page):
     with open_page("meeting") as viewer:
 
@@ -204,6 +206,7 @@ def test_verdict_states_losses_and_reasons(open_page):
         assert not any("failed" in option for option in options[1:])
 
 
+@pytest.mark.slow
 def test_list_has_all_alerts_and_leads_to_the_pairs(open_page):
     pairs = IN_LOSS * (IN_LOSS - 1) // 2
     with open_page("crowd", "scenario=4&cycle=5") as viewer:
@@ -315,6 +318,7 @@ def test_long_measured_lines_have_their_true_length(browser):
     assert found == pytest.approx(expected, abs=0.05)
 
 
+@pytest.mark.slow
 def test_vertical_profile_of_the_selected_aircraft(open_page):
     with open_page("climbing") as viewer:
         caption = viewer.page.locator(".profile h3")
@@ -490,6 +494,7 @@ def test_strip_shows_the_exit_offset_after_the_exit(open_page, evaluation):
                 )
 
 
+@pytest.mark.slow
 def test_every_control_has_a_name_and_is_reached_by_tab(open_page):
     with open_page("both") as viewer:
         viewer.keys("o")

@@ -118,6 +118,7 @@ def test_panel_lists_the_clearances_issued_so_far():
                 artist.remove()
 
 
+@pytest.mark.slow
 def test_film_has_one_frame_per_cycle_and_is_deterministic():
     rows = []
     data = film((replay("one"), replay("other")), 4, Span(5, 12), rows.append)

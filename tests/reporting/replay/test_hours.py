@@ -79,6 +79,7 @@ def test_excursions_and_wrong_levels_are_named(hours, agent):
     assert found
 
 
+@pytest.mark.slow
 def test_the_page_has_every_flight_from_its_birth(folder):
     replay = read_replay(folder)
     (run,) = page_data((replay,))["runs"]
@@ -103,6 +104,7 @@ def test_agents_in_the_same_traffic_can_be_compared(hours):
         read_side_by_side([folders["rules"], folders["no-op"]])
 
 
+@pytest.mark.slow
 def test_hours_of_different_lengths_cannot_be_compared(hours, tmp_path):
     folder = hours[1]["rules"]
     conditions = TrafficConditions("120", hours=2, cycles=20)
@@ -172,6 +174,7 @@ def test_the_number_of_flights_is_limited(folder, tmp_path):
         read_replay(copy)
 
 
+@pytest.mark.slow
 def test_strips_are_those_of_the_flights_that_are_about(browser, folder, page):
     scenario = read_replay(folder).scenarios[0]
     with viewing(browser, page) as viewer:
@@ -188,6 +191,7 @@ def test_strips_are_those_of_the_flights_that_are_about(browser, folder, page):
         assert verdict.endswith("separation lost")
 
 
+@pytest.mark.slow
 def test_a_flight_can_be_selected_and_its_levels_drawn(browser, folder, page):
     scenario = read_replay(folder).scenarios[0]
     flown = next(each for each in scenario.aircraft if each.begins > 20)
@@ -203,6 +207,7 @@ def test_a_flight_can_be_selected_and_its_levels_drawn(browser, folder, page):
         viewer.settle()
 
 
+@pytest.mark.slow
 def test_two_agents_are_drawn_side_by_side(browser, hours, tmp_path):
     _, folders = hours
     file = tmp_path / "both.html"

@@ -110,6 +110,7 @@ COUNTED = """
 EVERY_PAIR = "function staysApart() { return false; }"
 
 
+@pytest.mark.slow
 def test_skipping_distant_pairs_changes_nothing(browser):
     """All pairs of dense traffic far north, followed closely or skipped if they stay apart."""
     random, sector = np.random.default_rng(23), north()

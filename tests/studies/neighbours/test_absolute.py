@@ -52,6 +52,7 @@ def test_a_heading_is_cleared_once(headings):
     assert float(state.traffic.heading_deg[1]) == 240.0
 
 
+@pytest.mark.slow
 def test_a_level_is_cleared_once(levels):
     state = levels.reset(jax.random.key(1))
     climb = action(levels, "aircraft 1 level 250")

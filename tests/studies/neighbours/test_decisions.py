@@ -36,6 +36,7 @@ def equal(first, second):
         np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_decision_equals_its_actions_flown_one_by_one(task, step):
     """In a batch with decisions of other lengths."""
     decisions = ((0,), (1, 1, 1), (3, 0, 4, 4, 0, 2))

@@ -68,6 +68,7 @@ def turned(task, state, *actions):
     return state
 
 
+@pytest.mark.slow
 def test_a_clearance_is_worse_if_it_adds_a_loss_or_an_excursion(head_on):
     """Straight on, they pass 7.8 NM apart and stay inside. Left by 20 degrees, the first aircraft
     comes within 2.7 NM of the second and leaves the sector; right by 20 degrees, it only leaves."""

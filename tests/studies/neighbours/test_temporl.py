@@ -38,6 +38,7 @@ def filled_replay(rng):
     )
 
 
+@pytest.mark.slow
 def test_runs_stay_inside_repetitions():
     replay = filled_replay(np.random.default_rng(0))
     filled = 10 * CYCLES
