@@ -50,7 +50,7 @@ from studies.hour_results import (
     result_in,
     write_results,
 )
-from studies.parallel import INTERRUPTED
+from studies.parallel import INTERRUPTED, TO_RESUME
 
 FIRST_SEED = 1
 FIGURE = "flight-school.png"
@@ -184,7 +184,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write(f"{error}\n")
         return 2
     except KeyboardInterrupt:
-        sys.stderr.write("interrupted: run the same command again to resume\n")
+        sys.stderr.write(TO_RESUME)
         return INTERRUPTED
     return 0 if finished else 1
 

@@ -21,8 +21,6 @@ MAX_BYTES = 10_000_000
 SOON_S = 60
 """A transmission to a flight within this time could have been combined with the previous one."""
 COLUMNS = ("scenario", "cycle", "transmission", "callsign", "kind")
-
-
 AIRCRAFT_COLUMNS = ("birth_cycle", "entry_cycle", "gone_cycle")
 
 
@@ -93,7 +91,7 @@ class Result(msgspec.Struct, frozen=True):
     """The row that `skystack flight-school` writes."""
     spoken: Spoken | None
     late_entries: float | None = None
-    """`late_entries`; also None if it was not computed."""
+    """As the function `late_entries` returns it; also None if it was not computed."""
 
     @property
     def hour_row(self) -> HourRow:

@@ -16,6 +16,7 @@ from skystack.reproduction.processes import stop_workers
 Result = TypeVar("Result")
 INTERRUPTED = 130
 """The exit code of a study that was interrupted with Ctrl-C."""
+TO_RESUME = "interrupted: run the same command again to resume\n"
 
 
 def run_pieces(
@@ -38,7 +39,7 @@ def run_pieces(
         return [future.result() for future in futures]
     except KeyboardInterrupt:
         stop_workers()
-        sys.stderr.write("interrupted: run the same command again to resume\n")
+        sys.stderr.write(TO_RESUME)
         raise SystemExit(INTERRUPTED) from None
     except BaseException:
         stop_workers()

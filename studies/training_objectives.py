@@ -57,7 +57,7 @@ MEASURES = (
     ("separation", "losses per flight hour, without those at birth"),
     ("separation", "pairs below 7 NM and 1,000 ft, per flight"),
     ("coordination", "exits at the coordinated boundary and level"),
-    ("coordination", "flights through their exit, mostly outside before they entered"),
+    ("coordination", "exiting flights that entered in the second half of their flight"),
     ("procedures", "excursions"),
     ("procedures", "distance from the exit fix, NM (median)"),
     ("detecting conflicts", "fail-safe cycles"),

@@ -8,7 +8,6 @@ from hashlib import sha256
 import pytest
 
 from skystack.agents.user_modules import (
-    file_digest,
     find_user_code,
     is_user_code,
     user_code_file,
@@ -175,12 +174,3 @@ def test_finds_all_imported_files_of_the_user(folder):
         run = [sys.executable, "-c", command, name]
         found = subprocess.run(run, capture_output=True, text=True, check=True).stdout
         assert set(found.split("\n")[:-1]) == expected
-
-
-def test_digests_are_of_the_present_content(folder):
-    (folder / "file").write_text("one")
-    assert file_digest(str(folder / "file")) == sha256(b"one").hexdigest()
-    (folder / "file").write_text("two")
-    assert file_digest(str(folder / "file")) == sha256(b"two").hexdigest()
-    assert file_digest(str(folder / "missing")) is None
-    assert file_digest(str(folder)) is None

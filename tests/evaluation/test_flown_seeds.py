@@ -7,13 +7,13 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from skystack.agents.user_modules import file_digest
 from skystack.evaluation.controllers import find_controller
 from skystack.evaluation.flown_seeds import FlownSeed, conditions_digest, read_seed, write_seed
 from skystack.evaluation.hour_scores import CycleSeries, FlightRow, PairEvent, Scores
 from skystack.evaluation.hour_tables import TABLES
 from skystack.evaluation.traffic_conditions import TrafficConditions
 from skystack.export.onnx_file import export_onnx
+from skystack.io.files import file_digest
 from skystack.policies.shipped import SHIPPED, find_policy
 
 SCORES = Scores(
@@ -113,7 +113,7 @@ def test_a_seed_is_not_read_if_a_file_of_the_controller_has_changed(tmp_path):
     files = {}
     for name in ("own.py", "part.py"):
         (tmp_path / name).write_text(name)
-        files[str(tmp_path / name)] = file_digest(str(tmp_path / name))
+        files[str(tmp_path / name)] = file_digest(tmp_path / name)
     write_seed(tmp_path, 7, "conditions", FLOWN._replace(files=files))
     assert read_seed(tmp_path, 7, "conditions").files == files
     (tmp_path / "part.py").write_text("changed")

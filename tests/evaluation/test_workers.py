@@ -48,7 +48,7 @@ def test_each_item_has_a_result_or_its_own_failure(capfd):
 @pytest.mark.slow
 def test_each_item_may_have_its_own_process():
     items = ["a", "b", "c", "wrong", "d"]
-    finished = list(run_in_workers(make, items, NO_LIMIT_S, one_each=True))
+    finished = list(run_in_workers(make, items, NO_LIMIT_S, process_per_item=True))
     assert {each.item for each in finished} == set(items)
     processes = [each.result[1] for each in finished if each.failed is None]
     assert len(set(processes)) == len(processes) == 4

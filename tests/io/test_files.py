@@ -3,12 +3,13 @@
 import os
 import resource
 from contextlib import contextmanager
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
 
 from skystack.errors import InputError
-from skystack.io.files import append_line, atomic_files, atomic_write, check_output
+from skystack.io.files import append_line, atomic_files, atomic_write, check_output, file_digest
 
 
 @contextmanager
@@ -47,6 +48,15 @@ def test_outdated_files_are_deleted_only_if_all_new_ones_are_written(tmp_path):
     assert {path.read_bytes() for path in (*paths, outdated)} == {b"old"}
     write((3, 3))
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == dict.fromkeys(paths, b"xxx")
+
+
+def test_digests_are_of_the_present_content(tmp_path):
+    for content in (b"one", b"two"):
+        (tmp_path / "file").write_bytes(content)
+        assert file_digest(tmp_path / "file") == sha256(content).hexdigest()
+    for unreadable in (tmp_path / "missing", tmp_path):
+        with pytest.raises(InputError, match="cannot be read"):
+            file_digest(unreadable)
 
 
 def test_append_without_space_is_an_error(tmp_path):

@@ -155,9 +155,8 @@ class UserController:
         actions = {name: number for number, name in enumerate(ACTIONS)}
         names = self._task.observation_names
         self._environment = ControllerEnvironment(self._sector, actions, names)
-        create = self._create
         with as_input_error("cannot create an instance"), redirect_stdout(sys.stderr):
-            self._controller = create()
+            self._controller = self._create()
 
     def transmit(self, state: WorldState) -> list[Transmission]:
         """Raises InputError, which names cycle and callsign, for a failure or a wrong answer."""

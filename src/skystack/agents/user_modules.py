@@ -7,14 +7,13 @@ import sysconfig
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
-from hashlib import sha256
 from importlib.machinery import PathFinder
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from skystack.errors import InputError, error_context, suggestion
-from skystack.io.files import read_whole
+from skystack.io.files import file_digest
 from skystack.io.signals import exit_code
 
 METHOD = "generate_action"
@@ -46,8 +45,7 @@ def find_user_code(name: str) -> Create:
         module = _of_file(Path(where)) if is_file_name(where) else _of_path(where)
         found = getattr(module, member, None)
         if found is None:
-            hint = suggestion(member, [each for each in vars(module) if isinstance(each, str)])
-            raise InputError(f"there is no {member} in {where}{hint}")
+            raise InputError(f"there is no {member} in {where}{suggestion(member, dir(module))}")
         if not callable(found) or not callable(getattr(found, METHOD, None)):
             raise InputError(f"{member} is not a class with a method {METHOD}")
         create: Create = found
@@ -68,17 +66,13 @@ def user_code_file(name: str) -> Path | None:
 
 
 def imported_files() -> dict[str, str]:
-    """The files of all modules of the user's that are imported, with their digests."""
+    """The files of all imported modules that are the user's, with their digests."""
     files = (getattr(module, "__file__", None) for module in list(sys.modules.values()))
-    paths = {file for file in files if isinstance(file, str) and not _is_library(file)}
-    return {path: digest for path in sorted(paths) if (digest := file_digest(path)) is not None}
-
-
-def file_digest(path: str) -> str | None:
-    """A digest of a file; None if it cannot be read."""
-    with suppress(InputError, OSError, ValueError):
-        return sha256(read_whole(Path(path))).hexdigest()
-    return None
+    digests = {}
+    for path in {file for file in files if isinstance(file, str) and not _is_library(file)}:
+        with suppress(InputError):  # such as one in an archive
+            digests[path] = file_digest(Path(path))
+    return digests
 
 
 def _module_file(where: str) -> Path | None:
@@ -155,7 +149,7 @@ def _text(error: BaseException) -> str:
 
 
 def _is_library(file: str) -> bool:
-    """Whether a file is not the user's."""
+    """Whether a file belongs to a library rather than to the user."""
     path = Path(file)
     return (
         not path.is_absolute()  # of frozen or compiled code

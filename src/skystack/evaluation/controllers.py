@@ -31,7 +31,7 @@ from skystack.errors import InputError, exists, unknown_name
 from skystack.evaluation.fixed_traffic import fixed_world, is_fixed
 from skystack.evaluation.scenario_traffic import is_scenario, scenario_world
 from skystack.evaluation.traffic_conditions import BLUESKY, TrafficConditions, flow_of
-from skystack.io.files import read_whole
+from skystack.io.files import file_digest, read_whole
 from skystack.io.names import as_name
 from skystack.learning.policy import Policy
 from skystack.policies.shipped import find_policy, shipped_policies
@@ -69,8 +69,8 @@ class ControlledWorld(NamedTuple):
         return getattr(self.agent, "safety_net", None)
 
     @property
-    def is_users(self) -> bool:
-        """Whether the agent is a user's class, which may store anything anywhere."""
+    def runs_user_code(self) -> bool:
+        """Whether the agent is a user's class, which may keep state anywhere."""
         return isinstance(self.agent, UserController)
 
 
@@ -171,7 +171,7 @@ def _other_library(name: str, conditions: TrafficConditions) -> ControlledWorld:
     (world, model), per_cycle = _world(conditions), _per_cycle(conditions)
     task = _task(world, conditions)
     check_agent(found, task, SectorControl.name)
-    digest = sha256(read_whole(Path(name))).hexdigest()
+    digest = file_digest(Path(name))
     agent = PerFlight(found, task, per_cycle)
     # With its suffix, so that a file `no-op.onnx` is not taken for `no-op`.
     row = as_name(Path(name).name)

@@ -100,7 +100,7 @@ def fly_flight_school(
         cached = _finished(job, seeds)
         left = [seed for seed in seeds if seed not in cached]
         outdated = sum(is_flown(job.folder, seed) for seed in left)
-        failed = _fly_others(job, left, limit_s, on_cycle, found.is_users)
+        failed = _fly_others(job, left, limit_s, on_cycle, found.runs_user_code)
         flown = cached | _finished(job, [seed for seed in left if seed not in failed])
         flown = {seed: flown[seed] for seed in seeds if seed in flown}
         lost = [seed for seed in seeds if seed not in flown and seed not in failed]
@@ -132,11 +132,11 @@ def _fly_others(
     seeds: Sequence[int],
     limit_s: float,
     on_cycle: Callable[[int, int], None],
-    one_each: bool,
+    process_per_seed: bool,
 ) -> dict[int, str]:
     """Fly seeds in parallel; returns those that failed, and why.
 
-    With `one_each`, every seed has its own process.
+    With `process_per_seed`, every seed has its own process.
     """
     total, flown = len(seeds) * job.conditions.cycles, dict.fromkeys(seeds, 0)
 
@@ -147,7 +147,7 @@ def _fly_others(
     failed = {}
     if seeds:
         worker = partial(_worker, job)
-        for finished in run_in_workers(worker, seeds, limit_s, on_report, one_each):
+        for finished in run_in_workers(worker, seeds, limit_s, on_report, process_per_seed):
             flown[finished.item] = job.conditions.cycles
             on_cycle(sum(flown.values()), total)
             if finished.failed is not None:
@@ -173,11 +173,11 @@ def _worker(job: _Job) -> Callable[[int, Report], None]:
 
         def on_cycle(cycle: int) -> None:
             report(f"cycle {cycle}")
-            if found.is_users and not files:  # before they can be changed
+            if found.runs_user_code and not files:  # before they can be changed
                 files.update(imported_files())
 
         hour = flyer.fly(found.agent, seed, 0, on_cycle)._replace(number=seed)
-        if found.is_users:
+        if found.runs_user_code:
             files = imported_files() | files
         scores = score(found.world.sector, hour)
         tables = tables_of(FlownHour(found.world, hour, scores))
@@ -187,7 +187,8 @@ def _worker(job: _Job) -> Callable[[int, Report], None]:
 
 
 def _cannot_be_read(job: _Job) -> str:
-    return f"its results in {job.folder} cannot be read, or {job.agent} has changed (repeat it)"
+    why = f"its results in {job.folder} cannot be read, or {job.agent} has changed"
+    return f"{why} (repeat the command)"
 
 
 def _write_tables(folder: Path, found: ControlledWorld, job: _Job, seeds: Sequence[int]) -> None:

@@ -11,14 +11,13 @@ import msgspec
 import numpy as np
 import pyarrow as pa
 
-from skystack.agents.user_modules import file_digest
 from skystack.errors import InputError, exists
 from skystack.evaluation.controllers import ControlledWorld
 from skystack.evaluation.hour_scores import Scores
 from skystack.evaluation.hour_tables import TABLES
 from skystack.evaluation.scenario_traffic import is_scenario
 from skystack.evaluation.traffic_conditions import TrafficConditions
-from skystack.io.files import atomic_write, read_whole
+from skystack.io.files import atomic_write, file_digest, read_whole
 
 _HASH_BYTES = hashlib.sha256().digest_size
 
@@ -30,7 +29,7 @@ class FlownSeed(NamedTuple):
     tables: Mapping[str, pa.Table]
     """`skystack.evaluation.hour_tables.tables_of`."""
     files: Mapping[str, str] = {}
-    """The files that a user's class consists of, with their digests."""
+    """The files that a user's class was imported from, with their digests."""
 
 
 class _File(NamedTuple):
@@ -55,7 +54,7 @@ def conditions_digest(found: ControlledWorld, conditions: TrafficConditions) -> 
         *(found.name, found.digest, found.performance, found.per_cycle, found.safety_net),
         *(conditions.traffic, conditions.cycles, conditions.uncertainty, conditions.platform),
         found.world.sector,
-        hashlib.sha256(read_whole(file)).hexdigest() if is_file else "",
+        file_digest(file) if is_file else "",
         _source_digest(),
     ]
     return hashlib.sha256(msgspec.json.encode(parts)).hexdigest()
@@ -93,7 +92,7 @@ def read_seed(folder: Path, seed: int, digest: str) -> FlownSeed | None:
         file = msgspec.msgpack.decode(data, type=_File, dec_hook=lambda _, value: np.array(value))
         if (file.seed, file.conditions) != (seed, digest) or set(file.tables) != set(TABLES):
             return None
-        if any(file_digest(path) != flown for path, flown in file.files.items()):
+        if any(file_digest(Path(path)) != known for path, known in file.files.items()):
             return None
         tables = {name: _as_table(of) for name, of in file.tables.items()}
         return FlownSeed(file.scores, tables, file.files)

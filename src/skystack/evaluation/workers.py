@@ -90,14 +90,14 @@ def run_in_workers(
     items: Sequence[Any],
     limit_s: float,
     on_report: Callable[[Any, str], None] = lambda item, doing: None,
-    one_each: bool = False,
+    process_per_item: bool = False,
 ) -> Iterator[Finished]:
     """The results of all items, in the order in which they are finished.
 
     `make` and the items must be picklable. An item fails if it raises InputError or PlatformError,
     if its process dies, or if it reports nothing for `limit_s` seconds; all others are finished.
-    `on_report` is called with each report of an item. With `one_each`, every item has its own
-    process.
+    `on_report` is called with each report of an item. With `process_per_item`, every
+    item has its own process.
     """
     left, workers = deque(items), list[_Worker]()
 
@@ -115,7 +115,7 @@ def run_in_workers(
                 finished = _news(worker, worker.connection in ready, limit_s, on_report)
                 if finished is None:
                     continue
-                if left and not one_each and worker.process.is_alive():
+                if left and not process_per_item and worker.process.is_alive():
                     worker.give(left.popleft())
                 else:
                     workers.remove(worker)

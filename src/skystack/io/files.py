@@ -4,6 +4,7 @@ import os
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from hashlib import sha256
 from os import PathLike
 from pathlib import Path
 from secrets import token_hex
@@ -32,6 +33,11 @@ def read_whole(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     if len(data) > most_bytes:
         raise InputError(f"is too large (allowed: {most_bytes // 1_000_000} MB)")
     return data
+
+
+def file_digest(path: Path) -> str:
+    """The SHA-256 digest of a file. Raises InputError as `read_whole` does."""
+    return sha256(read_whole(path)).hexdigest()
 
 
 def atomic_write(path: Path, data: bytes) -> None:
