@@ -117,5 +117,6 @@ def test_rows_and_folders_have_the_name_of_the_scenario(tmp_path):
     conditions = TrafficConditions(NAME, cycles=60)
     result = fly_flight_school("no-op", conditions, range(1), tmp_path)
     assert result.row["traffic"] == NAME
-    assert result.folder.name == "no-op-flight-school-springfield-test-airport-scenario"
+    folder = "no-op-flight-school-springfield-test-airport-scenario-cycles-60"
+    assert result.folder.name == folder
     assert result.row["flights"] == 3

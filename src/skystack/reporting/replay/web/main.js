@@ -78,6 +78,7 @@ function updateAddressSoon() {
 }
 
 function updateAddress() {
+  clearTimeout(addressTimer);
   const state = new URLSearchParams({ scenario: player.packed.number, cycle: player.row });
   for (const each of [player.selected, player.partner]) {
     if (each !== null) state.append("aircraft", each);
@@ -85,8 +86,8 @@ function updateAddress() {
   history.replaceState(null, "", `#${state}`);
 }
 
-function openAddress() {
-  const state = new URLSearchParams(location.hash.slice(1));
+function openAddress(address) {
+  const state = new URLSearchParams(new URL(address).hash.slice(1));
   const wanted = Number(state.get("scenario") ?? NaN);
   const index = replay.runs[0].scenarios.findIndex((each) => each.number === wanted);
   if (state.has("scenario") && index < 0) notify(`There is no scenario ${state.get("scenario")}.`);
@@ -233,7 +234,8 @@ byId("speed").addEventListener("change", (event) => player.faster(
 const followSystemTheme = () => (look.theme = prefersLight.matches ? "light" : "dark");
 prefersLight.addEventListener("change", followSystemTheme);
 followSystemTheme();
-addEventListener("hashchange", openAddress);
-openAddress();
+// The page may have changed its address again before the event arrives.
+addEventListener("hashchange", ({ newURL }) => openAddress(newURL));
+openAddress(location.href);
 player.faster(0);
 requestAnimationFrame(frame);
