@@ -133,7 +133,7 @@ def in_bluebird(traffic: str, first: int, hours: int) -> Arrived:
                         " ".join(report.route),
                         report.entry_fl,
                         report.exit_fl,
-                        report.speed_kt,
+                        report.airspeed_kt,
                         report.lat,
                         report.lon,
                     )

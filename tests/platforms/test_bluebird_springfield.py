@@ -53,7 +53,7 @@ def test_each_flight_has_its_own_speeds(scenario, traffic):
     for flight in scenario.flights:
         report = reports[flight.callsign]
         cruise = scenario.performance.airspeeds_kt[flight.kind, 1, round(report.fl)]
-        assert report.speed_kt == pytest.approx(cruise, abs=1e-6)
+        assert report.airspeed_kt == pytest.approx(cruise, abs=1e-6)
 
 
 def test_flights_in_contact_hold_their_headings(traffic):

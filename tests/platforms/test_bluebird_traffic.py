@@ -34,7 +34,7 @@ def test_starters_are_inside_and_others_are_born_later(traffic):
     assert len(reports[-1]) > 8
     assert not any(report.held for report in reports[0].values())
     for report in reports[-1].values():
-        assert 350.0 <= report.speed_kt <= 450.0
+        assert 350.0 <= report.airspeed_kt <= 450.0
         assert 200.0 <= report.exit_fl <= 400.0
         assert report.exit_fl % 10.0 == 0.0
 

@@ -53,7 +53,7 @@ def test_flights_keep_their_airspeed_at_all_levels(traffic, airspeed_kt, fl):
     """On the equator, a minute of longitude is 1.00174 NM long in WGS-84, 1 NM on BlueSky's."""
     traffic.enter("AC1", newborn(airspeed_kt=airspeed_kt, entry_fl=fl))
     report = fly(traffic, 100)["AC1"]
-    assert report.speed_kt == pytest.approx(airspeed_kt, abs=0.01)
+    assert report.airspeed_kt == pytest.approx(airspeed_kt, abs=0.01)
     assert 60.0 * report.lon == pytest.approx(airspeed_kt / 6.0, rel=0.003)
     assert (report.fl, report.heading_deg) == (fl, pytest.approx(90.0, abs=0.01))
 

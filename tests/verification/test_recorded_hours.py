@@ -5,7 +5,8 @@ import pytest
 from skystack.evaluation.stored import read_table, sector_of
 from skystack.evaluation.traffic import evaluate_traffic, hours_folder
 from skystack.evaluation.traffic_conditions import TrafficConditions
-from verification.simulator.recorded_hours import BOUND_NM, agreement, main, read_hour
+from verification.simulator.recorded_hours import BOUND_NM, agreement, main
+from verification.simulator.recording import read_hour
 
 CYCLES = 160
 CATEGORY = TrafficConditions("category", cycles=CYCLES)

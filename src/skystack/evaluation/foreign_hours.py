@@ -6,6 +6,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from skystack.agents.transmission import Transmission, instruction_of
 from skystack.compilation.fetch import fetched
@@ -49,11 +50,13 @@ class ReportedTraffic:
         """
         values = writable(traffic)
         values["pending_turn"][:] = NO_TURN
+        airspeed_kt = np.array(traffic.ground_speed_kt)
         for callsign, slot in slots.items():
             if callsign in reports:
+                airspeed_kt[slot] = reports[callsign].airspeed_kt
                 for name, value in self._flight(reports[callsign]).items():
                     values[name][slot] = value
-        read: Traffic = fetched(self._adopted(Traffic(**values)))
+        read: Traffic = fetched(self._adopted(Traffic(**values), airspeed_kt))
         return read
 
     @cached_property
@@ -70,7 +73,7 @@ class ReportedTraffic:
             "position_nm": self._world.sector.plane.to_plane(report.lat, report.lon),
             "heading_deg": report.heading_deg,
             "level_ticks": ticks(report.fl),
-            "ground_speed_kt": report.speed_kt,
+            "ground_speed_kt": report.ground_speed_kt,
             "vertical_speed_ft_min": report.vertical_speed_ft_min,
             "cleared_heading_deg": report.cleared_heading_deg,
             "cleared_level_ticks": ticks(report.cleared_fl),
@@ -91,8 +94,10 @@ def writable(values: Arrivals | Traffic) -> dict[str, Any]:
     }
 
 
-def _adopted(performance: Performance, traffic: Traffic) -> Traffic:
-    """The traffic with all clearances adopted."""
+def _adopted(
+    performance: Performance, traffic: Traffic, airspeed_kt: Float[Array, " slots"]
+) -> Traffic:
+    """The traffic with all clearances adopted, at the true airspeeds reported."""
     phase = jnp.sign(traffic.cleared_level_ticks - traffic.level_ticks)
     nominal_kt = performance.true_airspeed_kt(traffic.level_ticks, phase, traffic.kind)
     return traffic._replace(
@@ -100,5 +105,5 @@ def _adopted(performance: Performance, traffic: Traffic) -> Traffic:
         flown_level_ticks=traffic.cleared_level_ticks,
         turn_deg=turn_to_deg(traffic.heading_deg, traffic.cleared_heading_deg),
         cleared_fix=traffic.next_fix,
-        airspeed_factor=traffic.ground_speed_kt / nominal_kt,
+        airspeed_factor=airspeed_kt / nominal_kt,
     )

@@ -175,7 +175,9 @@ def _report(aircraft: Any, plan: tuple[tuple[str, ...], float, float], held: boo
         heading_deg=float(aircraft.heading) % 360.0,
         cleared_heading_deg=cleared_heading_deg(aircraft) % 360.0,
         cleared_fl=float(aircraft.selected_fl),
-        speed_kt=float(aircraft.speed_tas),
+        airspeed_kt=float(aircraft.speed_tas),
+        # A flight that has not moved yet has no ground speed.
+        ground_speed_kt=float(aircraft.ground_speed or aircraft.speed_tas),
         vertical_speed_ft_min=float(aircraft.vertical_speed or 0.0),
         own_navigation=bool(aircraft.on_route),
         next_fix=_next_fix(aircraft),

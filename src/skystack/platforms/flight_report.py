@@ -17,8 +17,9 @@ class FlightReport(NamedTuple):
     cleared_heading_deg: float
     """The actual heading if none was cleared."""
     cleared_fl: float
-    speed_kt: float
-    """Ground speed."""
+    airspeed_kt: float
+    """True airspeed."""
+    ground_speed_kt: float
     vertical_speed_ft_min: float
     own_navigation: bool
     next_fix: str | None

@@ -1,0 +1,201 @@
+"""Hours recorded in another simulator: their tables, and their births in our simulator."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from jaxtyping import Array
+
+from skystack.agents.transmission import Transmission
+from skystack.airspace.sector import Sector
+from skystack.errors import InputError
+from skystack.evaluation.hours import OwnHours
+from skystack.evaluation.stored import read_table
+from skystack.simulator.arrival_flows import Flow
+from skystack.simulator.arrivals import FREE, Candidates, Clock
+from skystack.simulator.performance import ConstantPerformance, performance
+from skystack.simulator.simulator import CYCLE_S, Simulator
+from skystack.simulator.traffic import ticks
+from skystack.tasks.sector_world import World, WorldCycle, WorldState
+
+MOST_FLIGHTS = 1024
+NEVER_S = 1e9
+"""The time of birth of candidates that are not used."""
+
+
+class Track(NamedTuple):
+    """A flight as it was recorded, one row for each cycle that it was flown."""
+
+    route: tuple[str, ...]
+    exit_fl: float
+    cycle: np.ndarray
+    lat: np.ndarray
+    lon: np.ndarray
+    fl: np.ndarray
+    heading_deg: np.ndarray
+    speed_kt: float
+    starts: bool
+    """Whether it is there from the start."""
+    gone_cycle: int | None
+    birth_cycle: int
+    """The first cycle in which it was reported."""
+
+
+class Recorded(NamedTuple):
+    """A recorded hour."""
+
+    tracks: list[Track]
+    sent: dict[int, list[tuple[int, Transmission]]]
+    """Transmissions by cycle, each with the index of its track. Their `slot` is not used."""
+    cycles: int
+
+
+def read_hour(folder: Path, number: int) -> Recorded:
+    """Read an hour from the tables of an evaluation. Raises InputError if they are damaged."""
+    of_hour = [("scenario", "=", number)]
+    names = ("callsign", "route", "exit_fl", "gone_cycle")
+    path = folder / "aircraft.parquet"
+    read_table(path, names[:-1], of_hour)  # raises InputError if it is damaged
+    flights = pq.read_table(path, columns=list(names), filters=of_hour).to_pylist()
+    columns = ("callsign", "cycle", "lat", "lon", "fl", "heading_deg", "ground_speed_kt")
+    rows = _by_callsign(read_table(folder / "trajectories.parquet", columns, of_hour))
+    tracks = [_track(each, rows[each["callsign"]]) for each in flights]
+    index = {each["callsign"]: number for number, each in enumerate(flights)}
+    parts = ("cycle", "transmission", "callsign", "kind", "value")
+    clearances = read_table(folder / "clearances.parquet", parts, of_hour).to_pylist()
+    sent: dict[int, list[tuple[int, Transmission]]] = {}
+    told: dict[int, tuple[int, int, Transmission]] = {}
+    for row in clearances:
+        _, _, before = told.get(row["transmission"], (0, 0, Transmission(0)))
+        at = (row["cycle"], index[row["callsign"]])
+        told[row["transmission"]] = (*at, _with(before, row["kind"], row["value"]))
+    for cycle, flight, transmission in told.values():
+        sent.setdefault(cycle, []).append((flight, transmission))
+    episodes = read_table(folder / "episodes.parquet", ("cycles",), of_hour)
+    return Recorded(tracks, sent, episodes["cycles"][0].as_py())
+
+
+def _by_callsign(table: pa.Table) -> dict[str, pa.Table]:
+    callsigns = table["callsign"].cast(pa.string())
+    return {
+        name: table.filter(pc.equal(callsigns, name)) for name in pc.unique(callsigns).to_pylist()
+    }
+
+
+def _with(transmission: Transmission, kind: str, value: int) -> Transmission:
+    if kind == "heading":
+        return transmission._replace(heading_deg=value)
+    if kind == "direct":
+        return transmission._replace(fix=value)
+    return transmission._replace(level_ticks=ticks(float(value)))
+
+
+def _track(flight: dict[str, Any], rows: pa.Table) -> Track:
+    """The rows of a flight from the last one in which it is still held at its birth."""
+    values = {name: rows[name].to_numpy() for name in rows.column_names if name != "callsign"}
+    still = (values["lat"] == values["lat"][0]) & (values["lon"] == values["lon"][0])
+    first = int(np.argmin(still)) if not still.all() else len(still)
+    kept = {name: each[max(first - 1, 0) :] for name, each in values.items()}
+    return Track(
+        route=tuple(flight["route"].split()),
+        exit_fl=float(flight["exit_fl"]),
+        cycle=kept["cycle"],
+        lat=kept["lat"],
+        lon=kept["lon"],
+        fl=kept["fl"],
+        heading_deg=kept["heading_deg"],
+        speed_kt=float(kept["ground_speed_kt"][0]),
+        starts=first == 1 and int(values["cycle"][0]) == 1,
+        gone_cycle=flight["gone_cycle"],
+        birth_cycle=int(values["cycle"][0]),
+    )
+
+
+class RecordedHours:
+    """Implements `skystack.evaluation.hours.Hours` in our simulator, with recorded births.
+
+    Flights are held at their births for as long as they were, and do not hear clearances until
+    then.
+    """
+
+    def __init__(self, sector: Sector, slots: int, hour: Recorded) -> None:
+        """Raises InputError if the hour has too many flights."""
+        self.order = sorted(range(len(hour.tracks)), key=lambda at: hour.tracks[at].birth_cycle)
+        """The indices of the tracks in order of birth: flight k has track `order[k]`."""
+        tracks = [hour.tracks[index] for index in self.order]
+        simulator = Simulator(sector, performance("constant"), own_navigation=True)
+        flow = Flow(simulator, Clock(0.0, recorded=True), slots, hour.cycles, MOST_FLIGHTS)
+        self.world = World(flow)
+        self._own = OwnHours(self.world)
+        self._candidates = _candidates(self.world, tracks)
+        self._last_held = np.array([0 if each.starts else int(each.cycle[0]) for each in tracks])
+
+    def reset(self, seed: int, number: int) -> WorldState:
+        """Begin the hour; seed and number are not used."""
+        state = self._own.reset(seed, number)
+        state = state._replace(arrivals=state.arrivals._replace(candidates=self._candidates))
+        # Births take effect at the end of a cycle, so a cycle is flown first.
+        state, _ = self._own.advance(state, [])
+        zero = np.zeros_like(state.arrivals.cycle)
+        state = state._replace(arrivals=state.arrivals._replace(cycle=zero))
+        return self._held(state)
+
+    def advance(
+        self, state: WorldState, transmissions: list[Transmission]
+    ) -> tuple[WorldState, WorldCycle]:
+        state, cycle = self._own.advance(state, transmissions)
+        return self._held(state), cycle
+
+    def close(self) -> None:
+        self._own.close()
+
+    def _held(self, state: WorldState) -> WorldState:
+        """The state, with newborns held until the last cycle in which they were."""
+        flight, cycle = np.asarray(state.arrivals.flight), int(state.arrivals.cycle)
+        left = np.where(flight == FREE, 0, self._last_held[flight] - cycle)
+        held = np.maximum(left, 0).astype(np.int32)
+        return state._replace(arrivals=state.arrivals._replace(held=held))
+
+
+def _candidates(world: World, tracks: Sequence[Track]) -> Candidates:
+    """The flights of recorded tracks, in order of birth.
+
+    Starters have no row before their first cycle, in which they fly straight on.
+    """
+    sector, model = world.sector, world.simulator.performance
+    assert isinstance(model, ConstantPerformance)
+    routes = {tuple(route): index for index, route in enumerate(sector.routes)}
+    starts = np.array([each.starts for each in tracks])
+    position = sector.plane.to_plane(*np.array([(each.lat[0], each.lon[0]) for each in tracks]).T)
+    heading = np.array([float(each.heading_deg[0]) for each in tracks])
+    speed_kt = np.array([each.speed_kt for each in tracks])
+    flown_nm = speed_kt * CYCLE_S / 3600.0 * sector.plane.scale(position[:, 1])
+    back = np.stack([np.sin(np.radians(heading)), np.cos(np.radians(heading))], axis=1)
+    values = {
+        "due_s": CYCLE_S * np.array([each.birth_cycle - 1 for each in tracks]),
+        "position_nm": position - np.where(starts, flown_nm, 0.0)[:, None] * back,
+        "heading_deg": heading,
+        "entry_level_ticks": np.array([ticks(float(each.fl[0])) for each in tracks]),
+        "exit_level_ticks": np.array([ticks(each.exit_fl) for each in tracks]),
+        "airspeed_factor": speed_kt / model.airspeed_kt,
+        "climb_factor": np.ones(len(tracks)),
+    }
+    route = np.array([routes[each.route] for each in tracks])
+    unused = MOST_FLIGHTS - len(tracks)
+    if unused < 0:
+        raise InputError(f"{len(tracks)} flights (allowed: {MOST_FLIGHTS})")
+
+    def padded(name: str, each: np.ndarray) -> Array:
+        empty = NEVER_S if name == "due_s" else 0.0
+        widths = [(0, unused)] + [(0, 0)] * (each.ndim - 1)
+        return jnp.asarray(np.pad(each, widths, constant_values=empty), dtype=jnp.float32)
+
+    return Candidates(
+        route=jnp.asarray(np.pad(route, (0, unused)), dtype=jnp.int32),
+        **{name: padded(name, each) for name, each in values.items()},
+    )
