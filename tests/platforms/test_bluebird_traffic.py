@@ -39,6 +39,21 @@ def test_starters_are_inside_and_others_are_born_later(traffic):
         assert report.exit_fl % 10.0 == 0.0
 
 
+def test_the_ground_speed_is_lower_in_a_climb(traffic):
+    """An airspeed of v knots with 2,000 ft/min, or 19.75 kt, of vertical speed."""
+    now = flown(traffic)[-1]
+    callsign = next(each for each, report in now.items() if not report.held and report.fl < 350.0)
+    traffic.issue(Instruction(callsign, level_fl=400))
+    level, _, climbing = (traffic.advance()[callsign] for _ in range(3))
+    assert level.vertical_speed_ft_min == 0.0
+    assert level.ground_speed_kt == pytest.approx(level.airspeed_kt)
+    assert climbing.vertical_speed_ft_min == 2000.0
+    assert climbing.airspeed_kt == level.airspeed_kt
+    vertical_kt = 2000.0 * 0.3048 * 60.0 / 1852.0
+    expected_kt = (climbing.airspeed_kt**2 - vertical_kt**2) ** 0.5
+    assert climbing.ground_speed_kt == pytest.approx(expected_kt, abs=1e-6)
+
+
 def test_newborns_are_put_back_and_lose_their_clearances(traffic):
     reports = flown(traffic)
     born = next(

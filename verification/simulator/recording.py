@@ -14,10 +14,11 @@ from jaxtyping import Array
 from skystack.agents.transmission import Transmission
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
+from skystack.evaluation.foreign_hours import writable
 from skystack.evaluation.hours import OwnHours
 from skystack.evaluation.stored import read_table
 from skystack.simulator.arrival_flows import Flow
-from skystack.simulator.arrivals import FREE, Candidates, Clock
+from skystack.simulator.arrivals import FREE, Arrivals, Candidates, Clock
 from skystack.simulator.performance import ConstantPerformance, performance
 from skystack.simulator.simulator import CYCLE_S, Simulator
 from skystack.simulator.traffic import ticks
@@ -124,7 +125,9 @@ class RecordedHours:
     """
 
     def __init__(self, sector: Sector, slots: int, hour: Recorded) -> None:
-        """Raises InputError if the hour has too many flights."""
+        """Raises InputError if the hour has no flights, or too many."""
+        if not 0 < len(hour.tracks) <= MOST_FLIGHTS:
+            raise InputError(f"{len(hour.tracks)} flights (allowed: 1 to {MOST_FLIGHTS})")
         self.order = sorted(range(len(hour.tracks)), key=lambda at: hour.tracks[at].birth_cycle)
         """The indices of the tracks in order of birth: flight k has track `order[k]`."""
         tracks = [hour.tracks[index] for index in self.order]
@@ -141,25 +144,25 @@ class RecordedHours:
         state = state._replace(arrivals=state.arrivals._replace(candidates=self._candidates))
         # Births take effect at the end of a cycle, so a cycle is flown first.
         state, _ = self._own.advance(state, [])
-        zero = np.zeros_like(state.arrivals.cycle)
-        state = state._replace(arrivals=state.arrivals._replace(cycle=zero))
-        return self._held(state)
+        return self._held(state, 0)
 
     def advance(
         self, state: WorldState, transmissions: list[Transmission]
     ) -> tuple[WorldState, WorldCycle]:
         state, cycle = self._own.advance(state, transmissions)
-        return self._held(state), cycle
+        return self._held(state, int(state.arrivals.cycle)), cycle
 
     def close(self) -> None:
         self._own.close()
 
-    def _held(self, state: WorldState) -> WorldState:
-        """The state, with newborns held until the last cycle in which they were."""
-        flight, cycle = np.asarray(state.arrivals.flight), int(state.arrivals.cycle)
+    def _held(self, state: WorldState, cycle: int) -> WorldState:
+        """The state after a cycle, with newborns held until the last cycle in which they were."""
+        flight = np.asarray(state.arrivals.flight)
         left = np.where(flight == FREE, 0, self._last_held[flight] - cycle)
-        held = np.maximum(left, 0).astype(np.int32)
-        return state._replace(arrivals=state.arrivals._replace(held=held))
+        values = writable(state.arrivals)
+        values["cycle"] = np.int32(cycle)
+        values["held"][:] = np.maximum(left, 0)
+        return state._replace(arrivals=Arrivals(**values))
 
 
 def _candidates(world: World, tracks: Sequence[Track]) -> Candidates:
@@ -187,8 +190,6 @@ def _candidates(world: World, tracks: Sequence[Track]) -> Candidates:
     }
     route = np.array([routes[each.route] for each in tracks])
     unused = MOST_FLIGHTS - len(tracks)
-    if unused < 0:
-        raise InputError(f"{len(tracks)} flights (allowed: {MOST_FLIGHTS})")
 
     def padded(name: str, each: np.ndarray) -> Array:
         empty = NEVER_S if name == "due_s" else 0.0

@@ -4,10 +4,11 @@
     python -m verification.simulator.same_births runs/flight-school/sector-control-...
 
 Flies the hours of each folder again in our simulator. Flights are born where and when they were
-recorded, but the controller decides again in each cycle. Prints the scores of each hour, and the
-difference of their means with its 95 % confidence interval (Student's t, of the differences by
-hour). Needs no other simulator. The exit code is 1 if the means of a folder differ by more than
-5 %, and 2 for invalid input.
+recorded, but the controller decides again in each cycle. Prints, for each hour, both lax scores and
+the number of cycles until it first decides differently; then the difference of the mean scores,
+with its 95 % confidence interval (Student's t, of the differences by hour). Needs no other
+simulator. The exit code is 1 if the means of a folder differ by more than 5 %, and 2 for invalid
+input.
 """
 
 import argparse
@@ -19,56 +20,86 @@ from typing import NamedTuple
 import numpy as np
 from rich.console import Console
 
+from skystack.agents.transmission import Transmission
 from skystack.errors import InputError
 from skystack.evaluation.controllers import find_controller
 from skystack.evaluation.flight_school import interval
 from skystack.evaluation.hour_row import HourRow, read_row
-from skystack.evaluation.hour_scores import Scores, score
-from skystack.evaluation.hours import HourFlyer
+from skystack.evaluation.hour_scores import score
+from skystack.evaluation.hours import Hour, HourFlyer
 from skystack.evaluation.stored import read_table, sector_of
 from skystack.evaluation.traffic_conditions import TrafficConditions
-from verification.simulator.recording import RecordedHours, read_hour
+from verification.simulator.recording import Recorded, RecordedHours, read_hour
 
 BOUND = 0.05
 """The maximum relative difference of the mean scores."""
 
 
 class Pair(NamedTuple):
-    """An hour's lax score where it was recorded, and in our simulator."""
+    """An hour where it was recorded, and in our simulator."""
 
     recorded_s: float
+    """The lax score."""
     ours_s: float
+    alike: int
+    """The number of cycles before the first in which the transmissions differ."""
 
 
-def fly_again(folder: Path, row: HourRow, seed: int) -> Scores:
+def fly_again(folder: Path, row: HourRow, seed: int, recorded_s: float) -> Pair:
     """Fly a recorded hour in our simulator, under the same controller."""
-    conditions = TrafficConditions(row.traffic, cycles=row.cycles)
+    conditions = TrafficConditions(
+        row.traffic,
+        per_cycle=row.per_cycle,
+        cycles=row.cycles,
+        safety_net=row.safety_net is not False,
+    )
     found = find_controller(row.agent, conditions)
     path = folder / "episodes.parquet"
     sector = sector_of(path, read_table(path, ("scenario",)))
-    hours = RecordedHours(sector, found.world.flow.slots, read_hour(folder, seed))
+    recorded = read_hour(folder, seed)
+    hours = RecordedHours(sector, found.world.flow.slots, recorded)
     hour = HourFlyer(hours.world, row.cycles, found.per_cycle, hours).fly(found.agent, 0, seed)
-    return score(sector, hour)
+    return Pair(recorded_s, score(sector, hour).lax_s, cycles_alike(recorded, hour, hours.order))
+
+
+def cycles_alike(recorded: Recorded, hour: Hour, order: Sequence[int]) -> int:
+    """The number of cycles before the first in which the transmissions differ.
+
+    Flight k of the hour is track `order[k]` of the recorded one.
+    """
+    ours: dict[int, list[tuple[int, Transmission]]] = {}
+    for each in hour.sent:
+        ours.setdefault(each.cycle, []).append((order[each.flight], each.transmission))
+    for cycle in range(recorded.cycles):
+        if _contents(ours.get(cycle, ())) != _contents(recorded.sent.get(cycle, ())):
+            return cycle
+    return recorded.cycles
+
+
+def _contents(sent: Sequence[tuple[int, Transmission]]) -> set[tuple[object, ...]]:
+    """The track, and what was transmitted, of each transmission."""
+    return {(track, each.heading_deg, each.fix, each.level_ticks) for track, each in sent}
 
 
 def in_words(pairs: Sequence[Pair]) -> str:
     """The means and their difference."""
-    recorded_s, ours_s = np.array(pairs).T
+    recorded_s, ours_s, alike = np.array(pairs).T
     mean_s, difference = recorded_s.mean(), interval(list(ours_s - recorded_s))
     between = ""
     if difference is not None:
         low, high = (100.0 * each / mean_s for each in difference)
         between = f" (95 % confidence interval: {low:+.1f} to {high:+.1f} %)"
-    equal = int(np.sum(recorded_s == ours_s))
     return (
         f"{len(pairs)} hours: mean lax score {mean_s:,.0f} s as recorded and {ours_s.mean():,.0f} "
-        f"s in our simulator, {100.0 * relative(pairs):+.1f} %{between}; equal in {equal} hours"
+        f"s in our simulator, {100.0 * relative(pairs):+.1f} %{between}; equal in "
+        f"{np.sum(recorded_s == ours_s)} of them; the same decisions for {np.median(alike):.0f} "
+        "cycles (median)"
     )
 
 
 def relative(pairs: Sequence[Pair]) -> float:
     """The relative difference of the means."""
-    recorded_s, ours_s = np.array(pairs).mean(axis=0)
+    recorded_s, ours_s, _ = np.array(pairs).mean(axis=0)
     return float(ours_s / recorded_s - 1.0)
 
 
@@ -77,11 +108,9 @@ def compare(folder: Path, console: Console) -> list[Pair]:
     row, pairs = read_row(folder), list[Pair]()
     console.print(f"{row.agent}, {row.traffic}, {row.platform}", highlight=False)
     for seed, recorded_s in zip(row.seeds, row.lax_s_by_hour, strict=True):
-        flown = fly_again(folder, row, seed)
-        pairs.append(Pair(recorded_s, flown.lax_s))
-        ended = flown.lax_ended_by or "no failure"
-        text = f"seed {seed}: {recorded_s:,.0f} s as recorded, {flown.lax_s:,.0f} s ({ended})"
-        console.print(text, highlight=False)
+        pairs.append(pair := fly_again(folder, row, seed, recorded_s))
+        text = f"seed {seed}: {recorded_s:,.0f} s as recorded, {pair.ours_s:,.0f} s in ours"
+        console.print(f"{text}; the same decisions for {pair.alike} cycles", highlight=False)
     console.print(in_words(pairs), highlight=False)
     return pairs
 
@@ -90,7 +119,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Compare scores on recorded births.")
     parser.add_argument("folder", type=Path, nargs="+", help="a folder of skystack flight-school")
     folders = parser.parse_args(arguments).folder
-    console, apart = Console(width=150), False
+    console, apart = Console(width=200), False
     try:
         for folder in folders:
             apart |= abs(relative(compare(folder, console))) > BOUND

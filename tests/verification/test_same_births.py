@@ -1,0 +1,45 @@
+"""Controllers decide alike in BluebirdDT and in our simulator, on the same births."""
+
+import pytest
+
+from skystack.evaluation.flight_school import fly_flight_school
+from skystack.evaluation.traffic_conditions import TrafficConditions
+from verification.simulator.same_births import Pair, in_words, main, relative
+
+CYCLES = 80
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("agent", ["sector-control", "rules"])
+def test_a_controller_decides_alike_in_bluebirddt(tmp_path, capsys, one_process, agent):
+    pytest.importorskip("bluebird_dt")
+    conditions = TrafficConditions("category", cycles=CYCLES, platform="bluebird")
+    folder = fly_flight_school(agent, conditions, range(5, 6), tmp_path).folder
+    assert main([str(folder)]) == 0
+    assert f"the same decisions for {CYCLES} cycles" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_another_controller_decides_differently(tmp_path, capsys):
+    """The recorded hour is said to be of another controller."""
+    conditions = TrafficConditions("category", cycles=40)
+    folder = fly_flight_school("rules", conditions, range(1), tmp_path).folder
+    row = folder / "row.json"
+    row.write_text(row.read_text().replace('"rules"', '"own-navigation"'))
+    assert main([str(folder)]) == 0
+    cycles = int(capsys.readouterr().out.split("the same decisions for ")[1].split()[0])
+    assert cycles < 10
+
+
+def test_means_and_their_interval():
+    """Differences of 0, 30 and 60 s: mean 30, standard error 17.32, t 4.303."""
+    pairs = [Pair(600.0, 600.0, 100), Pair(600.0, 630.0, 20), Pair(600.0, 660.0, 60)]
+    assert relative(pairs) == pytest.approx(0.05)
+    text = in_words(pairs)
+    assert "+5.0 % (95 % confidence interval: -7.4 to +17.4 %)" in text
+    assert "equal in 1 of them; the same decisions for 60 cycles" in text
+
+
+def test_a_folder_without_a_row_is_one_line(tmp_path, capsys):
+    assert main([str(tmp_path)]) == 2
+    assert "row.json" in capsys.readouterr().err
