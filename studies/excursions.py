@@ -99,7 +99,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for folder in parser.parse_args(arguments).folder:
             console.print(f"{folder.name}: {in_words(excursions(folder))}", highlight=False)
     except InputError as error:
-        Console(stderr=True).print(str(error), markup=False)
+        sys.stderr.write(f"{error}\n")
         return 2
     return 0
 

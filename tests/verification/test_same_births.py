@@ -16,7 +16,9 @@ def test_a_controller_decides_alike_in_bluebirddt(tmp_path, capsys, one_process,
     conditions = TrafficConditions("category", cycles=CYCLES, platform="bluebird")
     folder = fly_flight_school(agent, conditions, range(5, 6), tmp_path).folder
     assert main([str(folder)]) == 0
-    assert f"the same decisions for {CYCLES} cycles" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert f"the same decisions for {CYCLES} cycles" in printed
+    assert float(printed.split("at most ")[1].split()[0]) < 0.001
 
 
 @pytest.mark.slow
@@ -33,11 +35,12 @@ def test_another_controller_decides_differently(tmp_path, capsys):
 
 def test_means_and_their_interval():
     """Differences of 0, 30 and 60 s: mean 30, standard error 17.32, t 4.303."""
-    pairs = [Pair(600.0, 600.0, 100), Pair(600.0, 630.0, 20), Pair(600.0, 660.0, 60)]
+    ours = ((600.0, 100, 0.0), (630.0, 20, 0.02), (660.0, 60, 0.01))
+    pairs = [Pair(600.0, *each) for each in ours]
     assert relative(pairs) == pytest.approx(0.05)
     text = in_words(pairs)
     assert "+5.0 % (95 % confidence interval: -7.4 to +17.4 %)" in text
-    assert "equal in 1 of them; the same decisions for 60 cycles" in text
+    assert "equal in 1 of them; the same decisions for 60 cycles, and then at most 0.01" in text
 
 
 def test_a_folder_without_a_row_is_one_line(tmp_path, capsys):

@@ -23,7 +23,13 @@ from skystack.errors import InputError
 from skystack.evaluation.stored import read_table, sector_of
 from skystack.simulator.arrivals import FREE
 from skystack.simulator.performance import TICKS_PER_FL
-from verification.simulator.recording import Recorded, RecordedHours, read_hour
+from verification.simulator.recording import (
+    Recorded,
+    RecordedHours,
+    distance_nm,
+    read_hour,
+    row_of,
+)
 
 BOUND_NM, LEVEL_FL = 0.02, 1e-3
 SLOTS = 192
@@ -65,12 +71,12 @@ def agreement(sector: Sector, hour: Recorded) -> Agreement:
             if flown.exited[slot] or flown.excursion[slot]:
                 left[index] = cycle + 1
             track = hour.tracks[index]
-            row = cycle + 1 - int(track.cycle[0])
-            if 0 <= row < len(track.cycle):
-                there = sector.plane.to_plane(track.lat[row], track.lon[row])
-                scale = float(sector.plane.scale(there[1:])[0])
-                offset_nm = np.hypot(*(flown.traffic.position_nm[slot] - there)) / scale
-                apart_nm.setdefault(index, []).append(float(offset_nm))
+            row = row_of(track, cycle + 1)
+            if row is not None:
+                offset_nm = distance_nm(
+                    sector, track, row, np.array(flown.traffic.position_nm[slot])
+                )
+                apart_nm.setdefault(index, []).append(offset_nm)
                 level_fl = float(flown.traffic.level_ticks[slot]) / TICKS_PER_FL
                 levels.append(abs(level_fl - track.fl[row]) > LEVEL_FL)
     wrong = sum(left.get(index) != each.gone_cycle for index, each in enumerate(hour.tracks))
@@ -98,7 +104,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             found.append(agreement(sector, read_hour(folder, number)))
             console.print(f"hour {number}: {in_words(found[-1])}")
     except InputError as error:
-        Console(stderr=True).print(str(error), markup=False)
+        sys.stderr.write(f"{error}\n")
         return 2
     total = Agreement(*map(sum, zip(*found, strict=True)))
     worst_nm = max(each.worst_nm for each in found)

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from skystack.agents.transmission import Transmission
 from skystack.airspace.sector import Sector
@@ -115,6 +115,20 @@ def _track(flight: dict[str, Any], rows: pa.Table) -> Track:
         gone_cycle=flight["gone_cycle"],
         birth_cycle=int(values["cycle"][0]),
     )
+
+
+def row_of(track: Track, cycle: int) -> int | None:
+    """The row of a track after a number of cycles; None if it has none."""
+    row = cycle - int(track.cycle[0])
+    return row if 0 <= row < len(track.cycle) else None
+
+
+def distance_nm(
+    sector: Sector, track: Track, row: int, position_nm: Float[np.ndarray, "2"]
+) -> float:
+    """The distance of a position in the plane from a row of a track."""
+    there = sector.plane.to_plane(track.lat[row], track.lon[row])
+    return float(np.hypot(*(position_nm - there)) / sector.plane.scale(there[1:])[0])
 
 
 class RecordedHours:

@@ -4,11 +4,11 @@
     python -m verification.simulator.same_births runs/flight-school/sector-control-...
 
 Flies the hours of each folder again in our simulator. Flights are born where and when they were
-recorded, but the controller decides again in each cycle. Prints, for each hour, both lax scores and
-the number of cycles until it first decides differently; then the difference of the mean scores,
-with its 95 % confidence interval (Student's t, of the differences by hour). Needs no other
-simulator. The exit code is 1 if the means of a folder differ by more than 5 %, and 2 for invalid
-input.
+recorded, but the controller decides again in each cycle. Prints, for each hour, both lax scores,
+the number of cycles until it first decides differently, and the largest distance between flown and
+recorded positions at that time; then the difference of the mean scores, with its 95 % confidence
+interval (Student's t, of the differences by hour). Needs no other simulator. The exit code is 1 if
+the means of a folder differ by more than 5 %, and 2 for invalid input.
 """
 
 import argparse
@@ -21,6 +21,7 @@ import numpy as np
 from rich.console import Console
 
 from skystack.agents.transmission import Transmission
+from skystack.airspace.sector import Sector
 from skystack.errors import InputError
 from skystack.evaluation.controllers import find_controller
 from skystack.evaluation.flight_school import interval
@@ -29,7 +30,14 @@ from skystack.evaluation.hour_scores import score
 from skystack.evaluation.hours import Hour, HourFlyer
 from skystack.evaluation.stored import read_table, sector_of
 from skystack.evaluation.traffic_conditions import TrafficConditions
-from verification.simulator.recording import Recorded, RecordedHours, read_hour
+from skystack.simulator.arrivals import FREE
+from verification.simulator.recording import (
+    Recorded,
+    RecordedHours,
+    distance_nm,
+    read_hour,
+    row_of,
+)
 
 BOUND = 0.05
 """The maximum relative difference of the mean scores."""
@@ -43,6 +51,8 @@ class Pair(NamedTuple):
     ours_s: float
     alike: int
     """The number of cycles before the first in which the transmissions differ."""
+    apart_nm: float
+    """The largest distance between flown and recorded positions after these cycles."""
 
 
 def fly_again(folder: Path, row: HourRow, seed: int, recorded_s: float) -> Pair:
@@ -59,7 +69,9 @@ def fly_again(folder: Path, row: HourRow, seed: int, recorded_s: float) -> Pair:
     recorded = read_hour(folder, seed)
     hours = RecordedHours(sector, found.world.flow.slots, recorded)
     hour = HourFlyer(hours.world, row.cycles, found.per_cycle, hours).fly(found.agent, 0, seed)
-    return Pair(recorded_s, score(sector, hour).lax_s, cycles_alike(recorded, hour, hours.order))
+    alike = cycles_alike(recorded, hour, hours.order)
+    apart_nm = apart_after(alike, sector, recorded, hour, hours.order)
+    return Pair(recorded_s, score(sector, hour).lax_s, alike, apart_nm)
 
 
 def cycles_alike(recorded: Recorded, hour: Hour, order: Sequence[int]) -> int:
@@ -76,6 +88,21 @@ def cycles_alike(recorded: Recorded, hour: Hour, order: Sequence[int]) -> int:
     return recorded.cycles
 
 
+def apart_after(
+    cycles: int, sector: Sector, recorded: Recorded, hour: Hour, order: Sequence[int]
+) -> float:
+    """The largest distance in NM between flown and recorded positions after some cycles."""
+    apart_nm = [0.0]
+    if cycles:
+        for slot in np.flatnonzero(hour.flight[cycles - 1] != FREE).tolist():
+            track = recorded.tracks[order[hour.flight[cycles - 1, slot]]]
+            row = row_of(track, cycles)
+            if row is not None:
+                position_nm = np.array(hour.traffic.position_nm[cycles - 1, slot])
+                apart_nm.append(distance_nm(sector, track, row, position_nm))
+    return max(apart_nm)
+
+
 def _contents(sent: Sequence[tuple[int, Transmission]]) -> set[tuple[object, ...]]:
     """The track, and what was transmitted, of each transmission."""
     return {(track, each.heading_deg, each.fix, each.level_ticks) for track, each in sent}
@@ -83,7 +110,7 @@ def _contents(sent: Sequence[tuple[int, Transmission]]) -> set[tuple[object, ...
 
 def in_words(pairs: Sequence[Pair]) -> str:
     """The means and their difference."""
-    recorded_s, ours_s, alike = np.array(pairs).T
+    recorded_s, ours_s, alike, apart_nm = np.array(pairs).T
     mean_s, difference = recorded_s.mean(), interval(list(ours_s - recorded_s))
     between = ""
     if difference is not None:
@@ -93,13 +120,13 @@ def in_words(pairs: Sequence[Pair]) -> str:
         f"{len(pairs)} hours: mean lax score {mean_s:,.0f} s as recorded and {ours_s.mean():,.0f} "
         f"s in our simulator, {100.0 * relative(pairs):+.1f} %{between}; equal in "
         f"{np.sum(recorded_s == ours_s)} of them; the same decisions for {np.median(alike):.0f} "
-        "cycles (median)"
+        f"cycles, and then at most {np.median(apart_nm):.4f} NM apart (medians)"
     )
 
 
 def relative(pairs: Sequence[Pair]) -> float:
     """The relative difference of the means."""
-    recorded_s, ours_s, _ = np.array(pairs).mean(axis=0)
+    recorded_s, ours_s, *_ = np.array(pairs).mean(axis=0)
     return float(ours_s / recorded_s - 1.0)
 
 
@@ -110,7 +137,8 @@ def compare(folder: Path, console: Console) -> list[Pair]:
     for seed, recorded_s in zip(row.seeds, row.lax_s_by_hour, strict=True):
         pairs.append(pair := fly_again(folder, row, seed, recorded_s))
         text = f"seed {seed}: {recorded_s:,.0f} s as recorded, {pair.ours_s:,.0f} s in ours"
-        console.print(f"{text}; the same decisions for {pair.alike} cycles", highlight=False)
+        then = f"for {pair.alike} cycles, and then at most {pair.apart_nm:.4f} NM apart"
+        console.print(f"{text}; the same decisions {then}", highlight=False)
     console.print(in_words(pairs), highlight=False)
     return pairs
 
@@ -124,7 +152,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for folder in folders:
             apart |= abs(relative(compare(folder, console))) > BOUND
     except InputError as error:
-        Console(stderr=True).print(str(error), markup=False)
+        sys.stderr.write(f"{error}\n")
         return 2
     return int(apart)
 
