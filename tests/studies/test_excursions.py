@@ -8,7 +8,7 @@ import pytest
 from skystack.airspace.sectors import sector_from, sector_setting
 from skystack.evaluation.flight_school import fly_flight_school
 from skystack.evaluation.traffic_conditions import TrafficConditions
-from studies.excursions import _excursion, in_words, inner_corners, main
+from studies.excursions import Boundary, in_words, main
 
 
 @pytest.fixture(scope="module")
@@ -21,13 +21,13 @@ def test_the_inner_corners_of_x_plus_are_between_its_arms(sector):
     between = [(-14.142136, 0.0), (2.988585, -11.153551), (19.318517, 5.176381)]
     between += [(10.606602, 24.748737), (-10.606602, 24.748737)]
     expected = [sector.plane.to_plane(y / 60.0, x / 60.0) for x, y in between]
-    found = inner_corners(sector)
+    found = Boundary(sector).inner_corners_nm
     np.testing.assert_allclose(sorted(map(tuple, found)), sorted(map(tuple, expected)), atol=1e-4)
 
 
 def test_distances_from_the_edge_between_two_inner_corners(sector):
     """0.005 degrees north of its middle: at the equator, 59.705 NM to a degree, east 60.108."""
-    found = _excursion(sector, 24.748737 / 60.0 + 0.005, 0.0)
+    found = Boundary(sector).excursion(24.748737 / 60.0 + 0.005, 0.0)
     assert found.outside_nm == pytest.approx(0.005 * 59.705, abs=1e-3)
     assert found.corner_nm == pytest.approx(
         math.hypot(10.606602 / 60.0 * 60.108, found.outside_nm), abs=1e-3
@@ -42,7 +42,7 @@ def test_counts_the_excursions_in_a_folder(tmp_path, capsys):
     assert main([str(result.folder)]) == 0
     printed = capsys.readouterr().out
     left = result.row["excursion_rate"] * result.row["flights_gone"]
-    assert f": {left:.0f} excursions, " in printed
+    assert f": excursions: {left:.0f}; " in printed
     assert float(printed.split("percentile ")[1].split()[0]) < 0.75
 
 

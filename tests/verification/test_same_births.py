@@ -1,5 +1,8 @@
 """Controllers decide alike in BluebirdDT and in our simulator, on the same births."""
 
+import json
+import shutil
+
 import pytest
 
 from skystack.evaluation.flight_school import fly_flight_school
@@ -21,11 +24,17 @@ def test_a_controller_decides_alike_in_bluebirddt(tmp_path, capsys, one_process,
     assert float(printed.split("at most ")[1].split()[0]) < 0.001
 
 
+@pytest.fixture(scope="module")
+def hour(tmp_path_factory):
+    """A folder with a short hour in skystack."""
+    conditions, out = TrafficConditions("category", cycles=40), tmp_path_factory.mktemp("hours")
+    return fly_flight_school("rules", conditions, range(1), out).folder
+
+
 @pytest.mark.slow
-def test_another_controller_decides_differently(tmp_path, capsys):
+def test_another_controller_decides_differently(hour, tmp_path, capsys):
     """The recorded hour is said to be of another controller."""
-    conditions = TrafficConditions("category", cycles=40)
-    folder = fly_flight_school("rules", conditions, range(1), tmp_path).folder
+    folder = shutil.copytree(hour, tmp_path / "hour")
     row = folder / "row.json"
     row.write_text(row.read_text().replace('"rules"', '"own-navigation"'))
     assert main([str(folder)]) == 0
@@ -40,7 +49,28 @@ def test_means_and_their_interval():
     assert relative(pairs) == pytest.approx(0.05)
     text = in_words(pairs)
     assert "+5.0 % (95 % confidence interval: -7.4 to +17.4 %)" in text
-    assert "equal in 1 of them; the same decisions for 60 cycles, and then at most 0.01" in text
+    assert "equal scores: 1; medians: the same decisions for 60 cycles" in text
+    assert text.endswith("positions then at most 0.0100 NM apart")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"seed_numbers": None}, "not the row of skystack flight-school"),
+        ({"lax_s_by_hour": [6.0, 6.0]}, "not the row of skystack flight-school"),
+        ({"uncertainty": True}, "only random traffic without uncertainty"),
+        ({"lax_s_by_hour": [0.0]}, "all lax scores are 0"),
+        ({"seed_numbers": [7]}, "has no hour 7"),
+    ],
+)
+def test_what_cannot_be_flown_again_is_one_line(hour, tmp_path, capsys, changes, message):
+    shutil.copytree(hour, tmp_path / "hour")
+    row = tmp_path / "hour" / "row.json"
+    row.write_text(json.dumps(json.loads(row.read_text()) | changes))
+    assert main([str(row.parent)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert message in line
 
 
 def test_a_folder_without_a_row_is_one_line(tmp_path, capsys):

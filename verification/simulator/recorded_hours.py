@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from rich.console import Console
 
 from skystack.airspace.sector import Sector
 from skystack.errors import InputError
@@ -96,19 +95,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Fly recorded hours again, and compare.")
     parser.add_argument("folder", type=Path, help="a folder with the tables of hours")
     folder = parser.parse_args(arguments).folder
-    path, console, found = folder / "episodes.parquet", Console(width=100), []
+    path, found = folder / "episodes.parquet", []
     try:
         episodes = read_table(path, ("scenario",))
         sector = sector_of(path, episodes)
         for number in episodes["scenario"].to_pylist():
             found.append(agreement(sector, read_hour(folder, number)))
-            console.print(f"hour {number}: {in_words(found[-1])}")
+            sys.stdout.write(f"hour {number}: {in_words(found[-1])}\n")
+            sys.stdout.flush()
+        if not found:
+            raise InputError(f"{path}: has no hours")
     except InputError as error:
         sys.stderr.write(f"{error}\n")
         return 2
     total = Agreement(*map(sum, zip(*found, strict=True)))
     worst_nm = max(each.worst_nm for each in found)
-    console.print(f"{len(found)} hours: {in_words(total._replace(worst_nm=worst_nm))}")
+    sys.stdout.write(f"{len(found)} hours: {in_words(total._replace(worst_nm=worst_nm))}\n")
     return int(worst_nm > BOUND_NM or total.wrong_levels + total.wrong_exits > 0)
 
 

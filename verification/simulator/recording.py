@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from jaxtyping import Array, Float
 
 from skystack.agents.transmission import Transmission
@@ -30,7 +29,7 @@ NEVER_S = 1e9
 
 
 class Track(NamedTuple):
-    """A flight as it was recorded, one row for each cycle that it was flown."""
+    """A flight as it was recorded, one row for each cycle that it was flown, `[rows]`."""
 
     route: tuple[str, ...]
     exit_fl: float
@@ -59,12 +58,15 @@ class Recorded(NamedTuple):
 def read_hour(folder: Path, number: int) -> Recorded:
     """Read an hour from the tables of an evaluation. Raises InputError if they are damaged."""
     of_hour = [("scenario", "=", number)]
+    episodes = read_table(folder / "episodes.parquet", ("cycles",), of_hour)
+    if not episodes.num_rows:
+        raise InputError(f"{folder}: has no hour {number}")
     names = ("callsign", "route", "exit_fl", "gone_cycle")
-    path = folder / "aircraft.parquet"
-    read_table(path, names[:-1], of_hour)  # raises InputError if it is damaged
-    flights = pq.read_table(path, columns=list(names), filters=of_hour).to_pylist()
+    flights = read_table(folder / "aircraft.parquet", names, of_hour).to_pylist()
     columns = ("callsign", "cycle", "lat", "lon", "fl", "heading_deg", "ground_speed_kt")
     rows = _by_callsign(read_table(folder / "trajectories.parquet", columns, of_hour))
+    if missing := [each["callsign"] for each in flights if each["callsign"] not in rows]:
+        raise InputError(f"{folder}: hour {number}: {missing[0]} has no trajectory")
     tracks = [_track(each, rows[each["callsign"]]) for each in flights]
     index = {each["callsign"]: number for number, each in enumerate(flights)}
     parts = ("cycle", "transmission", "callsign", "kind", "value")
@@ -77,7 +79,6 @@ def read_hour(folder: Path, number: int) -> Recorded:
         told[row["transmission"]] = (*at, _with(before, row["kind"], row["value"]))
     for cycle, flight, transmission in told.values():
         sent.setdefault(cycle, []).append((flight, transmission))
-    episodes = read_table(folder / "episodes.parquet", ("cycles",), of_hour)
     return Recorded(tracks, sent, episodes["cycles"][0].as_py())
 
 
@@ -134,8 +135,8 @@ def distance_nm(
 class RecordedHours:
     """Implements `skystack.evaluation.hours.Hours` in our simulator, with recorded births.
 
-    Flights are held at their births for as long as they were, and do not hear clearances until
-    then.
+    Flights are held at their positions of birth for as many cycles as in the recording, and hear no
+    clearances while they are held.
     """
 
     def __init__(self, sector: Sector, slots: int, hour: Recorded) -> None:
@@ -170,7 +171,7 @@ class RecordedHours:
         self._own.close()
 
     def _held(self, state: WorldState, cycle: int) -> WorldState:
-        """The state after a cycle, with newborns held until the last cycle in which they were."""
+        """The state after a cycle, with newborns held for as long as in the recording."""
         flight = np.asarray(state.arrivals.flight)
         left = np.where(flight == FREE, 0, self._last_held[flight] - cycle)
         values = writable(state.arrivals)
@@ -182,7 +183,8 @@ class RecordedHours:
 def _candidates(world: World, tracks: Sequence[Track]) -> Candidates:
     """The flights of recorded tracks, in order of birth.
 
-    Starters have no row before their first cycle, in which they fly straight on.
+    Starters are recorded only after their first cycle, in which they fly straight on, so they are
+    put back by the distance of one cycle.
     """
     sector, model = world.sector, world.simulator.performance
     assert isinstance(model, ConstantPerformance)

@@ -18,17 +18,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from rich.console import Console
 
 from skystack.agents.transmission import Transmission
 from skystack.airspace.sector import Sector
-from skystack.errors import InputError
-from skystack.evaluation.controllers import find_controller
+from skystack.errors import InputError, error_context
+from skystack.evaluation.controllers import PERFORMANCE, ControlledWorld, find_controller
+from skystack.evaluation.fixed_traffic import is_fixed
 from skystack.evaluation.flight_school import interval
-from skystack.evaluation.hour_row import HourRow, read_row
+from skystack.evaluation.hour_row import ROW_FILE, HourRow, read_row
 from skystack.evaluation.hour_scores import score
 from skystack.evaluation.hours import Hour, HourFlyer
-from skystack.evaluation.stored import read_table, sector_of
+from skystack.evaluation.scenario_traffic import is_scenario
 from skystack.evaluation.traffic_conditions import TrafficConditions
 from skystack.simulator.arrivals import FREE
 from verification.simulator.recording import (
@@ -55,20 +55,38 @@ class Pair(NamedTuple):
     """The largest distance between flown and recorded positions after these cycles."""
 
 
-def fly_again(folder: Path, row: HourRow, seed: int, recorded_s: float) -> Pair:
-    """Fly a recorded hour in our simulator, under the same controller."""
+def controller_of(folder: Path, row: HourRow) -> ControlledWorld:
+    """The controller that flew the hours of a folder.
+
+    Raises InputError if they cannot be flown again with recorded births.
+    """
+    path = folder / ROW_FILE
+    if row.seed_numbers is None or len(row.seeds) != len(row.lax_s_by_hour):
+        raise InputError(f"{path}: not the row of skystack flight-school")
+    if row.uncertainty or is_fixed(row.traffic) or is_scenario(row.traffic):
+        raise InputError(f"{path}: only random traffic without uncertainty can be flown again")
+    if not any(row.lax_s_by_hour):
+        raise InputError(f"{path}: all lax scores are 0")
     conditions = TrafficConditions(
         row.traffic,
         per_cycle=row.per_cycle,
         cycles=row.cycles,
+        sector=row.sector,
         safety_net=row.safety_net is not False,
     )
     found = find_controller(row.agent, conditions)
-    path = folder / "episodes.parquet"
-    sector = sector_of(path, read_table(path, ("scenario",)))
-    recorded = read_hour(folder, seed)
-    hours = RecordedHours(sector, found.world.flow.slots, recorded)
-    hour = HourFlyer(hours.world, row.cycles, found.per_cycle, hours).fly(found.agent, 0, seed)
+    if found.performance != PERFORMANCE:
+        raise InputError(f"{path}: performance is {found.performance} (allowed: {PERFORMANCE})")
+    return found
+
+
+def fly_again(folder: Path, found: ControlledWorld, seed: int, recorded_s: float) -> Pair:
+    """Fly a recorded hour in our simulator, under the same controller."""
+    sector, recorded = found.world.sector, read_hour(folder, seed)
+    with error_context(f"{folder}: hour {seed}"):
+        hours = RecordedHours(sector, found.world.flow.slots, recorded)
+    flyer = HourFlyer(hours.world, recorded.cycles, found.per_cycle, hours)
+    hour = flyer.fly(found.agent, 0, seed)
     alike = cycles_alike(recorded, hour, hours.order)
     apart_nm = apart_after(alike, sector, recorded, hour, hours.order)
     return Pair(recorded_s, score(sector, hour).lax_s, alike, apart_nm)
@@ -117,10 +135,10 @@ def in_words(pairs: Sequence[Pair]) -> str:
         low, high = (100.0 * each / mean_s for each in difference)
         between = f" (95 % confidence interval: {low:+.1f} to {high:+.1f} %)"
     return (
-        f"{len(pairs)} hours: mean lax score {mean_s:,.0f} s as recorded and {ours_s.mean():,.0f} "
-        f"s in our simulator, {100.0 * relative(pairs):+.1f} %{between}; equal in "
-        f"{np.sum(recorded_s == ours_s)} of them; the same decisions for {np.median(alike):.0f} "
-        f"cycles, and then at most {np.median(apart_nm):.4f} NM apart (medians)"
+        f"hours: {len(pairs)}; mean lax score: {mean_s:,.0f} s as recorded, {ours_s.mean():,.0f} s "
+        f"in skystack, {100.0 * relative(pairs):+.1f} %{between}; equal scores: "
+        f"{np.sum(recorded_s == ours_s)}; medians: the same decisions for {np.median(alike):.0f} "
+        f"cycles, positions then at most {np.median(apart_nm):.4f} NM apart"
     )
 
 
@@ -130,27 +148,30 @@ def relative(pairs: Sequence[Pair]) -> float:
     return float(ours_s / recorded_s - 1.0)
 
 
-def compare(folder: Path, console: Console) -> list[Pair]:
+def compare(folder: Path) -> list[Pair]:
     """Fly all hours of a folder again, and print their scores."""
     row, pairs = read_row(folder), list[Pair]()
-    console.print(f"{row.agent}, {row.traffic}, {row.platform}", highlight=False)
+    found = controller_of(folder, row)
+    sys.stdout.write(f"{row.agent}, {row.traffic}, {row.platform}\n")
     for seed, recorded_s in zip(row.seeds, row.lax_s_by_hour, strict=True):
-        pairs.append(pair := fly_again(folder, row, seed, recorded_s))
-        text = f"seed {seed}: {recorded_s:,.0f} s as recorded, {pair.ours_s:,.0f} s in ours"
-        then = f"for {pair.alike} cycles, and then at most {pair.apart_nm:.4f} NM apart"
-        console.print(f"{text}; the same decisions {then}", highlight=False)
-    console.print(in_words(pairs), highlight=False)
+        pairs.append(pair := fly_again(folder, found, seed, recorded_s))
+        sys.stdout.write(
+            f"seed {seed}: {recorded_s:,.0f} s as recorded, {pair.ours_s:,.0f} s in skystack; the "
+            f"same decisions for {pair.alike} cycles, positions then at most "
+            f"{pair.apart_nm:.4f} NM apart\n"
+        )
+        sys.stdout.flush()
+    sys.stdout.write(f"{in_words(pairs)}\n")
     return pairs
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Compare scores on recorded births.")
     parser.add_argument("folder", type=Path, nargs="+", help="a folder of skystack flight-school")
-    folders = parser.parse_args(arguments).folder
-    console, apart = Console(width=200), False
+    folders, apart = parser.parse_args(arguments).folder, False
     try:
         for folder in folders:
-            apart |= abs(relative(compare(folder, console))) > BOUND
+            apart |= abs(relative(compare(folder))) > BOUND
     except InputError as error:
         sys.stderr.write(f"{error}\n")
         return 2

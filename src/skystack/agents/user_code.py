@@ -28,6 +28,7 @@ from skystack.agents.per_flight import FlightActions
 from skystack.agents.transmission import MOST_INSTRUCTIONS, Transmission
 from skystack.agents.user_modules import METHOD, Create, as_input_error
 from skystack.airspace.sector import Sector
+from skystack.compilation.shared import shared_program
 from skystack.errors import InputError, error_context
 from skystack.simulator.performance import TICKS_PER_FL
 from skystack.simulator.simulator import CYCLE_S
@@ -78,7 +79,7 @@ class FlightView(NamedTuple):
     selected_fl: float
     """The cleared level."""
     speed_tas: float
-    """The ground speed in knots. In level flight, it is the true airspeed: there is no wind."""
+    """The true airspeed in knots."""
     vertical_speed: float
     """Feet per minute."""
     on_route: bool
@@ -144,6 +145,7 @@ class UserController:
     def __init__(self, find: Callable[[], Create], task: SectorControl) -> None:
         self._find, self._flights, self._task = find, FlightActions(task), task
         self._sector = task.sector
+        self._airspeed_kt = shared_program(task.flow.simulator.true_airspeed_kt)
 
     @cached_property
     def _create(self) -> Create:
@@ -201,6 +203,7 @@ class UserController:
     def _traffic(self, state: WorldState, slots: Mapping[str, int]) -> TrafficView:
         traffic, plane = state.traffic, self._sector.plane
         lat, lon = plane.to_degrees(traffic.position_nm).T
+        airspeed_kt = np.asarray(self._airspeed_kt(traffic))
         flights = {}
         for callsign, slot in slots.items():
             filed = tuple(self._sector.routes[int(traffic.route[slot])])
@@ -214,7 +217,7 @@ class UserController:
                 heading=float(traffic.heading_deg[slot]) % 360.0,
                 selected_heading=float(traffic.cleared_heading_deg[slot]) % 360.0,
                 selected_fl=float(traffic.cleared_level_ticks[slot]) / TICKS_PER_FL,
-                speed_tas=float(traffic.ground_speed_kt[slot]),
+                speed_tas=float(airspeed_kt[slot]),
                 vertical_speed=float(traffic.vertical_speed_ft_min[slot]),
                 on_route=bool(traffic.own_navigation[slot]),
                 flight_plan=FlightPlanView(route, entry, leaves),

@@ -130,7 +130,7 @@ class Sector:
         (lat1, lon1), (lat2, lon2) = self.fixes[start], self.fixes[end]
         ends_nm = self.fixes_nm[start], self.fixes_nm[end]
         middle = WGS84.npts(lon1, lat1, lon2, lat2, 1)
-        bend_nm = _distance_to_line(
+        bend_nm = distance_to_line(
             self.plane.to_plane(middle[0][1], middle[0][0]), np.stack(ends_nm)
         )
         if bend_nm <= STRAIGHT_WITHIN_NM:
@@ -226,7 +226,7 @@ class Sector:
     @cached_property
     def _distances_to_edge_nm(self) -> dict[str, float]:
         return {
-            name: min(_distance_to_line(point, edge) for edge in self._edges_nm)
+            name: min(distance_to_line(point, edge) for edge in self._edges_nm)
             / self._scaled(1.0, point)
             for name, point in self.fixes_nm.items()
         }
@@ -294,10 +294,10 @@ class Sector:
     def edge_through(self, fix: str) -> Float[np.ndarray, "points 2"]:
         """The edge of the area nearest to a fix, as points in the plane, counter-clockwise."""
         point = self.fixes_nm[fix]
-        return min(self._edges_nm, key=lambda edge: _distance_to_line(point, edge))
+        return min(self._edges_nm, key=lambda edge: distance_to_line(point, edge))
 
 
-def _distance_to_line(point: Float[np.ndarray, "2"], line: Float[np.ndarray, "points 2"]) -> float:
+def distance_to_line(point: Float[np.ndarray, "2"], line: Float[np.ndarray, "points 2"]) -> float:
     """Distance from a point to the nearest point of a polyline."""
     start, piece = line[:-1], np.diff(line, axis=0)
     along = np.sum((point - start) * piece, axis=1) / np.sum(piece * piece, axis=1)

@@ -27,7 +27,7 @@ TRUTH |= {"own_navigation"}
 WHOLE = {"scenario", "cycle", "cycles", "time_s", "clearances", "instructions", "transmission"}
 WHOLE |= {"value", "exit_fl", "exits", "birth_cycle"}
 """Counts, identifying numbers and cleared values, which are not negative."""
-MAY_BE_NULL = {"direction", "exit_offset_nm"}
+MAY_BE_NULL = {"direction", "exit_offset_nm", "gone_cycle"}
 MAY_BE_INFINITE = {"min_separation_nm"}
 
 

@@ -50,7 +50,7 @@ class ReportedTraffic:
         """
         values = writable(traffic)
         values["pending_turn"][:] = NO_TURN
-        airspeed_kt = np.array(traffic.ground_speed_kt)
+        airspeed_kt = np.full_like(traffic.ground_speed_kt, np.nan)  # without a report
         for callsign, slot in slots.items():
             if callsign in reports:
                 airspeed_kt[slot] = reports[callsign].airspeed_kt
@@ -97,13 +97,15 @@ def writable(values: Arrivals | Traffic) -> dict[str, Any]:
 def _adopted(
     performance: Performance, traffic: Traffic, airspeed_kt: Float[Array, " slots"]
 ) -> Traffic:
-    """The traffic with all clearances adopted, at the true airspeeds reported."""
+    """The traffic with all clearances adopted, at the airspeeds reported; NaN for the same."""
     phase = jnp.sign(traffic.cleared_level_ticks - traffic.level_ticks)
     nominal_kt = performance.true_airspeed_kt(traffic.level_ticks, phase, traffic.kind)
+    reported, before = jnp.isfinite(airspeed_kt), traffic.airspeed_factor
+    assert before is not None, "arrivals have one"
     return traffic._replace(
         flown_heading_deg=traffic.cleared_heading_deg,
         flown_level_ticks=traffic.cleared_level_ticks,
         turn_deg=turn_to_deg(traffic.heading_deg, traffic.cleared_heading_deg),
         cleared_fix=traffic.next_fix,
-        airspeed_factor=airspeed_kt / nominal_kt,
+        airspeed_factor=jnp.where(reported, airspeed_kt / nominal_kt, before),
     )

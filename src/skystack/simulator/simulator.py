@@ -95,6 +95,12 @@ class Simulator:
         """Ground speed in level flight. Without wind it equals the true airspeed."""
         return self.performance.true_airspeed_kt(level_ticks, jnp.zeros_like(level_ticks), kind)
 
+    def true_airspeed_kt(self, traffic: Traffic) -> Float[Array, "aircraft *batch"]:
+        """The true airspeed on the way to the levels that have been adopted."""
+        phase = jnp.sign(traffic.flown_level_ticks - traffic.level_ticks)
+        airspeed = self.performance.true_airspeed_kt(traffic.level_ticks, phase, traffic.kind)
+        return airspeed if traffic.airspeed_factor is None else airspeed * traffic.airspeed_factor
+
     def _fly_one_second(
         self, traffic: Traffic
     ) -> tuple[Traffic, Float[Array, "aircraft 2 *batch"]]:
@@ -104,10 +110,8 @@ class Simulator:
         """
         to_go = traffic.flown_level_ticks - traffic.level_ticks
         phase = jnp.sign(to_go)
-        airspeed = self.performance.true_airspeed_kt(traffic.level_ticks, phase, traffic.kind)
+        airspeed = self.true_airspeed_kt(traffic)
         rate = self.performance.vertical_speed_ft_min(traffic.level_ticks, phase, traffic.kind)
-        if traffic.airspeed_factor is not None:
-            airspeed *= traffic.airspeed_factor
         if traffic.climb_factor is not None:
             rate = jnp.round(rate * traffic.climb_factor)  # whole ticks, which are exact
         ground_speed = jnp.sqrt(airspeed**2 - (rate * _KT_PER_FT_MIN) ** 2)
