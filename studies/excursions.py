@@ -3,10 +3,11 @@
     skystack flight-school search --platform bluesky --seeds 20 --first-seed 1
     python -m studies.excursions runs/flight-school/search-...
 
-An inner corner is one at which the area is not convex. Reads the tables of a folder. Of the flights
-that entered the area and left it elsewhere than through their exits, prints the number, the share
-within 1 NM of an inner corner, and the distance outside the area. All are at the end of the cycle
-in which they left, so at most 0.75 NM of the distance was flown outside.
+An inner corner is one that points into the area, which is not convex there. Reads the tables of a
+folder. Of the flights that entered the area and left it elsewhere than through their exits, prints
+the number, the share within 1 NM of an inner corner, and the distance outside the area. Positions
+are those at the end of the cycle in which a flight left, so none is far outside: at 450 kt, a
+flight covers 0.75 NM in a cycle.
 """
 
 import argparse

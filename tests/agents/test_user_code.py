@@ -76,7 +76,7 @@ def test_flights_are_described_as_in_bluebird(world):
 
 
 def test_the_airspeed_does_not_depend_on_the_rate_of_climb(world):
-    """The ground speed does: it is 0.1 % lower in a climb."""
+    """The ground speed does: it is 0.1 to 0.2 % lower in a climb."""
     traffic, model = world.traffic, TASK.simulator.performance
     climbing = traffic._replace(
         flown_level_ticks=traffic.level_ticks + ticks(20.0),

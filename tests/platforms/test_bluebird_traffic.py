@@ -40,7 +40,7 @@ def test_starters_are_inside_and_others_are_born_later(traffic):
 
 
 def test_the_ground_speed_is_lower_in_a_climb(traffic):
-    """An airspeed of v knots with 2,000 ft/min, or 19.75 kt, of vertical speed."""
+    """It is the horizontal part of the airspeed; 2,000 ft/min are 19.75 kt."""
     now = flown(traffic)[-1]
     callsign = next(each for each, report in now.items() if not report.held and report.fl < 350.0)
     traffic.issue(Instruction(callsign, level_fl=400))

@@ -17,7 +17,7 @@ def sector():
 
 
 def test_the_inner_corners_of_x_plus_are_between_its_arms(sector):
-    """In nautical miles at 60 to a degree."""
+    """Their positions are in minutes of arc, eastwards and northwards."""
     between = [(-14.142136, 0.0), (2.988585, -11.153551), (19.318517, 5.176381)]
     between += [(10.606602, 24.748737), (-10.606602, 24.748737)]
     expected = [sector.plane.to_plane(y / 60.0, x / 60.0) for x, y in between]
@@ -26,7 +26,10 @@ def test_the_inner_corners_of_x_plus_are_between_its_arms(sector):
 
 
 def test_distances_from_the_edge_between_two_inner_corners(sector):
-    """0.005 degrees north of its middle: at the equator, 59.705 NM to a degree, east 60.108."""
+    """The point is 0.005 degrees north of the middle of the edge.
+
+    At the equator, a degree is 59.705 NM long northwards and 60.108 NM eastwards.
+    """
     found = Boundary(sector).excursion(24.748737 / 60.0 + 0.005, 0.0)
     assert found.outside_nm == pytest.approx(0.005 * 59.705, abs=1e-3)
     assert found.corner_nm == pytest.approx(
@@ -36,7 +39,7 @@ def test_distances_from_the_edge_between_two_inner_corners(sector):
 
 @pytest.mark.slow
 def test_counts_the_excursions_in_a_folder(tmp_path, capsys):
-    """A flight that leaves the area has left it in the last six seconds: at most 0.75 NM ago."""
+    """At 450 kt, a flight is at most 0.75 NM outside at the end of the cycle in which it leaves."""
     conditions = TrafficConditions("category", cycles=200)
     result = fly_flight_school("no-op", conditions, range(2), tmp_path)
     assert main([str(result.folder)]) == 0
@@ -46,10 +49,10 @@ def test_counts_the_excursions_in_a_folder(tmp_path, capsys):
     assert float(printed.split("percentile ")[1].split()[0]) < 0.75
 
 
-def test_no_excursions_is_said():
+def test_says_that_there_are_no_excursions():
     assert in_words([]) == "no flight that had entered the area made an excursion"
 
 
-def test_a_folder_without_tables_is_one_line(tmp_path, capsys):
+def test_a_folder_without_tables_is_refused_in_one_line(tmp_path, capsys):
     assert main([str(tmp_path)]) == 2
     assert "missing" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Controllers decide alike in BluebirdDT and in our simulator, on the same births."""
+"""Controllers make the same decisions in BluebirdDT and in skystack, on the same births."""
 
 import json
 import shutil
@@ -14,7 +14,7 @@ CYCLES = 80
 
 @pytest.mark.slow
 @pytest.mark.parametrize("agent", ["sector-control", "rules"])
-def test_a_controller_decides_alike_in_bluebirddt(tmp_path, capsys, one_process, agent):
+def test_a_controller_makes_the_same_decisions_in_bluebirddt(tmp_path, capsys, one_process, agent):
     pytest.importorskip("bluebird_dt")
     conditions = TrafficConditions("category", cycles=CYCLES, platform="bluebird")
     folder = fly_flight_school(agent, conditions, range(5, 6), tmp_path).folder
@@ -33,7 +33,7 @@ def hour(tmp_path_factory):
 
 @pytest.mark.slow
 def test_another_controller_decides_differently(hour, tmp_path, capsys):
-    """The recorded hour is said to be of another controller."""
+    """The row of an hour under `rules` names `own-navigation`."""
     folder = shutil.copytree(hour, tmp_path / "hour")
     row = folder / "row.json"
     row.write_text(row.read_text().replace('"rules"', '"own-navigation"'))
@@ -64,7 +64,9 @@ def test_means_and_their_interval():
         ({"seed_numbers": [7]}, "has no hour 7"),
     ],
 )
-def test_what_cannot_be_flown_again_is_one_line(hour, tmp_path, capsys, changes, message):
+def test_hours_that_cannot_be_flown_again_are_refused_in_one_line(
+    hour, tmp_path, capsys, changes, message
+):
     shutil.copytree(hour, tmp_path / "hour")
     row = tmp_path / "hour" / "row.json"
     row.write_text(json.dumps(json.loads(row.read_text()) | changes))
@@ -73,6 +75,6 @@ def test_what_cannot_be_flown_again_is_one_line(hour, tmp_path, capsys, changes,
     assert message in line
 
 
-def test_a_folder_without_a_row_is_one_line(tmp_path, capsys):
+def test_a_folder_without_a_row_is_refused_in_one_line(tmp_path, capsys):
     assert main([str(tmp_path)]) == 2
     assert "row.json" in capsys.readouterr().err

@@ -29,16 +29,18 @@ NEVER_S = 1e9
 
 
 class Track(NamedTuple):
-    """A flight as it was recorded, one row for each cycle that it was flown, `[rows]`."""
+    """A recorded flight. Arrays are `[rows]`, one row for each cycle in which it flew."""
 
     route: tuple[str, ...]
     exit_fl: float
     cycle: np.ndarray
     lat: np.ndarray
+    """Degrees, like `lon`."""
     lon: np.ndarray
     fl: np.ndarray
     heading_deg: np.ndarray
     speed_kt: float
+    """The ground speed at birth. In level flight, it is the true airspeed."""
     starts: bool
     """Whether it is there from the start."""
     gone_cycle: int | None

@@ -49,7 +49,7 @@ class Pair(NamedTuple):
     recorded_s: float
     """The lax score."""
     ours_s: float
-    alike: int
+    same_cycles: int
     """The number of cycles before the first in which the transmissions differ."""
     apart_nm: float
     """The largest distance between flown and recorded positions after these cycles."""
@@ -87,12 +87,12 @@ def fly_again(folder: Path, found: ControlledWorld, seed: int, recorded_s: float
         hours = RecordedHours(sector, found.world.flow.slots, recorded)
     flyer = HourFlyer(hours.world, recorded.cycles, found.per_cycle, hours)
     hour = flyer.fly(found.agent, 0, seed)
-    alike = cycles_alike(recorded, hour, hours.order)
-    apart_nm = apart_after(alike, sector, recorded, hour, hours.order)
-    return Pair(recorded_s, score(sector, hour).lax_s, alike, apart_nm)
+    same = same_cycles(recorded, hour, hours.order)
+    apart_nm = apart_after(same, sector, recorded, hour, hours.order)
+    return Pair(recorded_s, score(sector, hour).lax_s, same, apart_nm)
 
 
-def cycles_alike(recorded: Recorded, hour: Hour, order: Sequence[int]) -> int:
+def same_cycles(recorded: Recorded, hour: Hour, order: Sequence[int]) -> int:
     """The number of cycles before the first in which the transmissions differ.
 
     Flight k of the hour is track `order[k]` of the recorded one.
@@ -128,7 +128,7 @@ def _contents(sent: Sequence[tuple[int, Transmission]]) -> set[tuple[object, ...
 
 def in_words(pairs: Sequence[Pair]) -> str:
     """The means and their difference."""
-    recorded_s, ours_s, alike, apart_nm = np.array(pairs).T
+    recorded_s, ours_s, same, apart_nm = np.array(pairs).T
     mean_s, difference = recorded_s.mean(), interval(list(ours_s - recorded_s))
     between = ""
     if difference is not None:
@@ -137,7 +137,7 @@ def in_words(pairs: Sequence[Pair]) -> str:
     return (
         f"hours: {len(pairs)}; mean lax score: {mean_s:,.0f} s as recorded, {ours_s.mean():,.0f} s "
         f"in skystack, {100.0 * relative(pairs):+.1f} %{between}; equal scores: "
-        f"{np.sum(recorded_s == ours_s)}; medians: the same decisions for {np.median(alike):.0f} "
+        f"{np.sum(recorded_s == ours_s)}; medians: the same decisions for {np.median(same):.0f} "
         f"cycles, positions then at most {np.median(apart_nm):.4f} NM apart"
     )
 
@@ -157,7 +157,7 @@ def compare(folder: Path) -> list[Pair]:
         pairs.append(pair := fly_again(folder, found, seed, recorded_s))
         sys.stdout.write(
             f"seed {seed}: {recorded_s:,.0f} s as recorded, {pair.ours_s:,.0f} s in skystack; the "
-            f"same decisions for {pair.alike} cycles, positions then at most "
+            f"same decisions for {pair.same_cycles} cycles, positions then at most "
             f"{pair.apart_nm:.4f} NM apart\n"
         )
         sys.stdout.flush()

@@ -14,8 +14,7 @@ from skystack.compilation.shared import shared_program
 from skystack.platforms.flight_report import FlightReport
 from skystack.platforms.instruction import Instruction
 from skystack.simulator.arrivals import Arrivals
-from skystack.simulator.performance import Performance
-from skystack.simulator.simulator import turn_to_deg
+from skystack.simulator.simulator import Simulator, turn_to_deg
 from skystack.simulator.traffic import NO_TURN, RADIUS_UNKNOWN, Traffic, ticks
 from skystack.tasks.sector_world import World
 
@@ -50,7 +49,7 @@ class ReportedTraffic:
         """
         values = writable(traffic)
         values["pending_turn"][:] = NO_TURN
-        airspeed_kt = np.full_like(traffic.ground_speed_kt, np.nan)  # without a report
+        airspeed_kt = np.full_like(traffic.ground_speed_kt, np.nan)
         for callsign, slot in slots.items():
             if callsign in reports:
                 airspeed_kt[slot] = reports[callsign].airspeed_kt
@@ -61,7 +60,7 @@ class ReportedTraffic:
 
     @cached_property
     def _adopted(self) -> Any:
-        return shared_program(_adopted, self._world.simulator.performance)
+        return shared_program(_adopted, self._world.simulator)
 
     def _flight(self, report: FlightReport) -> dict[str, Any]:
         """The values of a flight in `Traffic`."""
@@ -95,17 +94,20 @@ def writable(values: Arrivals | Traffic) -> dict[str, Any]:
 
 
 def _adopted(
-    performance: Performance, traffic: Traffic, airspeed_kt: Float[Array, " slots"]
+    simulator: Simulator, traffic: Traffic, airspeed_kt: Float[Array, " slots"]
 ) -> Traffic:
-    """The traffic with all clearances adopted, at the airspeeds reported; NaN for the same."""
-    phase = jnp.sign(traffic.cleared_level_ticks - traffic.level_ticks)
-    nominal_kt = performance.true_airspeed_kt(traffic.level_ticks, phase, traffic.kind)
-    reported, before = jnp.isfinite(airspeed_kt), traffic.airspeed_factor
-    assert before is not None, "arrivals have one"
-    return traffic._replace(
+    """The traffic with all clearances adopted, at the reported airspeeds.
+
+    They are NaN for flights without a report, whose `airspeed_factor` does not change.
+    """
+    factor = traffic.airspeed_factor
+    assert factor is not None, "arrivals have one"
+    adopted = traffic._replace(
         flown_heading_deg=traffic.cleared_heading_deg,
         flown_level_ticks=traffic.cleared_level_ticks,
         turn_deg=turn_to_deg(traffic.heading_deg, traffic.cleared_heading_deg),
         cleared_fix=traffic.next_fix,
-        airspeed_factor=jnp.where(reported, airspeed_kt / nominal_kt, before),
+        airspeed_factor=None,
     )
+    reported = airspeed_kt / simulator.true_airspeed_kt(adopted)
+    return adopted._replace(airspeed_factor=jnp.where(jnp.isnan(reported), factor, reported))
